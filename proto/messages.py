@@ -1,0 +1,226 @@
+"""Every message, its fields and units. PROTOCOL.md shows the same table in words; a test compares both.
+
+A field annotated with Array travels as a raw binary frame of its own, all others in the msgpack header.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+PROTOCOL_VERSION = 1
+
+Count: TypeAlias = Annotated[int, Field(ge=0, lt=2**31)]
+Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=200)]
+Hash: TypeAlias = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Scalar: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
+Setting: TypeAlias = bool | int | float | str | list[int] | list[float]
+Settings: TypeAlias = Annotated[dict[Name, Setting], Field(max_length=100)]
+
+
+@dataclass(frozen=True)
+class Array:
+    """How an array field travels: little-endian, C order, one frame."""
+
+    dtype: Literal["uint8", "int32", "float64"]
+    shape: tuple[str | int, ...]
+    """A number is that size; a letter any size, the same wherever it stands in the message."""
+
+
+class Message(BaseModel):
+    """What all messages have in common."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, arbitrary_types_allowed=True)
+    type: ClassVar[str]
+
+
+class Hello(Message):
+    """A client of the coordinator says that it is there and ready (again)."""
+
+    type: ClassVar[str] = "hello"
+    role: Literal["limb_worker", "recorder"]
+    name: Name
+    """Chosen by the client, unique among all: role, host and process id."""
+    backend: Annotated[str, Field(max_length=50)]
+    """The energy backend of a limb worker; empty for a recorder."""
+
+
+class Beat(Message):
+    """I am here; sent either way when there is nothing else to say."""
+
+    type: ClassVar[str] = "beat"
+
+
+class LimbTask(Message):
+    """One limb of one pass over one frame, self-contained but for the two blobs that it names."""
+
+    type: ClassVar[str] = "limb_task"
+    take: Name
+    frame: Count
+    pass_index: Count
+    limb: Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+    shard: Count
+    """Which part of the limb's grid to search: every shards-th point from this one on."""
+    shards: Annotated[int, Field(ge=1, le=64)]
+    actor: Hash
+    """Names the blob of kind actor."""
+    rig: Hash
+    """Names the blob of kind rig."""
+    search: Settings
+    """The search settings."""
+    pose: Annotated[NDArray[np.float64], Array("float64", (35,))]
+    """The present pose, in metres and radians."""
+    origin_px: Annotated[NDArray[np.int32], Array("int32", ("C", 2))]
+    """x and y of the window's first pixel in each camera's undistorted picture."""
+    window: Annotated[NDArray[np.uint8], Array("uint8", ("P", "h", "w"))]
+    """Input silhouettes: bit c % 8 of plane c // 8 is camera c."""
+
+
+class LimbResult(Message):
+    """A solved limb task."""
+
+    type: ClassVar[str] = "limb_result"
+    take: Name
+    frame: Count
+    pass_index: Count
+    limb: Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+    shard: Count
+    shards: Annotated[int, Field(ge=1, le=64)]
+    energy_px: Scalar
+    """Differing pixels in the limb's window, the extremity not yet turned."""
+    evaluations: Count
+    seconds: Scalar
+    """Time that solving took."""
+    values: Annotated[NDArray[np.float64], Array("float64", ("d",))]
+    """The limb's parameters in the order of the pose: ball, hinge, then hand or foot."""
+
+
+class LimbRefusal(Message):
+    """A worker cannot solve a task that it was given."""
+
+    type: ClassVar[str] = "limb_refusal"
+    take: Name
+    frame: Count
+    pass_index: Count
+    limb: Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+    shard: Count
+    shards: Annotated[int, Field(ge=1, le=64)]
+    reason: Annotated[str, Field(max_length=1000)]
+
+
+class BlobRequest(Message):
+    """A client lacks the content that a message named."""
+
+    type: ClassVar[str] = "blob_request"
+    hash: Hash
+
+
+class Blob(Message):
+    """Content by its SHA-256."""
+
+    type: ClassVar[str] = "blob"
+    hash: Hash
+    kind: Literal["actor", "rig"]
+    content: Annotated[NDArray[np.uint8], Array("uint8", ("n",))]
+    """UTF-8 text: actor.toml, or the rig as JSON."""
+
+
+class Silhouettes(Message):
+    """Undistorted silhouettes of some cameras in one frame."""
+
+    type: ClassVar[str] = "silhouettes"
+    take: Name
+    frame: Count
+    cameras: Annotated[list[Count], Field(min_length=1, max_length=256)]
+    """Which cameras, by their place in calibration.toml."""
+    planes: Annotated[NDArray[np.uint8], Array("uint8", ("P", "H", "W"))]
+    """Bit k % 8 of plane k // 8 is the k-th camera of the list."""
+
+
+class Credit(Message):
+    """How far segmentation may go: frames from next_frame on, up to but not including end_frame."""
+
+    type: ClassVar[str] = "credit"
+    take: Name
+    next_frame: Count
+    end_frame: Count
+
+
+class TakeInfo(Message):
+    """What a recorder must know to write a take's results."""
+
+    type: ClassVar[str] = "take_info"
+    take: Name
+    fps: Annotated[float, Field(gt=0, lt=10000)]
+    first_frame: Count
+    end_frame: Count
+    actor: Hash
+    rig: Hash
+    backend: Name
+    """The coordinator's own energy backend."""
+    search: Settings
+
+
+class Pose(Message):
+    """A solved frame."""
+
+    type: ClassVar[str] = "pose"
+    take: Name
+    frame: Count
+    time_s: Scalar
+    energy_px: Scalar
+    """Differing pixels, over all cameras, of the whole body."""
+    passes: Count
+    evaluations: Count
+    workers: Count
+    """Limb workers alive when the frame was solved."""
+    retries: Count
+    """Limb tasks given out again or solved by the coordinator since the take began."""
+    seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
+    """Wall time per stage: torso, head, limbs; frame: since the frame before was published."""
+    pose: Annotated[NDArray[np.float64], Array("float64", (35,))]
+    """In metres and radians, in the z-up world."""
+
+
+class PoseRequest(Message):
+    """A recorder missed frames: send them again."""
+
+    type: ClassVar[str] = "pose_request"
+    first_frame: Count
+    end_frame: Count
+
+
+class TakeEnd(Message):
+    """No pose will follow; end_frame is one past the last that was solved."""
+
+    type: ClassVar[str] = "take_end"
+    take: Name
+    end_frame: Count
+
+
+class Recorded(Message):
+    """A recorder has every frame before end_frame."""
+
+    type: ClassVar[str] = "recorded"
+    end_frame: Count
+
+
+MESSAGES: dict[str, type[Message]] = {
+    message.type: message
+    for message in (
+        Hello, Beat, LimbTask, LimbResult, LimbRefusal, BlobRequest, Blob, Silhouettes, Credit, TakeInfo, Pose,
+        PoseRequest, TakeEnd, Recorded,
+    )  # fmt: skip
+}
+
+
+def arrays_of(message: type[Message]) -> dict[str, Array]:
+    """The array fields of a message type, in the order of their frames."""
+    return {
+        name: extra
+        for name, field in message.model_fields.items()
+        for extra in field.metadata
+        if isinstance(extra, Array)
+    }

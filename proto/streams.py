@@ -1,0 +1,54 @@
+"""The message streams between the services, in one table, and where they listen.
+
+Every stream ends at the coordinator, which listens on three ports in a row; the first one names them all.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+from urllib.parse import urlsplit
+
+import zmq
+
+DEFAULT_ENDPOINT = "tcp://127.0.0.1:5550"
+
+StreamName = Literal["tasks", "silhouettes", "poses"]
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One listening socket of the coordinator and who talks to it."""
+
+    port_offset: int
+    coordinator: int
+    client: int
+    """Kinds of socket (zmq constants)."""
+    carries: tuple[str, ...]
+    """Message types, towards the coordinator and from it."""
+
+
+STREAMS: dict[StreamName, Stream] = {
+    "tasks": Stream(
+        0,
+        zmq.ROUTER,
+        zmq.DEALER,
+        (
+            "hello", "beat", "limb_task", "limb_result", "limb_refusal", "blob_request", "blob", "take_info",
+            "pose_request", "pose", "take_end", "recorded",
+        ),
+    ),  # fmt: skip
+    "silhouettes": Stream(1, zmq.PULL, zmq.PUSH, ("silhouettes",)),
+    "poses": Stream(2, zmq.PUB, zmq.SUB, ("credit", "take_info", "pose", "take_end")),
+}
+
+
+def stream_endpoint(endpoint: str, stream: StreamName) -> str:
+    """Where a stream listens, from the endpoint that names them all; raises ValueError where it is none."""
+    parts = urlsplit(endpoint)
+    try:
+        port = parts.port
+    except ValueError:
+        port = None
+    if parts.scheme != "tcp" or not parts.hostname or port is None or parts.path:
+        raise ValueError(f"{endpoint}: expected an address such as {DEFAULT_ENDPOINT}")
+    host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
+    return f"tcp://{host}:{port + STREAMS[stream].port_offset}"

@@ -1,0 +1,144 @@
+"""The `xormocap` command."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from services import doctor as machine
+from services.coordinator.__main__ import frame_range
+from services.launcher import ServiceFailedError
+from services.mocap.errors import UserError
+from services.mocap.synth.take import write_synthetic_take
+from services.mocap.take.folder import open_take
+from services.process import EXIT_USER_ERROR
+from services.recorder.results import check_out
+from services.segmentation.files import write_silhouettes
+from services.track import Interrupted
+from services.track import Progress as Run
+from services.track import track as track_take
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Markerless motion capture from silhouettes of calibrated cameras.",
+)
+out_console, err_console = Console(), Console(stderr=True)
+
+TakeFolder = Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")]
+
+
+@app.command()
+def track(
+    take: TakeFolder,
+    out: Annotated[Path, typer.Option(help="Where the results go; results/<take> by default.")] = Path(),
+    workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 4,
+    frames: Annotated[str, typer.Option(help="Only frames A up to but not including B, as A:B.")] = ":",
+    overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
+) -> None:
+    """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
+    opened = open_take(take)
+    first, end = frame_range(frames, opened)
+    folder = out if out != Path() else Path("results") / take.resolve().name
+    check_out(folder)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} frames"))
+    speed = (TextColumn("{task.fields[fps]:.1f} fps  energy {task.fields[energy]:.0f} px"), TimeRemainingColumn())
+    with Progress(*columns, *speed, console=err_console) as bar:
+        task = bar.add_task("starting", total=end - first, fps=0.0, energy=0.0)
+
+        def show(run: Run) -> None:
+            bar.update(
+                task, completed=run.frames_done, fps=run.frames_per_s, energy=run.energy_px, description=run.stage
+            )
+
+        try:
+            report = track_take(opened, folder, workers=workers, frames=frames, overlay=overlay, show=show)
+        except Interrupted:
+            _fail(f"stopped; what was tracked by then is in {folder}", 130)
+    _summarise(report, folder)
+
+
+def _summarise(report: dict[str, Any], folder: Path) -> None:
+    speed, table = report["speed"], Table(show_header=False, box=None)
+    table.add_row("frames", f"{report['take']['frames']}")
+    table.add_row("frames per second", f"{speed['frames_per_s']:.2f}, after {speed['first_frame_s']:.1f} s for the first")
+    table.add_row("evaluations per frame", f"{speed['evaluations_per_frame']:.0f}")
+    if "accuracy" in report:
+        accuracy = report["accuracy"]
+        table.add_row("joint error", f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm")
+        table.add_row("lost limbs", f"{len(accuracy['lost_limbs'])}")
+    table.add_row("results", str(folder))
+    out_console.print(table)
+
+
+@app.command()
+def synth(
+    out: Annotated[Path, typer.Argument(help="The take folder to make.")],
+    frames: Annotated[int, typer.Option(help="How many frames.")] = 60,
+    fps: Annotated[float, typer.Option(help="Frames per second.")] = 15.0,
+    height: Annotated[float, typer.Option(help="The actor's height in metres.")] = 1.75,
+    cameras: Annotated[int, typer.Option(help="How many cameras.")] = 8,
+    seed: Annotated[int, typer.Option(help="Another number gives another room and other noise.")] = 0,
+) -> None:
+    """Make a synthetic take with known poses: an actor who walks, raises the arms and turns."""
+    with Progress(console=err_console) as bar:
+        task = bar.add_task("drawing", total=frames)
+        write_synthetic_take(
+            out,
+            n_frames=frames,
+            fps=fps,
+            seed=seed,
+            height_m=height,
+            n_cameras=cameras,
+            progress=lambda done, _: bar.update(task, completed=done),
+        )
+    out_console.print(f"{out}: {frames} frames of {cameras} cameras")
+
+
+@app.command()
+def segment(
+    take: TakeFolder,
+    out: Annotated[Path, typer.Option(help="Where the silhouettes go.")],
+) -> None:
+    """Write the silhouettes of a take's videos, as they are and not undistorted, for a take of their own."""
+    opened = open_take(take)
+    with Progress(console=err_console) as bar:
+        task = bar.add_task("segmenting", total=opened.settings.frames * len(opened.cameras))
+        write_silhouettes(opened, out, lambda: bar.advance(task))
+    out_console.print(f"{out}/<camera>/000000.png: {opened.settings.frames} frames of {len(opened.cameras)} cameras")
+
+
+@app.command()
+def doctor() -> None:
+    """Say what this machine has, and what is missing."""
+    table = Table(show_header=False, box=None)
+    checks = machine.examine()
+    for check in checks:
+        table.add_row("[green]ok[/]" if check.ok else "[red]missing[/]", check.name, check.finding)
+    out_console.print(table)
+    if not all(check.ok for check in checks):
+        sys.exit(1)
+
+
+def _fail(sentence: str, code: int) -> NoReturn:
+    err_console.print(sentence, style="red", highlight=False, soft_wrap=True)
+    sys.exit(code)
+
+
+def main() -> None:
+    """Run the command; errors of the user's end in one sentence and exit code 2."""
+    try:
+        app()
+    except UserError as error:
+        _fail(str(error), EXIT_USER_ERROR)
+    except ServiceFailedError as error:
+        _fail(str(error), 1)
+
+
+if __name__ == "__main__":
+    main()

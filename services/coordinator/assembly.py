@@ -1,0 +1,55 @@
+"""Putting a frame together from what several segmentation processes send, without a socket."""
+
+import numpy as np
+
+from proto.messages import Silhouettes
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import n_planes, pack, unpack
+from services.mocap.types import Bytes, Mask
+
+
+class FrameAssembler:
+    """Collects the cameras of each frame; hands frames out whole and in order."""
+
+    def __init__(self, take: str, rig: Rig, first_frame: int, end_frame: int) -> None:
+        self._take, self._rig = take, rig
+        self._next, self._end = first_frame, end_frame
+        self._partial: dict[int, dict[int, Mask]] = {}
+        self.dropped = 0
+        """Messages that belonged to another take or frame, or made no sense."""
+
+    @property
+    def next_frame(self) -> int:
+        """The frame that is handed out next."""
+        return self._next
+
+    def add(self, message: Silhouettes, credit_end: int) -> None:
+        """Take in some cameras of a frame; what is not wanted is counted and dropped.
+
+        credit_end: frames from it on were not asked for, so that memory stays bounded.
+        """
+        wanted = range(self._next, min(self._end, credit_end))
+        if message.take != self._take or message.frame not in wanted or not self._fits(message):
+            self.dropped += 1
+            return
+        masks = unpack(message.planes, len(message.cameras))
+        self._partial.setdefault(message.frame, {}).update(zip(message.cameras, masks, strict=True))
+
+    def _fits(self, message: Silhouettes) -> bool:
+        cameras = message.cameras
+        known = len(set(cameras)) == len(cameras) and max(cameras) < self._rig.n_cameras
+        return known and message.planes.shape == (n_planes(len(cameras)), *self._rig.shape_px)
+
+    def take_next(self) -> Bytes | None:
+        """Silhouettes (P, H, W) of the next frame once all its cameras are there, else None."""
+        masks = self._partial.get(self._next, {})
+        if len(masks) < self._rig.n_cameras:
+            return None
+        del self._partial[self._next]
+        self._next += 1
+        return pack(np.array([masks[c] for c in range(self._rig.n_cameras)]))
+
+    def waiting_for(self) -> list[int]:
+        """Cameras that the next frame still lacks."""
+        have = self._partial.get(self._next, {})
+        return [c for c in range(self._rig.n_cameras) if c not in have]

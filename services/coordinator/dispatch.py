@@ -1,0 +1,189 @@
+"""Who solves which limb task, without a socket: registration, hand-out, loss, delay, duplicates."""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from proto.messages import Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
+
+log = logging.getLogger(__name__)
+
+Identity: TypeAlias = bytes
+Key: TypeAlias = tuple[str, int, int, str, int]
+"""Take, frame, pass, limb and shard: what a result is recognised by."""
+
+SILENCE_S = 10.0
+"""An idle worker that has not beaten for so long is forgotten."""
+PROBE_S = 0.2
+"""How often a busy worker's connection is tried; libzmq reports one that is gone at once."""
+FIRST_DEADLINE_S = 20.0
+"""Deadline before any task was timed: a worker may have to build its meshes first."""
+DEADLINE_FACTOR = 4.0
+DEADLINE_FLOOR_S = 0.5
+
+
+def key_of(message: LimbTask | LimbResult | LimbRefusal) -> Key:
+    """What a limb task, its result and its refusal have in common."""
+    return (message.take, message.frame, message.pass_index, message.limb, message.shard)
+
+
+@dataclass
+class _Worker:
+    name: str
+    heard_s: float
+    task: Key | None = None
+
+
+@dataclass
+class _Open:
+    """A task that has no result yet."""
+
+    task: LimbTask
+    given_to: list[Identity] = field(default_factory=list)
+    given_s: float = 0.0
+
+
+class Dispatcher:
+    """Hands tasks to idle workers and brings their results together.
+
+    send(identity, message) -> False when that peer is gone; now() -> seconds on a clock that only goes on.
+    """
+
+    def __init__(self, send: Callable[[Identity, Message], bool], now: Callable[[], float]) -> None:
+        self._send, self._now = send, now
+        self._workers: dict[Identity, _Worker] = {}
+        self._open: dict[Key, _Open] = {}
+        self._queue: deque[Key] = deque()
+        self._results: list[LimbResult] = []
+        self._probed_s = 0.0
+        self._usual_s: float | None = None
+        self.retries = 0
+        self.dropped = 0
+
+    @property
+    def n_workers(self) -> int:
+        """Workers that are registered."""
+        return len(self._workers)
+
+    @property
+    def pending(self) -> bool:
+        """Whether a submitted task still lacks its result."""
+        return bool(self._open)
+
+    def submit(self, tasks: list[LimbTask]) -> None:
+        """Take over new tasks; those of an earlier submission that are still open are given up."""
+        self._open = {key_of(task): _Open(task) for task in tasks}
+        self._queue = deque(self._open)
+        self._results = []
+        self._assign()
+
+    def heard(self, identity: Identity, hello: Hello | None = None) -> bool:
+        """Note a sign of life; False for a peer that has not registered."""
+        if hello is not None:
+            for old in [i for i, worker in self._workers.items() if worker.name == hello.name]:
+                self._forget(old, "registered anew")
+            self._workers[identity] = _Worker(hello.name, self._now())
+            self._assign()
+        if identity not in self._workers:
+            return False
+        self._workers[identity].heard_s = self._now()
+        return True
+
+    def finished(self, identity: Identity, message: LimbResult | LimbRefusal) -> None:
+        """Take a result or refusal in; one that nobody waits for is counted and dropped."""
+        key = key_of(message)
+        worker = self._workers.get(identity)
+        if worker is not None and worker.task == key:
+            worker.task = None
+        opened = self._open.get(key)
+        if opened is None or message.shards != opened.task.shards:
+            self.dropped += 1
+        elif isinstance(message, LimbRefusal):
+            log.warning("%s refused %s: %s", worker.name if worker else "?", key, message.reason)
+            self._again(key)
+        else:
+            if opened.given_to:
+                self._note_duration(self._now() - opened.given_s)
+            self._close(key, message)
+        self._assign()
+
+    def solved_here(self, result: LimbResult) -> None:
+        """Take in the result of a task that take_waiting handed out."""
+        self._close(key_of(result), result)
+
+    def _close(self, key: Key, result: LimbResult) -> None:
+        if self._open.pop(key, None) is not None:
+            self._results.append(result)
+            self._queue = deque(k for k in self._queue if k != key)
+
+    def take_waiting(self) -> LimbTask | None:
+        """A task that no worker is free for, for the coordinator to solve itself."""
+        if not self._queue:
+            return None
+        key = self._queue.popleft()
+        if self._open[key].given_to:
+            self.retries += 1
+        return self._open[key].task
+
+    def collect(self) -> list[LimbResult]:
+        """The results since the last call."""
+        results, self._results = self._results, []
+        return results
+
+    def tick(self) -> None:
+        """Look after workers that are gone or silent, and tasks that are late."""
+        now = self._now()
+        if now - self._probed_s >= PROBE_S:
+            self._probed_s = now
+            self._forget_lost(now)
+        for key, opened in self._open.items():
+            late = opened.given_to and now - opened.given_s > self.deadline_s
+            if late and key not in self._queue:
+                log.warning("task %s is late after %.1f s", key, now - opened.given_s)
+                self._again(key)
+        self._assign()
+
+    @property
+    def deadline_s(self) -> float:
+        """How long a task may take before it is given to somebody else too."""
+        if self._usual_s is None:
+            return FIRST_DEADLINE_S
+        return DEADLINE_FLOOR_S + DEADLINE_FACTOR * self._usual_s
+
+    def _note_duration(self, seconds: float) -> None:
+        self._usual_s = seconds if self._usual_s is None else 0.8 * self._usual_s + 0.2 * seconds
+
+    def _forget_lost(self, now: float) -> None:
+        for identity, worker in list(self._workers.items()):
+            if not self._send(identity, Beat()):
+                self._forget(identity, "connection lost")
+            elif worker.task is None and now - worker.heard_s > SILENCE_S:
+                self._forget(identity, "silent")
+
+    def _forget(self, identity: Identity, reason: str) -> None:
+        worker = self._workers.pop(identity)
+        log.warning("forgot %s: %s", worker.name, reason)
+        if worker.task in self._open:
+            self._again(worker.task)
+
+    def _again(self, key: Key) -> None:
+        """Queue a task once more."""
+        if key not in self._queue:
+            self._queue.append(key)
+
+    def _assign(self) -> None:
+        """Give waiting tasks to idle workers that have not had them yet."""
+        for identity, worker in list(self._workers.items()):
+            key = next((k for k in self._queue if identity not in self._open[k].given_to), None)
+            if worker.task is not None or key is None:
+                continue
+            opened = self._open[key]
+            if not self._send(identity, opened.task):
+                self._forget(identity, "connection lost")
+                continue
+            self._queue.remove(key)
+            self.retries += bool(opened.given_to)
+            opened.given_to.append(identity)
+            opened.given_s, worker.task = self._now(), key

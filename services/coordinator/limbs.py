@@ -1,0 +1,75 @@
+"""The limbs of a pass given to the workers; what no worker is free for, the coordinator solves itself."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from proto.messages import LimbResult, LimbTask
+from services.coordinator.dispatch import Dispatcher
+from services.mocap.search.chains import LIMBS, LimbName
+from services.mocap.search.frame import LimbJob
+from services.mocap.search.solve import Model, Solution, solve_limb
+
+
+class RemoteLimbs:
+    """A LimbPool over the wire."""
+
+    def __init__(self, model: Model, take: str, actor: str, dispatcher: Dispatcher, pump: Callable[[float], None]) -> None:
+        """`pump(seconds)` lets messages in and out, waiting that long for some. actor: its content hash."""
+        self._model, self._dispatcher, self._pump = model, dispatcher, pump
+        self._take, self._actor, self._rig = take, actor, model.rig.content_hash
+        self._jobs: dict[LimbName, LimbJob] = {}
+        self.frame = 0
+        """The frame that jobs belong to."""
+
+    def start(self, jobs: list[LimbJob]) -> None:
+        """See LimbPool.start. More workers than limbs share the limbs' grids evenly."""
+        self._pump(0.0)
+        self._jobs = {job.limb: job for job in jobs}
+        shards = max(1, self._dispatcher.n_workers // len(jobs))
+        self._dispatcher.submit([self._task(job, k, shards) for job in jobs for k in range(shards)])
+
+    def _task(self, job: LimbJob, shard: int, shards: int) -> LimbTask:
+        return LimbTask(
+            take=self._take,
+            frame=self.frame,
+            pass_index=job.pass_index,
+            limb=job.limb,
+            shard=shard,
+            shards=shards,
+            actor=self._actor,
+            rig=self._rig,
+            search=job.settings.to_wire(),
+            pose=job.pose,
+            origin_px=job.window.region.origin_px,
+            window=job.window.silhouettes,
+        )
+
+    def finish(self) -> Iterator[Solution]:
+        """See LimbPool.finish. Of a limb's shards the one of least energy counts, the first of equals."""
+        results: list[LimbResult] = []
+        while self._dispatcher.pending:
+            self._pump(0.0)
+            self._dispatcher.tick()
+            task = self._dispatcher.take_waiting()
+            if task is not None:
+                self._dispatcher.solved_here(self._solve_here(task))
+            elif self._dispatcher.pending:
+                self._pump(0.02)
+        results = sorted(self._dispatcher.collect(), key=lambda result: (result.energy_px, result.shard))
+        for name in self._jobs:
+            shards = [result for result in results if result.limb == name]
+            evaluations = sum(result.evaluations for result in shards)
+            yield Solution(LIMBS[name].dofs, shards[0].values, shards[0].energy_px, evaluations)
+
+    def _solve_here(self, task: LimbTask) -> LimbResult:
+        job = self._jobs[task.limb]
+        shard = (task.shard, task.shards)
+        found = solve_limb(self._model, job.limb, job.window, job.pose, job.settings, shard)
+        return LimbResult(
+            **task.model_dump(include={"take", "frame", "pass_index", "limb", "shard", "shards"}),
+            energy_px=found.energy_px,
+            evaluations=found.evaluations,
+            seconds=0.0,
+            values=np.asarray(found.values),
+        )

@@ -1,0 +1,176 @@
+"""The coordinator's three sockets, and what comes in on them brought to whom it concerns."""
+
+import logging
+import time
+from collections.abc import Callable
+
+import zmq
+
+from proto.framing import MalformedMessage
+from proto.messages import (
+    Beat,
+    Blob,
+    BlobRequest,
+    Credit,
+    Hello,
+    LimbRefusal,
+    LimbResult,
+    Message,
+    Pose,
+    PoseRequest,
+    Recorded,
+    Silhouettes,
+    TakeEnd,
+    TakeInfo,
+)
+from proto.sockets import bind, make_socket, receive, receive_from, send, wait
+from proto.streams import STREAMS, StreamName, stream_endpoint
+from services.coordinator.dispatch import Dispatcher, Identity
+
+log = logging.getLogger(__name__)
+
+_PUBLISH_S = 0.5
+"""How often credit is published again, for those who joined late."""
+_MOST_AT_ONCE = 64
+"""Messages taken from one socket before the others get their turn."""
+
+
+class Switchboard:
+    """Owns the sockets; every call returns quickly except for the wait that `pump` is told."""
+
+    def __init__(self, endpoint: str, on_silhouettes: Callable[[Silhouettes], None]) -> None:
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._sockets = {name: make_socket(self._context, stream.coordinator) for name, stream in STREAMS.items()}
+        self._sockets["poses"].set_hwm(1000)  # poses are small, and a recorder asks again for what it missed
+        for name, socket in self._sockets.items():
+            bind(socket, stream_endpoint(endpoint, name))
+        self._on_silhouettes = on_silhouettes
+        self.dispatcher = Dispatcher(self._send_task_message, time.monotonic)
+        self._blobs: dict[str, Blob] = {}
+        self._recorders: dict[Identity, int] = {}
+        self._take_info: TakeInfo | None = None
+        self._poses: dict[int, Pose] = {}
+        self._end: TakeEnd | None = None
+        self._credit: Credit | None = None
+        self._credit_sent_s = 0.0
+        self.malformed = 0
+
+    @property
+    def n_recorders(self) -> int:
+        """Recorders that are registered."""
+        return len(self._recorders)
+
+    def recorded_up_to(self, end_frame: int) -> bool:
+        """Whether every registered recorder has all frames before end_frame."""
+        return all(done >= end_frame for done in self._recorders.values())
+
+    def offer(self, blob: Blob) -> None:
+        """Keep content for those who ask for it."""
+        self._blobs[blob.hash] = blob
+
+    def announce(self, info: TakeInfo) -> None:
+        """Tell recorders, present and to come, about the take."""
+        self._take_info = info
+        self._publish(info)
+
+    def give_credit(self, credit: Credit) -> None:
+        """Let segmentation go on."""
+        self._credit = credit
+        self._publish_credit()
+
+    def publish(self, pose: Pose) -> None:
+        """Send a solved frame to all who listen, and keep it for recorders that missed it."""
+        self._poses[pose.frame] = pose
+        self._publish(pose)
+
+    def end(self, message: TakeEnd) -> None:
+        """Say that no pose will follow."""
+        self._end = message
+        self._publish(message)
+        for identity in self._recorders:
+            send(self._sockets["tasks"], message, identity)
+
+    def _publish(self, message: Message) -> None:
+        send(self._sockets["poses"], message)
+
+    def _publish_credit(self) -> None:
+        self._credit_sent_s = time.monotonic()
+        if self._credit is not None:
+            self._publish(self._credit)
+
+    def _send_task_message(self, identity: Identity, message: Message) -> bool:
+        return send(self._sockets["tasks"], message, identity)
+
+    def pump(self, timeout_s: float) -> None:
+        """Wait up to timeout_s for a message, then act on all that have come."""
+        if time.monotonic() - self._credit_sent_s > _PUBLISH_S:
+            self._publish_credit()
+        tasks, silhouettes = self._sockets["tasks"], self._sockets["silhouettes"]
+        wait([tasks, silhouettes], timeout_s)
+        for _ in range(_MOST_AT_ONCE):
+            if not self._take_one("silhouettes") and not self._take_one("tasks"):
+                break
+
+    def _take_one(self, stream: StreamName) -> bool:
+        """Act on one waiting message of a stream; False if there was none."""
+        try:
+            if stream == "silhouettes":
+                message = receive(self._sockets[stream])
+                if isinstance(message, Silhouettes):
+                    self._on_silhouettes(message)
+                return message is not None
+            arrived = receive_from(self._sockets[stream])
+            if arrived is not None:
+                self._act(*arrived)
+            return arrived is not None
+        except MalformedMessage as error:
+            self.malformed += 1
+            log.warning("dropped a malformed message: %s", error)
+            return True
+
+    def _act(self, identity: Identity, message: Message) -> None:
+        if isinstance(message, Hello):
+            self._welcome(identity, message)
+        elif isinstance(message, Beat):
+            if self.dispatcher.heard(identity) or identity in self._recorders:
+                self._send_task_message(identity, Beat())
+        elif isinstance(message, LimbResult | LimbRefusal):
+            self.dispatcher.heard(identity)
+            self.dispatcher.finished(identity, message)
+        elif isinstance(message, BlobRequest):
+            self._send_blob(identity, message)
+        elif isinstance(message, PoseRequest):
+            self._send_poses(identity, message)
+        elif isinstance(message, Recorded):
+            self._recorders[identity] = message.end_frame
+        else:
+            self.malformed += 1
+            log.warning("dropped a message that is not for a coordinator: %s", message.type)
+
+    def _welcome(self, identity: Identity, hello: Hello) -> None:
+        log.info("%s says hello", hello.name)
+        self._send_task_message(identity, Beat())
+        if hello.role == "limb_worker":
+            self.dispatcher.heard(identity, hello)
+            return
+        self._recorders[identity] = 0
+        for message in (self._take_info, self._end):
+            if message is not None:
+                self._send_task_message(identity, message)
+
+    def _send_blob(self, identity: Identity, request: BlobRequest) -> None:
+        if request.hash in self._blobs:
+            self._send_task_message(identity, self._blobs[request.hash])
+        else:
+            log.warning("unknown content %s was asked for", request.hash[:8])
+
+    def _send_poses(self, identity: Identity, request: PoseRequest) -> None:
+        for frame in range(request.first_frame, min(request.end_frame, request.first_frame + _MOST_AT_ONCE)):
+            if frame in self._poses and not self._send_task_message(identity, self._poses[frame]):
+                break  # its queue is full; it asks again
+
+    def close(self) -> None:
+        """Close the sockets, letting what was sent go out."""
+        for socket in self._sockets.values():
+            socket.close()
+        self._context.term()

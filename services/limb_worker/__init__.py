@@ -1,0 +1,1 @@
+"""Limb worker: solves limb tasks for a coordinator (the paper's client)."""

@@ -1,0 +1,80 @@
+"""Limb worker process: `python -m services.limb_worker --connect tcp://HOST:5550`."""
+
+import logging
+from typing import Annotated
+
+import typer
+import zmq
+
+from proto.framing import MalformedMessage
+from proto.link import Link
+from proto.messages import Blob, BlobRequest, Hello, LimbTask, Message
+from proto.sockets import wait
+from proto.streams import DEFAULT_ENDPOINT
+from services.limb_worker.solver import LimbSolver, UnusableBlobError, warm_up
+from services.process import StopRequest, client_name, run_service
+
+_LOOK_S = 0.2
+"""How long to wait for messages before looking after beats and a request to stop."""
+_TASKS_HELD = 8
+"""Tasks that wait for content, at most."""
+
+log = logging.getLogger(__name__)
+
+
+class Worker:
+    """Takes tasks from a link, asks for what they lack, and sends back what it finds."""
+
+    def __init__(self, link: Link) -> None:
+        self._link, self._solver = link, LimbSolver()
+        self._waiting: list[LimbTask] = []
+
+    def handle(self, message: Message) -> None:
+        """Act on one message."""
+        if isinstance(message, LimbTask):
+            self._waiting = [*self._waiting, message][-_TASKS_HELD:]
+            for content in self._solver.missing(message):
+                self._link.send(BlobRequest(hash=content))
+        elif isinstance(message, Blob):
+            try:
+                self._solver.store(message)
+            except UnusableBlobError as error:
+                log.warning("unusable content: %s", error)
+        self._solve_ready()
+
+    def _solve_ready(self) -> None:
+        ready = [task for task in self._waiting if not self._solver.missing(task)]
+        self._waiting = [task for task in self._waiting if self._solver.missing(task)]
+        for task in ready:
+            self._link.send(self._solver.solve(task))
+
+
+def serve(endpoint: str, stop: StopRequest) -> None:
+    """Solve limb tasks until asked to stop."""
+    warm_up()
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    hello = Hello(role="limb_worker", name=client_name("limb_worker"), backend="cpu")
+    link = Link(context, endpoint, hello)
+    worker = Worker(link)
+    log.info("ready, coordinator at %s", endpoint)
+    while not stop:
+        wait([link.socket], _LOOK_S)
+        try:
+            while (message := link.receive()) is not None:
+                worker.handle(message)
+        except MalformedMessage as error:
+            log.warning("dropped a malformed message: %s", error)
+        link.tick()
+    link.close()
+    context.term()
+
+
+def main(
+    connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
+) -> None:
+    """Solve limb tasks for a coordinator until stopped."""
+    run_service("limb_worker", lambda stop: serve(connect, stop))
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,101 @@
+"""Limb tasks solved, without a socket."""
+
+import time
+from collections import OrderedDict
+from typing import TypeVar
+
+import numpy as np
+from pydantic import ValidationError
+
+from proto.messages import Blob, LimbRefusal, LimbResult, LimbTask
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.picture import Picture, Region
+from services.mocap.search.chains import LIMBS
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.solve import Model, solve_limb
+
+_MODELS_KEPT = 4
+"""Pairs of actor and rig; a worker may serve several takes in turn."""
+
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class UnusableBlobError(Exception):
+    """Content that is not what its message says."""
+
+
+class LimbSolver:
+    """Solves limb tasks; keeps actors, rigs and what was built from them, and nothing else."""
+
+    def __init__(self) -> None:
+        self._actors: OrderedDict[str, Actor] = OrderedDict()
+        self._rigs: OrderedDict[str, Rig] = OrderedDict()
+        self._models: OrderedDict[tuple[str, str], Model] = OrderedDict()
+
+    def missing(self, task: LimbTask) -> list[str]:
+        """Hashes of the content that a task names and that is not here."""
+        missing_actor = [] if task.actor in self._actors else [task.actor]
+        return missing_actor + ([] if task.rig in self._rigs else [task.rig])
+
+    def store(self, blob: Blob) -> None:
+        """Keep content; raises UnusableBlobError where it is damaged or not what it is called."""
+        try:
+            text = blob.content.tobytes().decode()
+            if blob.kind == "actor":
+                _keep(self._actors, blob.hash, Actor.from_toml(text))
+            else:
+                _keep(self._rigs, blob.hash, Rig.from_json(text))
+        except (ValueError, ValidationError) as error:
+            raise UnusableBlobError(f"{blob.kind} {blob.hash[:8]}: {error}") from None
+
+    def solve(self, task: LimbTask) -> LimbResult | LimbRefusal:
+        """Solve a task none of whose content is missing; one that makes no sense is refused."""
+        key = task.model_dump(include={"take", "frame", "pass_index", "limb", "shard", "shards"})
+        began = time.perf_counter()
+        try:
+            model = self._model(task)
+            settings = SearchSettings.from_wire(task.search)
+            region = Region(task.origin_px, task.window.shape[2], task.window.shape[1])
+            window = Picture.of_region(model.rig, region, task.window)
+            found = solve_limb(model, task.limb, window, task.pose, settings, (task.shard, task.shards))
+        except ValueError as error:
+            return LimbRefusal(**key, reason=str(error)[:1000])
+        return LimbResult(
+            **key,
+            energy_px=found.energy_px,
+            evaluations=found.evaluations,
+            seconds=time.perf_counter() - began,
+            values=found.values,
+        )
+
+    def _model(self, task: LimbTask) -> Model:
+        key = (task.actor, task.rig)
+        if key not in self._models:
+            rig, body = self._rigs[task.rig], build_body(self._actors[task.actor])
+            _keep(self._models, key, Model(body, rig, CpuBackend(body, rig)))
+        self._models.move_to_end(key)
+        return self._models[key]
+
+
+def warm_up() -> None:
+    """Load or compile all compiled code, so that the first task does not wait for it."""
+    rig = Rig(np.array([[[100.0, 0, 32, 0], [0, 100, 32, 0], [0, 0, 1, 3]]]), np.array([[64, 64]], np.int32))
+    body = build_body(Actor())
+    region = Region.whole(rig)
+    picture = Picture.of_region(rig, region, np.zeros((1, 64, 64), np.uint8))
+    settings = SearchSettings(arm_grid=(1, 1, 1, 1), leg_grid=(1, 1, 1, 1), descent_rounds=1)
+    model = Model(body, rig, CpuBackend(body, rig))
+    for limb in LIMBS:
+        solve_limb(model, limb, picture, np.zeros(35), settings)
+
+
+def _keep(kept: OrderedDict[K, V], key: K, value: V) -> None:
+    """Add to a table that forgets the oldest."""
+    kept[key] = value
+    while len(kept) > _MODELS_KEPT:
+        kept.popitem(last=False)
+

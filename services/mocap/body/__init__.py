@@ -1,0 +1,1 @@
+"""The body: skeleton, segment shapes, pose and actor."""

@@ -1,0 +1,1 @@
+"""Cameras: calibration, projection, undistortion."""

@@ -1,0 +1,58 @@
+"""One calibrated camera: a pinhole with the lens distortion that its raw pictures still carry."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from services.mocap.types import Floats
+
+# Turns a y-up world (x to the left of someone looking along z) into the z-up world used inside: the axes
+# (x, y, z) of the z-up world are the axes (z, x, y) of the y-up one.
+R_ZUP_YUP: Floats = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera in the world frame; `x_camera = R_camera_world @ x_world + t_camera_world_m`."""
+
+    name: str
+    width_px: int
+    height_px: int
+    K: Floats
+    """(3, 3) pinhole matrix in pixels; pixel centres lie at whole coordinates."""
+    distortion: Floats
+    """(4,), (5,) or (8,) OpenCV lens coefficients of the raw pictures; all zero once undistorted."""
+    R_camera_world: Floats
+    """(3, 3) rotation."""
+    t_camera_world_m: Floats
+    """(3,) translation."""
+    fisheye: bool = False
+
+    @property
+    def P_px_world(self) -> Floats:
+        """(3, 4) projection of homogeneous world points in metres to homogeneous pixels, no distortion."""
+        return self.K @ np.column_stack([self.R_camera_world, self.t_camera_world_m])
+
+    @property
+    def centre_world_m(self) -> Floats:
+        """(3,) the optical centre."""
+        return -self.R_camera_world.T @ self.t_camera_world_m
+
+    @property
+    def is_pinhole(self) -> bool:
+        """True when pictures need no undistortion."""
+        return not self.fisheye and not np.any(self.distortion)
+
+    def project_px(self, points_world_m: Floats) -> Floats:
+        """Pinhole projection of (…, 3) world points to (…, 2) pixels; behind the camera gives NaN."""
+        homogeneous = points_world_m @ self.P_px_world[:, :3].T + self.P_px_world[:, 3]
+        depth = homogeneous[..., 2:]
+        return np.where(depth > 0, homogeneous[..., :2] / np.where(depth > 0, depth, 1.0), np.nan)
+
+    def with_world_turned(self, R_new_old: Floats) -> "Camera":
+        """The same camera in a world whose axes are turned: x_new = R_new_old @ x_old."""
+        return replace(self, R_camera_world=self.R_camera_world @ R_new_old.T)
+
+    def undistorted(self) -> "Camera":
+        """The pinhole that sees this camera's pictures once they are undistorted."""
+        return replace(self, distortion=np.zeros(4), fisheye=False)

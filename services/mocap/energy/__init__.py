@@ -1,0 +1,1 @@
+"""The energy: bit-planes, windows, rasterising backends."""

@@ -1,0 +1,56 @@
+"""What every energy backend offers, and the problem that it evaluates."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from services.mocap.energy.picture import Picture, Region
+from services.mocap.types import Bytes, Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One sub-problem: which parameters vary, which segments they move, what these are compared with."""
+
+    base_pose: Floats
+    """(35,) the pose whose other parameters stay."""
+    dofs: tuple[int, ...]
+    """The d parameters that vary."""
+    segments: tuple[int, ...]
+    """The segments that are drawn at every evaluation."""
+    picture: Picture
+    """The input, with the pre-render of the other segments among its ignored pixels."""
+
+    def poses(self, values: Floats) -> Floats:
+        """Complete parameter values (N, d) to poses (N, 35)."""
+        poses = self.base_pose[None].repeat(len(values), axis=0)
+        poses[:, self.dofs] = values
+        return poses
+
+
+class Energy(Protocol):
+    """The energy of a problem."""
+
+    def __call__(self, values: Floats) -> Floats:
+        """Energies (N,) in pixels of the parameter values (N, d)."""
+        ...
+
+
+class Backend(Protocol):
+    """Something that draws a body's silhouettes and counts where they differ from the input."""
+
+    @property
+    def name(self) -> str:
+        """Short name, as in run.json and on the command line."""
+        ...
+
+    def energy(self, problem: Problem) -> Energy:
+        """Prepare a problem: E = popcount((input XOR model) AND NOT ignored), summed over cameras."""
+        ...
+
+    def coverage(self, poses: Floats, segments: tuple[int, ...], region: Region) -> Bytes:
+        """Draw segments of poses (N, 35) in a region: bit-planes (N, P, h, w)."""
+        ...
+
+    def close(self) -> None:
+        """Give back what the backend holds."""
+        ...

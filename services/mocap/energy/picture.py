@@ -1,0 +1,115 @@
+"""What the energy compares with: the input silhouettes of one frame, whole, halved or cut to windows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import camera_bit, n_planes, pack
+from services.mocap.types import Bytes, Floats, Ints, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Where in each camera's whole picture a buffer lies: a window's origin, and its scale."""
+
+    origin_px: Ints
+    """(C, 2) x and y of the first pixel, in pixels of the scaled picture."""
+    width_px: int
+    height_px: int
+    scale: float = 1.0
+    """Buffer pixels per picture pixel: 1, or 0.5 at half resolution."""
+
+    @classmethod
+    def whole(cls, rig: Rig) -> "Region":
+        """All of every camera's picture."""
+        height_px, width_px = rig.shape_px
+        return cls(np.zeros((rig.n_cameras, 2), np.int32), width_px, height_px)
+
+    def outside(self, rig: Rig) -> Bytes:
+        """Planes (P, h, w) set where a camera has no picture; only for regions at full resolution."""
+        x = self.origin_px[:, 0, None] + np.arange(self.width_px)
+        y = self.origin_px[:, 1, None] + np.arange(self.height_px)
+        width_px, height_px = rig.sizes_px[:, 0, None], rig.sizes_px[:, 1, None]
+        beyond_x, beyond_y = (x < 0) | (x >= width_px), (y < 0) | (y >= height_px)
+        return pack(beyond_x[:, None, :] | beyond_y[:, :, None])
+
+    def projections(self, rig: Rig) -> Floats:
+        """(C, 3, 4) projections of world metres to this region's pixels.
+
+        Pixel centres lie at whole coordinates, so a picture that is scaled by s maps u to s (u + 0.5) - 0.5.
+        """
+        to_region = np.zeros((rig.n_cameras, 3, 3))
+        to_region[:, 0, 0] = to_region[:, 1, 1] = self.scale
+        to_region[:, :2, 2] = 0.5 * self.scale - 0.5 - self.origin_px
+        to_region[:, 2, 2] = 1.0
+        return to_region @ rig.P_px_world
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Input silhouettes in a region, and which pixels do not count."""
+
+    region: Region
+    silhouettes: Bytes
+    """(P, h, w) bit-planes of the input."""
+    ignored: Bytes
+    """(P, h, w) bit-planes of the pixels that count for nothing: outside the picture, or pre-rendered."""
+
+    @classmethod
+    def whole(cls, rig: Rig, silhouettes: Bytes) -> "Picture":
+        """All of every camera's picture, from silhouettes (P, H, W)."""
+        return cls.of_region(rig, Region.whole(rig), silhouettes)
+
+    @classmethod
+    def of_region(cls, rig: Rig, region: Region, silhouettes: Bytes) -> "Picture":
+        """A region at full resolution with its silhouettes (P, h, w); raises ValueError for another shape."""
+        expected = (n_planes(rig.n_cameras), region.height_px, region.width_px)
+        if silhouettes.shape != expected:
+            raise ValueError(f"silhouettes: expected shape {expected}, got {silhouettes.shape}")
+        return cls(region, silhouettes, region.outside(rig))
+
+    def ignoring(self, planes: Bytes) -> "Picture":
+        """The same picture in which the pixels set in planes (P, h, w) count for nothing as well."""
+        return Picture(self.region, self.silhouettes, self.ignored | planes)
+
+    def halved(self) -> "Picture":
+        """Half resolution: a pixel is set where at least two of its four are (the paper, section 4.2)."""
+        n_cameras = len(self.region.origin_px)
+        region = Region(self.region.origin_px // 2, self.region.width_px // 2, self.region.height_px // 2, 0.5)
+        return Picture(
+            region, _halve(self.silhouettes, n_cameras, at_least=2), _halve(self.ignored, n_cameras, at_least=1)
+        )
+
+    def window(self, origin_px: Ints, width_px: int, height_px: int) -> "Picture":
+        """Cut a window out, one origin per camera (C, 2) in whole-picture pixels; what lies outside is ignored."""
+        n_cameras = len(origin_px)
+        shape = (n_planes(n_cameras), height_px, width_px)
+        silhouettes, ignored = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+        for c, (x, y) in enumerate(origin_px - self.region.origin_px):
+            plane, bit = divmod(c, 8)
+            silhouettes[plane] |= _cut(camera_bit(self.silhouettes, c), x, y, width_px, height_px, False) << bit
+            ignored[plane] |= _cut(camera_bit(self.ignored, c), x, y, width_px, height_px, True) << bit
+        return Picture(Region(origin_px, width_px, height_px, self.region.scale), silhouettes, ignored)
+
+    @property
+    def n_foreground(self) -> int:
+        """How many counted pixels are set, over all cameras."""
+        return int(np.bitwise_count(self.silhouettes & ~self.ignored).sum())
+
+
+def _halve(planes: Bytes, n_cameras: int, at_least: int) -> Bytes:
+    height, width = (planes.shape[1] // 2) * 2, (planes.shape[2] // 2) * 2
+    masks = np.array([camera_bit(planes, c)[:height, :width] for c in range(n_cameras)], np.uint8)
+    counts = masks[:, ::2, ::2] + masks[:, 1::2, ::2] + masks[:, ::2, 1::2] + masks[:, 1::2, 1::2]
+    return pack(counts >= at_least)
+
+
+def _cut(mask: Mask, x: int, y: int, width: int, height: int, fill: bool) -> Bytes:
+    """Cut width x height at (x, y) out of a mask, filled where it reaches over the edge."""
+    window: Bytes = np.full((height, width), fill, np.uint8)
+    x0, y0 = max(x, 0), max(y, 0)
+    x1, y1 = min(x + width, mask.shape[1]), min(y + height, mask.shape[0])
+    if x1 > x0 and y1 > y0:
+        window[y0 - y : y1 - y, x0 - x : x1 - x] = mask[y0:y1, x0:x1]
+    return window

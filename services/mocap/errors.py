@@ -1,0 +1,86 @@
+"""Errors that a user can mend: each is one sentence that says which file, which field, what was expected.
+
+Also the one way in which TOML files are read and checked, so that every complaint of the TOML parser and
+of pydantic comes out as such a sentence.
+"""
+
+import tomllib
+from collections.abc import Iterable
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+Model = TypeVar("Model", bound=BaseModel)
+_LONGEST_VALUE = 60
+
+
+class UserError(Exception):
+    """One clear sentence for the user; the command line prints it and exits with 2."""
+
+
+class TakeError(UserError):
+    """A take folder, or a file in it, that cannot be worked with."""
+
+
+class CalibrationError(TakeError):
+    """A calibration file that cannot be worked with."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A hint for an unknown name: the nearest known one, or all of them when none is near."""
+    known = list(known)
+    close = get_close_matches(name, known, n=1)
+    if close:
+        return f"did you mean {close[0]}"
+    return f"known are {', '.join(known)}" if known else "none are known"
+
+
+def in_short(value: object) -> str:
+    """A value for an error sentence, on one line and not too long."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 1] + "…"
+
+
+def load_toml(path: Path, error: type[UserError]) -> dict[str, Any]:
+    """The file's tables and values; raises `error` when it is missing, unreadable or not TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise error(f"{path}: is missing: expected a TOML file of that name") from None
+    except UnicodeDecodeError:
+        raise error(f"{path}: expected text in UTF-8: save it again in that encoding") from None
+    except tomllib.TOMLDecodeError as problem:
+        reason = str(problem).strip()
+        raise error(f"{path}: not valid TOML: {reason[:1].lower()}{reason[1:]}") from None
+    except OSError as problem:
+        raise error(f"{path}: cannot be read ({problem.strerror}): expected a TOML file") from None
+
+
+def validated(model: type[Model], data: dict[str, Any], where: str, error: type[UserError]) -> Model:
+    """The model made from data.
+
+    where: the file, and the table in it, with which the sentence begins. Raises `error` with the first
+    complaint; a field's description in the model says what was expected of it.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as problem:
+        first = problem.errors(include_url=False)[0]
+        raise error(f"{where}{_complaint(model, data, first)}") from None
+
+
+def _complaint(model: type[BaseModel], data: dict[str, Any], first: Any) -> str:
+    """`field: what is wrong`, from pydantic's first error."""
+    if not first["loc"]:  # a validator of the whole model names its fields itself
+        return str(first["ctx"]["error"])
+    field = str(first["loc"][0])
+    if first["type"] == "extra_forbidden":
+        return f"{field}: unknown field: {nearest(field, model.model_fields)}"
+    expected = model.model_fields[field].description
+    if first["type"] == "missing":
+        return f"{field}: is missing: expected {expected}"
+    if first["type"] == "value_error":
+        return f"{field}: {first['ctx']['error']}"
+    return f"{field}: expected {expected}, found {in_short(data[field])}"

@@ -1,0 +1,110 @@
+"""Pictures for the overlay: the model drawn over one camera's picture, and how tiles share a sheet."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.types import Bytes, Mask
+
+# Told apart by the colour-blind too (after Okabe and Ito's set).
+CENTRE_BGR = (120, 220, 90)
+LEFT_BGR = (0, 94, 243)
+RIGHT_BGR = (240, 150, 30)
+_OPACITY = 0.5
+_OUTLINE_BGR = (255, 255, 255)
+_HALO_BGR = (0, 0, 0)
+"""Around the outline, so that it shows on a bright picture."""
+
+_SMOOTHING_PX = 0.75
+"""How far the outline may leave the border's pixels, so that it is a line and not steps."""
+
+SILHOUETTE_GREY = 128
+SILHOUETTE_GROUND_GREY = 24
+_SCREEN_SHAPE = (16, 9)
+_FULL_GRID_ZOOM = 0.7
+"""How much smaller than in the best grid the tiles may be for the sake of a grid without gaps."""
+
+# By the values of a segment mask: the fill's colour times its coverage, and the coverage itself.
+_FILL: Bytes = np.array(
+    [(0, 0, 0, 0), (*CENTRE_BGR, 255), (*LEFT_BGR, 255), (*RIGHT_BGR, 255)], dtype=np.uint8
+)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Tiles of one size in rows, filled from the top left."""
+
+    columns: int
+    rows: int
+    tile_width_px: int
+    tile_height_px: int
+
+    def tile_origin_px(self, index: int) -> tuple[int, int]:
+        """(x, y) of a tile's first pixel in the sheet."""
+        row, column = divmod(index, self.columns)
+        return column * self.tile_width_px, row * self.tile_height_px
+
+
+def grid_for(cameras: Sequence[Camera], tile_width_px: int) -> Grid:
+    """The grid that shows the cameras largest on a wide screen; one without gaps may show them a bit smaller.
+
+    A tile has the shape of the middle one of the cameras' pictures, and even sides, as video wants them.
+    """
+    shape = float(np.median([camera.height_px / camera.width_px for camera in cameras]))
+    width_px = max(2, 2 * round(tile_width_px / 2))
+    height_px = max(2, 2 * round(tile_width_px * shape / 2))
+    count = len(cameras)
+    grids = [Grid(columns, -(-count // columns), width_px, height_px) for columns in range(count, 0, -1)]
+
+    def zoom(grid: Grid) -> float:
+        screen_width, screen_height = _SCREEN_SHAPE
+        return min(screen_width / grid.columns, screen_height / (grid.rows * shape))
+
+    enough = _FULL_GRID_ZOOM * max(map(zoom, grids))
+    full = [grid for grid in grids if grid.columns * grid.rows == count and zoom(grid) >= enough]
+    return max(full or grids, key=lambda grid: (round(zoom(grid), 6), -grid.columns * grid.rows))
+
+
+def silhouette_picture(silhouette: Mask) -> Bytes:
+    """A silhouette (H, W) drawn grey, as a picture (H, W, 3)."""
+    grey = np.where(silhouette, SILHOUETTE_GREY, SILHOUETTE_GROUND_GREY).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=-1)
+
+
+def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
+    """A tile (tile_height_px, tile_width_px, 3): the picture in the middle, the model over it.
+
+    picture: (H, W, 3). segment_mask: (H, W), 0 = no model, 1 = centre, 2 = left limb, 3 = right limb. Where
+    the shape of the picture is not the tile's, black bars fill the rest.
+    """
+    height, width = segment_mask.shape
+    zoom = min(grid.tile_width_px / width, grid.tile_height_px / height)
+    size = (max(1, round(width * zoom)), max(1, round(height * zoom)))
+    shown = _draw_model(_resized(picture, size), _resized(_FILL[segment_mask], size))
+    right, below = grid.tile_width_px - size[0], grid.tile_height_px - size[1]
+    tile = cv2.copyMakeBorder(
+        shown, below // 2, below - below // 2, right // 2, right - right // 2, cv2.BORDER_CONSTANT
+    )
+    return np.asarray(tile, np.uint8)
+
+
+def _resized(picture: Bytes, size: tuple[int, int]) -> Bytes:
+    shrinks = size[0] < picture.shape[1]
+    resized = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+    return np.asarray(resized, np.uint8)
+
+
+def _draw_model(picture: Bytes, fill: Bytes) -> Bytes:
+    """Blend the fill (H, W, 4), colour times coverage and coverage, into a picture and outline it."""
+    coverage = fill[..., 3:] / np.float32(255.0)
+    blended = picture * (1.0 - _OPACITY * coverage) + _OPACITY * fill[..., :3]
+    drawn = np.rint(blended).astype(np.uint8)
+    silhouette = cv2.threshold(cv2.GaussianBlur(fill[..., 3], (5, 5), 0), 127, 255, cv2.THRESH_BINARY)[1]
+    steps, _ = cv2.findContours(silhouette, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    contours = [cv2.approxPolyDP(contour, _SMOOTHING_PX, closed=True) for contour in steps]
+    cv2.drawContours(drawn, contours, -1, _HALO_BGR, 3, cv2.LINE_AA)
+    cv2.drawContours(drawn, contours, -1, _OUTLINE_BGR, 1, cv2.LINE_AA)
+    return drawn

@@ -1,0 +1,1 @@
+"""The search: chains, grid search, line and direction-set minimisers, the first pose."""

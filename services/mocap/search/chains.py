@@ -1,0 +1,90 @@
+"""The one table of chains: which parameters a sub-problem varies, what it draws, and where it looks."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.skeleton import LOWER, SEGMENT_NAMES, UPPER, dofs_of, segments_below
+from services.mocap.camera.rig import Rig
+from services.mocap.types import Floats, Ints
+
+LIMB_WINDOW_PX = 128
+EXTREMITY_WINDOW_PX = 64
+REFERENCE_WIDTH_PX = 320
+"""Window sizes are those of the paper (section 4.2) at this picture width, and scale with it."""
+
+ALL_SEGMENTS: tuple[int, ...] = tuple(range(len(SEGMENT_NAMES)))
+LimbName = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One sub-problem."""
+
+    dofs: tuple[int, ...]
+    segments: tuple[int, ...]
+    """What moves and so is drawn at every evaluation."""
+    window_px: int
+    """Window size at REFERENCE_WIDTH_PX; 0: no window, the whole picture at half resolution."""
+
+    @property
+    def others(self) -> tuple[int, ...]:
+        """The segments that stay, and are pre-rendered."""
+        return tuple(s for s in ALL_SEGMENTS if s not in self.segments)
+
+    def limits(self) -> tuple[Floats, Floats]:
+        """Lower and upper limits (d,) of the parameters."""
+        return LOWER[list(self.dofs)], UPPER[list(self.dofs)]
+
+
+@dataclass(frozen=True)
+class Limb:
+    """An arm or leg, then its hand or foot."""
+
+    main: Stage
+    extremity: Stage
+
+    @property
+    def dofs(self) -> tuple[int, ...]:
+        """All parameters that the limb's search finds."""
+        return self.main.dofs + self.extremity.dofs
+
+
+def _stage(joints: tuple[str, ...], window_px: int) -> Stage:
+    return Stage(dofs_of(*joints), segments_below(joints[0]), window_px)
+
+
+TORSO = _stage(("pelvis",), 0)
+HEAD = _stage(("neck",), EXTREMITY_WINDOW_PX)
+LIMBS: dict[LimbName, Limb] = {
+    name: Limb(_stage(main, LIMB_WINDOW_PX), _stage(extremity, EXTREMITY_WINDOW_PX))
+    for name, main, extremity in (
+        ("left_arm", ("left_shoulder", "left_elbow"), ("left_wrist",)),
+        ("right_arm", ("right_shoulder", "right_elbow"), ("right_wrist",)),
+        ("left_leg", ("left_hip", "left_knee"), ("left_ankle",)),
+        ("right_leg", ("right_hip", "right_knee"), ("right_ankle",)),
+    )
+}
+
+
+def window_size_px(stage: Stage, rig: Rig) -> int:
+    """A stage's window size for a rig's pictures."""
+    return round(stage.window_px * rig.shape_px[1] / REFERENCE_WIDTH_PX)
+
+
+def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:
+    """Where the windows (C, 2) lie when a stage's segments are centred in them, kept inside the pictures.
+
+    pose (35,) says where the segments are. The paper, section 4.2.
+    """
+    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0, list(stage.segments)]
+    centres_m = body.centres_m[list(stage.segments)]
+    centre_world_m = (np.einsum("sij,sj->si", T_world_segment[:, :3, :3], centres_m) + T_world_segment[:, :3, 3]).mean(0)
+    homogeneous = rig.P_px_world @ np.append(centre_world_m, 1.0)
+    depth_m = np.maximum(homogeneous[:, 2:], 1e-3)  # behind a camera: the window lands on the picture's edge
+    size_px = window_size_px(stage, rig)
+    origins = np.rint(homogeneous[:, :2] / depth_m) - size_px // 2
+    return np.clip(origins, 0, np.maximum(rig.sizes_px - size_px, 0)).astype(np.int32)

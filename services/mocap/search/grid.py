@@ -1,0 +1,27 @@
+"""Regular sampling of a neighbourhood, to find the right valley before going downhill."""
+
+import numpy as np
+
+from services.mocap.energy.backend import Energy
+from services.mocap.search.descent import Box, Minimum
+from services.mocap.types import Floats
+
+
+def grid_points(centre: Floats, counts: tuple[int, ...], steps: Floats, box: Box) -> Floats:
+    """All combinations (N, d) of counts[k] values spaced by steps[k] about centre (d,), within the box.
+
+    The centre is the first point, whatever the counts.
+    """
+    axes = [
+        np.unique(np.clip(c + step * (np.arange(n) - (n - 1) / 2), low, high))
+        for c, n, step, low, high in zip(centre, counts, steps, box.lower, box.upper, strict=True)
+    ]
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    return np.concatenate([np.clip(centre, box.lower, box.upper)[None], points])
+
+
+def best_of(energy: Energy, points: Floats) -> Minimum:
+    """The point (of N, d) of least energy; the first of equals."""
+    energies = energy(points)
+    best = int(np.argmin(energies))
+    return Minimum(points[best], float(energies[best]), len(points))

@@ -1,0 +1,99 @@
+"""A coarse visual hull: where in space the actor can be, from one frame's silhouettes."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from services.mocap.camera.rig import Rig
+from services.mocap.errors import TakeError
+from services.mocap.types import Floats, Mask
+
+_VOXEL_M = 0.03
+_REACH_M = 1.6
+"""Half the side of the cube that is carved, about the point where the silhouettes' centres meet."""
+_SLACK_PX = 1
+"""Silhouettes are widened by this much per 320 pixels of width, so that a voxel's size and a ragged edge do no harm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """Voxel centres of the largest connected piece of the visual hull."""
+
+    points_world_m: Floats
+    """(N, 3)"""
+
+    @property
+    def bottom_m(self) -> float:
+        """Height of the lowest point."""
+        return float(self.points_world_m[:, 2].min()) - _VOXEL_M / 2
+
+    @property
+    def height_m(self) -> float:
+        """From the lowest to the highest point."""
+        return float(self.points_world_m[:, 2].max()) + _VOXEL_M / 2 - self.bottom_m
+
+    @property
+    def axis_world_m(self) -> Floats:
+        """(2,) x and y of the middle."""
+        return np.median(self.points_world_m[:, :2], axis=0)
+
+
+def carve(rig: Rig, silhouettes: Mask) -> Hull:
+    """Carve the hull from silhouettes (C, H, W).
+
+    Raises TakeError where there is nobody, or where the silhouettes do not meet in space.
+    """
+    seen = [c for c in range(rig.n_cameras) if silhouettes[c].any()]
+    if len(seen) < 2:
+        raise TakeError(
+            f"silhouettes: only {len(seen)} of {rig.n_cameras} cameras show anybody in the first frame: "
+            "choose a first frame in which the actor is in view"
+        )
+    points_world_m = _cube_about(_meeting_point(rig, silhouettes, seen))
+    inside = np.ones(len(points_world_m), bool)
+    for c in seen:
+        inside &= _may_be_actor(rig, silhouettes[c], c, points_world_m)
+    side = round(len(points_world_m) ** (1 / 3))
+    pieces, n_pieces = ndimage.label(inside.reshape(side, side, side))
+    if n_pieces == 0:
+        raise TakeError(
+            "calibration.toml: the cameras' silhouettes do not meet anywhere in space: check that the "
+            "calibration belongs to this take and that the videos are synchronised"
+        )
+    largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
+    return Hull(points_world_m[pieces.ravel() == largest])
+
+
+def _meeting_point(rig: Rig, silhouettes: Mask, seen: list[int]) -> Floats:
+    """The point nearest to the rays through the silhouettes' centres, by least squares."""
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for c in seen:
+        y, x = np.nonzero(silhouettes[c])
+        M, p = rig.P_px_world[c, :, :3], rig.P_px_world[c, :, 3]
+        centre_world_m = -np.linalg.solve(M, p)
+        ray = np.linalg.solve(M, np.array([x.mean(), y.mean(), 1.0]))
+        ray /= np.linalg.norm(ray)
+        across = np.eye(3) - np.outer(ray, ray)
+        A, b = A + across, b + across @ centre_world_m
+    return np.linalg.solve(A, b)
+
+
+def _cube_about(centre_world_m: Floats) -> Floats:
+    steps = np.arange(-_REACH_M, _REACH_M + _VOXEL_M / 2, _VOXEL_M)
+    return np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3) + centre_world_m
+
+
+def _may_be_actor(rig: Rig, silhouette: Mask, camera: int, points_world_m: Floats) -> Mask:
+    """Which points project onto the silhouette, or to where the camera has no picture."""
+    width, height = rig.sizes_px[camera]
+    size = 1 + 2 * max(1, round(_SLACK_PX * width / 320))
+    wide = cv2.dilate(silhouette[:height, :width].astype(np.uint8), np.ones((size, size), np.uint8))
+    homogeneous = points_world_m @ rig.P_px_world[camera, :, :3].T + rig.P_px_world[camera, :, 3]
+    ahead = homogeneous[:, 2] > 0
+    pixel = np.rint(homogeneous[:, :2] / np.where(ahead, homogeneous[:, 2], 1.0)[:, None]).astype(np.int64)
+    inside = ahead & np.all((pixel >= 0) & (pixel < (width, height)), axis=1)
+    may_be: Mask = ~inside
+    may_be[inside] = wide[pixel[inside, 1], pixel[inside, 0]] > 0
+    return may_be

@@ -1,0 +1,46 @@
+"""Every setting of the search, in one place."""
+
+from collections.abc import Mapping
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class SearchSettings(BaseModel):
+    """How far and how finely a frame is searched. Travels with every limb task."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    max_passes: int = Field(default=3, ge=1, le=20)
+    """Rounds of torso, limbs and head over one frame, at most."""
+    pass_tolerance: float = Field(default=0.01, ge=0, lt=1)
+    """Passes end when one lowers the whole energy by less than this share."""
+    arm_grid: tuple[int, int, int, int] = (5, 5, 3, 5)
+    """Points tried for shoulder elevation, forward, twist and elbow flexion."""
+    leg_grid: tuple[int, int, int, int] = (7, 3, 3, 7)
+    """Points tried for hip flexion, abduction, twist and knee flexion."""
+    grid_step_rad: float = Field(default=0.16, gt=0, le=1)
+    """Distance between grid points; a twist takes twice as much, since it shows less."""
+    line_tolerance: float = Field(default=0.05, gt=0, lt=1)
+    """Brent's line search ends at this share of a parameter's step."""
+    angle_step_rad: float = Field(default=0.08, gt=0, le=1)
+    """First step of a line search over an angle."""
+    shift_step_m: float = Field(default=0.03, gt=0, le=1)
+    """First step of a line search over a position."""
+    descent_tolerance: float = Field(default=0.004, ge=0, lt=1)
+    """A direction-set descent ends when one round lowers the energy by less than this share."""
+    descent_rounds: int = Field(default=4, ge=1, le=100)
+    """Rounds of a direction-set descent, at most."""
+
+    def to_wire(self) -> dict[str, int | float | list[int]]:
+        """The settings as a message carries them."""
+        return {name: list(v) if isinstance(v, tuple) else v for name, v in self.model_dump().items()}
+
+    @classmethod
+    def from_wire(cls, fields: Mapping[str, object]) -> "SearchSettings":
+        """Check and take settings out of a message; raises ValueError (pydantic.ValidationError)."""
+        return cls.model_validate({k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()})
+
+    @classmethod
+    def wide(cls) -> "SearchSettings":
+        """For a first pose, when the limbs may be anywhere."""
+        return cls(max_passes=4, arm_grid=(9, 7, 3, 5), leg_grid=(7, 5, 3, 7), grid_step_rad=0.3)

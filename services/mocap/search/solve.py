@@ -1,0 +1,125 @@
+"""Solving one chain of one frame: torso, head, or a limb with its hand or foot."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body.actor import Body
+from services.mocap.body.skeleton import DOFS
+from services.mocap.energy.backend import Backend, Energy, Problem
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.picture import Picture
+from services.mocap.search.chains import HEAD, LIMBS, TORSO, Limb, LimbName, Stage, window_origins_px, window_size_px
+from services.mocap.search.descent import Box, Minimum, descend
+from services.mocap.search.grid import best_of, grid_points
+from services.mocap.search.settings import SearchSettings
+from services.mocap.types import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What every sub-problem needs to know: the body, the cameras, and a backend made for both."""
+
+    body: Body
+    rig: Rig
+    backend: Backend
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A chain's parameter values and what they cost."""
+
+    dofs: tuple[int, ...]
+    values: Floats
+    """(d,)"""
+    energy_px: float
+    evaluations: int
+
+    def applied_to(self, pose: Floats) -> Floats:
+        """The pose (35,) with this chain's parameters replaced."""
+        changed = pose.copy()
+        changed[list(self.dofs)] = self.values
+        return changed
+
+
+def solve_torso(model: Model, halved: Picture, pose: Floats, settings: SearchSettings) -> Solution:
+    """Find the root from a pose by going downhill, the whole body moving with it, at half resolution."""
+    return _descend_stage(model, TORSO, halved, pose, settings)
+
+
+def solve_head(model: Model, whole: Picture, pose: Floats, settings: SearchSettings) -> Solution:
+    """Find the head's turn by going downhill in its window."""
+    window = stage_window(model, HEAD, whole, pose)
+    return _descend_stage(model, HEAD, window, pose, settings)
+
+
+def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats) -> Picture:
+    """Cut the windows of a stage out of a picture, centred on where the pose (35,) has its segments."""
+    size_px = window_size_px(stage, model.rig)
+    return picture.window(window_origins_px(stage, pose, model.body, model.rig), size_px, size_px)
+
+
+def solve_limb(
+    model: Model,
+    name: LimbName,
+    window: Picture,
+    pose: Floats,
+    settings: SearchSettings,
+    shard: tuple[int, int] = (0, 1),
+) -> Solution:
+    """Find a limb in its window: grid search over ball and hinge, downhill, then its hand or foot.
+
+    window: the input in the limb's window, nothing pre-rendered. shard (k, n): search only every n-th grid
+    point, from the k-th on, so that n workers share a limb.
+    """
+    limb = LIMBS[name]
+    energy, start, box = _prepare(model, limb.main, window, pose, settings)
+    points = grid_points(start.values, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
+    k, n = shard
+    main = _solution(limb.main, _descend(energy, best_of(energy, points[k::n]), box, settings))
+    found = main.applied_to(pose)
+    extremity = _descend_stage(model, limb.extremity, stage_window(model, limb.extremity, window, found), found, settings)
+    return Solution(
+        limb.dofs,
+        np.concatenate([main.values, extremity.values]),
+        main.energy_px,
+        main.evaluations + extremity.evaluations,
+    )
+
+
+def _grid_counts(limb: Limb, settings: SearchSettings) -> tuple[int, ...]:
+    is_arm = DOFS[limb.main.dofs[0]].joint.endswith("shoulder")
+    return settings.arm_grid if is_arm else settings.leg_grid
+
+
+def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
+    return np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in stage.dofs])
+
+
+def _prepare(
+    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
+) -> tuple[Energy, Minimum, Box]:
+    """The stage's energy with everything else pre-rendered, its value at the pose, and its limits."""
+    if stage.others:
+        picture = picture.ignoring(model.backend.coverage(pose[None], stage.others, picture.region)[0])
+    energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, picture))
+    steps = [settings.shift_step_m if DOFS[d].unit == "m" else settings.angle_step_rad for d in stage.dofs]
+    box = Box(*stage.limits(), np.array(steps))
+    return energy, best_of(energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper)[None]), box
+
+
+def _descend(energy: Energy, start: Minimum, box: Box, settings: SearchSettings) -> Minimum:
+    return descend(
+        energy, start, box, settings.line_tolerance, settings.descent_tolerance, settings.descent_rounds
+    )
+
+
+def _descend_stage(
+    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
+) -> Solution:
+    energy, start, box = _prepare(model, stage, picture, pose, settings)
+    return _solution(stage, _descend(energy, start, box, settings))
+
+
+def _solution(stage: Stage, minimum: Minimum) -> Solution:
+    return Solution(stage.dofs, minimum.values, minimum.energy_px, minimum.evaluations)

@@ -1,0 +1,1 @@
+"""The synthetic studio: a take of a moving body model, rendered to video with everything known."""

@@ -1,0 +1,129 @@
+"""Pictures of a clothed body in the studio: shading, cast shadow, anti-aliased edges, a camera's noise."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import trimesh
+
+from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import segment_transforms
+from services.mocap.camera.camera import Camera
+from services.mocap.synth.backdrop import RoomView, Singles
+from services.mocap.synth.clothes import dress
+from services.mocap.synth.raster import draw
+from services.mocap.synth.room import LIGHT_WORLD
+from services.mocap.types import Bytes, Floats, Ints, Mask
+
+SHADOW = 0.6
+"""What is left of the floor's brightness in the full shadow."""
+NOISE = 2.4
+"""Standard deviation of a camera's noise, in grey levels."""
+FLICKER = 0.005
+"""Standard deviation of a camera's gain from frame to frame."""
+
+_FLOOR_HALF_M, _FLOOR_CELL_M, _PENUMBRA_M = 3.2, 0.016, 0.03
+_AMBIENT, _DIFFUSE, _SKY = 0.42, 0.62, 0.10
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """The body in one pose, lit: the same for all cameras."""
+
+    vertices_world_m: Floats
+    """(V, 3)"""
+    bgr: Singles
+    """(V, 3) colours in grey levels, shaded."""
+    faces: Ints
+    """(F, 3)"""
+    shadow: Singles
+    """(n, n) how much of the main light is missing on a square of floor, 0 to 1; see floor_cells."""
+
+
+class Model:
+    """A body with clothes on, ready to be posed and lit."""
+
+    def __init__(self, body: Body) -> None:
+        """Find colours and normals in the rest pose, once."""
+        self._body = body
+        pairs = list(zip(body.vertices_m, body.faces, strict=True))
+        self._normals = [trimesh.Trimesh(v, f, process=False).vertex_normals for v, f in pairs]
+        self._albedo_bgr = dress(body)
+        starts = np.cumsum([0] + [len(v) for v in body.vertices_m[:-1]])
+        self._faces = np.concatenate([f + s for f, s in zip(body.faces, starts, strict=True)]).astype(
+            np.int32
+        )
+
+    def pose(self, pose: Floats) -> Figure:
+        """The figure in a (35,) pose."""
+        T_world_segment = segment_transforms(pose[None], self._body.offsets_m)[0]
+        vertices_world_m = np.concatenate(
+            [v @ T[:3, :3].T + T[:3, 3] for v, T in zip(self._body.vertices_m, T_world_segment, strict=True)]
+        )
+        normals = np.concatenate(
+            [n @ T[:3, :3].T for n, T in zip(self._normals, T_world_segment, strict=True)]
+        )
+        light = _AMBIENT + _DIFFUSE * np.maximum(normals @ LIGHT_WORLD, 0.0) + _SKY * normals[:, 2]
+        bgr = (self._albedo_bgr * light[:, None]).astype(np.float32)
+        return Figure(vertices_world_m, bgr, self._faces, _cast_shadow(vertices_world_m, bgr, self._faces))
+
+
+def _cast_shadow(vertices_world_m: Floats, bgr: Singles, faces: Ints) -> Singles:
+    """The body seen along the main light, drawn onto the floor, with a soft edge."""
+    n = round(2 * _FLOOR_HALF_M / _FLOOR_CELL_M)
+    slant = LIGHT_WORLD[:2] / LIGHT_WORLD[2]
+    P_cell_world = np.zeros((3, 4))
+    P_cell_world[:2, :2] = np.eye(2) / _FLOOR_CELL_M
+    P_cell_world[:2, 2] = -slant / _FLOOR_CELL_M
+    P_cell_world[:2, 3] = floor_cells(np.zeros(2, np.float32))
+    P_cell_world[2, 3] = 1.0
+    layer = draw(vertices_world_m, bgr, faces, P_cell_world, (n, n))
+    shadow: Singles = np.zeros((n, n), np.float32)
+    height, width = layer.coverage.shape
+    shadow[layer.y_px : layer.y_px + height, layer.x_px : layer.x_px + width] = layer.coverage
+    return cv2.GaussianBlur(shadow, (0, 0), _PENUMBRA_M / _FLOOR_CELL_M).astype(np.float32, copy=False)
+
+
+def floor_cells(floor_world_m: Singles) -> Singles:
+    """Column and row (…, 2) in a figure's shadow of floor points (…, 2)."""
+    return (floor_world_m + np.float32(_FLOOR_HALF_M)) / np.float32(_FLOOR_CELL_M) - np.float32(0.5)
+
+
+def shadowed(view: RoomView, figure: Figure) -> Singles:
+    """The room with the figure's shadow on its floor, but without the figure."""
+    cells = floor_cells(view.floor_world_m)
+    missing = cv2.remap(figure.shadow, cells[..., 0], cells[..., 1], cv2.INTER_LINEAR)
+    left = 1.0 - np.float32(1.0 - SHADOW) * missing * view.floor_share
+    picture: Singles = view.picture * left[..., None]
+    return picture
+
+
+def render(camera: Camera, view: RoomView, figure: Figure) -> tuple[Singles, Mask]:
+    """The noise-free picture (H, W, 3) and the silhouette (H, W): the pixels whose centres are on the body.
+
+    An edge pixel's colour is mixed from body and room, so that a few pixels beside the silhouette show some
+    body too.
+    """
+    picture = shadowed(view, figure)
+    layer = draw(
+        figure.vertices_world_m,
+        figure.bgr,
+        figure.faces,
+        camera.P_px_world,
+        (camera.width_px, camera.height_px),
+    )
+    height, width = layer.coverage.shape
+    window = np.s_[layer.y_px : layer.y_px + height, layer.x_px : layer.x_px + width]
+    picture[window] = picture[window] * (1.0 - layer.coverage[..., None]) + layer.bgr
+    silhouette: Mask = np.zeros(picture.shape[:2], bool)
+    silhouette[window] = layer.centre
+    return picture, silhouette
+
+
+def expose(picture: Singles, rng: np.random.Generator) -> Bytes:
+    """What a camera delivers of a picture: gain flicker, noise, whole grey levels."""
+    gain = np.float32(1.0 + FLICKER * rng.standard_normal())
+    noise = rng.standard_normal(picture.shape, dtype=np.float32)
+    noise *= np.float32(NOISE)
+    noise += gain * picture
+    return np.clip(np.rint(noise), 0, 255).astype(np.uint8)

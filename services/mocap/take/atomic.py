@@ -1,0 +1,58 @@
+"""Files and folders that appear whole or not at all: written beside their place, then renamed into it."""
+
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from services.mocap.errors import UserError
+
+
+def _sibling(target: Path) -> Path:
+    """A free name beside the target, hidden, with the same suffix (encoders choose the format by it)."""
+    target = target.absolute()  # "." has no name of its own
+    return target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
+
+
+def _make_parent(target: Path) -> None:
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise UserError(
+            f"{target.parent}: cannot be made ({problem.strerror}): choose a folder that can be written to"
+        ) from None
+
+
+@contextmanager
+def atomic_file(target: Path) -> Iterator[Path]:
+    """Write to the path it yields; `target` is replaced by that file when the block ends well.
+
+    After an exception nothing is left and an older `target` stays as it was. The folder is made if missing.
+    """
+    _make_parent(target)
+    part = _sibling(target)
+    try:
+        yield part
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(target: Path) -> Iterator[Path]:
+    """Fill the empty folder it yields; it becomes `target` when the block ends well.
+
+    After an exception nothing is left. Raises UserError when `target` is there already and is anything but
+    an empty folder: a folder of the user's is never replaced.
+    """
+    if target.exists() and not (target.is_dir() and not any(target.iterdir())):
+        raise UserError(f"{target}: is there already: remove it or choose another name")
+    _make_parent(target)
+    part = _sibling(target)
+    try:
+        part.mkdir()
+        yield part
+        part.replace(target)  # an empty folder may be replaced, a filled one raises
+    finally:
+        shutil.rmtree(part, ignore_errors=True)

@@ -1,0 +1,183 @@
+"""A take folder in: opened once, with everything checked that can be checked before the work starts."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from services.mocap.camera.calibration import read_calibration
+from services.mocap.camera.camera import Camera
+from services.mocap.errors import TakeError
+from services.mocap.take import layout
+from services.mocap.take.pictures import (
+    SilhouetteReader,
+    check_png,
+    check_size,
+    read_picture,
+    read_silhouette,
+)
+from services.mocap.take.settings import TakeSettings, read_settings
+from services.mocap.take.tables import read_joints_csv
+from services.mocap.take.video import VideoIndex, VideoReader, index_video
+from services.mocap.types import Bytes, Floats
+
+Source = Literal["videos", "silhouettes"]
+
+_LARGEST_RATE_ERROR = 0.01
+_LARGEST_GAP = 1.5
+"""In usual distances between frames: from here on counting frames no longer gives the time."""
+_QUICK_TO_DECODE_PX = 10**8
+"""Videos of up to so many pixels (100 frames of 1280x720) are decoded whole, others at their end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """One recording, checked by `open_take`."""
+
+    folder: Path
+    settings: TakeSettings
+    cameras: tuple[Camera, ...]
+    """As calibrated, with lens distortion, in the inside z-up world."""
+    source: Source
+    """What the silhouettes come from: the videos and clean plates, or the take's own silhouettes."""
+
+    def video(self, camera: Camera, start: int = 0, stop: int | None = None) -> VideoReader:
+        """A camera's raw pictures of frames `start` up to and without `stop` (default: the take's end)."""
+        path = layout.video_path(self.folder, camera.name)
+        return VideoReader(path, start, self.settings.frames if stop is None else stop)
+
+    def has_video(self, camera: Camera) -> bool:
+        """False for a camera with silhouettes only."""
+        return layout.video_path(self.folder, camera.name).exists()
+
+    def silhouettes(self, camera: Camera, start: int = 0, stop: int | None = None) -> SilhouetteReader:
+        """A camera's raw silhouettes of frames `start` up to and without `stop` (default: the take's end)."""
+        folder = layout.silhouette_folder(self.folder, camera.name)
+        return SilhouetteReader(folder, start, self.settings.frames if stop is None else stop)
+
+    def background(self, camera: Camera) -> Iterator[Bytes]:
+        """A camera's raw clean-plate pictures: those of the video, or else the single picture."""
+        video = layout.background_video_path(self.folder, camera.name)
+        if not video.exists():
+            yield read_picture(layout.background_picture_path(self.folder, camera.name))
+            return
+        with VideoReader(video) as reader:
+            yield from reader
+
+
+def open_take(folder: Path) -> Take:
+    """Opens and checks a take folder.
+
+    Raises TakeError with one sentence about the first thing found wrong: settings, calibration, missing or
+    damaged videos, clean plates and silhouettes, their sizes, lengths and frame rates, reference tables.
+    """
+    if not folder.is_dir():
+        raise TakeError(f"{folder}: is not a folder: expected a take folder with {layout.SETTINGS} in it")
+    settings = read_settings(folder / layout.SETTINGS)
+    cameras = read_calibration(folder / layout.CALIBRATION, settings.up)
+    source: Source = "silhouettes" if (folder / layout.SILHOUETTES).is_dir() else "videos"
+    take = Take(folder, settings, cameras, source)
+    for camera in cameras:
+        if source == "silhouettes":
+            _check_silhouettes(take, camera)
+        else:
+            _check_is_recorded(take, camera)
+    _check_videos(take)
+    if (folder / layout.REFERENCE_JOINTS_CSV).exists():
+        read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
+    return take
+
+
+def _check_silhouettes(take: Take, camera: Camera) -> None:
+    folder = layout.silhouette_folder(take.folder, camera.name)
+    if not folder.is_dir():
+        raise TakeError(
+            f"{folder}: is missing: expected the silhouettes of {camera.name}, "
+            f"or no folder {layout.SILHOUETTES} at all"
+        )
+    for frame in range(take.settings.frames):
+        path = layout.silhouette_path(folder, frame)
+        if not path.exists():
+            raise TakeError(
+                f"{path}: is missing: expected a silhouette for each of the frames = {take.settings.frames} "
+                f"of {layout.SETTINGS}"
+            )
+        check_png(path, camera)
+    read_silhouette(layout.silhouette_path(folder, 0))
+
+
+def _check_is_recorded(take: Take, camera: Camera) -> None:
+    """A camera has a video and a clean plate."""
+    video = layout.video_path(take.folder, camera.name)
+    if not video.exists():
+        raise TakeError(
+            f"{video}: is missing: expected the video of [{camera.name}] in {layout.CALIBRATION}, "
+            f"or silhouettes in {layout.SILHOUETTES}/{camera.name}"
+        )
+    plate = layout.background_video_path(take.folder, camera.name)
+    picture = layout.background_picture_path(take.folder, camera.name)
+    if plate.exists():
+        index = index_video(plate)
+        check_size(plate, index.width_px, index.height_px, camera)
+        _check_decodes(index, index.n_frames)
+    elif picture.exists():
+        check_png(picture, camera)
+    else:
+        raise TakeError(
+            f"{plate}: is missing: expected the clean plate of {camera.name} (the empty stage), "
+            f"as this video or as {picture.name}"
+        )
+
+
+def _check_videos(take: Take) -> None:
+    """Every video there is holds the take's frames, at its rate and size, and all are equally long."""
+    indices: list[VideoIndex] = []
+    for camera in take.cameras:
+        if take.has_video(camera):
+            indices.append(index_video(layout.video_path(take.folder, camera.name)))
+            _check_video(take, camera, indices[-1])
+    for index in indices[1:]:
+        if index.n_frames != indices[0].n_frames:
+            raise TakeError(
+                f"{index.path}: holds {index.n_frames} frames, but {indices[0].path.name} holds "
+                f"{indices[0].n_frames}: cut all videos to the same moments"
+            )
+    for index in indices:
+        _check_decodes(index, take.settings.frames)
+
+
+def _check_video(take: Take, camera: Camera, index: VideoIndex) -> None:
+    check_size(index.path, index.width_px, index.height_px, camera)
+    frames, fps = take.settings.frames, take.settings.fps
+    if index.n_frames < frames:
+        raise TakeError(
+            f"{index.path}: holds {index.n_frames} frames, but {layout.SETTINGS} says frames = {frames}: "
+            "lower that number or record the camera again"
+        )
+    if frames > 1:
+        _check_rate(index.path, np.diff(index.times_s[:frames]), fps)
+
+
+def _check_rate(path: Path, gaps_s: Floats, fps: float) -> None:
+    """gaps_s: (N,) from each frame to the next; they are even, and those of fps."""
+    late = np.flatnonzero(gaps_s > _LARGEST_GAP * np.median(gaps_s))
+    if late.size:
+        raise TakeError(
+            f"{path}: lacks frames between its frames {late[0]} and {late[0] + 1}, which are "
+            f"{gaps_s[late[0]]:.3f} s apart: convert it to a constant frame rate"
+        )
+    video_fps = 1 / gaps_s.mean()
+    if abs(video_fps / fps - 1) > _LARGEST_RATE_ERROR:
+        raise TakeError(
+            f"{path}: runs at {video_fps:.4g} frames per second, but {layout.SETTINGS} says fps = {fps:g}: "
+            "correct that number or convert the video"
+        )
+
+
+def _check_decodes(index: VideoIndex, frames: int) -> None:
+    quick = frames * index.width_px * index.height_px <= _QUICK_TO_DECODE_PX
+    start = 0 if quick else index.keyframe_before(frames - 1)[0]
+    with VideoReader(index, start, frames) as reader:
+        reader.check()

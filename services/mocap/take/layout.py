@@ -1,0 +1,33 @@
+"""Where things lie in a take folder: the names that its readers and its writer share."""
+
+from pathlib import Path
+
+SETTINGS = "take.toml"
+CALIBRATION = "calibration.toml"
+SILHOUETTES = "silhouettes"
+REFERENCE_JOINTS_CSV = "reference/joints.csv"
+
+
+def video_path(take_folder: Path, camera: str) -> Path:
+    """The camera's recording."""
+    return take_folder / "videos" / f"{camera}.mp4"
+
+
+def background_video_path(take_folder: Path, camera: str) -> Path:
+    """The camera's clean plate as a video."""
+    return take_folder / "background" / f"{camera}.mp4"
+
+
+def background_picture_path(take_folder: Path, camera: str) -> Path:
+    """The camera's clean plate as a single picture, in place of the video."""
+    return take_folder / "background" / f"{camera}.png"
+
+
+def silhouette_folder(take_folder: Path, camera: str) -> Path:
+    """The folder of the camera's silhouettes."""
+    return take_folder / SILHOUETTES / camera
+
+
+def silhouette_path(folder: Path, frame: int) -> Path:
+    """One frame's silhouette in a camera's folder of silhouettes."""
+    return folder / f"{frame:06d}.png"

@@ -1,0 +1,115 @@
+"""PNG pictures in: silhouettes and clean plates, and a complete check of a file without decoding it."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.errors import TakeError
+from services.mocap.take.layout import CALIBRATION, silhouette_path
+from services.mocap.types import Bytes, Mask
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_THRESHOLD = 127
+_AGAIN = "export it again"
+
+
+def check_png(path: Path, camera: Camera) -> None:
+    """Checks a PNG's size and the checksums of all of it, a hundred times quicker than decoding.
+
+    Raises TakeError when the file is missing, empty, no PNG, damaged, cut off or of another size.
+    """
+    data = _bytes(path)
+    if not data.startswith(_SIGNATURE):
+        raise TakeError(
+            f"{path}: is not a PNG file: expected one of {camera.width_px}x{camera.height_px} pixels"
+        )
+    if not _chunks_are_whole(data):
+        raise TakeError(f"{path}: is damaged or cut off: {_AGAIN}")
+    width_px, height_px = struct.unpack(">II", data[16:24])
+    check_size(path, width_px, height_px, camera)
+
+
+def check_size(path: Path, width_px: int, height_px: int, camera: Camera) -> None:
+    """Raises TakeError when the picture's size is not the calibrated one."""
+    if (width_px, height_px) != (camera.width_px, camera.height_px):
+        raise TakeError(
+            f"{path}: is {width_px}x{height_px} pixels, but [{camera.name}] size in {CALIBRATION} is "
+            f"{camera.width_px}x{camera.height_px}: both have to be the same"
+        )
+
+
+def read_silhouette(path: Path) -> Mask:
+    """(H, W), true where the file's grey is above 127; raises TakeError when it cannot be decoded."""
+    grey = _decoded(path, cv2.IMREAD_GRAYSCALE)
+    brightest = int(grey.max())
+    if 0 < brightest <= _THRESHOLD:
+        raise TakeError(
+            f"{path}: its brightest grey is {brightest}: expected 0 outside the actor, 255 inside"
+        )
+    return np.asarray(grey > _THRESHOLD)
+
+
+def read_picture(path: Path) -> Bytes:
+    """BGR (H, W, 3); raises TakeError when it cannot be decoded."""
+    return _decoded(path, cv2.IMREAD_COLOR)
+
+
+class SilhouetteReader:
+    """One camera's silhouettes (H, W), from frame `start` up to and without `stop`, read one at a time."""
+
+    def __init__(self, folder: Path, start: int, stop: int) -> None:
+        self.folder, self.start, self.stop = folder, start, stop
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    def __iter__(self) -> Iterator[Mask]:
+        return (self.read(frame) for frame in range(self.start, self.stop))
+
+    def read(self, frame: int) -> Mask:
+        """One frame's silhouette; raises TakeError when it is missing or cannot be decoded."""
+        return read_silhouette(silhouette_path(self.folder, frame))
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise TakeError(f"{path}: is missing: expected a PNG picture") from None
+    except OSError as problem:
+        raise TakeError(f"{path}: cannot be read ({problem.strerror}): expected a PNG picture") from None
+    if not data:
+        raise TakeError(f"{path}: is empty (0 bytes): {_AGAIN}")
+    return data
+
+
+def _decoded(path: Path, flag: int) -> Bytes:
+    try:
+        picture = cv2.imdecode(np.frombuffer(_bytes(path), np.uint8), flag)
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise TakeError(f"{path}: cannot be decoded as a picture: {_AGAIN}")
+    return np.asarray(picture, np.uint8)
+
+
+def _chunks_are_whole(data: bytes) -> bool:
+    """True when the file is a row of chunks with right checksums, from IHDR to IEND."""
+    at, kind = len(_SIGNATURE), b""
+    while kind != b"IEND":
+        if at + 12 > len(data):
+            return False
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        end = at + 8 + length
+        if (not kind and data[at + 4 : at + 8] != b"IHDR") or end + 4 > len(data):
+            return False
+        kind = data[at + 4 : at + 8]
+        if zlib.crc32(data[at + 4 : end]) != struct.unpack(">I", data[end : end + 4])[0]:
+            return False
+        at = end + 4
+    return True

@@ -1,0 +1,92 @@
+"""take.toml: what a user says about a take."""
+
+import math
+from pathlib import Path
+from typing import Literal
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from services.mocap.body.skeleton import DOFS
+from services.mocap.camera.calibration import Up
+from services.mocap.errors import TakeError, load_toml, nearest, validated
+from services.mocap.take.atomic import atomic_file
+from services.mocap.types import Floats
+
+_DOF_OF_COLUMN = {dof.column: (i, dof) for i, dof in enumerate(DOFS)}
+
+
+class TakeSettings(BaseModel):
+    """The fields of take.toml; a description says what its field has to be."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+    name: str = Field(min_length=1, description="the take's name in quotes")
+    fps: float = Field(gt=0, description="a positive number of frames per second")
+    units: Literal["m"] = Field(description='"m", since all lengths are in metres')
+    up: Up = Field(description='"y" or "z", the axis of the calibrated world that points up')
+    frames: int = Field(ge=1, description="a whole number of frames, 1 or more")
+    actor_height: float | None = Field(
+        default=None, ge=0.5, le=2.5, description="the actor's height in metres, 0.5 to 2.5"
+    )
+    init_frames: int | None = Field(
+        default=None,
+        ge=1,
+        description="a whole number of frames, 1 or more, at the start, in which the actor stands still",
+    )
+    facing: float | None = Field(
+        default=None,
+        description="where the actor faces in the first frame, in degrees about up, counterclockwise "
+        "seen from above, from the world's x axis (up = z) or z axis (up = y)",
+    )
+    initial_pose: dict[str, float] = Field(
+        default={}, description="a table of pose parameters in metres and radians, such as root_x_m = 0.5"
+    )
+
+    @field_validator("initial_pose")
+    @classmethod
+    def _known_and_within_limits(cls, initial_pose: dict[str, float]) -> dict[str, float]:
+        for column, value in initial_pose.items():
+            if column not in _DOF_OF_COLUMN:
+                raise ValueError(f"{column}: unknown parameter: {nearest(column, _DOF_OF_COLUMN)}")
+            dof = _DOF_OF_COLUMN[column][1]
+            if not dof.lower <= value <= dof.upper:
+                raise ValueError(
+                    f"{column}: expected {dof.lower:.3f} to {dof.upper:.3f} {dof.unit}, the limits of the "
+                    f"joint, found {value:g}"
+                )
+        return initial_pose
+
+    @model_validator(mode="after")
+    def _init_within_frames(self) -> "TakeSettings":
+        if self.init_frames is not None and self.init_frames > self.frames:
+            raise ValueError(
+                f"init_frames: expected at most frames = {self.frames}, found {self.init_frames}"
+            )
+        return self
+
+    @property
+    def facing_rad(self) -> float | None:
+        """The root's heading in the first frame, where the user gave it."""
+        return None if self.facing is None else math.radians(self.facing)
+
+    def with_initial_pose(self, pose: Floats) -> Floats:
+        """A copy of the (35,) pose, with the parameters of `[initial_pose]` in their places."""
+        pose = pose.copy()
+        for column, value in self.initial_pose.items():
+            pose[_DOF_OF_COLUMN[column][0]] = value
+        return pose
+
+
+def read_settings(path: Path) -> TakeSettings:
+    """Raises TakeError, which names the file and the field."""
+    return validated(TakeSettings, load_toml(path, TakeError), f"{path}: ", TakeError)
+
+
+def write_settings(path: Path, settings: TakeSettings) -> None:
+    """Writes take.toml, without the fields that were left out."""
+    fields = settings.model_dump(exclude_none=True)
+    if not settings.initial_pose:
+        del fields["initial_pose"]
+    with atomic_file(path) as part:
+        part.write_text(tomli_w.dumps(fields), encoding="utf-8")

@@ -1,0 +1,195 @@
+"""Videos in: what a file really holds, found by reading all its packets, and its frames one after the other.
+
+A frame's number is its place in presentation order, found from time stamps, so that it stays exact when
+reading starts in the middle of a file. A frame that is missing or damaged raises; none is passed over.
+"""
+
+from bisect import bisect_left
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, Self
+
+import av
+import numpy as np
+from av.container import InputContainer
+from av.video.frame import VideoFrame
+from av.video.reformatter import VideoReformatter
+from av.video.stream import VideoStream
+
+from services.mocap.errors import TakeError
+from services.mocap.types import Bytes, Floats
+
+_COPY_AGAIN = "copy or record it again"
+
+
+@dataclass(frozen=True)
+class VideoIndex:
+    """What a video file holds."""
+
+    path: Path
+    width_px: int
+    height_px: int
+    """Size of the pictures the right way up."""
+    times_s: Floats
+    """(N,) presentation time of every frame, increasing."""
+    stamps: tuple[int, ...]
+    """The same times in the file's own units."""
+    keyframes: tuple[tuple[int, int], ...]
+    """(frame number, decoding stamp) of where decoding can start, for that frame and those after it."""
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames in the file."""
+        return len(self.stamps)
+
+    def keyframe_before(self, frame: int) -> tuple[int, int]:
+        """The last keyframe (its number, its decoding stamp) at or before a frame."""
+        return max((key for key in self.keyframes if key[0] <= frame), default=(0, 0))
+
+
+def index_video(path: Path) -> VideoIndex:
+    """Reads all packets and decodes one picture.
+
+    Raises TakeError when the file is missing, holds no video or is cut off.
+    """
+    packets, declared, unit_s = _demuxed(path)
+    if len(packets) < declared:  # cut off, or else an edit list hides frames, which only counting all tells
+        packets_in_file, *_ = _demuxed(path, {"ignore_editlist": "1"})
+    else:
+        packets_in_file = packets
+    whole = sum(packet.is_whole for packet in packets_in_file)
+    if whole < max(declared, len(packets_in_file), 1):
+        raise TakeError(f"{path}: cut off after {whole} of {max(declared, whole)} frames: {_COPY_AGAIN}")
+    stamps = sorted(packet.shown for packet in packets if not packet.is_hidden)
+    keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in packets if p.is_key)
+    height, width = _first_picture(path).shape[:2]
+    return VideoIndex(path, width, height, np.array(stamps) * unit_s, tuple(stamps), tuple(keyframes))
+
+
+class _Packet(NamedTuple):
+    """What the index needs of a packet; the packet itself holds its data."""
+
+    shown: int
+    decoded: int
+    is_key: bool
+    is_whole: bool
+    is_hidden: bool
+    """Decoded for the sake of others only, as an edit list of the file wants it."""
+
+    @classmethod
+    def of(cls, packet: "av.Packet[VideoStream]") -> "_Packet":
+        decoded = packet.dts or 0
+        shown = decoded if packet.pts is None else packet.pts
+        return cls(shown, decoded, packet.is_keyframe, not packet.is_corrupt, packet.is_discard)
+
+
+def _demuxed(path: Path, options: dict[str, str] | None = None) -> tuple[list[_Packet], int, float]:
+    """All packets of the video, their number as the file declares it, and the stamps' unit in seconds."""
+    with _opened(path, options) as container:
+        stream = _video_stream(container, path)
+        try:
+            packets = [_Packet.of(packet) for packet in container.demux(stream) if packet.size]
+        except av.error.FFmpegError:
+            raise TakeError(f"{path}: is damaged: {_COPY_AGAIN}") from None
+        return packets, stream.frames, float(stream.time_base or 0)
+
+
+class VideoReader:
+    """The frames of a video as BGR (H, W, 3) uint8, from `start` up to and without `stop` (default: all).
+
+    Each iteration starts anew at `start`: `for frame, picture in enumerate(reader, start)` numbers exactly.
+    Colours go through FFmpeg's quick conversion, whose rounding takes 1 to 1.5 grey levels off everything.
+    Use it as a context manager, or close it. Iterating raises TakeError at a frame that cannot be decoded.
+    """
+
+    def __init__(self, video: Path | VideoIndex, start: int = 0, stop: int | None = None) -> None:
+        self.index = index_video(video) if isinstance(video, Path) else video
+        self.start = start
+        self.stop = self.index.n_frames if stop is None else stop
+        if not 0 <= self.start <= self.stop <= self.index.n_frames:
+            raise TakeError(
+                f"{self.index.path}: frames {self.start} to {self.stop} were asked for, "
+                f"but it holds {self.index.n_frames}"
+            )
+        self._container = _opened(self.index.path)
+        self._stream = _video_stream(self._container, self.index.path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    def __iter__(self) -> Iterator[Bytes]:
+        converter = VideoReformatter()
+        return (_picture(frame, converter) for frame in self._frames())
+
+    def close(self) -> None:
+        """Closes the file; iterating is over then."""
+        self._container.close()
+
+    def check(self) -> None:
+        """Decodes every frame, without making pictures of them; raises TakeError at the first bad one."""
+        for _ in self._frames():
+            pass
+
+    def _frames(self) -> Iterator[VideoFrame]:
+        self._container.seek(self.index.keyframe_before(self.start)[1], stream=self._stream)
+        stamps, expected = self.index.stamps, self.start
+        decoder = self._container.decode(self._stream)
+        while expected < self.stop:
+            try:
+                frame = next(decoder, None)
+            except av.error.FFmpegError:
+                frame = None
+            if frame is not None and frame.pts is not None and frame.pts < stamps[self.start]:
+                continue  # between the keyframe and the start
+            if frame is None or frame.pts != stamps[expected] or frame.is_corrupt:
+                raise TakeError(f"{self.index.path}: frame {expected} cannot be decoded: {_COPY_AGAIN}")
+            yield frame
+            expected += 1
+
+
+def _opened(path: Path, options: dict[str, str] | None = None) -> InputContainer:
+    try:
+        return av.open(str(path), "r", options=options)
+    except FileNotFoundError:
+        raise TakeError(f"{path}: is missing: expected a video") from None
+    except (av.error.FFmpegError, OSError):
+        raise TakeError(
+            f"{path}: cannot be read as a video (empty, cut off before its index, or no video): {_COPY_AGAIN}"
+        ) from None
+
+
+def _video_stream(container: InputContainer, path: Path) -> VideoStream:
+    if not container.streams.video:
+        raise TakeError(f"{path}: holds no video stream: expected a video")
+    stream = container.streams.video[0]
+    stream.thread_type = "NONE"  # every camera has its own process: threads would only fight over the cores
+    return stream
+
+
+def _first_picture(path: Path) -> Bytes:
+    """The first picture that decodes, turned upright."""
+    with _opened(path) as container:
+        try:
+            frame = next(container.decode(_video_stream(container, path)), None)
+        except av.error.FFmpegError:
+            frame = None
+        if frame is None:
+            raise TakeError(f"{path}: frame 0 cannot be decoded: {_COPY_AGAIN}")
+        return _picture(frame, VideoReformatter())
+
+
+def _picture(frame: VideoFrame, converter: VideoReformatter) -> Bytes:
+    """BGR (H, W, 3); cameras held upright store lying pictures and a rotation, which is applied."""
+    bgr: Bytes = np.asarray(converter.reformat(frame, format="bgr24", threads=1).to_ndarray(), np.uint8)
+    quarter_turns = round(frame.rotation / 90) % 4
+    return np.ascontiguousarray(np.rot90(bgr, quarter_turns)) if quarter_turns else bgr

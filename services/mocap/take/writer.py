@@ -1,0 +1,144 @@
+"""Take folders and videos out; whatever is written here appears whole or not at all."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from av.container import OutputContainer
+from av.video.frame import VideoFrame
+from av.video.reformatter import Interpolation, VideoReformatter
+
+from services.mocap.camera.calibration import write_calibration
+from services.mocap.camera.camera import Camera
+from services.mocap.errors import TakeError
+from services.mocap.take import layout
+from services.mocap.take.atomic import atomic_file, atomic_folder
+from services.mocap.take.settings import TakeSettings, write_settings
+from services.mocap.take.tables import write_joints_csv
+from services.mocap.take.world import to_take_world
+from services.mocap.types import Bytes, Floats, Mask
+
+NEAR_LOSSLESS_CRF = 12
+_KEYFRAME_EVERY_S = 2  # so that browsers seek quickly, and readers that start in the middle
+_BT601 = 6  # FFmpeg's number (SMPTE 170M) for the colours that its conversion makes unless told otherwise
+_LIMITED_RANGE = 1
+_ROUNDED = int(Interpolation.BILINEAR) | int(Interpolation.ACCURATE_RND)  # else half a grey level is lost
+
+
+class VideoWriter:
+    """Appends pictures to an H.264 stream; made by `video_writer`."""
+
+    def __init__(
+        self, container: OutputContainer, width_px: int, height_px: int, fps: float, crf: int
+    ) -> None:
+        self.width_px, self.height_px = width_px, height_px
+        self.n_frames = 0
+        self._rate = Fraction(fps).limit_denominator(1001)
+        self._converter = VideoReformatter()
+        self._container = container
+        keyframe_every = max(1, round(_KEYFRAME_EVERY_S * fps))
+        self._stream = container.add_stream(
+            "libx264", rate=self._rate, options={"crf": str(crf), "g": str(keyframe_every)}
+        )
+        self._stream.width, self._stream.height, self._stream.pix_fmt = width_px, height_px, "yuv420p"
+        context = self._stream.codec_context
+        context.colorspace = context.color_primaries = context.color_trc = _BT601
+        context.color_range = _LIMITED_RANGE
+
+    def write(self, picture_bgr: Bytes) -> None:
+        """Appends one (height_px, width_px, 3) picture; raises ValueError when its shape is another."""
+        expected = (self.height_px, self.width_px, 3)
+        if picture_bgr.shape != expected:
+            raise ValueError(f"picture_bgr: expected shape {expected}, got {picture_bgr.shape}")
+        bgr = VideoFrame.from_ndarray(np.ascontiguousarray(picture_bgr), format="bgr24")
+        frame = self._converter.reformat(bgr, format="yuv420p", interpolation=_ROUNDED, threads=1)
+        frame.pts, frame.time_base = self.n_frames, 1 / self._rate
+        self._container.mux(self._stream.encode(frame))
+        self.n_frames += 1
+
+    def finish(self) -> None:
+        """Writes what the encoder still holds back; raises ValueError when there was no picture at all."""
+        if not self.n_frames:
+            raise ValueError("a video needs at least one picture")
+        self._container.mux(self._stream.encode(None))
+
+
+@contextmanager
+def video_writer(
+    path: Path, width_px: int, height_px: int, fps: float, crf: int = NEAR_LOSSLESS_CRF
+) -> Iterator[VideoWriter]:
+    """A writer of an mp4 that browsers play; the file appears when the block ends without an exception.
+
+    crf: x264's quality, 0 to 51, smaller is better: 12 is near lossless, about 20 is for looking at.
+    Raises TakeError for odd sizes, which the pixel format that browsers play (yuv420p) cannot hold.
+    """
+    if width_px % 2 or height_px % 2:
+        raise TakeError(
+            f"{path}: cannot be written in {width_px}x{height_px} pixels: expected an even width and height"
+        )
+    with (
+        atomic_file(path) as part,
+        av.open(str(part), "w", format="mp4", options={"movflags": "+faststart"}) as container,
+    ):
+        writer = VideoWriter(container, width_px, height_px, fps, crf)
+        yield writer
+        writer.finish()
+
+
+def write_picture(path: Path, picture: Bytes | Mask) -> None:
+    """A PNG of a BGR (H, W, 3) picture or of a (H, W) silhouette (0 and 255); makes the folder if missing."""
+    pixels = picture.astype(np.uint8) * (255 if picture.dtype == np.bool_ else 1)
+    with atomic_file(path) as part:
+        part.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+
+
+class TakeWriter:
+    """Fills a take folder that is being made by `take_writer`."""
+
+    def __init__(self, folder: Path, settings: TakeSettings, cameras: Sequence[Camera]) -> None:
+        self.folder = folder
+        """Where the take is being made; further files may be put here."""
+        self._settings = settings
+        write_settings(folder / layout.SETTINGS, settings)
+        write_calibration(folder / layout.CALIBRATION, tuple(cameras), settings.up)
+
+    def video(self, camera: Camera) -> AbstractContextManager[VideoWriter]:
+        """The writer of a camera's recording."""
+        return self._video(layout.video_path(self.folder, camera.name), camera)
+
+    def background_video(self, camera: Camera) -> AbstractContextManager[VideoWriter]:
+        """The writer of a camera's clean plate."""
+        return self._video(layout.background_video_path(self.folder, camera.name), camera)
+
+    def background_picture(self, camera: Camera, picture_bgr: Bytes) -> None:
+        """A camera's clean plate as one (H, W, 3) picture."""
+        write_picture(layout.background_picture_path(self.folder, camera.name), picture_bgr)
+
+    def silhouette(self, camera: Camera, frame: int, silhouette: Mask) -> None:
+        """One (H, W) silhouette of a camera."""
+        folder = layout.silhouette_folder(self.folder, camera.name)
+        write_picture(layout.silhouette_path(folder, frame), silhouette)
+
+    def reference_joints(self, joints_world_m: Floats) -> None:
+        """The true joints (frames, 15, 3) of every frame, in the inside z-up world."""
+        frames = np.arange(len(joints_world_m), dtype=np.int32)
+        joints_take_m = to_take_world(joints_world_m, self._settings.up)
+        path = self.folder / layout.REFERENCE_JOINTS_CSV
+        write_joints_csv(path, frames, frames / self._settings.fps, joints_take_m)
+
+    def _video(self, path: Path, camera: Camera) -> AbstractContextManager[VideoWriter]:
+        return video_writer(path, camera.width_px, camera.height_px, self._settings.fps)
+
+
+@contextmanager
+def take_writer(folder: Path, settings: TakeSettings, cameras: Sequence[Camera]) -> Iterator[TakeWriter]:
+    """A writer of a new take, cameras in the inside z-up world.
+
+    The folder appears when the block ends without an exception. Raises UserError when it is there already.
+    """
+    with atomic_folder(folder) as part:
+        yield TakeWriter(part, settings, cameras)

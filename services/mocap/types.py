@@ -1,0 +1,12 @@
+"""Array types by element; shapes, units and frames stand in the docstrings of who takes them."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int32]
+Bytes: TypeAlias = NDArray[np.uint8]
+"""Images (…, 3) in BGR order, and bit-plane buffers."""
+Mask: TypeAlias = NDArray[np.bool_]

@@ -1,0 +1,1 @@
+"""Recorder: poses in, motion files out."""

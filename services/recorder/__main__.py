@@ -1,0 +1,113 @@
+"""Recorder process: `python -m services.recorder --take TAKE --out DIR --connect tcp://HOST:5550`."""
+
+import logging
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import zmq
+
+from proto.framing import MalformedMessage
+from proto.link import Link
+from proto.messages import Blob, BlobRequest, Hello, Message, Pose, PoseRequest, Recorded, TakeEnd, TakeInfo
+from proto.sockets import make_socket, receive, wait
+from proto.streams import DEFAULT_ENDPOINT, stream_endpoint
+from services.mocap.take.folder import open_take
+from services.process import StopRequest, client_name, run_service
+from services.recorder.collection import Collection
+from services.recorder.results import check_out, write_results
+
+_LOOK_S = 0.2
+_ASK_AGAIN_S = 0.5
+_GRACE_S = 20.0
+"""How long after a stop the coordinator may take to finish its frame and end the take."""
+
+log = logging.getLogger(__name__)
+
+
+class Listener:
+    """Listens to poses and asks for what is missing until the take is complete."""
+
+    def __init__(self, take: str, endpoint: str) -> None:
+        self._take = take
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._sub = make_socket(self._context, zmq.SUB)
+        self._sub.set_hwm(1000)
+        self._sub.connect(stream_endpoint(endpoint, "poses"))
+        hello = Hello(role="recorder", name=client_name("recorder"), backend="")
+        self._link = Link(self._context, endpoint, hello)
+        self._asked_s = 0.0
+        self.collection = Collection()
+
+    def listen(self) -> None:
+        """Wait for messages a moment, take them in, and ask for what is missing."""
+        wait([self._sub, self._link.socket], _LOOK_S)
+        try:
+            while (message := receive(self._sub)) is not None:
+                self._take_in(message)
+            while (message := self._link.receive()) is not None:
+                self._take_in(message)
+        except MalformedMessage as error:
+            log.warning("dropped a malformed message: %s", error)
+        self._link.tick()
+        self._ask()
+
+    def _take_in(self, message: Message) -> None:
+        mine = isinstance(message, Blob) or getattr(message, "take", None) == self._take
+        if mine and isinstance(message, TakeInfo | Pose | TakeEnd | Blob):
+            self.collection.add(message)
+
+    def _ask(self) -> None:
+        if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
+            return
+        self._asked_s = time.monotonic()
+        for content in self.collection.missing_blobs():
+            self._link.send(BlobRequest(hash=content))
+        gap = self.collection.missing_frames()
+        if gap is not None:
+            self._link.send(PoseRequest(first_frame=gap[0], end_frame=gap[1]))
+
+    def confirm(self) -> None:
+        """Tell the coordinator that every frame is here."""
+        self._link.send(Recorded(end_frame=self.collection.end_frame))
+
+    def close(self) -> None:
+        """Close the sockets, letting what was sent go out."""
+        self._link.close()
+        self._sub.close()
+        self._context.term()
+
+
+def serve(take_folder: Path, out: Path, endpoint: str, stop: StopRequest, overlay: bool) -> None:
+    """Listen until the take is over, then write its results.
+
+    After a stop the coordinator has a moment to end the take early; what is there by then is written.
+    """
+    take = open_take(take_folder)
+    check_out(out)
+    listener = Listener(take.settings.name, endpoint)
+    log.info("ready, coordinator at %s", endpoint)
+    looks_after_stop = 0
+    while not listener.collection.complete and looks_after_stop * _LOOK_S < _GRACE_S:
+        listener.listen()
+        looks_after_stop += bool(stop)
+    if listener.collection.complete:
+        listener.confirm()
+    listener.close()
+    if listener.collection.poses:
+        write_results(out, take, listener.collection, overlay)
+
+
+def main(
+    take: Annotated[Path, typer.Option(help="The take folder.")],
+    out: Annotated[Path, typer.Option(help="Where the results go.")],
+    connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
+    overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
+) -> None:
+    """Record a take's poses and write its results."""
+    run_service("recorder", lambda stop: serve(take, out, connect, stop, overlay))
+
+
+if __name__ == "__main__":
+    typer.run(main)

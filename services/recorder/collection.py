@@ -1,0 +1,61 @@
+"""The poses of one take as they come in, without a socket: what is there, and what is missing."""
+
+from proto.messages import Blob, Pose, TakeEnd, TakeInfo
+
+
+class Collection:
+    """Gathers what is needed to write a take's results."""
+
+    def __init__(self) -> None:
+        self.info: TakeInfo | None = None
+        self.poses: dict[int, Pose] = {}
+        self._end: int | None = None
+        self._blobs: dict[str, str] = {}
+
+    def add(self, message: TakeInfo | Pose | TakeEnd | Blob) -> None:
+        """Take in a message; repeated and foreign ones change nothing."""
+        if isinstance(message, TakeInfo):
+            self.info = self.info or message
+        elif isinstance(message, Blob):
+            self._blobs[message.hash] = message.content.tobytes().decode()
+        elif isinstance(message, Pose):
+            self.poses.setdefault(message.frame, message)
+        else:
+            self._end = message.end_frame
+
+    def blob(self, content_hash: str) -> str:
+        """Content that has arrived."""
+        return self._blobs[content_hash]
+
+    def missing_blobs(self) -> list[str]:
+        """Hashes of the content still needed."""
+        if self.info is None:
+            return []
+        return [name for name in (self.info.actor, self.info.rig) if name not in self._blobs]
+
+    def missing_frames(self) -> tuple[int, int] | None:
+        """The first gap in the frames, as a range; up to the latest pose or, once known, the take's end."""
+        if self.info is None:
+            return None
+        end = self._end if self._end is not None else max(self.poses, default=0)
+        lacking = [frame for frame in range(self.info.first_frame, end) if frame not in self.poses]
+        if not lacking:
+            return None
+        gap_end = next((f for f in range(lacking[0], end) if f in self.poses), end)
+        return lacking[0], gap_end
+
+    def recorded(self) -> list[Pose]:
+        """The poses in the order of their frames."""
+        return [self.poses[frame] for frame in sorted(self.poses)]
+
+    @property
+    def complete(self) -> bool:
+        """Whether the take is over and nothing is missing."""
+        return self._end is not None and self.missing_frames() is None and not self.missing_blobs()
+
+    @property
+    def end_frame(self) -> int:
+        """One past the take's last frame; only when it is over."""
+        if self._end is None:
+            raise ValueError("the take is not over")
+        return self._end

@@ -1,0 +1,1 @@
+"""Segmentation: video in, silhouettes out; one process per camera group."""

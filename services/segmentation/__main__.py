@@ -1,0 +1,128 @@
+"""Segmentation process: `python -m services.segmentation --take TAKE --connect tcp://HOST:5550`."""
+
+import logging
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+import zmq
+
+from proto.framing import MalformedMessage
+from proto.messages import Credit, Silhouettes, TakeEnd
+from proto.sockets import make_socket, receive, send, wait
+from proto.streams import DEFAULT_ENDPOINT, stream_endpoint
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import pack
+from services.mocap.errors import UserError, nearest
+from services.mocap.take.folder import Take, open_take
+from services.mocap.types import Bytes
+from services.process import StopRequest, run_service
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.source import in_common_size, make_segmenter
+
+_LOOK_S = 0.2
+_RESEND_S = 3.0
+"""A frame that was sent and is still asked for after so long got lost with a coordinator."""
+
+log = logging.getLogger(__name__)
+
+
+class Feed:
+    """The packed silhouettes of a group of cameras, from any frame on."""
+
+    def __init__(self, take: Take, cameras: list[int], settings: SegmentationSettings) -> None:
+        self._height, self._width = Rig.of(take.cameras).shape_px
+        self._segmenters = [make_segmenter(take, take.cameras[c], settings) for c in cameras]
+        self._end = take.settings.frames
+
+    def planes(self, start: int) -> Iterator[Bytes]:
+        """Bit-planes (P, H, W) of frames start to the take's end."""
+        streams = [segmenter.silhouettes(start, self._end) for segmenter in self._segmenters]
+        for masks in zip(*streams, strict=True):
+            yield pack(np.array([in_common_size(mask, self._width, self._height) for mask in masks]))
+
+
+class Sender:
+    """Sends frames as far as the coordinator's credit goes."""
+
+    def __init__(self, take: Take, cameras: list[int], feed: Feed, socket: "zmq.Socket[bytes]") -> None:
+        self._take, self._cameras, self._feed, self._socket = take, cameras, feed, socket
+        self._next = 0
+        self._planes: Iterator[Bytes] | None = None
+        self._unsent: Silhouettes | None = None
+        self._advanced_s = time.monotonic()
+
+    def follow(self, credit: Credit) -> None:
+        """Go to where the coordinator is, should it be behind (it restarted) or far ahead."""
+        stalled = credit.next_frame < self._next and time.monotonic() - self._advanced_s > _RESEND_S
+        if self._planes is None or stalled or credit.next_frame > self._next:
+            self._next, self._unsent = credit.next_frame, None
+            self._planes = self._feed.planes(self._next)
+            self._advanced_s = time.monotonic()
+
+    def send_next(self, credit: Credit) -> bool:
+        """Send one frame if credit allows; False when there is nothing to do just now."""
+        if self._unsent is None:
+            if self._planes is None or self._next >= credit.end_frame:
+                return False
+            planes = next(self._planes)
+            self._unsent = Silhouettes(
+                take=self._take.settings.name, frame=self._next, cameras=self._cameras, planes=planes
+            )
+        if not send(self._socket, self._unsent):
+            return False
+        self._next, self._unsent = self._next + 1, None
+        self._advanced_s = time.monotonic()
+        return True
+
+
+def serve(take_folder: Path, cameras: str, endpoint: str, stop: StopRequest) -> None:
+    """Send silhouettes until the take ends or a stop is asked for."""
+    take = open_take(take_folder)
+    chosen = _choose(take, cameras)
+    feed = Feed(take, chosen, SegmentationSettings())
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    push, sub = make_socket(context, zmq.PUSH), make_socket(context, zmq.SUB)
+    push.connect(stream_endpoint(endpoint, "silhouettes"))
+    sub.connect(stream_endpoint(endpoint, "poses"))
+    sender = Sender(take, chosen, feed, push)
+    log.info("ready: %s from %s", ", ".join(take.cameras[c].name for c in chosen), take.source)
+    credit: Credit | None = None
+    while not stop:
+        try:
+            while (message := receive(sub)) is not None:
+                if isinstance(message, TakeEnd) and message.take == take.settings.name:
+                    return
+                if isinstance(message, Credit) and message.take == take.settings.name:
+                    credit = message
+                    sender.follow(credit)
+        except MalformedMessage as error:
+            log.warning("dropped a malformed message: %s", error)
+        if credit is None or not sender.send_next(credit):
+            wait([sub], _LOOK_S)
+
+
+def _choose(take: Take, names: str) -> list[int]:
+    """Camera indices from names with commas between; none given: all."""
+    known = [camera.name for camera in take.cameras]
+    wanted = [name.strip() for name in names.split(",") if name.strip()] or known
+    for name in wanted:
+        if name not in known:
+            raise UserError(f"--cameras {name}: {take.folder} has no such camera: {nearest(name, known)}")
+    return [known.index(name) for name in wanted]
+
+
+def main(
+    take: Annotated[Path, typer.Option(help="The take folder.")],
+    connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
+    cameras: Annotated[str, typer.Option(help="Cameras to serve, with commas between; all by default.")] = "",
+) -> None:
+    """Make and send the silhouettes of a take's cameras."""
+    run_service("segmentation", lambda stop: serve(take, cameras, connect, stop))
+
+
+if __name__ == "__main__":
+    typer.run(main)

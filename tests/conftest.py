@@ -1,0 +1,134 @@
+"""Fixtures that all tests share: the recorded takes, and small takes made on the spot."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import pytest
+
+from services.mocap.camera.camera import Camera
+from services.mocap.errors import TakeError
+from services.mocap.take.folder import open_take
+from services.mocap.take.settings import TakeSettings
+from services.mocap.take.writer import TakeWriter, take_writer
+from services.mocap.types import Bytes, Floats, Mask
+
+_SHARED_TAKES = Path(__file__).resolve().parents[2] / "shared" / "data" / "takes"
+_WIDTH_PX, _HEIGHT_PX = 64, 48
+_BALL_RADIUS_M = 0.35
+
+
+@pytest.fixture(scope="session")
+def shared_takes() -> Path:
+    """The folder of recorded takes; tests that use it are skipped where it is missing."""
+    if not _SHARED_TAKES.is_dir():
+        pytest.skip("the shared takes are not there")
+    return _SHARED_TAKES
+
+
+def _ring_camera(name: str, angle_rad: float) -> Camera:
+    """A pinhole 4 m from the middle, 1.5 m up, that looks at a point 1 m over the floor."""
+    centre_world_m = np.array([4 * np.cos(angle_rad), 4 * np.sin(angle_rad), 1.5])
+    ahead = np.array([0.0, 0.0, 1.0]) - centre_world_m
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    R_camera_world = np.array([right, np.cross(ahead, right), ahead])
+    return Camera(
+        name=name,
+        width_px=_WIDTH_PX,
+        height_px=_HEIGHT_PX,
+        K=np.array([[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]]),
+        distortion=np.zeros(4),
+        R_camera_world=R_camera_world,
+        t_camera_world_m=-R_camera_world @ centre_world_m,
+    )
+
+
+def _ball_silhouette(camera: Camera, frame: int) -> Mask:
+    centre_world_m: Floats = np.array([0.0, 0.1 * frame - 0.2, 1.0])
+    disc = np.zeros((camera.height_px, camera.width_px), np.uint8)
+    distance_m = np.linalg.norm(centre_world_m - camera.centre_world_m)
+    x, y = np.rint(camera.project_px(centre_world_m)).astype(int)
+    cv2.circle(disc, (int(x), int(y)), round(camera.K[0, 0] * _BALL_RADIUS_M / distance_m), 1, cv2.FILLED)
+    return disc > 0
+
+
+@pytest.fixture
+def small_cameras() -> Callable[[int], list[Camera]]:
+    """`small_cameras(n)`: the cameras cam01, cam02, … of 64x48 pixels, evenly around the stage."""
+    return lambda n: [_ring_camera(f"cam{i + 1:02d}", 2 * np.pi * i / n) for i in range(n)]
+
+
+@pytest.fixture
+def ball_silhouette() -> Callable[[Camera, int], Mask]:
+    """`ball_silhouette(camera, frame)`: the (H, W) silhouette of the ball that acts in the small takes."""
+    return _ball_silhouette
+
+
+def _background() -> Bytes:
+    columns = np.linspace(60, 160, _WIDTH_PX).astype(np.uint8)
+    return np.repeat(np.tile(columns, (_HEIGHT_PX, 1))[..., None], 3, axis=2)
+
+
+def _write_camera(writer: TakeWriter, camera: Camera, frames: int, clean_plate: str) -> None:
+    if clean_plate == "video":
+        with writer.background_video(camera) as plate:
+            plate.write(_background())
+            plate.write(_background())
+    else:
+        writer.background_picture(camera, _background())
+    with writer.video(camera) as video:
+        for frame in range(frames):
+            picture = _background()
+            picture[_ball_silhouette(camera, frame)] = (30, 60, 220)
+            video.write(picture)
+
+
+@pytest.fixture
+def small_take(tmp_path: Path, small_cameras: Callable[[int], list[Camera]]) -> Callable[..., Path]:
+    """Makes a take of a red ball that moves along y before grey walls: 64x48 pixels, 10 frames per second.
+
+    `small_take(name, n_cameras=2, frames=4, source="videos" | "silhouettes", clean_plate="video" |
+    "picture", **fields of TakeSettings)` returns the folder; cameras are named cam01, cam02 and so on.
+    """
+
+    def make(
+        name: str = "small",
+        *,
+        n_cameras: int = 2,
+        frames: int = 4,
+        source: Literal["videos", "silhouettes"] = "videos",
+        clean_plate: Literal["video", "picture"] = "video",
+        **fields: Any,
+    ) -> Path:
+        given = {"name": name, "fps": 10.0, "units": "m", "up": "z", "frames": frames, **fields}
+        cameras = small_cameras(n_cameras)
+        with take_writer(tmp_path / name, TakeSettings(**given), cameras) as writer:
+            for camera in cameras:
+                if source == "videos":
+                    _write_camera(writer, camera, frames, clean_plate)
+                    continue
+                for frame in range(frames):
+                    writer.silhouette(camera, frame, _ball_silhouette(camera, frame))
+        return tmp_path / name
+
+    return make
+
+
+@pytest.fixture
+def refusal() -> Callable[[Path], str]:
+    """`refusal(folder)`: the sentence with which open_take refuses a take, without the folder's name."""
+
+    def sentence_of(folder: Path) -> str:
+        with pytest.raises(TakeError) as refused:
+            open_take(folder)
+        sentence = str(refused.value)
+        assert sentence.startswith(f"{folder}/"), sentence
+        assert "\n" not in sentence
+        assert ". " not in sentence
+        return sentence.removeprefix(f"{folder}/")
+
+    return sentence_of

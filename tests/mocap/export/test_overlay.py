@@ -1,0 +1,258 @@
+"""The overlay video, read back from its file; the pictures are chosen so that no mix-up looks right."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from services.mocap.camera.camera import Camera
+from services.mocap.export.overlay import HEADER_PX, OverlayWriter
+from services.mocap.export.tiles import (
+    CENTRE_BGR,
+    LEFT_BGR,
+    RIGHT_BGR,
+    SILHOUETTE_GREY,
+    SILHOUETTE_GROUND_GREY,
+    grid_for,
+)
+from services.mocap.types import Bytes
+
+GROUND = 100
+HALF_WAY = {
+    value: (np.array(bgr) + GROUND) / 2 for value, bgr in enumerate((CENTRE_BGR, LEFT_BGR, RIGHT_BGR), 1)
+}
+"""What the fill makes of the ground, by the values of a segment mask."""
+
+
+def camera(name: str = "cam01", width_px: int = 160, height_px: int = 120) -> Camera:
+    return Camera(name, width_px, height_px, np.eye(3), np.zeros(4), np.eye(3), np.zeros(3))
+
+
+def ground(camera: Camera, grey: int = GROUND) -> Bytes:
+    return np.full((camera.height_px, camera.width_px, 3), grey, np.uint8)
+
+
+def half_masks(cameras: list[Camera]) -> list[Bytes]:
+    """Two upright bars a tile, of values that differ from tile to tile, the left one higher up."""
+    masks = []
+    for index, cam in enumerate(cameras):
+        height, width = cam.height_px, cam.width_px
+        mask = np.zeros((height, width), np.uint8)
+        mask[height // 4 : height * 5 // 8, width // 8 : width * 3 // 8] = 1 + index % 3
+        mask[height * 3 // 8 : height * 3 // 4, width * 5 // 8 : width * 7 // 8] = 1 + (index + 1) % 3
+        masks.append(mask)
+    return masks
+
+
+def decoded(path: Path) -> list[Bytes]:
+    with av.open(str(path)) as container:
+        return [np.asarray(frame.to_ndarray(format="bgr24"), np.uint8) for frame in container.decode(video=0)]
+
+
+def tiles(sheet: Bytes, cameras: list[Camera], tile_width_px: int) -> list[Bytes]:
+    grid = grid_for(cameras, tile_width_px)
+    origins = [grid.tile_origin_px(index) for index in range(len(cameras))]
+    body = sheet[HEADER_PX:]
+    return [body[y : y + grid.tile_height_px, x : x + grid.tile_width_px] for x, y in origins]
+
+
+def at(tile: Bytes, x: float, y: float) -> Bytes:
+    """The mean colour about a place given in fractions of the tile."""
+    row, column = round(y * tile.shape[0]), round(x * tile.shape[1])
+    mean: Bytes = tile[row - 2 : row + 3, column - 2 : column + 3].mean(axis=(0, 1))
+    return mean
+
+
+@pytest.mark.parametrize(
+    ("count", "size", "columns_rows"),
+    [
+        (8, (320, 240), (4, 2)),
+        (8, (1920, 1080), (4, 2)),
+        (4, (320, 240), (2, 2)),
+        (4, (544, 960), (4, 1)),
+        (5, (320, 240), (3, 2)),
+        (1, (320, 240), (1, 1)),
+        (16, (320, 240), (4, 4)),
+    ],
+)
+def test_grid_suits_the_screen(count: int, size: tuple[int, int], columns_rows: tuple[int, int]) -> None:
+    grid = grid_for([camera(f"cam{i}", *size) for i in range(count)], 480)
+    assert (grid.columns, grid.rows) == columns_rows
+    assert grid.tile_width_px == 480
+    assert grid.tile_height_px == pytest.approx(480 * size[1] / size[0], abs=1)
+
+
+@pytest.mark.parametrize("tile_width_px", [1, 33, 101, 480])
+def test_sizes_are_even(tile_width_px: int, tmp_path: Path) -> None:
+    cameras = [camera("a", 321, 241), camera("b", 97, 55), camera("c", 321, 243)]
+    path = tmp_path / "overlay.mp4"
+    with OverlayWriter(path, cameras, 25.0, tile_width_px=tile_width_px) as overlay:
+        overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
+        assert all(side % 2 == 0 for side in overlay.size_px)
+    assert decoded(path)[0].shape == (*overlay.size_px[::-1], 3)
+
+
+def test_file_is_one_that_browsers_play(tmp_path: Path) -> None:
+    cameras = [camera(f"cam{i:02d}") for i in range(1, 9)]
+    path = tmp_path / "overlay.mp4"
+    with OverlayWriter(path, cameras, 29.97, tile_width_px=80) as overlay:
+        for frame in range(7):
+            masks = np.stack(half_masks(cameras))
+            overlay.add(frame, frame / 29.97, [ground(cam) for cam in cameras], masks, 12.5)
+    assert [file.name for file in tmp_path.iterdir()] == ["overlay.mp4"]
+
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
+        assert float(stream.average_rate or 0) == pytest.approx(29.97, rel=1e-4)
+        assert (stream.width, stream.height) == (320, 120 + HEADER_PX)
+        assert len(list(container.decode(stream))) == 7
+    content = path.read_bytes()
+    assert 0 < content.index(b"moov") < content.index(b"mdat")  # it plays before all of it has come
+
+
+@pytest.mark.parametrize("count", [1, 4, 8])
+def test_limbs_have_their_colours_in_every_tile(count: int, tmp_path: Path) -> None:
+    cameras = [camera(f"cam{i:02d}") for i in range(1, count + 1)]
+    with OverlayWriter(tmp_path / "overlay.mp4", cameras, 25.0, tile_width_px=240) as overlay:
+        overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
+    for index, tile in enumerate(tiles(decoded(tmp_path / "overlay.mp4")[0], cameras, 240)):
+        expected_left, expected_right = HALF_WAY[1 + index % 3], HALF_WAY[1 + (index + 1) % 3]
+        np.testing.assert_allclose(at(tile, 0.25, 0.31), expected_left, atol=8)
+        np.testing.assert_allclose(at(tile, 0.75, 0.69), expected_right, atol=8)
+        np.testing.assert_allclose(at(tile, 0.25, 0.69), GROUND, atol=4)
+        np.testing.assert_allclose(at(tile, 0.75, 0.31), GROUND, atol=4)
+
+
+def test_left_right_and_centre_cannot_be_mistaken() -> None:
+    colours = np.array([LEFT_BGR, RIGHT_BGR, CENTRE_BGR], float)
+    for one, other in ((0, 1), (1, 2), (2, 0)):
+        assert np.linalg.norm(colours[one] - colours[other]) > 120
+    assert LEFT_BGR[2] > 200 > LEFT_BGR[0] and RIGHT_BGR[0] > 200 > RIGHT_BGR[2]
+
+
+@pytest.mark.parametrize("tile_width_px", [80, 160, 320])
+def test_outline_runs_along_the_border_of_the_whole_silhouette(tile_width_px: int, tmp_path: Path) -> None:
+    cam = camera()
+    mask = np.zeros((120, 160), np.uint8)
+    mask[40:100, 40:80], mask[40:100, 80:120] = 2, 3  # one silhouette of two limbs
+    path = tmp_path / "overlay.mp4"
+    with OverlayWriter(path, [cam], 25.0, tile_width_px=tile_width_px) as overlay:
+        overlay.add(0, 0.0, [ground(cam)], [mask], 0.0)
+    tile = tiles(decoded(path)[0], [cam], tile_width_px)[0].astype(float)
+    zoom = tile_width_px / 160
+
+    row = tile[round(70 * zoom)].min(axis=-1)
+    bright = np.flatnonzero(row > 160)
+    assert bright.size, "no outline"
+    border = np.array([40, 119]) * zoom
+    distance = np.abs(bright[:, None] - border)
+    assert distance.min(axis=0).max() <= 2.0  # at both borders …
+    assert distance.min(axis=1).max() <= 3.0  # … and nowhere else, not between the limbs either
+    column = tile[:, round(60 * zoom)].min(axis=-1)
+    lines = np.flatnonzero(column > 160)
+    assert np.abs(lines[:, None] - np.array([40, 99]) * zoom).min(axis=0).max() <= 2.0
+    dark = np.flatnonzero(row < 60)
+    assert np.abs(dark[:, None] - border).min(axis=0).max() <= 4.0  # the halo
+
+
+def test_a_hole_in_the_silhouette_is_outlined_too(tmp_path: Path) -> None:
+    cam = camera()
+    mask = np.zeros((120, 160), np.uint8)
+    mask[20:100, 40:120] = 1
+    mask[45:75, 65:95] = 0
+    with OverlayWriter(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=160) as overlay:
+        overlay.add(0, 0.0, [ground(cam)], [mask], 0.0)
+    tile = tiles(decoded(tmp_path / "o.mp4")[0], [cam], 160)[0]
+    bright = np.flatnonzero(tile[60].min(axis=-1) > 160)
+    assert np.abs(bright[:, None] - np.array([40, 64, 95, 119])).min(axis=0).max() <= 2
+    np.testing.assert_allclose(tile[56:65, 76:85].mean(axis=(0, 1)), GROUND, atol=4)
+
+
+def test_cameras_of_other_shapes_get_bars(tmp_path: Path) -> None:
+    cameras = [camera("wide", 200, 100), camera("square", 100, 100), camera("tall", 50, 100)]
+    with OverlayWriter(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=200) as overlay:
+        overlay.add(0, 0.0, [ground(cam, 200) for cam in cameras], half_masks(cameras), 0.0)
+    wide, square, tall = tiles(decoded(tmp_path / "o.mp4")[0], cameras, 200)
+    assert wide.shape == square.shape == tall.shape == (200, 200, 3)
+    for tile, size in ((wide, (200, 100)), (square, (200, 200)), (tall, (100, 200))):
+        columns = np.flatnonzero(tile[180 if size[1] == 200 else 140].min(axis=-1) > 100)
+        rows = np.flatnonzero(tile[:, 100].min(axis=-1) > 100)
+        for lit, length in ((columns, size[0]), (rows, size[1])):
+            assert abs(lit[0] - (200 - length) / 2) <= 1 and abs(lit[-1] - ((200 + length) / 2 - 1)) <= 1
+    # the mask went along with the picture into its narrower place
+    np.testing.assert_allclose(at(tall, 0.375, 0.31), (np.array(RIGHT_BGR) + 200) / 2, atol=10)
+
+
+def test_without_pictures_the_silhouette_is_grey(tmp_path: Path) -> None:
+    cameras = [camera("pictured"), camera("silhouetted"), camera("black")]
+    silhouette = np.zeros((120, 160), bool)
+    silhouette[:, 80:] = True
+    none = np.zeros((3, 120, 160), np.uint8)
+    with OverlayWriter(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=160) as overlay:
+        overlay.add(0, 0.0, [ground(cameras[0]), None, None], none, 0.0, silhouettes=[silhouette] * 3)
+        overlay.add(1, 0.0, [ground(cameras[0]), None, None], none, 0.0)
+    first, second = (tiles(sheet, cameras, 160) for sheet in decoded(tmp_path / "o.mp4"))
+    np.testing.assert_allclose(at(first[0], 0.75, 0.5), GROUND, atol=3)
+    np.testing.assert_allclose(at(first[1], 0.75, 0.5), SILHOUETTE_GREY, atol=3)
+    np.testing.assert_allclose(at(first[1], 0.25, 0.5), SILHOUETTE_GROUND_GREY, atol=3)
+    np.testing.assert_allclose(at(second[1], 0.75, 0.5), 0, atol=3)
+
+
+def test_header_and_names_are_written(tmp_path: Path) -> None:
+    cameras = [camera("cam01"), camera("cam02")]
+    pictures = [ground(cam, 40) for cam in cameras]
+    none = np.zeros((2, 120, 160), np.uint8)
+    with OverlayWriter(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=320) as overlay:
+        overlay.add(3, 0.12, pictures, none, 1234.0)
+        overlay.add(3, 0.12, pictures, none, 1234.0)
+        overlay.add(4, 0.16, pictures, none, 987.0)
+    same, again, other = (sheet.astype(int) for sheet in decoded(tmp_path / "o.mp4"))
+    changed = np.argwhere(np.abs(other - again).max(axis=-1) > 60)
+    assert np.abs(again - same).max() < 40 and len(changed) > 20
+    assert changed[:, 0].max() < HEADER_PX and changed[:, 1].max() < 400
+    legend = same[:HEADER_PX, -120:]
+    assert (legend[..., 2] - legend[..., 0]).max() > 100 and (legend[..., 0] - legend[..., 2]).max() > 100
+    left, right = tiles(same.astype(np.uint8), cameras, 320)
+    for tile in (left, right):
+        assert tile[:30, :70].max() > 200 and tile[40:].max() < 60
+    assert np.abs(left[:30, :80].astype(int) - right[:30, :80]).max() > 60  # each its own name
+
+
+def _too_few_masks(overlay: OverlayWriter, cam: Camera) -> None:
+    overlay.add(1, 0.0, [ground(cam)] * 2, np.zeros((1, 120, 160), np.uint8), 0.0)
+
+
+def _mask_of_another_size(overlay: OverlayWriter, cam: Camera) -> None:
+    overlay.add(1, 0.0, [ground(cam)] * 2, np.zeros((2, 60, 80), np.uint8), 0.0)
+
+
+def _picture_of_another_size(overlay: OverlayWriter, cam: Camera) -> None:
+    pictures = [ground(cam), np.zeros((240, 320, 3), np.uint8)]
+    overlay.add(1, 0.0, pictures, np.zeros((2, 120, 160), np.uint8), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("fail", "message"),
+    [
+        (_too_few_masks, "zip"),
+        (_mask_of_another_size, r"^cam01: expected a picture of shape \(120, 160\), got \(60, 80\)$"),
+        (_picture_of_another_size, r"^cam02: expected a picture of shape \(120, 160\), got \(240, 320, 3\)$"),
+    ],
+)
+def test_nothing_is_left_behind_after_an_error(
+    fail: Callable[[OverlayWriter, Camera], None], message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "overlay.mp4"
+    path.write_text("from an earlier run")
+    cameras = [camera("cam01"), camera("cam02")]
+    with (
+        pytest.raises(ValueError, match=message),
+        OverlayWriter(path, cameras, 25.0, tile_width_px=160) as overlay,
+    ):
+        overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
+        fail(overlay, cameras[0])
+    assert [file.name for file in tmp_path.iterdir()] == ["overlay.mp4"]
+    assert path.read_text() == "from an earlier run"

@@ -1,0 +1,65 @@
+from pathlib import Path
+
+import pytest
+
+from services.mocap.errors import UserError
+from services.mocap.take.atomic import atomic_file, atomic_folder
+
+
+def test_a_file_appears_whole_when_the_block_ends(tmp_path: Path) -> None:
+    target = tmp_path / "out" / "motion.bvh"
+    with atomic_file(target) as part:
+        part.write_text("whole")
+        assert part.suffix == ".bvh"
+        assert part.parent == target.parent
+        assert not target.exists()
+    assert target.read_text() == "whole"
+    assert list(target.parent.iterdir()) == [target]
+
+
+def test_an_exception_leaves_the_older_file_and_nothing_else(tmp_path: Path) -> None:
+    target = tmp_path / "motion.bvh"
+    target.write_text("older")
+    with pytest.raises(KeyboardInterrupt), atomic_file(target) as part:
+        part.write_text("half")
+        raise KeyboardInterrupt
+    assert target.read_text() == "older"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_folder_appears_whole_when_the_block_ends(tmp_path: Path) -> None:
+    target = tmp_path / "takes" / "one"
+    target.mkdir(parents=True)  # an empty folder may be filled
+    with atomic_folder(target) as part:
+        (part / "take.toml").write_text("whole")
+        assert not any(target.iterdir())
+    assert (target / "take.toml").read_text() == "whole"
+    assert list(target.parent.iterdir()) == [target]
+
+
+def test_an_exception_leaves_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), atomic_folder(tmp_path / "one") as part:
+        (part / "videos").mkdir()
+        raise ZeroDivisionError
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_folder_of_the_users_is_never_replaced(tmp_path: Path) -> None:
+    (tmp_path / "note.txt").write_text("mine")
+    with pytest.raises(UserError, match="is there already: remove it") as refused, atomic_folder(tmp_path):
+        pytest.fail("the block must not run")
+    assert str(refused.value).startswith(f"{tmp_path}: ")
+    assert (tmp_path / "note.txt").read_text() == "mine"
+
+
+def test_a_place_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="cannot be made"), atomic_file(tmp_path / "file" / "x.csv"):
+        pytest.fail("the block must not run")
+
+
+def test_the_current_folder_can_be_filled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with atomic_file(Path("x.csv")) as part:
+        part.write_text("whole")
+    assert (tmp_path / "x.csv").read_text() == "whole"

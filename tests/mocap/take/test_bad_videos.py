@@ -1,0 +1,135 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+import av
+import numpy as np
+import pytest
+
+from services.mocap.take.folder import open_take
+from services.mocap.take.writer import video_writer
+
+SmallTake: TypeAlias = Callable[..., Path]
+Refusal: TypeAlias = Callable[[Path], str]
+
+
+def test_a_missing_video_names_the_camera(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take()
+    (folder / "videos/cam02.mp4").unlink()
+    assert refusal(folder) == (
+        "videos/cam02.mp4: is missing: expected the video of [cam02] in calibration.toml, "
+        "or silhouettes in silhouettes/cam02"
+    )
+
+
+@pytest.mark.parametrize("clean_plate", ["video", "picture"])
+def test_a_missing_clean_plate_names_the_camera(
+    small_take: SmallTake, refusal: Refusal, clean_plate: str
+) -> None:
+    folder = small_take(clean_plate=clean_plate)
+    (folder / "background" / ("cam02.mp4" if clean_plate == "video" else "cam02.png")).unlink()
+    assert refusal(folder) == (
+        "background/cam02.mp4: is missing: expected the clean plate of cam02 (the empty stage), as this "
+        "video or as cam02.png"
+    )
+
+
+def rewrite_video(path: Path, n_frames: int, fps: float = 10.0, size_px: tuple[int, int] = (64, 48)) -> None:
+    with video_writer(path, *size_px, fps) as writer:
+        for _ in range(n_frames):
+            writer.write(np.zeros((*size_px[::-1], 3), np.uint8))
+
+
+def test_videos_of_different_lengths(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take()
+    rewrite_video(folder / "videos/cam02.mp4", 5)
+    assert refusal(folder) == (
+        "videos/cam02.mp4: holds 5 frames, but cam01.mp4 holds 4: cut all videos to the same moments"
+    )
+
+
+def test_a_video_shorter_than_the_take(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take()
+    rewrite_video(folder / "videos/cam02.mp4", 3)
+    assert refusal(folder) == (
+        "videos/cam02.mp4: holds 3 frames, but take.toml says frames = 4: lower that number or record the "
+        "camera again"
+    )
+
+
+@pytest.mark.parametrize("fps", [10.2, 20.0])
+def test_a_video_of_another_rate(small_take: SmallTake, refusal: Refusal, fps: float) -> None:
+    folder = small_take()
+    rewrite_video(folder / "videos/cam02.mp4", 4, fps)
+    assert refusal(folder) == (
+        f"videos/cam02.mp4: runs at {fps:g} frames per second, but take.toml says fps = 10: correct that "
+        "number or convert the video"
+    )
+
+
+def test_a_video_of_almost_the_same_rate_is_taken(small_take: SmallTake) -> None:
+    folder = small_take()
+    rewrite_video(folder / "videos/cam02.mp4", 4, 10.05)
+    open_take(folder)
+
+
+def test_a_video_with_lost_frames(small_take: SmallTake, refusal: Refusal) -> None:
+    folder = small_take(frames=12)
+    path = folder / "videos/cam02.mp4"
+    with av.open(str(path)) as source, av.open(str(folder / "gap.mp4"), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.pts is not None and packet.dts is not None:
+                late = 1024 * 4 if packet.pts * float(packet.time_base) >= 0.7 else 0
+                packet.pts, packet.dts = packet.pts + late, packet.dts + late
+                packet.stream = stream
+                target.mux(packet)
+    (folder / "gap.mp4").replace(path)
+    sentence = refusal(folder)
+    assert sentence.startswith("videos/cam02.mp4: lacks frames between its frames 6 and 7, which are 0."), (
+        sentence
+    )
+    assert sentence.endswith("convert it to a constant frame rate")
+
+
+@pytest.mark.parametrize("part", ["videos", "background"])
+def test_a_video_of_another_size(small_take: SmallTake, refusal: Refusal, part: str) -> None:
+    folder = small_take()
+    rewrite_video(folder / part / "cam02.mp4", 4, size_px=(48, 64))
+    assert refusal(folder) == (
+        f"{part}/cam02.mp4: is 48x64 pixels, but [cam02] size in calibration.toml is 64x48: "
+        "both have to be the same"
+    )
+
+
+@pytest.mark.parametrize("part", ["videos", "background"])
+@pytest.mark.parametrize("kept", [0.0, 0.3, 0.7, 0.99])
+def test_a_video_whose_tail_is_cut_off(
+    small_take: SmallTake, refusal: Refusal, part: str, kept: float
+) -> None:
+    folder = small_take(frames=20)
+    path = folder / part / "cam02.mp4"
+    data = path.read_bytes()
+    pictures = data.index(b"mdat")
+    path.write_bytes(data[: pictures + int(kept * (len(data) - pictures))])
+    sentence = refusal(folder)
+    assert sentence.startswith(f"{part}/cam02.mp4: "), sentence
+    assert "cut off" in sentence
+    assert sentence.endswith("copy or record it again")
+    if kept == 0.7 and part == "videos":
+        after = int(sentence.split("cut off after ")[1].split(" of 20 frames")[0])
+        assert 0 < after < 20
+
+
+@pytest.mark.parametrize("cut", ["no index", "empty"])
+def test_a_video_without_its_index(small_take: SmallTake, refusal: Refusal, cut: str) -> None:
+    folder = small_take()
+    path = folder / "videos/cam02.mp4"
+    data = path.read_bytes()
+    index = data.index(b"moov") - 4
+    index_end = index + int.from_bytes(data[index : index + 4], "big")
+    path.write_bytes(data[:index] + data[index_end:] if cut == "no index" else b"")
+    assert refusal(folder) == (
+        "videos/cam02.mp4: cannot be read as a video (empty, cut off before its index, or no video): "
+        "copy or record it again"
+    )

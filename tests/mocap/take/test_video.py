@@ -1,0 +1,186 @@
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.mocap.errors import TakeError
+from services.mocap.take.video import VideoReader, index_video
+from services.mocap.take.writer import video_writer, write_picture
+from services.mocap.types import Bytes
+
+N_FRAMES, FPS = 70, 15.0  # three groups of pictures
+
+
+def numbered(frame: int) -> Bytes:
+    """A picture (48, 64, 3) with its number in binary: eight stripes of 8 pixels, black or white."""
+    bits = np.array([255 * (frame >> bit & 1) for bit in range(8)], np.uint8)
+    return np.tile(np.repeat(bits, 8)[:, None], (48, 1, 3))
+
+
+def number_of(picture: Bytes) -> int:
+    return sum(1 << bit for bit in range(8) if picture[24, 8 * bit + 4, 1] > 127)
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("video") / "cam01.mp4"
+    with video_writer(path, 64, 48, FPS) as writer:
+        for frame in range(N_FRAMES):
+            writer.write(numbered(frame))
+    return path
+
+
+def test_what_is_written_is_what_browsers_play(video: Path) -> None:
+    data = video.read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat")  # playing starts before all is loaded
+    with av.open(str(video)) as container:
+        stream = container.streams.video[0]
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
+        assert (stream.frames, stream.average_rate) == (N_FRAMES, Fraction(15))
+    assert [path.name for path in video.parent.iterdir()] == ["cam01.mp4"]
+
+
+def test_the_index_is_exact(video: Path) -> None:
+    index = index_video(video)
+    assert (index.width_px, index.height_px, index.n_frames) == (64, 48, N_FRAMES)
+    np.testing.assert_allclose(index.times_s, np.arange(N_FRAMES) / FPS, atol=1e-4)
+    keyframes = [number for number, _ in index.keyframes]
+    assert keyframes[0] == 0
+    assert np.diff(keyframes).max() <= 2 * FPS  # at least every two seconds
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.data())
+def test_frames_are_numbered_exactly_wherever_reading_starts(video: Path, data: st.DataObject) -> None:
+    start = data.draw(st.integers(0, N_FRAMES))
+    stop = data.draw(st.integers(start, N_FRAMES))
+    with VideoReader(video, start, stop) as reader:
+        assert len(reader) == stop - start
+        for _ in range(2):  # each iteration starts anew
+            assert [number_of(picture) for picture in reader] == list(range(start, stop))
+
+
+@pytest.mark.parametrize("bgr", [(30, 60, 220), (200, 120, 10), (128, 128, 128), (15, 240, 90)])
+def test_colours_come_back(tmp_path: Path, bgr: tuple[int, int, int]) -> None:
+    with video_writer(tmp_path / "x.mp4", 64, 48, FPS) as writer:
+        writer.write(np.full((48, 64, 3), bgr, np.uint8))
+    with VideoReader(tmp_path / "x.mp4") as reader:
+        (picture,) = reader
+    assert np.abs(picture.astype(int) - bgr).max() <= 4
+    ok, seen = cv2.VideoCapture(str(tmp_path / "x.mp4")).read()
+    assert ok
+    assert np.abs(seen.astype(int) - picture).max() <= 3  # other readers see the same colours
+
+
+def test_pictures_stored_lying_are_turned_upright_as_opencv_does(video: Path, tmp_path: Path) -> None:
+    data = bytearray(video.read_bytes())
+    matrix = data.index(b"tkhd") + 4 + 40  # version 0: the display matrix is 40 bytes into the box
+    assert data[matrix : matrix + 4] == (1 << 16).to_bytes(4, "big")
+    a_quarter = [0, 1 << 16, 0, -(1 << 16), 0, 0, 48 << 16, 0, 1 << 30]
+    data[matrix : matrix + 36] = b"".join(value.to_bytes(4, "big", signed=True) for value in a_quarter)
+    turned = tmp_path / "turned.mp4"
+    turned.write_bytes(data)
+    with VideoReader(turned, 0, 1) as reader:
+        (picture,) = reader
+    ok, seen = cv2.VideoCapture(str(turned)).read()
+    assert ok
+    assert (reader.index.width_px, reader.index.height_px) == (48, 64)
+    assert picture.shape == seen.shape == (64, 48, 3)
+    assert np.abs(picture.astype(int) - seen).max() <= 3
+
+
+@pytest.mark.parametrize("hidden", [5, 40])
+def test_frames_that_an_edit_list_hides_are_not_counted(video: Path, tmp_path: Path, hidden: int) -> None:
+    data = bytearray(video.read_bytes())
+    entry = data.index(b"elst") + 12  # its one entry: duration (ms), first time shown (stamps), rate
+    duration_ms, first = (int.from_bytes(data[entry + i : entry + i + 4], "big") for i in (0, 4))
+    data[entry : entry + 4] = (duration_ms - hidden * 1000 // 15).to_bytes(4, "big")
+    data[entry + 4 : entry + 8] = (first + hidden * 1024).to_bytes(4, "big")
+    trimmed = tmp_path / "trimmed.mp4"
+    trimmed.write_bytes(data)
+    with VideoReader(trimmed) as reader:
+        assert [number_of(picture) for picture in reader] == list(range(hidden, N_FRAMES))
+    with VideoReader(reader.index, 7, 20) as reader:
+        assert [number_of(picture) for picture in reader] == list(range(hidden + 7, hidden + 20))
+
+
+@pytest.mark.parametrize(
+    ("codec", "options"),
+    [
+        ("libx264", {"x264-params": "open-gop=1:keyint=20:min-keyint=20:scenecut=0:bframes=4"}),
+        ("libx265", {"x265-params": "open-gop=1:keyint=20:min-keyint=20:scenecut=0:log-level=none"}),
+    ],
+)
+def test_frames_shown_before_their_keyframe_are_found(
+    tmp_path: Path, codec: str, options: dict[str, str]
+) -> None:
+    path = tmp_path / "open.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=15, options=options)
+        assert isinstance(stream, av.VideoStream)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for frame in range(N_FRAMES):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(frame), format="bgr24")))
+        container.mux(stream.encode(None))
+    for start in (1, 17, 18, 19, 20, 21, 39, 58, 69):
+        with VideoReader(path, start) as reader:
+            assert [number_of(picture) for picture in reader] == list(range(start, N_FRAMES))
+
+
+def test_a_damaged_frame_is_named_and_none_passed_over(video: Path, tmp_path: Path) -> None:
+    with av.open(str(video)) as container:
+        packets = [(p.pts or 0, p.pos or 0, p.size) for p in container.demux(video=0) if p.size]
+    _, at, size = sorted(packets)[45]
+    data = bytearray(video.read_bytes())
+    data[at + 5 : at + size] = b"\xff" * (size - 5)
+    (tmp_path / "bad.mp4").write_bytes(data)
+    read: list[int] = []
+    with (
+        pytest.raises(TakeError, match=r"bad.mp4: frame \d+ cannot be decoded") as refused,
+        VideoReader(tmp_path / "bad.mp4") as reader,
+    ):
+        read.extend(number_of(picture) for picture in reader)
+    assert read == list(range(len(read)))
+    assert f"frame {len(read)} cannot" in str(refused.value)
+    assert 30 <= len(read) <= 45  # no earlier than its own group of pictures
+
+
+def test_frames_outside_the_file_are_refused(video: Path) -> None:
+    with pytest.raises(TakeError, match="frames 60 to 71 were asked for, but it holds 70"):
+        VideoReader(video, 60, 71)
+
+
+def test_odd_sizes_are_refused(tmp_path: Path) -> None:
+    with (
+        pytest.raises(TakeError, match=r"x.mp4: cannot be written in 63x48 pixels: expected an even"),
+        video_writer(tmp_path / "x.mp4", 63, 48, FPS),
+    ):
+        pytest.fail("the block must not run")
+
+
+@pytest.mark.parametrize("shape", [None, (48, 62, 3), (48, 64)])
+def test_a_failed_video_leaves_nothing(tmp_path: Path, shape: tuple[int, ...] | None) -> None:
+    with pytest.raises(ValueError, match="picture"), video_writer(tmp_path / "x.mp4", 64, 48, FPS) as writer:
+        if shape:
+            writer.write(numbered(0))
+            writer.write(np.zeros(shape, np.uint8))
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_picture_is_no_video(tmp_path: Path) -> None:
+    (tmp_path / "cam01.mp4").write_text("not a video")
+    with pytest.raises(TakeError, match=r"cam01.mp4: cannot be read as a video"):
+        index_video(tmp_path / "cam01.mp4")
+    with pytest.raises(TakeError, match=r"cam02.mp4: is missing"):
+        index_video(tmp_path / "cam02.mp4")
+
+
+def test_pictures_come_back_exactly(tmp_path: Path) -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (48, 64, 3)).astype(np.uint8)
+    write_picture(tmp_path / "a" / "x.png", picture)
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a" / "x.png")), picture)
