@@ -28,7 +28,7 @@ def encode(message: Message) -> list[bytes | memoryview]:
     for name, spec in arrays.items():
         array: NDArray[Any] = np.ascontiguousarray(getattr(message, name), _wire_dtype(spec))
         shapes.append(list(array.shape))
-        frames.append(memoryview(array).cast("B") if array.size else b"")
+        frames.append(array.data.cast("B") if array.size else b"")
     _bind_sizes(message.type, arrays, shapes)
     header["shapes"] = shapes
     return [msgpack.packb(header), *frames]

@@ -1,4 +1,4 @@
-"""A client's side of the tasks stream: says hello, beats, and registers again when the coordinator is lost."""
+"""A client's side of the tasks stream: says hello, beats, and registers again after a loss."""
 
 import time
 

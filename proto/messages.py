@@ -210,9 +210,21 @@ class Recorded(Message):
 MESSAGES: dict[str, type[Message]] = {
     message.type: message
     for message in (
-        Hello, Beat, LimbTask, LimbResult, LimbRefusal, BlobRequest, Blob, Silhouettes, Credit, TakeInfo, Pose,
-        PoseRequest, TakeEnd, Recorded,
-    )  # fmt: skip
+        Hello,
+        Beat,
+        LimbTask,
+        LimbResult,
+        LimbRefusal,
+        BlobRequest,
+        Blob,
+        Silhouettes,
+        Credit,
+        TakeInfo,
+        Pose,
+        PoseRequest,
+        TakeEnd,
+        Recorded,
+    )
 }
 
 

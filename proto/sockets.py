@@ -63,7 +63,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def send(socket: "zmq.Socket[bytes]", message: Message, to: bytes | None = None) -> bool:
-    """Send without waiting; `to` is the peer's identity on a ROUTER. False: the peer is gone or its queue full."""
+    """Send without waiting; `to`: the peer's identity on a ROUTER. False: gone, or its queue is full."""
     frames = encode(message)
     try:
         socket.send_multipart(frames if to is None else [to, *frames], flags=zmq.DONTWAIT)
@@ -96,4 +96,4 @@ def wait(sockets: "list[zmq.Socket[bytes]]", timeout_s: float) -> None:
     poller = zmq.Poller()
     for socket in sockets:
         poller.register(socket, zmq.POLLIN)
-    poller.poll(max(timeout_s, 0.0) * 1000)
+    poller.poll(round(max(timeout_s, 0.0) * 1000))

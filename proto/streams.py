@@ -32,10 +32,20 @@ STREAMS: dict[StreamName, Stream] = {
         zmq.ROUTER,
         zmq.DEALER,
         (
-            "hello", "beat", "limb_task", "limb_result", "limb_refusal", "blob_request", "blob", "take_info",
-            "pose_request", "pose", "take_end", "recorded",
+            "hello",
+            "beat",
+            "limb_task",
+            "limb_result",
+            "limb_refusal",
+            "blob_request",
+            "blob",
+            "take_info",
+            "pose_request",
+            "pose",
+            "take_end",
+            "recorded",
         ),
-    ),  # fmt: skip
+    ),
     "silhouettes": Stream(1, zmq.PULL, zmq.PUSH, ("silhouettes",)),
     "poses": Stream(2, zmq.PUB, zmq.SUB, ("credit", "take_info", "pose", "take_end")),
 }

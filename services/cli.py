@@ -46,14 +46,25 @@ def track(
     first, end = frame_range(frames, opened)
     folder = out if out != Path() else Path("results") / take.resolve().name
     check_out(folder)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} frames"))
-    speed = (TextColumn("{task.fields[fps]:.1f} fps  energy {task.fields[energy]:.0f} px"), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total} frames"),
+    )
+    speed = (
+        TextColumn("{task.fields[fps]:.1f} fps  energy {task.fields[energy]:.0f} px"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, *speed, console=err_console) as bar:
         task = bar.add_task("starting", total=end - first, fps=0.0, energy=0.0)
 
         def show(run: Run) -> None:
             bar.update(
-                task, completed=run.frames_done, fps=run.frames_per_s, energy=run.energy_px, description=run.stage
+                task,
+                completed=run.frames_done,
+                fps=run.frames_per_s,
+                energy=run.energy_px,
+                description=run.stage,
             )
 
         try:
@@ -66,11 +77,16 @@ def track(
 def _summarise(report: dict[str, Any], folder: Path) -> None:
     speed, table = report["speed"], Table(show_header=False, box=None)
     table.add_row("frames", f"{report['take']['frames']}")
-    table.add_row("frames per second", f"{speed['frames_per_s']:.2f}, after {speed['first_frame_s']:.1f} s for the first")
+    table.add_row(
+        "frames per second",
+        f"{speed['frames_per_s']:.2f}, after {speed['first_frame_s']:.1f} s for the first",
+    )
     table.add_row("evaluations per frame", f"{speed['evaluations_per_frame']:.0f}")
     if "accuracy" in report:
         accuracy = report["accuracy"]
-        table.add_row("joint error", f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm")
+        table.add_row(
+            "joint error", f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"
+        )
         table.add_row("lost limbs", f"{len(accuracy['lost_limbs'])}")
     table.add_row("results", str(folder))
     out_console.print(table)
@@ -110,7 +126,9 @@ def segment(
     with Progress(console=err_console) as bar:
         task = bar.add_task("segmenting", total=opened.settings.frames * len(opened.cameras))
         write_silhouettes(opened, out, lambda: bar.advance(task))
-    out_console.print(f"{out}/<camera>/000000.png: {opened.settings.frames} frames of {len(opened.cameras)} cameras")
+    out_console.print(
+        f"{out}/<camera>/000000.png: {opened.settings.frames} frames of {len(opened.cameras)} cameras"
+    )
 
 
 @app.command()

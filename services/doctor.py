@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 import av
-import numba
 import numpy as np
 
 from services.launcher import ServiceFailedError, free_endpoint
@@ -21,7 +20,16 @@ from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.synth.studio import studio_cameras
 
-_LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless", "pyzmq", "av", "pydantic", "trimesh")
+_LIBRARIES = (
+    "numpy",
+    "numba",
+    "scipy",
+    "opencv-contrib-python-headless",
+    "pyzmq",
+    "av",
+    "pydantic",
+    "trimesh",
+)
 _TIMED_S = 0.5
 
 
@@ -38,7 +46,7 @@ def examine() -> list[Check]:
     """Look at everything that the services need; takes a few seconds, longer the first time."""
     return [
         Check("python", sys.version_info >= (3, 11), f"{platform.python_version()} on {platform.platform()}"),
-        Check("cores", True, f"{os.cpu_count()} ({platform.machine()}, {numba.config.CPU_NAME or 'host'} code)"),
+        Check("cores", True, f"{os.cpu_count()} ({platform.machine()})"),
         _libraries(),
         _h264(),
         _loopback(),

@@ -42,7 +42,7 @@ SERVICES: dict[str, ServiceSpec] = {
 
 
 class ServiceFailedError(Exception):
-    """A service ended with an error that is not the user's; the text says where its log is."""
+    """A service ended with an error that is not the user's; the text has its last line."""
 
 
 @dataclass
@@ -109,7 +109,7 @@ class Launcher:
             self._restarts += 1
             if not SERVICES[running.name].restarts or self._restarts > _MOST_RESTARTS:
                 raise ServiceFailedError(
-                    f"{running.name} ended with code {code}: {_last_line(running.log_path)} ({running.log_path})"
+                    f"{running.name} ended with code {code}: {_last_line(running.log_path)}"
                 )
             log.warning("%s ended with code %d: starting another", running.name, code)
             running.process = self._spawn(running.name, running.arguments, running.log_path)

@@ -99,15 +99,30 @@ def track(
     with tempfile.TemporaryDirectory(prefix="xormocap-") as logs, Launcher(Path(logs)) as launcher:
         folder = str(take.folder)
         launcher.start(
-            "coordinator", "--take", folder, "--bind", endpoint, "--frames", frames,
-            "--workers", str(workers), "--recorders", "1",
-        )  # fmt: skip
+            "coordinator",
+            "--take",
+            folder,
+            "--bind",
+            endpoint,
+            "--frames",
+            frames,
+            "--workers",
+            str(workers),
+            "--recorders",
+            "1",
+        )
         launcher.start("limb_worker", "--connect", endpoint, copies=workers)
         launcher.start("segmentation", "--take", folder, "--connect", endpoint)
         launcher.start(
-            "recorder", "--take", folder, "--out", str(out), "--connect", endpoint,
+            "recorder",
+            "--take",
+            folder,
+            "--out",
+            str(out),
+            "--connect",
+            endpoint,
             "--overlay" if overlay else "--no-overlay",
-        )  # fmt: skip
+        )
         started(launcher)
         _follow(launcher, endpoint, stop, show)
     if stop.count:

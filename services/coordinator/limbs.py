@@ -14,7 +14,9 @@ from services.mocap.search.solve import Model, Solution, solve_limb
 class RemoteLimbs:
     """A LimbPool over the wire."""
 
-    def __init__(self, model: Model, take: str, actor: str, dispatcher: Dispatcher, pump: Callable[[float], None]) -> None:
+    def __init__(
+        self, model: Model, take: str, actor: str, dispatcher: Dispatcher, pump: Callable[[float], None]
+    ) -> None:
         """`pump(seconds)` lets messages in and out, waiting that long for some. actor: its content hash."""
         self._model, self._dispatcher, self._pump = model, dispatcher, pump
         self._take, self._actor, self._rig = take, actor, model.rig.content_hash

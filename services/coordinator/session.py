@@ -75,8 +75,11 @@ class Session:
             looks -= 1
         log.warning(
             "going on with %d of %d workers and %d of %d recorders",
-            board.dispatcher.n_workers, workers, board.n_recorders, recorders,
-        )  # fmt: skip
+            board.dispatcher.n_workers,
+            workers,
+            board.n_recorders,
+            recorders,
+        )
 
     def run(self) -> None:
         """Track all frames, or as many as are done when a stop is asked for; then say so and close."""
@@ -202,9 +205,11 @@ def _tell_facing(first: FirstPose) -> None:
     facing_deg = np.degrees(first.solution.pose[DOF_INDEX["root_heading"]]) % 360
     if first.ambiguous:
         log.warning(
-            "the actor faces %.0f degrees, but the other way fits nearly as well (%.0f against %.0f px): if the "
-            "overlay shows the actor turned round, set facing in take.toml",
-            facing_deg, first.solution.energy_px, first.opposite_energy_px,
-        )  # fmt: skip
+            "the actor faces %.0f degrees, but the other way fits nearly as well (%.0f against %.0f px): "
+            "if the overlay shows the actor turned round, set facing in take.toml",
+            facing_deg,
+            first.solution.energy_px,
+            first.opposite_energy_px,
+        )
     else:
         log.info("the actor faces %.0f degrees", facing_deg)

@@ -40,7 +40,9 @@ class Switchboard:
 
     def __init__(self, endpoint: str, on_silhouettes: Callable[[Silhouettes], None]) -> None:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._sockets = {name: make_socket(self._context, stream.coordinator) for name, stream in STREAMS.items()}
+        self._sockets = {
+            name: make_socket(self._context, stream.coordinator) for name, stream in STREAMS.items()
+        }
         self._sockets["poses"].set_hwm(1000)  # poses are small, and a recorder asks again for what it missed
         for name, socket in self._sockets.items():
             bind(socket, stream_endpoint(endpoint, name))

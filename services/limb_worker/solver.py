@@ -98,4 +98,3 @@ def _keep(kept: OrderedDict[K, V], key: K, value: V) -> None:
     kept[key] = value
     while len(kept) > _MODELS_KEPT:
         kept.popitem(last=False)
-

@@ -35,7 +35,7 @@ def check_out(folder: Path) -> None:
         raise UserError(f"{folder}: is a file: expected a folder for the results")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / RUN_JSON).exists():
         raise UserError(
-            f"{folder}: holds other files than results (there is no {RUN_JSON}): choose another folder for --out"
+            f"{folder}: holds other files than results (no {RUN_JSON}): choose another folder for --out"
         )
 
 
@@ -56,7 +56,9 @@ def write_results(out: Path, take: Take, collection: Collection, overlay: bool) 
         frames: Ints = np.array([message.frame for message in recorded], np.int32)
         times_s = np.array([message.time_s for message in recorded])
         write_poses_csv(part / "poses.csv", PoseTable(frames, times_s, poses, _energies_px(recorded)))
-        write_joints_csv(part / "joints.csv", frames, times_s, to_take_world(joints_world_m, take.settings.up))
+        write_joints_csv(
+            part / "joints.csv", frames, times_s, to_take_world(joints_world_m, take.settings.up)
+        )
         write_bvh(part / "motion.bvh", poses, body.offsets_m, info.fps)
         (part / ACTOR).write_text(actor.to_toml())
         if overlay:
@@ -76,7 +78,7 @@ def _energies_px(recorded: list[Pose]) -> Floats:
 
 @contextmanager
 def _replacing(out: Path) -> Iterator[Path]:
-    """Fill a new folder that takes the place of out, which may hold older results, when the block ends well."""
+    """Fill a new folder that takes the place of out, which may hold older results, if all goes well."""
     check_out(out)
     if not out.is_dir():
         with atomic_folder(out) as part:

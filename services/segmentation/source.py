@@ -65,7 +65,7 @@ def make_segmenter(take: Take, camera: Camera, settings: SegmentationSettings) -
 
 
 def in_common_size(mask: Mask, width_px: int, height_px: int) -> Mask:
-    """A mask (h, w) in the upper left of an empty one (height_px, width_px), for cameras of different sizes."""
+    """A mask (h, w) in the upper left of an empty one, for cameras of different sizes."""
     if mask.shape == (height_px, width_px):
         return mask
     padded: Mask = np.zeros((height_px, width_px), bool)

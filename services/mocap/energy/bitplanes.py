@@ -30,7 +30,7 @@ def unpack(planes: Bytes, n_cameras: int) -> Mask:
 
 def camera_bit(planes: Bytes, camera: int) -> Mask:
     """The mask (H, W) of one camera in planes (P, H, W)."""
-    bit = planes[camera // CAMERAS_PER_PLANE] >> (camera % CAMERAS_PER_PLANE) & 1
+    bit: Bytes = planes[camera // CAMERAS_PER_PLANE] >> (camera % CAMERAS_PER_PLANE) & 1
     return bit.astype(bool)
 
 

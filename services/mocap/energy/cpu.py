@@ -7,7 +7,7 @@ from services.mocap.body.kinematics import segment_transforms
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import n_planes, unpack
-from services.mocap.energy.facing import Outline
+from services.mocap.energy.facing import Candidates
 from services.mocap.energy.mesh import FlatMesh
 from services.mocap.energy.outline import outline_coverage, outline_energy
 from services.mocap.energy.picture import Picture, Region
@@ -23,7 +23,7 @@ class CpuBackend:
         self._body = body
         self._rig = rig
         self._mesh = FlatMesh.of(body)
-        self._outline = Outline.room_for(self._mesh, rig.n_cameras)
+        self._candidates = Candidates.room_for(self._mesh, rig.n_cameras)
 
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy. Costs a pass over the picture; every call then touches outlines only."""
@@ -37,7 +37,7 @@ class CpuBackend:
             energies = np.full(len(values), float(uncovered))
             T_world_segment = segment_transforms(problem.poses(values), self._body.offsets_m)
             outline_energy(
-                T_world_segment, segments, P_px_world, self._mesh, self._outline, gain, winding, energies
+                T_world_segment, segments, P_px_world, *self._mesh, *self._candidates, gain, winding, energies
             )
             return energies
 
@@ -50,7 +50,7 @@ class CpuBackend:
         planes: Bytes = np.zeros(shape, np.uint8)
         outline_coverage(
             segment_transforms(poses, self._body.offsets_m), np.array(segments, np.int64),
-            region.projections(self._rig), self._mesh, self._outline, _winding(region), planes,
+            region.projections(self._rig), *self._mesh, *self._candidates, _winding(region), planes,
         )  # fmt: skip
         return planes
 

@@ -10,53 +10,57 @@ from services.mocap.types import Floats, Ints
 
 Indices: TypeAlias = NDArray[np.uint32]
 """Unsigned, so that compiled code does not test every index for being counted from the end."""
+Singles: TypeAlias = NDArray[np.float32]
+
+BLOCK = 32
+"""Edges a block; as many planes are looked at at once."""
 SMALL_PERIMETER_M = 1e-3
 """Added to a face's perimeter, which its plane is divided by: keeps planes of tiny faces finite."""
+_NO_OFFSET = 1e9  # of the planes of edges that fill a block up: every camera is on the same side of both
 
 
 class FlatMesh(NamedTuple):
-    """All segments one behind the other; `*_start` (S + 1,) holds where each segment's part begins."""
+    """All segments one behind the other; edges in B blocks, each of neighbours that face the same way."""
 
     xyz_m: Floats
     """(V, 3) vertices in their segment's frame."""
-    faces: Indices
-    """(F, 3) vertex indices, counter-clockwise seen from outside."""
     edges: Indices
-    """(E, 4): two vertices, the face that runs along them in that order, the face that runs against it."""
-    planes: NDArray[np.float32]
-    """(8, E): for the face along and then for the one against, normal and offset (n, d) such that n · x - d
-    is twice the area times the height of x over the face, divided by its perimeter and SMALL_PERIMETER_M;
-    x counts from the centre of the segment's sphere."""
+    """(B * BLOCK, 4) vertices a, b, c, d of the faces (a, b, c) and (b, a, d), counter-clockwise seen from
+    outside, on the two sides of an edge. An edge that only fills a block up has the same vertex four times."""
+    planes: Singles
+    """(B, 8, BLOCK): normal and offset (n, d) of the face along and then of the one against, such that
+    n · x - d is twice the area times the height of x over the face, divided by its perimeter and
+    SMALL_PERIMETER_M; x counts from the centre of the segment's sphere."""
+    block_planes: Singles
+    """(6, B): the plane (n, d) in the middle of a block's, and how far off any n and any d is."""
+    block_start: Ints
+    """(S + 1,) where each segment's blocks begin."""
     spheres_m: Floats
     """(S, 4) centre, in the segment's frame, and radius of a sphere that holds the segment."""
-    face_start: Indices
-    edge_start: Indices
 
     @classmethod
     def of(cls, body: Body) -> "FlatMesh":
         """Flatten a body; raises ValueError where a segment's mesh is not closed."""
-        vertex_start = _starts([len(v) for v in body.vertices_m])
-        face_start = _starts([len(f) for f in body.faces])
-        faces = [f + start for f, start in zip(body.faces, vertex_start[:-1], strict=True)]
-        edges = [_edges(f, int(start)) for f, start in zip(faces, face_start[:-1], strict=True)]
         spheres_m = np.array([_sphere(vertices) for vertices in body.vertices_m])
-        planes = np.concatenate(
-            [_planes(v - s[:3], f) for v, f, s in zip(body.vertices_m, body.faces, spheres_m, strict=True)]
-        )
-        all_edges = np.concatenate(edges).astype(np.uint32)
+        edges, planes, bounds, n_vertices = [], [], [], 0
+        for vertices, faces, sphere in zip(body.vertices_m, body.faces, spheres_m, strict=True):
+            segment_edges, sides = _edges(faces)
+            segment_planes = _planes(vertices - sphere[:3], faces)[sides]
+            order = _in_blocks(segment_planes[:, 0, :3] + segment_planes[:, 1, :3])
+            edges.append(_filled(segment_edges[order] + n_vertices, np.full(4, n_vertices)))
+            planes.append(
+                _filled(segment_planes[order].reshape(-1, 8), np.array([0.0, 0, 0, _NO_OFFSET] * 2))
+            )
+            bounds.append(_bounds(segment_planes[order]))
+            n_vertices += len(vertices)
         return cls(
             xyz_m=np.concatenate(body.vertices_m).astype(np.float64),
-            faces=np.concatenate(faces).astype(np.uint32),
-            edges=all_edges,
-            planes=np.ascontiguousarray(np.hstack([planes[all_edges[:, 2]], planes[all_edges[:, 3]]]).T),
+            edges=np.concatenate(edges).reshape(-1, 4).astype(np.uint32),
+            planes=np.ascontiguousarray(np.concatenate(planes).transpose(0, 2, 1)),
+            block_planes=np.ascontiguousarray(np.concatenate(bounds).T),
+            block_start=np.cumsum([0, *map(len, bounds)]).astype(np.int64),
             spheres_m=spheres_m,
-            face_start=face_start.astype(np.uint32),
-            edge_start=_starts([len(e) for e in edges]).astype(np.uint32),
         )
-
-
-def _starts(counts: list[int]) -> Ints:
-    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
 
 
 def _sphere(vertices_m: Floats) -> Floats:
@@ -65,7 +69,7 @@ def _sphere(vertices_m: Floats) -> Floats:
     return np.append(centre, np.linalg.norm(vertices_m - centre, axis=1).max())
 
 
-def _planes(vertices_m: Floats, faces: Ints) -> NDArray[np.float32]:
+def _planes(vertices_m: Floats, faces: Ints) -> Singles:
     """The (F, 4) planes of one segment's faces."""
     corners = vertices_m[faces]
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
@@ -74,14 +78,51 @@ def _planes(vertices_m: Floats, faces: Ints) -> NDArray[np.float32]:
     return np.column_stack([normals, np.sum(normals * a, axis=1)]).astype(np.float32)
 
 
-def _edges(faces: Ints, first_face: int) -> Ints:
-    """The (E, 4) edges of one closed segment, whose faces are numbered from first_face."""
-    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    owner = first_face + np.arange(len(faces)).repeat(3)
+def _edges(faces: Ints) -> tuple[Ints, Ints]:
+    """The edges (E, 4) of one closed segment and the faces (E, 2) on their sides."""
+    start, end, opposite = (np.roll(faces, -k, axis=1).ravel() for k in range(3))
+    owner = np.arange(len(faces)).repeat(3)
     forward = start < end
     key = np.minimum(start, end).astype(np.int64) << 32 | np.maximum(start, end)
     along, against = np.flatnonzero(forward), np.flatnonzero(~forward)
     along, against = along[np.argsort(key[along])], against[np.argsort(key[against])]
     if not np.array_equal(key[along], key[against]) or len(np.unique(key)) != len(along):
         raise ValueError("a segment's mesh is not closed: every edge needs exactly two faces, wound alike")
-    return np.stack([start[along], end[along], owner[along], owner[against]], axis=1)
+    edges = np.stack([start[along], end[along], opposite[along], opposite[against]], axis=1)
+    return edges, np.stack([owner[along], owner[against]], axis=1)
+
+
+def _in_blocks(directions: Floats) -> Ints:
+    """An order (E,) of edges that puts those of like direction (E, 3) into the same block."""
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    return _split(directions / np.where(lengths > 0, lengths, 1.0), np.arange(len(directions)))
+
+
+def _split(directions: Floats, members: Ints) -> Ints:
+    """Order members by halving them across their widest spread until they fit into a block."""
+    if len(members) <= BLOCK:
+        return members
+    mine = directions[members]
+    members = members[np.argsort(mine[:, np.ptp(mine, axis=0).argmax()], kind="stable")]
+    n_blocks = -(-len(members) // BLOCK)
+    half = n_blocks // 2 * BLOCK
+    return np.concatenate([_split(directions, members[:half]), _split(directions, members[half:])])
+
+
+def _filled(rows: Floats, filler: Floats) -> Floats:
+    """Rows (E, k) as blocks (B, BLOCK, k), the last one filled up."""
+    n_blocks = -(-len(rows) // BLOCK)
+    blocks = np.empty((n_blocks * BLOCK, rows.shape[1]), rows.dtype)
+    blocks[: len(rows)], blocks[len(rows) :] = rows, filler
+    return blocks.reshape(n_blocks, BLOCK, -1)
+
+
+def _bounds(planes: Singles) -> Singles:
+    """The block_planes (B, 6) of one segment's planes (E, 2, 4) in their final order."""
+    filled = _filled(planes.reshape(-1, 8), planes[-1].ravel()).reshape(-1, 2 * BLOCK, 4)
+    middle = (filled.min(axis=1) + filled.max(axis=1)) / 2
+    off = filled.astype(np.float64) - middle[:, None]
+    radius = np.linalg.norm(off[..., :3], axis=2).max(axis=1)
+    return np.column_stack([middle, 1.00001 * radius, 1.00001 * np.abs(off[..., 3]).max(axis=1)]).astype(
+        np.float32
+    )

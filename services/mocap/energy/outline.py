@@ -10,9 +10,9 @@ by the top-left rule.
 import numba
 import numpy as np
 
-from services.mocap.energy.facing import Outline, find_outline
-from services.mocap.energy.mesh import FlatMesh
-from services.mocap.energy.snapping import SUBPIXEL, SUBPIXEL_BITS, project_vertex
+from services.mocap.energy.facing import AGAINST, ALONG, UNDECIDED, find_candidates
+from services.mocap.energy.mesh import Indices, Singles
+from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, SUBPIXEL_BITS, project_vertex
 from services.mocap.types import Bytes, Floats, Ints
 
 
@@ -21,25 +21,36 @@ def outline_energy(
     T_world_segment: Floats,
     segments: Ints,
     P_px_world: Floats,
-    mesh: FlatMesh,
-    outline: Outline,
+    xyz_m: Floats,
+    edges: Indices,
+    planes: Singles,
+    block_planes: Singles,
+    block_start: Ints,
+    spheres_m: Floats,
+    M_px_segment: Floats,
+    found: Indices,
+    ends: Ints,
+    blocks: Bytes,
     gain: Ints,
     winding: Ints,
     energies: Floats,
 ) -> None:
     """Add, for each of N poses, the gain of every pixel that the body covers.
 
-    T_world_segment (N, S, 4, 4); segments: indices of those drawn; P_px_world (C, 3, 4); outline is scratch;
+    T_world_segment (N, S, 4, 4); segments: indices of those drawn; P_px_world (C, 3, 4); mesh and scratch arrays as in FlatMesh and Candidates;
     gain (C, H, W) int8, what a covered pixel adds; winding (H, W + 1) int16, all zero, is scratch; energies
     (N,).
     """
     height_px, width_px = gain.shape[1], gain.shape[2]
     extent = np.empty(4, np.int64)
     for n in range(len(T_world_segment)):
-        find_outline(T_world_segment[n], segments, P_px_world, width_px, height_px, mesh, outline)
+        find_candidates(
+            T_world_segment[n], segments, P_px_world, width_px, height_px, planes, block_planes,
+            block_start, spheres_m, M_px_segment, found, ends, blocks,
+        )  # fmt: skip
         total = 0
         for c in range(len(P_px_world)):
-            _wind(segments, mesh, outline, c, winding, extent)
+            _wind(segments, xyz_m, edges, M_px_segment[c], found[c], ends[c], winding, extent)
             total += _collect_gain(winding, extent, gain[c])
         energies[n] += total
 
@@ -49,23 +60,43 @@ def outline_coverage(
     T_world_segment: Floats,
     segments: Ints,
     P_px_world: Floats,
-    mesh: FlatMesh,
-    outline: Outline,
+    xyz_m: Floats,
+    edges: Indices,
+    planes: Singles,
+    block_planes: Singles,
+    block_start: Ints,
+    spheres_m: Floats,
+    M_px_segment: Floats,
+    found: Indices,
+    ends: Ints,
+    blocks: Bytes,
     winding: Ints,
-    planes: Bytes,
+    covered: Bytes,
 ) -> None:
-    """Set the bits of every pixel that the body covers in planes (N, P, H, W); else as outline_energy."""
-    height_px, width_px = planes.shape[2], planes.shape[3]
+    """Set the bits of every pixel that the body covers in covered (N, P, H, W); else as outline_energy."""
+    height_px, width_px = covered.shape[2], covered.shape[3]
     extent = np.empty(4, np.int64)
     for n in range(len(T_world_segment)):
-        find_outline(T_world_segment[n], segments, P_px_world, width_px, height_px, mesh, outline)
+        find_candidates(
+            T_world_segment[n], segments, P_px_world, width_px, height_px, planes, block_planes,
+            block_start, spheres_m, M_px_segment, found, ends, blocks,
+        )  # fmt: skip
         for c in range(len(P_px_world)):
-            _wind(segments, mesh, outline, c, winding, extent)
-            _collect_bits(winding, extent, planes[n, c // 8], np.uint8(1 << c % 8))
+            _wind(segments, xyz_m, edges, M_px_segment[c], found[c], ends[c], winding, extent)
+            _collect_bits(winding, extent, covered[n, c // 8], np.uint8(1 << c % 8))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _wind(segments: Ints, mesh: FlatMesh, outline: Outline, c: int, winding: Ints, extent: Ints) -> None:
+def _wind(
+    segments: Ints,
+    xyz_m: Floats,
+    edges: Indices,
+    M_px_segment: Floats,
+    found: Indices,
+    ends: Ints,
+    winding: Ints,
+    extent: Ints,
+) -> None:
     """Put one camera's outlines of the segments into winding.
 
     extent gets what they touch: first row, last row + 1, first column, last column + 1.
@@ -73,13 +104,37 @@ def _wind(segments: Ints, mesh: FlatMesh, outline: Outline, c: int, winding: Int
     extent[0], extent[1] = winding.shape[0], 0
     extent[2], extent[3] = winding.shape[1], 0
     for k in range(len(segments)):
-        M = outline.M_px_segment[c, segments[k]]
-        for i in range(outline.end[c, k], outline.end[c, k + 1]):
-            code = outline.edges[c, i]
-            edge, backwards = code >> 1, code & 1
-            x0, y0, _ = project_vertex(mesh.xyz_m, mesh.edges[edge, backwards], M)
-            x1, y1, _ = project_vertex(mesh.xyz_m, mesh.edges[edge, 1 - backwards], M)
-            _cross_rows(x0, y0, x1, y1, winding, extent)
+        M = M_px_segment[segments[k]]
+        for i in range(ends[k], ends[k + 1]):
+            edge, code = found[i] >> 2, found[i] & 3
+            a, b = edges[edge, 0], edges[edge, 1]
+            x0, y0, z0 = project_vertex(xyz_m, a, M)
+            x1, y1, z1 = project_vertex(xyz_m, b, M)
+            if code == UNDECIDED:
+                code = _decide(edges, edge, xyz_m, M)
+            if code == ALONG:
+                _cross_rows(x0, y0, x1, y1, winding, extent)
+            elif code == AGAINST:
+                _cross_rows(x1, y1, x0, y0, winding, extent)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _decide(edges: Indices, edge: int, xyz_m: Floats, M: Floats) -> int:
+    """ALONG, AGAINST or 0 from the snapped corners of an edge's two faces.
+
+    A front face's corners run counter-clockwise on the screen, where y points down, and lie before the near
+    plane.
+    """
+    ax, ay, az = project_vertex(xyz_m, edges[edge, 0], M)
+    bx, by, bz = project_vertex(xyz_m, edges[edge, 1], M)
+    cx, cy, cz = project_vertex(xyz_m, edges[edge, 2], M)
+    dx, dy, dz = project_vertex(xyz_m, edges[edge, 3], M)
+    before = min(az, bz) >= NEAR_M
+    along = before and cz >= NEAR_M and (bx - ax) * (cy - ay) < (cx - ax) * (by - ay)
+    against = before and dz >= NEAR_M and (bx - ax) * (dy - ay) > (dx - ax) * (by - ay)
+    if along == against:
+        return 0
+    return ALONG if along else AGAINST
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -76,19 +76,28 @@ class Picture:
     def halved(self) -> "Picture":
         """Half resolution: a pixel is set where at least two of its four are (the paper, section 4.2)."""
         n_cameras = len(self.region.origin_px)
-        region = Region(self.region.origin_px // 2, self.region.width_px // 2, self.region.height_px // 2, 0.5)
+        region = Region(
+            self.region.origin_px // 2, self.region.width_px // 2, self.region.height_px // 2, 0.5
+        )
         return Picture(
-            region, _halve(self.silhouettes, n_cameras, at_least=2), _halve(self.ignored, n_cameras, at_least=1)
+            region,
+            _halve(self.silhouettes, n_cameras, at_least=2),
+            _halve(self.ignored, n_cameras, at_least=1),
         )
 
     def window(self, origin_px: Ints, width_px: int, height_px: int) -> "Picture":
-        """Cut a window out, one origin per camera (C, 2) in whole-picture pixels; what lies outside is ignored."""
+        """Cut a window out, one origin per camera (C, 2) in whole-picture pixels.
+
+        What lies outside is ignored.
+        """
         n_cameras = len(origin_px)
         shape = (n_planes(n_cameras), height_px, width_px)
         silhouettes, ignored = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
         for c, (x, y) in enumerate(origin_px - self.region.origin_px):
             plane, bit = divmod(c, 8)
-            silhouettes[plane] |= _cut(camera_bit(self.silhouettes, c), x, y, width_px, height_px, False) << bit
+            silhouettes[plane] |= (
+                _cut(camera_bit(self.silhouettes, c), x, y, width_px, height_px, False) << bit
+            )
             ignored[plane] |= _cut(camera_bit(self.ignored, c), x, y, width_px, height_px, True) << bit
         return Picture(Region(origin_px, width_px, height_px, self.region.scale), silhouettes, ignored)
 

@@ -57,16 +57,17 @@ def _stage(joints: tuple[str, ...], window_px: int) -> Stage:
     return Stage(dofs_of(*joints), segments_below(joints[0]), window_px)
 
 
+def _limb(main: tuple[str, ...], extremity: str) -> Limb:
+    return Limb(_stage(main, LIMB_WINDOW_PX), _stage((extremity,), EXTREMITY_WINDOW_PX))
+
+
 TORSO = _stage(("pelvis",), 0)
 HEAD = _stage(("neck",), EXTREMITY_WINDOW_PX)
 LIMBS: dict[LimbName, Limb] = {
-    name: Limb(_stage(main, LIMB_WINDOW_PX), _stage(extremity, EXTREMITY_WINDOW_PX))
-    for name, main, extremity in (
-        ("left_arm", ("left_shoulder", "left_elbow"), ("left_wrist",)),
-        ("right_arm", ("right_shoulder", "right_elbow"), ("right_wrist",)),
-        ("left_leg", ("left_hip", "left_knee"), ("left_ankle",)),
-        ("right_leg", ("right_hip", "right_knee"), ("right_ankle",)),
-    )
+    "left_arm": _limb(("left_shoulder", "left_elbow"), "left_wrist"),
+    "right_arm": _limb(("right_shoulder", "right_elbow"), "right_wrist"),
+    "left_leg": _limb(("left_hip", "left_knee"), "left_ankle"),
+    "right_leg": _limb(("right_hip", "right_knee"), "right_ankle"),
 }
 
 
@@ -82,9 +83,10 @@ def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:
     """
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0, list(stage.segments)]
     centres_m = body.centres_m[list(stage.segments)]
-    centre_world_m = (np.einsum("sij,sj->si", T_world_segment[:, :3, :3], centres_m) + T_world_segment[:, :3, 3]).mean(0)
+    turned_m = np.einsum("sij,sj->si", T_world_segment[:, :3, :3], centres_m)
+    centre_world_m = (turned_m + T_world_segment[:, :3, 3]).mean(axis=0)
     homogeneous = rig.P_px_world @ np.append(centre_world_m, 1.0)
     depth_m = np.maximum(homogeneous[:, 2:], 1e-3)  # behind a camera: the window lands on the picture's edge
     size_px = window_size_px(stage, rig)
-    origins = np.rint(homogeneous[:, :2] / depth_m) - size_px // 2
-    return np.clip(origins, 0, np.maximum(rig.sizes_px - size_px, 0)).astype(np.int32)
+    origins_px: Ints = (np.rint(homogeneous[:, :2] / depth_m) - size_px // 2).astype(np.int32)
+    return np.clip(origins_px, 0, np.maximum(rig.sizes_px - size_px, 0))

@@ -46,9 +46,9 @@ def descend(
 ) -> Minimum:
     """Lower the energy from start by line searches along a changing set of directions.
 
-    Press et al., Numerical Recipes, section 10.5 (the paper, section 3): after a round over all directions the
-    one that gained most gives way to the round's whole move, if that promises more. Ends when a round gains
-    less than the share tolerance of the energy. The result is never worse than start and within the box.
+    Press et al., Numerical Recipes, section 10.5 (the paper, section 3): after a round over all directions
+    the one that gained most gives way to the round's whole move, if that promises more. Ends when a round
+    gains less than the share tolerance of the energy. The result is never worse than start, within the box.
     """
     count = _Counter(energy, box)
     values, best = start.values, start.energy_px

@@ -1,4 +1,4 @@
-"""The first pose of a take, from its first silhouettes: place by the visual hull, heading by trying all round."""
+"""The first pose of a take, from its first silhouettes: place by the visual hull, heading by trial."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -61,7 +61,9 @@ def find_first_pose(
     opposite = next((other for other in found[1:] if _turned_away(other.pose, found[0].pose)), None)
     finalists = [found[0]] if opposite is None else [found[0], opposite]
     finished = [
-        solve_frame(model, picture, finalist.pose[None], SearchSettings.wide(), limbs, first_pass=1000 * (k + 1))
+        solve_frame(
+            model, picture, finalist.pose[None], SearchSettings.wide(), limbs, first_pass=1000 * (k + 1)
+        )
         for k, finalist in enumerate(finalists)
     ]
     finished.sort(key=lambda solution: solution.energy_px)
@@ -98,7 +100,7 @@ def _best_of_each_heading(starts: Floats, energies: Floats) -> Floats:
     """The start of least energy for each heading, the best heading first."""
     per_heading = len(_ARMS_DOWN_RAD) * len(_STRIDES_RAD)
     energies = energies.reshape(-1, per_heading)
-    best = starts.reshape(-1, per_heading, N_DOF)[np.arange(len(energies)), energies.argmin(axis=1)]
+    best: Floats = starts.reshape(-1, per_heading, N_DOF)[np.arange(len(energies)), energies.argmin(axis=1)]
     return best[np.argsort(energies.min(axis=1), kind="stable")]
 
 

@@ -86,7 +86,9 @@ def solve_frame(
     """
     energy = model.backend.energy(Problem(starts[0], tuple(range(N_DOF)), ALL_SEGMENTS, whole))
     energies = energy(starts)
-    best = FrameSolution(starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts))
+    best = FrameSolution(
+        starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts)
+    )
     halved, pose = whole.halved(), best.pose
     for pass_index in range(first_pass, first_pass + settings.max_passes):
         before = best.energy_px

@@ -14,7 +14,7 @@ _VOXEL_M = 0.03
 _REACH_M = 1.6
 """Half the side of the cube that is carved, about the point where the silhouettes' centres meet."""
 _SLACK_PX = 1
-"""Silhouettes are widened by this much per 320 pixels of width, so that a voxel's size and a ragged edge do no harm."""
+"""Silhouettes are widened by this much per 320 pixels of width, against ragged edges and the voxels' size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +52,13 @@ def carve(rig: Rig, silhouettes: Mask) -> Hull:
             "choose a first frame in which the actor is in view"
         )
     points_world_m = _cube_about(_meeting_point(rig, silhouettes, seen))
-    inside = np.ones(len(points_world_m), bool)
+    n_pictures, n_actor = np.zeros((2, len(points_world_m)), np.int32)
     for c in seen:
-        inside &= _may_be_actor(rig, silhouettes[c], c, points_world_m)
+        in_picture, on_actor = _look_up(rig, silhouettes[c], c, points_world_m)
+        n_pictures += in_picture
+        n_actor += on_actor
+    # Where few cameras look, little is carved away: half of them must have a point in their picture.
+    inside = (n_actor == n_pictures) & (2 * n_pictures >= len(seen))
     side = round(len(points_world_m) ** (1 / 3))
     pieces, n_pieces = ndimage.label(inside.reshape(side, side, side))
     if n_pieces == 0:
@@ -82,18 +86,20 @@ def _meeting_point(rig: Rig, silhouettes: Mask, seen: list[int]) -> Floats:
 
 def _cube_about(centre_world_m: Floats) -> Floats:
     steps = np.arange(-_REACH_M, _REACH_M + _VOXEL_M / 2, _VOXEL_M)
-    return np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3) + centre_world_m
+    grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
+    points_world_m: Floats = grid.reshape(-1, 3) + centre_world_m
+    return points_world_m
 
 
-def _may_be_actor(rig: Rig, silhouette: Mask, camera: int, points_world_m: Floats) -> Mask:
-    """Which points project onto the silhouette, or to where the camera has no picture."""
+def _look_up(rig: Rig, silhouette: Mask, camera: int, points_world_m: Floats) -> tuple[Mask, Mask]:
+    """Which points project into a camera's picture, and which of them onto its silhouette."""
     width, height = rig.sizes_px[camera]
     size = 1 + 2 * max(1, round(_SLACK_PX * width / 320))
     wide = cv2.dilate(silhouette[:height, :width].astype(np.uint8), np.ones((size, size), np.uint8))
     homogeneous = points_world_m @ rig.P_px_world[camera, :, :3].T + rig.P_px_world[camera, :, 3]
     ahead = homogeneous[:, 2] > 0
     pixel = np.rint(homogeneous[:, :2] / np.where(ahead, homogeneous[:, 2], 1.0)[:, None]).astype(np.int64)
-    inside = ahead & np.all((pixel >= 0) & (pixel < (width, height)), axis=1)
-    may_be: Mask = ~inside
-    may_be[inside] = wide[pixel[inside, 1], pixel[inside, 0]] > 0
-    return may_be
+    in_picture: Mask = ahead & np.all((pixel >= 0) & (pixel < (width, height)), axis=1)
+    on_actor = in_picture.copy()
+    on_actor[in_picture] = wide[pixel[in_picture, 1], pixel[in_picture, 0]] > 0
+    return in_picture, on_actor

@@ -25,8 +25,8 @@ def minimise_line(
 ) -> Point:
     """A local minimum of function on [low, high] near 0, never worse than the start.
 
-    at_zero is function(0); low <= 0 <= high may be infinite; the first step is 1; the result lies within about
-    tolerance of the minimum. Press et al., Numerical Recipes, sections 10.1 and 10.2.
+    at_zero is function(0); low <= 0 <= high may be infinite; the first step is 1; the result lies within
+    about tolerance of the minimum. Press et al., Numerical Recipes, sections 10.1 and 10.2.
     """
     start = Point(0.0, at_zero)
     left, middle, right = _bracket(function, start, low, high)
@@ -67,7 +67,7 @@ def _downhill(function: Function, previous: Point, best: Point, limit: float) ->
 def _brent(
     function: Function, left: float, best: Point, right: float, tolerance: float, max_steps: int
 ) -> Point:
-    """Brent's method: parabolas through the three best points where they behave, golden sections elsewhere."""
+    """Brent's method: parabolas through the three best points where they fit, golden sections elsewhere."""
     second = third = best
     last_move = before_last = right - left
     for _ in range(max_steps):

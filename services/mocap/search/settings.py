@@ -31,7 +31,7 @@ class SearchSettings(BaseModel):
     descent_rounds: int = Field(default=4, ge=1, le=100)
     """Rounds of a direction-set descent, at most."""
 
-    def to_wire(self) -> dict[str, int | float | list[int]]:
+    def to_wire(self) -> dict[str, bool | int | float | str | list[int] | list[float]]:
         """The settings as a message carries them."""
         return {name: list(v) if isinstance(v, tuple) else v for name, v in self.model_dump().items()}
 

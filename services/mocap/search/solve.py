@@ -6,10 +6,19 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.skeleton import DOFS
-from services.mocap.energy.backend import Backend, Energy, Problem
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.backend import Backend, Energy, Problem
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import HEAD, LIMBS, TORSO, Limb, LimbName, Stage, window_origins_px, window_size_px
+from services.mocap.search.chains import (
+    HEAD,
+    LIMBS,
+    TORSO,
+    Limb,
+    LimbName,
+    Stage,
+    window_origins_px,
+    window_size_px,
+)
 from services.mocap.search.descent import Box, Minimum, descend
 from services.mocap.search.grid import best_of, grid_points
 from services.mocap.search.settings import SearchSettings
@@ -78,7 +87,9 @@ def solve_limb(
     k, n = shard
     main = _solution(limb.main, _descend(energy, best_of(energy, points[k::n]), box, settings))
     found = main.applied_to(pose)
-    extremity = _descend_stage(model, limb.extremity, stage_window(model, limb.extremity, window, found), found, settings)
+    extremity = _descend_stage(
+        model, limb.extremity, stage_window(model, limb.extremity, window, found), found, settings
+    )
     return Solution(
         limb.dofs,
         np.concatenate([main.values, extremity.values]),

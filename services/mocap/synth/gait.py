@@ -5,7 +5,7 @@ next while it swings. On top of that it rolls over its sole, from the heel to th
 """
 
 from dataclasses import dataclass
-from math import pi, radians
+from math import ceil, pi, radians
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,10 +15,10 @@ from services.mocap.body.skeleton import SEGMENT_INDEX, SIDES, Side
 from services.mocap.synth.legs import FootTargets
 from services.mocap.types import Floats
 
-_HEEL_RISE = radians(30)
+_HEEL_RISE = radians(32)
 _TOE_RISE = radians(17)
 _LIFT_M = 0.04
-_FULL_STRIDE_M = 0.9  # how far a foot goes in a full step; in shorter ones it rolls and lifts less
+_FULL_STRIDE_M = 0.55  # a foot that goes less far rolls and lifts less
 _TOE_OUT = radians(7)
 
 
@@ -67,12 +67,12 @@ class Step:
     @property
     def stand_s(self) -> float:
         """When the pelvis passes the place where the foot comes to stand: early in its stance."""
-        return self.start_s + 1.36 * self.period_s
+        return self.start_s + 1.38 * self.period_s
 
 
 def make_steps(start_s: float, end_s: float, period_s: float, first: Side, half_width_m: float) -> list[Step]:
-    """Steps of left and right in turn from start to end, at least two, each taking about a period."""
-    n = max(2, round((end_s - start_s) / period_s))
+    """Steps of left and right in turn from start to end, at least two, none longer than a period."""
+    n = max(2, ceil((end_s - start_s) / period_s))
     period_s = (end_s - start_s) / n
     order = SIDES if first == "left" else SIDES[::-1]
     return [Step(order[i % 2], start_s + i * period_s, period_s, half_width_m) for i in range(n)]
@@ -107,7 +107,8 @@ def foot_targets(
     pitch, lift_m = np.zeros(len(time_s)), np.zeros(len(time_s))
     for step in (step for step in steps if step.side == side):
         swung = np.clip((time_s - step.lift_s) / (step.land_s - step.lift_s), 0.0, 1.0)
-        done = swung**2 * (3.0 - 2.0 * swung)
+        # Away quickly, since the pelvis goes on meanwhile, and softly down.
+        done = swung**1.6 * (3.0 - 2.0 * swung**0.8)
         next_stand = path.turns_at(step.stand_s)
         turns += (next_stand - stand) * done[:, None]
         beside_m += (step.half_width_m - beside_from_m) * done
@@ -130,7 +131,7 @@ def foot_targets(
 def _step_pitch(time_s: Floats, step: Step) -> Floats:
     """The foot's pitch (N,) around a step: the heel rises before the foot lifts, the toes before it lands."""
     swing_s = step.land_s - step.lift_s
-    heel = _bump(time_s, step.lift_s - 0.46 * step.period_s, step.lift_s, step.lift_s + 0.55 * swing_s)
+    heel = _bump(time_s, step.lift_s - 0.52 * step.period_s, step.lift_s, step.lift_s + 0.55 * swing_s)
     toes = _bump(time_s, step.land_s - 0.45 * swing_s, step.land_s, step.land_s + 0.2 * step.period_s)
     return _HEEL_RISE * heel - _TOE_RISE * toes
 

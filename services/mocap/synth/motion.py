@@ -30,8 +30,9 @@ _CIRCLE_M = 0.7
 _SPEED_HEIGHTS_S = 0.57  # 1 m/s for someone 1.75 m tall
 _TURN_RAD_S = 1.6
 _RAMP_S = 0.45  # from standing to full speed
-_STEP_S = 0.54
+_STEP_S = 0.56
 _DENSE_HZ = 240  # at least: path and pelvis are planned on a grid as fine as this
+_LEAD_S = 0.2  # from the end of the A pose to the first step, whose heel rises before
 _LAST_STEP_S = 0.35
 _BEND = 0.997  # of the straight leg's length: knees are never locked
 
@@ -61,7 +62,7 @@ def walk(n_frames: int, fps: float, body: Body) -> Floats:
     substeps = ceil(_DENSE_HZ / fps)
     time_s = np.arange(ceil((timeline.end_s + 0.5) * fps) * substeps) / (fps * substeps)
     hip_m = float(body.offsets_m[JOINT_INDEX["left_hip"], 1])
-    walking = make_steps(timeline.walk_s, timeline.raise_s, _STEP_S, "left", 0.7 * hip_m)
+    walking = make_steps(timeline.walk_s + _LEAD_S, timeline.raise_s, _STEP_S, "left", 0.7 * hip_m)
     turning = make_steps(timeline.turn_s, timeline.end_s, _STEP_S, "left", 0.9 * hip_m)
     path, roll = _plan_path(time_s, walking, turning, body.height_m), SoleRoll(body)
     feet: dict[Side, FootTargets] = {

@@ -46,7 +46,7 @@ def test_feet_get_where_they_should_be(seed: int) -> None:
 def test_out_of_reach_the_straight_leg_points_there() -> None:
     poses = np.zeros((1, N_DOF))
     hip_m = BODY.offsets_m[JOINT_INDEX["left_hip"]]
-    target_m = hip_m + [0.9, 0.0, -1.2]
+    target_m = hip_m + np.array([0.9, 0.0, -1.2])
     put = put_feet(poses, BODY.offsets_m, {"left": FootTargets(target_m[None], np.eye(3)[None])})
     ankle_m = joint_transforms(put, BODY.offsets_m)[0, JOINT_INDEX["left_ankle"], :3, 3]
     assert put[0, DOF_INDEX["left_knee_flexion"]] == 0.0

@@ -61,7 +61,8 @@ def test_what_is_on_the_floor_does_not_slide(synth_body: Body) -> None:
         on_floor = foot_m[..., 2] < 0.0003
         stays = on_floor[:-1] & on_floor[1:]
         slip_m = np.linalg.norm(np.diff(foot_m[..., :2], axis=0), axis=2)[stays]
-        assert slip_m.max() < 0.002  # in 1/60 s; the pelvis goes 17 mm in that time
+        assert np.quantile(slip_m, 0.99) < 1e-4
+        assert slip_m.max() < 0.003  # where a foot lands or lifts; the pelvis goes 17 mm in that 1/60 s
         resting += int(stays.any(axis=1).sum())
     assert resting > 1.1 * len(poses)  # at least one foot, often both
 
@@ -103,7 +104,7 @@ def test_raises_the_arms_then_turns_on_the_spot(synth_body: Body) -> None:
         over_head_m = T[:, JOINT_INDEX[f"{side}_wrist"], 2, 3] - T[:, JOINT_INDEX["head_top"], 2, 3]
         assert over_head_m.max() > 0.1
     turning = poses[int(0.82 * 150) :]
-    assert np.ptp(turning[:, 3]) > 2.0
+    assert np.ptp(turning[:, 3]) > 1.5
     assert np.linalg.norm(np.ptp(turning[:, :2], axis=0)) < 0.06
 
 

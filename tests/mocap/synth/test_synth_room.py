@@ -37,11 +37,8 @@ def test_floor_points_project_to_their_pixels() -> None:
 def test_nothing_stands_on_the_stage() -> None:
     for seed in range(20):
         for patch in room_patches(seed)[1:]:
-            corners_m = patch.corner_world_m[:2] + [
-                a * patch.edges_world_m[0, :2] + b * patch.edges_world_m[1, :2]
-                for a in (0, 1)
-                for b in (0, 1)
-            ]
+            shares = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+            corners_m = patch.corner_world_m[:2] + shares @ patch.edges_world_m[:, :2]
             assert np.abs(corners_m).max(axis=1).min() > 3.6
             assert np.hypot(*corners_m.T).min() > 4.5  # nor before a camera
 
