@@ -11,7 +11,7 @@ from proto.messages import MESSAGES, PROTOCOL_VERSION, Array, Message, arrays_of
 
 MAX_HEADER_BYTES = 64 * 1024
 MAX_FRAME_BYTES = 64 * 1024 * 1024
-_MAX_DIMENSIONS = 4
+_LONGEST_NAME = 60
 
 
 class MalformedMessage(Exception):  # noqa: N818  (what arrived, not what went wrong here)
@@ -19,25 +19,29 @@ class MalformedMessage(Exception):  # noqa: N818  (what arrived, not what went w
 
 
 def encode(message: Message) -> list[bytes | memoryview]:
-    """Turn a message into its frames: a msgpack header, then one raw frame per array."""
+    """Turn a message into its frames: a msgpack header, then one raw frame per array.
+
+    Raises MalformedMessage for what no receiver would take, such as an array of another shape or a NaN.
+    """
     arrays = arrays_of(type(message))
     header: dict[str, Any] = {"v": PROTOCOL_VERSION, "type": message.type}
     header |= {name: getattr(message, name) for name in type(message).model_fields if name not in arrays}
-    frames = []
-    shapes = []
-    for name, spec in arrays.items():
-        array: NDArray[Any] = np.ascontiguousarray(getattr(message, name), _wire_dtype(spec))
-        shapes.append(list(array.shape))
-        frames.append(array.data.cast("B") if array.size else b"")
-    _bind_sizes(message.type, arrays, shapes)
-    header["shapes"] = shapes
-    return [msgpack.packb(header), *frames]
+    header["shapes"] = [list(getattr(message, name).shape) for name in arrays]
+    _bind_sizes(message.type, arrays, header["shapes"])
+    frames = [
+        _encode_array(f"{message.type}.{name}", spec, getattr(message, name)) for name, spec in arrays.items()
+    ]
+    packed = msgpack.packb(header)
+    if len(packed) > MAX_HEADER_BYTES:
+        raise MalformedMessage(f"{message.type}: a header of {len(packed)} bytes; at most {MAX_HEADER_BYTES}")
+    return [packed, *frames]
 
 
 def decode(frames: list[bytes]) -> Message:
     """Turn frames into the message that they hold; raises MalformedMessage with the reason."""
     header = _decode_header(frames)
-    if header.pop("v", None) != PROTOCOL_VERSION:
+    version = header.pop("v", None)
+    if type(version) is not int or version != PROTOCOL_VERSION:
         raise MalformedMessage(f"protocol version is not {PROTOCOL_VERSION}")
     name = header.pop("type", None)
     message_type = MESSAGES.get(name) if isinstance(name, str) else None
@@ -48,13 +52,20 @@ def decode(frames: list[bytes]) -> Message:
         raise MalformedMessage(f"{name}: expected {len(specs)} arrays")
     _bind_sizes(str(name), specs, shapes)
     for (field, spec), shape, frame in zip(specs.items(), shapes, frames[1:], strict=True):
+        if field in header:
+            raise MalformedMessage(f"{name}.{field}: belongs in a frame of its own, not in the header")
         header[field] = _decode_array(f"{name}.{field}", spec, shape, frame)
     try:
         return message_type.model_validate(header)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise MalformedMessage(f"{name}.{where}: {first['msg']}") from None
+        raise MalformedMessage(f"{name}.{_in_short(where)}: {first['msg']}") from None
+
+
+def _in_short(text: str) -> str:
+    """A sender's own words for a log: on one line, and not for ever."""
+    return repr(text)[1:-1][:_LONGEST_NAME]
 
 
 def _decode_header(frames: list[bytes]) -> dict[str, Any]:
@@ -73,7 +84,7 @@ def _bind_sizes(name: str, specs: dict[str, Array], shapes: list[Any]) -> None:
     """Check shapes against their specifications; a letter must stand for one size only."""
     sizes: dict[str, int] = {}
     for (field, spec), shape in zip(specs.items(), shapes, strict=True):
-        if not isinstance(shape, list) or len(shape) != len(spec.shape) or len(shape) > _MAX_DIMENSIONS:
+        if not isinstance(shape, list) or len(shape) != len(spec.shape):
             raise MalformedMessage(f"{name}.{field}: expected {len(spec.shape)} dimensions")
         for wanted, size in zip(spec.shape, shape, strict=True):
             if type(size) is not int or not 0 <= size <= MAX_FRAME_BYTES:
@@ -81,6 +92,14 @@ def _bind_sizes(name: str, specs: dict[str, Array], shapes: list[Any]) -> None:
             expected = wanted if isinstance(wanted, int) else sizes.setdefault(wanted, size)
             if size != expected:
                 raise MalformedMessage(f"{name}.{field}: size {size} where {wanted} is {expected}")
+
+
+def _encode_array(name: str, spec: Array, array: NDArray[Any]) -> bytes | memoryview:
+    if array.dtype != np.dtype(spec.dtype):
+        raise MalformedMessage(f"{name}: expected an array of {spec.dtype}, got {array.dtype}")
+    _check_content(name, array)
+    array = np.ascontiguousarray(array, _wire_dtype(spec))
+    return array.data.cast("B") if array.size else b""
 
 
 def _decode_array(name: str, spec: Array, shape: list[int], frame: bytes) -> NDArray[Any]:
@@ -91,9 +110,15 @@ def _decode_array(name: str, spec: Array, shape: list[int], frame: bytes) -> NDA
     if expected > MAX_FRAME_BYTES or len(frame) != expected:
         raise MalformedMessage(f"{name}: {len(frame)} bytes where the shape needs {expected}")
     array = np.frombuffer(frame, dtype).reshape(shape)
-    if dtype.kind == "f" and not np.isfinite(array).all():
-        raise MalformedMessage(f"{name}: holds a number that is not finite")
+    _check_content(name, array)
     return array
+
+
+def _check_content(name: str, array: NDArray[Any]) -> None:
+    if array.nbytes > MAX_FRAME_BYTES:
+        raise MalformedMessage(f"{name}: {array.nbytes} bytes; at most {MAX_FRAME_BYTES}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise MalformedMessage(f"{name}: holds a number that is not finite")
 
 
 def _wire_dtype(spec: Array) -> np.dtype[Any]:

@@ -5,7 +5,7 @@ import time
 import zmq
 
 from proto.messages import Beat, Hello, Message
-from proto.sockets import make_socket, receive, send
+from proto.sockets import connect, make_socket, receive, send
 from proto.streams import stream_endpoint
 
 BEAT_S = 1.0
@@ -25,7 +25,7 @@ class Link:
 
     def _open(self) -> None:
         self.socket = make_socket(self._context, zmq.DEALER)
-        self.socket.connect(self._endpoint)
+        connect(self.socket, self._endpoint)
         self._heard = self._sent = time.monotonic()
         self._answered = False
         send(self.socket, self._hello)
@@ -50,7 +50,7 @@ class Link:
         patience_s = LIVENESS_S if self._answered else self._retry_s
         if now - self._heard > patience_s:
             self._retry_s = min(self._retry_s * 2, _LAST_RETRY_S)
-            self.close()
+            self.socket.close(linger=0)  # or its unsent hello would reach a coordinator that comes back
             self._open()
         elif now - self._sent > BEAT_S:
             self.send(Beat())

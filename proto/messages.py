@@ -15,8 +15,11 @@ PROTOCOL_VERSION = 1
 Count: TypeAlias = Annotated[int, Field(ge=0, lt=2**31)]
 Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=200)]
 Hash: TypeAlias = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-Scalar: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
-Setting: TypeAlias = bool | int | float | str | list[int] | list[float]
+Scalar: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_Whole: TypeAlias = Annotated[int, Field(ge=-(2**31), lt=2**31)]
+_Number: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
+_Text: TypeAlias = Annotated[str, Field(max_length=200)]
+Setting: TypeAlias = bool | _Whole | _Number | _Text | list[_Whole] | list[_Number]
 Settings: TypeAlias = Annotated[dict[Name, Setting], Field(max_length=100)]
 
 
@@ -41,6 +44,7 @@ class Hello(Message):
 
     type: ClassVar[str] = "hello"
     role: Literal["limb_worker", "recorder"]
+    """What the coordinator may expect of it."""
     name: Name
     """Chosen by the client, unique among all: role, host and process id."""
     backend: Annotated[str, Field(max_length=50)]
@@ -58,24 +62,29 @@ class LimbTask(Message):
 
     type: ClassVar[str] = "limb_task"
     take: Name
+    """The take's name, from take.toml."""
     frame: Count
+    """The frame's number in the take."""
     pass_index: Count
+    """Tells the searches of one frame apart; no more follows from it."""
     limb: Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+    """An arm with its hand, or a leg with its foot."""
     shard: Count
-    """Which part of the limb's grid to search: every shards-th point from this one on."""
+    """Which part of the limb's grid to search, less than shards: every shards-th point from this one on."""
     shards: Annotated[int, Field(ge=1, le=64)]
+    """Into how many parts the limb's grid is divided."""
     actor: Hash
     """Names the blob of kind actor."""
     rig: Hash
     """Names the blob of kind rig."""
     search: Settings
-    """The search settings."""
+    """The search settings by name; those left out have the default of the worker's version."""
     pose: Annotated[NDArray[np.float64], Array("float64", (35,))]
-    """The present pose, in metres and radians."""
+    """The present pose: the body's 35 parameters, in metres and radians, in the z-up world."""
     origin_px: Annotated[NDArray[np.int32], Array("int32", ("C", 2))]
     """x and y of the window's first pixel in each camera's undistorted picture."""
     window: Annotated[NDArray[np.uint8], Array("uint8", ("P", "h", "w"))]
-    """Input silhouettes: bit c % 8 of plane c // 8 is camera c."""
+    """Input silhouettes: bit c % 8 of plane c // 8 is camera c's; unused bits are 0."""
 
 
 class LimbResult(Message):
@@ -83,18 +92,25 @@ class LimbResult(Message):
 
     type: ClassVar[str] = "limb_result"
     take: Name
+    """As in the task."""
     frame: Count
+    """As in the task."""
     pass_index: Count
+    """As in the task."""
     limb: Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+    """As in the task."""
     shard: Count
+    """As in the task."""
     shards: Annotated[int, Field(ge=1, le=64)]
+    """As in the task."""
     energy_px: Scalar
     """Differing pixels in the limb's window, the extremity not yet turned."""
     evaluations: Count
+    """How often the energy was evaluated."""
     seconds: Scalar
-    """Time that solving took."""
+    """Time that solving took, in seconds."""
     values: Annotated[NDArray[np.float64], Array("float64", ("d",))]
-    """The limb's parameters in the order of the pose: ball, hinge, then hand or foot."""
+    """The limb's parameters, in radians and within the joint limits: ball, hinge, then hand or foot."""
 
 
 class LimbRefusal(Message):
@@ -102,12 +118,19 @@ class LimbRefusal(Message):
 
     type: ClassVar[str] = "limb_refusal"
     take: Name
+    """As in the task."""
     frame: Count
+    """As in the task."""
     pass_index: Count
+    """As in the task."""
     limb: Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+    """As in the task."""
     shard: Count
+    """As in the task."""
     shards: Annotated[int, Field(ge=1, le=64)]
+    """As in the task."""
     reason: Annotated[str, Field(max_length=1000)]
+    """Why, for a log."""
 
 
 class BlobRequest(Message):
@@ -115,6 +138,7 @@ class BlobRequest(Message):
 
     type: ClassVar[str] = "blob_request"
     hash: Hash
+    """SHA-256 of the content that is asked for."""
 
 
 class Blob(Message):
@@ -122,7 +146,9 @@ class Blob(Message):
 
     type: ClassVar[str] = "blob"
     hash: Hash
+    """SHA-256 of the content's bytes, in lower-case hexadecimal."""
     kind: Literal["actor", "rig"]
+    """What the content is."""
     content: Annotated[NDArray[np.uint8], Array("uint8", ("n",))]
     """UTF-8 text: actor.toml, or the rig as JSON."""
 
@@ -132,11 +158,13 @@ class Silhouettes(Message):
 
     type: ClassVar[str] = "silhouettes"
     take: Name
+    """The take's name, from take.toml."""
     frame: Count
+    """The frame's number in the take."""
     cameras: Annotated[list[Count], Field(min_length=1, max_length=256)]
-    """Which cameras, by their place in calibration.toml."""
+    """Which cameras, by their place in calibration.toml, from 0; none twice."""
     planes: Annotated[NDArray[np.uint8], Array("uint8", ("P", "H", "W"))]
-    """Bit k % 8 of plane k // 8 is the k-th camera of the list."""
+    """Bit k % 8 of plane k // 8 is the silhouette of the k-th camera of the list, from 0."""
 
 
 class Credit(Message):
@@ -144,8 +172,11 @@ class Credit(Message):
 
     type: ClassVar[str] = "credit"
     take: Name
+    """The take's name, from take.toml."""
     next_frame: Count
+    """The frame that the coordinator puts together next; those before it are no longer wanted."""
     end_frame: Count
+    """One past the last frame that may be sent."""
 
 
 class TakeInfo(Message):
@@ -153,14 +184,21 @@ class TakeInfo(Message):
 
     type: ClassVar[str] = "take_info"
     take: Name
+    """The take's name, from take.toml."""
     fps: Annotated[float, Field(gt=0, lt=10000)]
+    """Frames per second of the recording."""
     first_frame: Count
+    """The first frame that is tracked."""
     end_frame: Count
+    """One past the last frame that is to be tracked."""
     actor: Hash
+    """Names the blob of kind actor."""
     rig: Hash
+    """Names the blob of kind rig."""
     backend: Name
     """The coordinator's own energy backend."""
     search: Settings
+    """The search settings by name."""
 
 
 class Pose(Message):
@@ -168,20 +206,25 @@ class Pose(Message):
 
     type: ClassVar[str] = "pose"
     take: Name
+    """The take's name, from take.toml."""
     frame: Count
+    """The frame's number in the take."""
     time_s: Scalar
+    """The frame's time in the take: frame / fps, in seconds."""
     energy_px: Scalar
     """Differing pixels, over all cameras, of the whole body."""
     passes: Count
+    """Rounds of torso, limbs and head that it took."""
     evaluations: Count
+    """How often the energy was evaluated, by workers too."""
     workers: Count
     """Limb workers alive when the frame was solved."""
     retries: Count
     """Limb tasks given out again or solved by the coordinator since the take began."""
     seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
-    """Wall time per stage: torso, head, limbs; frame: since the frame before was published."""
+    """Wall time in seconds per stage: torso, head, limbs; frame: since the frame before was published."""
     pose: Annotated[NDArray[np.float64], Array("float64", (35,))]
-    """In metres and radians, in the z-up world."""
+    """The body's 35 parameters, in metres and radians, in the z-up world."""
 
 
 class PoseRequest(Message):
@@ -189,15 +232,19 @@ class PoseRequest(Message):
 
     type: ClassVar[str] = "pose_request"
     first_frame: Count
+    """The first frame that is missing."""
     end_frame: Count
+    """One past the last frame that is missing."""
 
 
 class TakeEnd(Message):
-    """No pose will follow; end_frame is one past the last that was solved."""
+    """No pose will follow."""
 
     type: ClassVar[str] = "take_end"
     take: Name
+    """The take's name, from take.toml."""
     end_frame: Count
+    """One past the last frame that was solved; the take's first frame if there is none."""
 
 
 class Recorded(Message):
@@ -205,6 +252,7 @@ class Recorded(Message):
 
     type: ClassVar[str] = "recorded"
     end_frame: Count
+    """One past the last frame that it has."""
 
 
 MESSAGES: dict[str, type[Message]] = {

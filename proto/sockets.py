@@ -9,7 +9,11 @@ from proto.framing import MAX_FRAME_BYTES, decode, encode
 from proto.messages import Message
 
 QUEUE_MESSAGES = 8
-"""High-water mark: windows and silhouettes are large, and a long queue is only old data."""
+"""High-water mark of what is sent and of silhouettes received, all large; a long queue is only old data."""
+_SMALL_QUEUE_MESSAGES = 10_000
+"""High-water mark of all else that is received: beats, poses, results. It must never be reached: libzmq stops
+reading for a full queue, so that pings go unanswered and a peer that is only busy loses its connection, and
+once that is made anew it aborts the process (libzmq issues 3937 and 4767)."""
 LINGER_MS = 500
 PING_INTERVAL_MS = 500
 PING_TIMEOUT_MS = 2500
@@ -24,7 +28,8 @@ class OpenBindError(Exception):
 def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.Socket[bytes]":
     """Make a socket of a zmq kind with this project's options."""
     socket = context.socket(kind)
-    socket.set_hwm(QUEUE_MESSAGES)
+    socket.setsockopt(zmq.SNDHWM, QUEUE_MESSAGES)
+    socket.setsockopt(zmq.RCVHWM, QUEUE_MESSAGES if kind == zmq.PULL else _SMALL_QUEUE_MESSAGES)
     socket.setsockopt(zmq.LINGER, LINGER_MS)
     socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
     socket.setsockopt(zmq.HEARTBEAT_IVL, PING_INTERVAL_MS)
@@ -49,8 +54,20 @@ def bind(socket: "zmq.Socket[bytes]", endpoint: str) -> str:
         raise OpenBindError(
             f"{endpoint}: listening beyond this machine would let anyone in; bind to tcp://127.0.0.1:PORT"
         )
+    _allow_ipv6(socket, endpoint)
     socket.bind(endpoint)
     return socket.getsockopt_string(zmq.LAST_ENDPOINT)
+
+
+def connect(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
+    """Connect to tcp://host:port, now or once somebody listens there."""
+    _allow_ipv6(socket, endpoint)
+    socket.connect(endpoint)
+
+
+def _allow_ipv6(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
+    """Switch to IPv6 for an address in brackets; for a name it would hide hosts that have IPv4 only."""
+    socket.setsockopt(zmq.IPV6, "[" in endpoint)
 
 
 def _is_loopback(host: str) -> bool:

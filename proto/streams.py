@@ -3,9 +3,9 @@
 Every stream ends at the coordinator, which listens on three ports in a row; the first one names them all.
 """
 
+import re
 from dataclasses import dataclass
 from typing import Literal
-from urllib.parse import urlsplit
 
 import zmq
 
@@ -51,14 +51,16 @@ STREAMS: dict[StreamName, Stream] = {
 }
 
 
+_ENDPOINT = re.compile(r"tcp://(?P<host>\[[0-9A-Fa-f:.]+\]|[\w.*-]+):(?P<port>[0-9]{1,5})", re.ASCII)
+_LAST_PORT = 65535 - max(stream.port_offset for stream in STREAMS.values())
+
+
 def stream_endpoint(endpoint: str, stream: StreamName) -> str:
     """Where a stream listens, from the endpoint that names them all; raises ValueError where it is none."""
-    parts = urlsplit(endpoint)
-    try:
-        port = parts.port
-    except ValueError:
-        port = None
-    if parts.scheme != "tcp" or not parts.hostname or port is None or parts.path:
-        raise ValueError(f"{endpoint}: expected an address such as {DEFAULT_ENDPOINT}")
-    host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
-    return f"tcp://{host}:{port + STREAMS[stream].port_offset}"
+    parts = _ENDPOINT.fullmatch(endpoint)
+    port = int(parts["port"]) if parts else 0
+    if parts is None or not 0 < port <= _LAST_PORT:
+        raise ValueError(
+            f"{endpoint}: expected an address such as {DEFAULT_ENDPOINT}, its port from 1 to {_LAST_PORT}"
+        )
+    return f"tcp://{parts['host']}:{port + STREAMS[stream].port_offset}"

@@ -111,7 +111,8 @@ class Launcher:
                 raise ServiceFailedError(
                     f"{running.name} ended with code {code}: {_last_line(running.log_path)}"
                 )
-            log.warning("%s ended with code %d: starting another", running.name, code)
+            last = _last_line(running.log_path)
+            log.warning("%s ended with code %d: starting another; it said: %s", running.name, code, last)
             running.process = self._spawn(running.name, running.arguments, running.log_path)
 
     def signal(self, name: str, number: signal.Signals) -> None:

@@ -6,13 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+import numpy as np
+
 from proto.messages import Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
+from services.mocap.body.skeleton import LOWER, UPPER
+from services.mocap.search.chains import LIMBS
 
 log = logging.getLogger(__name__)
 
 Identity: TypeAlias = bytes
-Key: TypeAlias = tuple[str, int, int, str, int]
-"""Take, frame, pass, limb and shard: what a result is recognised by."""
+Key: TypeAlias = tuple[str, int, int, str, int, int]
+"""Take, frame, pass, limb, shard and shards: what a result is recognised by."""
 
 SILENCE_S = 10.0
 """An idle worker that has not beaten for so long is forgotten."""
@@ -26,7 +30,13 @@ DEADLINE_FLOOR_S = 0.5
 
 def key_of(message: LimbTask | LimbResult | LimbRefusal) -> Key:
     """What a limb task, its result and its refusal have in common."""
-    return (message.take, message.frame, message.pass_index, message.limb, message.shard)
+    return (message.take, message.frame, message.pass_index, message.limb, message.shard, message.shards)
+
+
+def is_sound(result: LimbResult) -> bool:
+    """Whether a result has the limb's parameters, all within the joint limits."""
+    dofs, values = list(LIMBS[result.limb].dofs), result.values
+    return values.shape == (len(dofs),) and bool(np.all((values >= LOWER[dofs]) & (values <= UPPER[dofs])))
 
 
 @dataclass
@@ -34,6 +44,7 @@ class _Worker:
     name: str
     heard_s: float
     task: Key | None = None
+    given_s: float = 0.0
 
 
 @dataclass
@@ -82,31 +93,39 @@ class Dispatcher:
     def heard(self, identity: Identity, hello: Hello | None = None) -> bool:
         """Note a sign of life; False for a peer that has not registered."""
         if hello is not None:
-            for old in [i for i, worker in self._workers.items() if worker.name == hello.name]:
+            for old in [i for i, w in self._workers.items() if i == identity or w.name == hello.name]:
                 self._forget(old, "registered anew")
             self._workers[identity] = _Worker(hello.name, self._now())
             self._assign()
         if identity not in self._workers:
             return False
-        self._workers[identity].heard_s = self._now()
+        worker, now = self._workers[identity], self._now()
+        worker.heard_s = now
+        if worker.task is not None and now - worker.given_s > max(SILENCE_S, self.deadline_s):
+            self._release(worker)  # task or result got lost: a worker says nothing while it solves
         return True
 
     def finished(self, identity: Identity, message: LimbResult | LimbRefusal) -> None:
-        """Take a result or refusal in; one that nobody waits for is counted and dropped."""
+        """Take a result or refusal in; what nobody waits for or makes no sense is counted and dropped.
+
+        Whoever solved a task, its result counts: a worker may have been forgotten or registered anew.
+        """
         key = key_of(message)
         worker = self._workers.get(identity)
-        if worker is not None and worker.task == key:
-            worker.task = None
+        holder = worker if worker is not None and worker.task == key else None
         opened = self._open.get(key)
-        if opened is None or message.shards != opened.task.shards:
+        if opened is None:
             self.dropped += 1
-        elif isinstance(message, LimbRefusal):
-            log.warning("%s refused %s: %s", worker.name if worker else "?", key, message.reason)
-            self._again(key)
-        else:
-            if opened.given_to:
-                self._note_duration(self._now() - opened.given_s)
+        elif isinstance(message, LimbResult) and is_sound(message):
+            if holder is not None:
+                self._note_duration(self._now() - holder.given_s)
             self._close(key, message)
+        else:
+            self.dropped += isinstance(message, LimbResult)
+            reason = message.reason if isinstance(message, LimbRefusal) else "its result makes no sense"
+            log.warning("%s failed at %s: %s", worker.name if worker else "a stranger", key, reason)
+        if holder is not None:
+            self._release(holder)
         self._assign()
 
     def solved_here(self, result: LimbResult) -> None:
@@ -165,8 +184,13 @@ class Dispatcher:
     def _forget(self, identity: Identity, reason: str) -> None:
         worker = self._workers.pop(identity)
         log.warning("forgot %s: %s", worker.name, reason)
+        self._release(worker)
+
+    def _release(self, worker: _Worker) -> None:
+        """Part a worker from its task; one that is not solved goes to somebody else."""
         if worker.task in self._open:
             self._again(worker.task)
+        worker.task = None
 
     def _again(self, key: Key) -> None:
         """Queue a task once more."""
@@ -186,4 +210,5 @@ class Dispatcher:
             self._queue.remove(key)
             self.retries += bool(opened.given_to)
             opened.given_to.append(identity)
-            opened.given_s, worker.task = self._now(), key
+            opened.given_s = worker.given_s = self._now()
+            worker.task = key

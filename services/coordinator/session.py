@@ -31,6 +31,8 @@ log = logging.getLogger(__name__)
 _AHEAD_FRAMES = 8
 """How far segmentation may be ahead of the fit."""
 _LOOK_S = 0.2
+_CONFIRM_S = 4.0
+"""How long recorders may take to ask for what they lack and confirm all frames."""
 _SAY_WAITING_EVERY = 25
 """Looks without a frame after which the log says what is missing."""
 
@@ -189,7 +191,7 @@ class Session:
         )
 
     def _await_recorders(self, end_frame: int) -> None:
-        for _ in range(int(30 / _LOOK_S)):
+        for _ in range(int(_CONFIRM_S / _LOOK_S)):
             if self._board.recorded_up_to(end_frame):
                 return
             self._board.pump(_LOOK_S)

@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import zmq
 
@@ -35,6 +36,13 @@ _MOST_AT_ONCE = 64
 """Messages taken from one socket before the others get their turn."""
 
 
+@dataclass
+class _Recorder:
+    name: str
+    end_frame: int = 0
+    """It has all frames before this one."""
+
+
 class Switchboard:
     """Owns the sockets; every call returns quickly except for the wait that `pump` is told."""
 
@@ -49,7 +57,7 @@ class Switchboard:
         self._on_silhouettes = on_silhouettes
         self.dispatcher = Dispatcher(self._send_task_message, time.monotonic)
         self._blobs: dict[str, Blob] = {}
-        self._recorders: dict[Identity, int] = {}
+        self._recorders: dict[Identity, _Recorder] = {}
         self._take_info: TakeInfo | None = None
         self._poses: dict[int, Pose] = {}
         self._end: TakeEnd | None = None
@@ -63,8 +71,12 @@ class Switchboard:
         return len(self._recorders)
 
     def recorded_up_to(self, end_frame: int) -> bool:
-        """Whether every registered recorder has all frames before end_frame."""
-        return all(done >= end_frame for done in self._recorders.values())
+        """Whether every registered recorder that can be reached has all frames before end_frame."""
+        behind = [i for i, recorder in self._recorders.items() if recorder.end_frame < end_frame]
+        for identity in behind:
+            if not self._send_task_message(identity, Beat()):
+                log.warning("lost %s", self._recorders.pop(identity).name)
+        return not any(identity in self._recorders for identity in behind)
 
     def offer(self, blob: Blob) -> None:
         """Keep content for those who ask for it."""
@@ -144,7 +156,8 @@ class Switchboard:
         elif isinstance(message, PoseRequest):
             self._send_poses(identity, message)
         elif isinstance(message, Recorded):
-            self._recorders[identity] = message.end_frame
+            if identity in self._recorders:
+                self._recorders[identity].end_frame = message.end_frame
         else:
             self.malformed += 1
             log.warning("dropped a message that is not for a coordinator: %s", message.type)
@@ -155,7 +168,8 @@ class Switchboard:
         if hello.role == "limb_worker":
             self.dispatcher.heard(identity, hello)
             return
-        self._recorders[identity] = 0
+        self._recorders = {i: known for i, known in self._recorders.items() if known.name != hello.name}
+        self._recorders[identity] = _Recorder(hello.name)
         for message in (self._take_info, self._end):
             if message is not None:
                 self._send_task_message(identity, message)

@@ -1,11 +1,11 @@
 """Limb tasks solved, without a socket."""
 
+import hashlib
 import time
 from collections import OrderedDict
 from typing import TypeVar
 
 import numpy as np
-from pydantic import ValidationError
 
 from proto.messages import Blob, LimbRefusal, LimbResult, LimbTask
 from services.mocap.body.actor import Actor, build_body
@@ -18,7 +18,8 @@ from services.mocap.search.solve import Model, solve_limb
 
 _MODELS_KEPT = 4
 """Pairs of actor and rig; a worker may serve several takes in turn."""
-
+_FARTHEST = 10_000.0
+"""Poses with larger numbers, in metres or radians, are not of this world."""
 
 K = TypeVar("K")
 V = TypeVar("V")
@@ -43,13 +44,16 @@ class LimbSolver:
 
     def store(self, blob: Blob) -> None:
         """Keep content; raises UnusableBlobError where it is damaged or not what it is called."""
+        content = blob.content.tobytes()
+        if hashlib.sha256(content).hexdigest() != blob.hash:
+            raise UnusableBlobError(f"{blob.kind} {blob.hash[:8]}: damaged: its hash is another one")
         try:
-            text = blob.content.tobytes().decode()
+            text = content.decode()
             if blob.kind == "actor":
                 _keep(self._actors, blob.hash, Actor.from_toml(text))
             else:
                 _keep(self._rigs, blob.hash, Rig.from_json(text))
-        except (ValueError, ValidationError) as error:
+        except (ValueError, RecursionError) as error:  # TOML's reader recurses into nested arrays
             raise UnusableBlobError(f"{blob.kind} {blob.hash[:8]}: {error}") from None
 
     def solve(self, task: LimbTask) -> LimbResult | LimbRefusal:
@@ -59,6 +63,7 @@ class LimbSolver:
         try:
             model = self._model(task)
             settings = SearchSettings.from_wire(task.search)
+            _check(task, model.rig)
             region = Region(task.origin_px, task.window.shape[2], task.window.shape[1])
             window = Picture.of_region(model.rig, region, task.window)
             found = solve_limb(model, task.limb, window, task.pose, settings, (task.shard, task.shards))
@@ -93,8 +98,24 @@ def warm_up() -> None:
         solve_limb(model, limb, picture, np.zeros(35), settings)
 
 
+def _check(task: LimbTask, rig: Rig) -> None:
+    """Raise ValueError unless the numbers of a task suit each other and the rig."""
+    if task.shard >= task.shards:
+        raise ValueError(f"shard: expected less than {task.shards}, got {task.shard}")
+    if task.origin_px.shape != (rig.n_cameras, 2):
+        raise ValueError(f"origin_px: expected {rig.n_cameras} cameras, got {len(task.origin_px)}")
+    largest_px = max(rig.shape_px)
+    if not all(1 <= size <= largest_px for size in task.window.shape[1:]):
+        raise ValueError(f"window: expected sides of 1 to {largest_px} pixels, got {task.window.shape[1:]}")
+    if np.any((task.origin_px < -largest_px) | (task.origin_px > largest_px)):
+        raise ValueError(f"origin_px: a window is farther than {largest_px} pixels from its picture")
+    if np.abs(task.pose).max() > _FARTHEST:
+        raise ValueError(f"pose: expected metres and radians up to {_FARTHEST:.0f}")
+
+
 def _keep(kept: OrderedDict[K, V], key: K, value: V) -> None:
     """Add to a table that forgets the oldest."""
     kept[key] = value
+    kept.move_to_end(key)
     while len(kept) > _MODELS_KEPT:
         kept.popitem(last=False)

@@ -1,5 +1,7 @@
 """The poses of one take as they come in, without a socket: what is there, and what is missing."""
 
+import hashlib
+
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
 
 
@@ -13,15 +15,21 @@ class Collection:
         self._blobs: dict[str, str] = {}
 
     def add(self, message: TakeInfo | Pose | TakeEnd | Blob) -> None:
-        """Take in a message; repeated and foreign ones change nothing."""
+        """Take in a message; repeated, foreign and damaged ones change nothing."""
         if isinstance(message, TakeInfo):
             self.info = self.info or message
         elif isinstance(message, Blob):
-            self._blobs[message.hash] = message.content.tobytes().decode()
+            self._add_blob(message)
         elif isinstance(message, Pose):
             self.poses.setdefault(message.frame, message)
         else:
             self._end = message.end_frame
+
+    def _add_blob(self, blob: Blob) -> None:
+        """Keep content that is wanted and whole; what is not is asked for again."""
+        content = blob.content.tobytes()
+        if blob.hash in self.missing_blobs() and hashlib.sha256(content).hexdigest() == blob.hash:
+            self._blobs[blob.hash] = content.decode()
 
     def blob(self, content_hash: str) -> str:
         """Content that has arrived."""

@@ -90,6 +90,16 @@ def serve(take_folder: Path, cameras: str, endpoint: str, stop: StopRequest) -> 
     sub.connect(stream_endpoint(endpoint, "poses"))
     sender = Sender(take, chosen, feed, push)
     log.info("ready: %s from %s", ", ".join(take.cameras[c].name for c in chosen), take.source)
+    try:
+        _send_all(take, sender, sub, stop)
+    finally:
+        push.close()
+        sub.close()
+        context.term()
+
+
+def _send_all(take: Take, sender: Sender, sub: "zmq.Socket[bytes]", stop: StopRequest) -> None:
+    """Follow the coordinator's credit until it says that the take is over."""
     credit: Credit | None = None
     while not stop:
         try:

@@ -67,8 +67,9 @@ class Actor(BaseModel):
         return lengths
 
     def to_toml(self) -> str:
-        """The text of actor.toml."""
-        return tomli_w.dumps(self.model_dump())
+        """The text of actor.toml, bones in the order of BONES, so that equal actors have one content hash."""
+        lengths = {name: self.bone_lengths[name] for name in BONES if name in self.bone_lengths}
+        return tomli_w.dumps({**self.model_dump(), "bone_lengths": lengths})
 
     @classmethod
     def from_toml(cls, text: str) -> "Actor":

@@ -1,21 +1,20 @@
 """A body's meshes as flat arrays: what the outline is found with and what it walks along."""
 
-from typing import NamedTuple, TypeAlias
+from collections.abc import Sequence
+from itertools import accumulate
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
+from services.mocap.energy.arrays import Indices, Singles
 from services.mocap.types import Floats, Ints
 
-Indices: TypeAlias = NDArray[np.uint32]
-"""Unsigned, so that compiled code does not test every index for being counted from the end."""
-Singles: TypeAlias = NDArray[np.float32]
-
-BLOCK = 32
+BLOCK = 16
 """Edges a block; as many planes are looked at at once."""
 SMALL_PERIMETER_M = 1e-3
 """Added to a face's perimeter, which its plane is divided by: keeps planes of tiny faces finite."""
+_SHORTEST_NORMAL = 1e-12  # of faces without area: their block is always looked into
 _NO_OFFSET = 1e9  # of the planes of edges that fill a block up: every camera is on the same side of both
 
 
@@ -23,18 +22,19 @@ class FlatMesh(NamedTuple):
     """All segments one behind the other; edges in B blocks, each of neighbours that face the same way."""
 
     xyz_m: Floats
-    """(V, 3) vertices in their segment's frame."""
+    """(3, V) vertices in their segment's frame."""
     edges: Indices
     """(B * BLOCK, 4) vertices a, b, c, d of the faces (a, b, c) and (b, a, d), counter-clockwise seen from
-    outside, on the two sides of an edge. An edge that only fills a block up has the same vertex four times."""
+    outside, on the two sides of an edge. One that only fills a block up has the same vertex four times."""
     planes: Singles
     """(B, 8, BLOCK): normal and offset (n, d) of the face along and then of the one against, such that
     n · x - d is twice the area times the height of x over the face, divided by its perimeter and
     SMALL_PERIMETER_M; x counts from the centre of the segment's sphere."""
     block_planes: Singles
-    """(6, B): the plane (n, d) in the middle of a block's, and how far off any n and any d is."""
-    block_start: Ints
-    """(S + 1,) where each segment's blocks begin."""
+    """(9, B): the middle (n, d) of a block's planes once all n are of unit length, how far off it any
+    component is, and by how much the planes have been lengthened for that at most."""
+    starts: Ints
+    """(2, S + 1) where each segment's vertices and its blocks begin."""
     spheres_m: Floats
     """(S, 4) centre, in the segment's frame, and radius of a sphere that holds the segment."""
 
@@ -54,19 +54,23 @@ class FlatMesh(NamedTuple):
             bounds.append(_bounds(segment_planes[order]))
             n_vertices += len(vertices)
         return cls(
-            xyz_m=np.concatenate(body.vertices_m).astype(np.float64),
+            xyz_m=np.ascontiguousarray(np.concatenate(body.vertices_m).T, np.float64),
             edges=np.concatenate(edges).reshape(-1, 4).astype(np.uint32),
             planes=np.ascontiguousarray(np.concatenate(planes).transpose(0, 2, 1)),
             block_planes=np.ascontiguousarray(np.concatenate(bounds).T),
-            block_start=np.cumsum([0, *map(len, bounds)]).astype(np.int64),
+            starts=np.array([_starts(body.vertices_m), _starts(bounds)], np.int32),
             spheres_m=spheres_m,
         )
+
+
+def _starts(parts: Sequence[Floats]) -> list[int]:
+    return [0, *accumulate(map(len, parts))]
 
 
 def _sphere(vertices_m: Floats) -> Floats:
     """Centre and radius (4,) of a sphere about the middle of the bounding box."""
     centre = (vertices_m.min(axis=0) + vertices_m.max(axis=0)) / 2
-    return np.append(centre, np.linalg.norm(vertices_m - centre, axis=1).max())
+    return np.append(centre, np.linalg.norm(vertices_m - centre, axis=1).max() * (1.0 + 1e-9))
 
 
 def _planes(vertices_m: Floats, faces: Ints) -> Singles:
@@ -118,11 +122,9 @@ def _filled(rows: Floats, filler: Floats) -> Floats:
 
 
 def _bounds(planes: Singles) -> Singles:
-    """The block_planes (B, 6) of one segment's planes (E, 2, 4) in their final order."""
-    filled = _filled(planes.reshape(-1, 8), planes[-1].ravel()).reshape(-1, 2 * BLOCK, 4)
-    middle = (filled.min(axis=1) + filled.max(axis=1)) / 2
-    off = filled.astype(np.float64) - middle[:, None]
-    radius = np.linalg.norm(off[..., :3], axis=2).max(axis=1)
-    return np.column_stack([middle, 1.00001 * radius, 1.00001 * np.abs(off[..., 3]).max(axis=1)]).astype(
-        np.float32
-    )
+    """The block_planes (B, 9) of one segment's planes (E, 2, 4) in their final order."""
+    filled = _filled(planes.reshape(-1, 8), planes[-1].ravel()).reshape(-1, 2 * BLOCK, 4).astype(np.float64)
+    lengthening = 1.0 / np.maximum(np.linalg.norm(filled[..., :3], axis=2), _SHORTEST_NORMAL)
+    filled *= lengthening[..., None]
+    low, high = filled.min(axis=1), filled.max(axis=1)
+    return np.column_stack([(low + high) / 2, (high - low) / 2, lengthening.max(axis=1)]).astype(np.float32)

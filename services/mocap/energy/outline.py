@@ -7,13 +7,35 @@ With snapped vertices all of this is whole-number arithmetic, and equal bit for 
 by the top-left rule.
 """
 
+from typing import TypeAlias
+
 import numba
 import numpy as np
 
-from services.mocap.energy.facing import AGAINST, ALONG, UNDECIDED, find_candidates
-from services.mocap.energy.mesh import Indices, Singles
-from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, SUBPIXEL_BITS, project_vertex
+from services.mocap.energy.arrays import Indices, Shorts, Singles
+from services.mocap.energy.collecting import collect_bits, collect_gain
+from services.mocap.energy.crossing import find_crossings, find_near_crossings, wind
+from services.mocap.energy.facing import HIDDEN, NEAR, find_candidates, look
+from services.mocap.energy.mesh import BLOCK, FlatMesh
+from services.mocap.energy.snapping import depth_range, project_range
 from services.mocap.types import Bytes, Floats, Ints
+
+MeshArrays: TypeAlias = tuple[Floats, Indices, Singles, Singles, Ints, Floats]
+"""A FlatMesh as a plain tuple: numba's cache on disk cannot be read once a named one has been renamed."""
+Scratch: TypeAlias = tuple[Bytes, Indices, Ints, Floats, Ints]
+"""(BLOCK + B,) flags; (E + 1,) edges found; (2, V) snapped vertices; (V,) depths; (E + 1, 7) crossings."""
+
+
+def scratch_for(mesh: FlatMesh) -> Scratch:
+    """What drawing a mesh needs room for."""
+    n_vertices, n_edges = mesh.xyz_m.shape[1], len(mesh.edges)
+    return (
+        np.zeros(BLOCK + len(mesh.planes), np.uint8),
+        np.zeros(n_edges + 1, np.uint32),
+        np.zeros((2, n_vertices), np.int32),
+        np.zeros(n_vertices),
+        np.zeros((n_edges + 1, 7), np.int32),
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -21,37 +43,24 @@ def outline_energy(
     T_world_segment: Floats,
     segments: Ints,
     P_px_world: Floats,
-    xyz_m: Floats,
-    edges: Indices,
-    planes: Singles,
-    block_planes: Singles,
-    block_start: Ints,
-    spheres_m: Floats,
-    M_px_segment: Floats,
-    found: Indices,
-    ends: Ints,
-    blocks: Bytes,
-    gain: Ints,
-    winding: Ints,
+    mesh: MeshArrays,
+    scratch: Scratch,
+    gain_sums: Shorts,
+    width_px: int,
+    winding: Shorts,
     energies: Floats,
 ) -> None:
     """Add, for each of N poses, the gain of every pixel that the body covers.
 
-    T_world_segment (N, S, 4, 4); segments: indices of those drawn; P_px_world (C, 3, 4); mesh and scratch arrays as in FlatMesh and Candidates;
-    gain (C, H, W) int8, what a covered pixel adds; winding (H, W + 1) int16, all zero, is scratch; energies
-    (N,).
+    T_world_segment (N, S, 4, 4); segments: indices of those drawn; P_px_world (C, 3, 4); gain_sums (C, H,
+    columns) as summed_gain makes it for pictures of width_px; winding from empty_winding; energies (N,).
     """
-    height_px, width_px = gain.shape[1], gain.shape[2]
-    extent = np.empty(4, np.int64)
+    extent = np.empty(4, np.int32)
     for n in range(len(T_world_segment)):
-        find_candidates(
-            T_world_segment[n], segments, P_px_world, width_px, height_px, planes, block_planes,
-            block_start, spheres_m, M_px_segment, found, ends, blocks,
-        )  # fmt: skip
         total = 0
         for c in range(len(P_px_world)):
-            _wind(segments, xyz_m, edges, M_px_segment[c], found[c], ends[c], winding, extent)
-            total += _collect_gain(winding, extent, gain[c])
+            _draw(T_world_segment[n], segments, P_px_world[c], mesh, scratch, width_px, winding, extent)
+            total += collect_gain(winding, extent, gain_sums[c])
         energies[n] += total
 
 
@@ -60,135 +69,57 @@ def outline_coverage(
     T_world_segment: Floats,
     segments: Ints,
     P_px_world: Floats,
-    xyz_m: Floats,
-    edges: Indices,
-    planes: Singles,
-    block_planes: Singles,
-    block_start: Ints,
-    spheres_m: Floats,
-    M_px_segment: Floats,
-    found: Indices,
-    ends: Ints,
-    blocks: Bytes,
-    winding: Ints,
+    mesh: MeshArrays,
+    scratch: Scratch,
+    winding: Shorts,
     covered: Bytes,
 ) -> None:
     """Set the bits of every pixel that the body covers in covered (N, P, H, W); else as outline_energy."""
-    height_px, width_px = covered.shape[2], covered.shape[3]
-    extent = np.empty(4, np.int64)
+    extent, width_px = np.empty(4, np.int32), covered.shape[3]
     for n in range(len(T_world_segment)):
-        find_candidates(
-            T_world_segment[n], segments, P_px_world, width_px, height_px, planes, block_planes,
-            block_start, spheres_m, M_px_segment, found, ends, blocks,
-        )  # fmt: skip
         for c in range(len(P_px_world)):
-            _wind(segments, xyz_m, edges, M_px_segment[c], found[c], ends[c], winding, extent)
-            _collect_bits(winding, extent, covered[n, c // 8], np.uint8(1 << c % 8))
+            _draw(T_world_segment[n], segments, P_px_world[c], mesh, scratch, width_px, winding, extent)
+            collect_bits(winding, extent, covered[n, c // 8], np.uint8(1 << c % 8))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _wind(
+def _draw(
+    T_world_segment: Floats,
     segments: Ints,
-    xyz_m: Floats,
-    edges: Indices,
-    M_px_segment: Floats,
-    found: Indices,
-    ends: Ints,
-    winding: Ints,
+    P_px_world: Floats,
+    mesh: MeshArrays,
+    scratch: Scratch,
+    width_px: int,
+    winding: Shorts,
     extent: Ints,
 ) -> None:
-    """Put one camera's outlines of the segments into winding.
-
-    extent gets what they touch: first row, last row + 1, first column, last column + 1.
-    """
-    extent[0], extent[1] = winding.shape[0], 0
-    extent[2], extent[3] = winding.shape[1], 0
-    for k in range(len(segments)):
-        M = M_px_segment[segments[k]]
-        for i in range(ends[k], ends[k + 1]):
-            edge, code = found[i] >> 2, found[i] & 3
-            a, b = edges[edge, 0], edges[edge, 1]
-            x0, y0, z0 = project_vertex(xyz_m, a, M)
-            x1, y1, z1 = project_vertex(xyz_m, b, M)
-            if code == UNDECIDED:
-                code = _decide(edges, edge, xyz_m, M)
-            if code == ALONG:
-                _cross_rows(x0, y0, x1, y1, winding, extent)
-            elif code == AGAINST:
-                _cross_rows(x1, y1, x0, y0, winding, extent)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _decide(edges: Indices, edge: int, xyz_m: Floats, M: Floats) -> int:
-    """ALONG, AGAINST or 0 from the snapped corners of an edge's two faces.
-
-    A front face's corners run counter-clockwise on the screen, where y points down, and lie before the near
-    plane.
-    """
-    ax, ay, az = project_vertex(xyz_m, edges[edge, 0], M)
-    bx, by, bz = project_vertex(xyz_m, edges[edge, 1], M)
-    cx, cy, cz = project_vertex(xyz_m, edges[edge, 2], M)
-    dx, dy, dz = project_vertex(xyz_m, edges[edge, 3], M)
-    before = min(az, bz) >= NEAR_M
-    along = before and cz >= NEAR_M and (bx - ax) * (cy - ay) < (cx - ax) * (by - ay)
-    against = before and dz >= NEAR_M and (bx - ax) * (dy - ay) > (dx - ax) * (by - ay)
-    if along == against:
-        return 0
-    return ALONG if along else AGAINST
+    """Put one camera's outlines of the segments into winding; extent as in wind."""
+    xyz_m, edges, planes, block_planes, starts, spheres_m = mesh
+    flags, found, uv, depth_m, crossings = scratch
+    height_px = winding.shape[0]
+    M, eye = np.empty((3, 4)), np.empty(6, np.float32)
+    extent[0], extent[1], extent[2], extent[3] = height_px, 0, width_px + 1, 0
+    for s in segments:
+        vertex, vertex_end, block, block_end = starts[0, s], starts[0, s + 1], starts[1, s], starts[1, s + 1]
+        _compose(P_px_world, T_world_segment[s], M)
+        view = look(M, spheres_m[s], width_px, height_px, eye)
+        if view == HIDDEN:
+            continue
+        project_range(xyz_m, vertex, vertex_end, M, uv)
+        if view == NEAR:
+            depth_range(xyz_m, vertex, vertex_end, M, depth_m)
+            n = find_near_crossings(
+                BLOCK * block, BLOCK * block_end, edges, uv, depth_m, height_px, crossings
+            )
+        else:
+            n = find_candidates(planes, block_planes, block, block_end, eye, flags, found)
+            n = find_crossings(found, n, edges, uv, height_px, crossings)
+        wind(crossings, n, width_px, winding, extent)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _cross_rows(x0: int, y0: int, x1: int, y1: int, winding: Ints, extent: Ints) -> None:
-    """Put an outline edge into winding: +1 where it runs down across a row's centres, -1 where up.
-
-    A crossing counts from the first pixel whose centre is not left of it, so that a centre on a left or top
-    edge is inside and one on a right or bottom edge outside.
-    """
-    if y0 == y1:
-        return
-    sign = 1
-    if y0 > y1:
-        x0, y0, x1, y1 = x1, y1, x0, y0
-        sign = -1
-    height, width = winding.shape[0], winding.shape[1] - 1
-    first = max((y0 + SUBPIXEL - 1) >> SUBPIXEL_BITS, 0)
-    last = min((y1 + SUBPIXEL - 1) >> SUBPIXEL_BITS, height)
-    if first >= last:
-        return
-    extent[0], extent[1] = min(extent[0], first), max(extent[1], last)
-    dx, dy = x1 - x0, y1 - y0
-    divisor = dy << SUBPIXEL_BITS
-    for row in range(first, last):
-        crossing = x0 * dy + ((row << SUBPIXEL_BITS) - y0) * dx
-        column = min(max(-((-crossing) // divisor), 0), width)
-        extent[2], extent[3] = min(extent[2], column), max(extent[3], column + 1)
-        winding[row, column] += sign
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _collect_gain(winding: Ints, extent: Ints, gain: Ints) -> int:
-    """Sum the gain of covered pixels and set winding back to zero."""
-    total = 0
-    past_picture = gain.shape[1]
-    for row in range(extent[0], extent[1]):
-        depth = 0
-        for x in range(extent[2], min(extent[3], past_picture)):
-            depth += winding[row, x]
-            winding[row, x] = 0
-            total += gain[row, x] if depth > 0 else 0
-        winding[row, past_picture] = 0
-    return total
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _collect_bits(winding: Ints, extent: Ints, plane: Bytes, bit: int) -> None:
-    """Set the bit of covered pixels in plane (H, W) and set winding back to zero."""
-    past_picture = plane.shape[1]
-    for row in range(extent[0], extent[1]):
-        depth = 0
-        for x in range(extent[2], min(extent[3], past_picture)):
-            depth += winding[row, x]
-            winding[row, x] = 0
-            if depth > 0:
-                plane[row, x] |= bit
-        winding[row, past_picture] = 0
+def _compose(P: Floats, T: Floats, M: Floats) -> None:
+    """Write the product of P (3, 4) and T (4, 4) into M (3, 4)."""
+    for i in range(3):
+        for j in range(4):
+            M[i, j] = P[i, 0] * T[0, j] + P[i, 1] * T[1, j] + P[i, 2] * T[2, j] + P[i, 3] * T[3, j]

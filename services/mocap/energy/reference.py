@@ -11,7 +11,9 @@ from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, project_snapped
 from services.mocap.types import Floats, Ints, Mask
 
 
-def rasterise(vertices_world_m: Floats, faces: Ints, P_px_world: Floats, width_px: int, height_px: int) -> Mask:
+def rasterise(
+    vertices_world_m: Floats, faces: Ints, P_px_world: Floats, width_px: int, height_px: int
+) -> Mask:
     """The mask (H, W) of the pixels that triangles cover.
 
     vertices_world_m: (V, 3). faces: (F, 3). P_px_world: (3, 4), one camera.

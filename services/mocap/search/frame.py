@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, LimbName
@@ -81,9 +81,10 @@ def solve_frame(
     """Find the pose of one frame, beginning at the best of the start poses (N, 35).
 
     The paper, section 3: torso, then every limb with its hand or foot and the head, repeated until converged.
-    The result is the best pose seen at the end of a pass; starts count as seen. first_pass: the number of the
-    first pass, where a frame is solved more than once.
+    The result is the best pose seen at the end of a pass; starts, moved within the joint limits, count as
+    seen. first_pass: the number of the first pass, where a frame is solved more than once.
     """
+    starts = clip_to_limits(starts)
     energy = model.backend.energy(Problem(starts[0], tuple(range(N_DOF)), ALL_SEGMENTS, whole))
     energies = energy(starts)
     best = FrameSolution(

@@ -11,8 +11,12 @@ from services.mocap.errors import TakeError
 from services.mocap.types import Floats, Mask
 
 _VOXEL_M = 0.03
+_FEET_M = 0.15
+"""How far up from the hull's lowest point the feet are looked for."""
 _REACH_M = 1.6
 """Half the side of the cube that is carved, about the point where the silhouettes' centres meet."""
+_MIN_CAMERAS = 2
+"""One camera alone does not say how far away anything is."""
 _SLACK_PX = 1
 """Silhouettes are widened by this much per 320 pixels of width, against ragged edges and the voxels' size."""
 
@@ -26,13 +30,22 @@ class Hull:
 
     @property
     def bottom_m(self) -> float:
-        """Height of the lowest point."""
-        return float(self.points_world_m[:, 2].min()) - _VOXEL_M / 2
+        """Height of the soles: the lowest layer that is at least half as wide as the feet's widest.
+
+        Cameras look down at the feet and so do not see the floor under them: there the hull ends in a tip.
+        """
+        z_m = self.points_world_m[:, 2]
+        layers = np.rint((z_m - z_m.min()) / _VOXEL_M).astype(np.int64)
+        feet = np.bincount(layers)[: round(_FEET_M / _VOXEL_M)]
+        return float(z_m.min() + int(np.argmax(2 * feet >= feet.max())) * _VOXEL_M)
 
     @property
     def height_m(self) -> float:
-        """From the lowest to the highest point."""
-        return float(self.points_world_m[:, 2].max()) + _VOXEL_M / 2 - self.bottom_m
+        """From the soles to the highest point.
+
+        Between centres: the slack of the silhouettes makes up for the halves of the outermost voxels.
+        """
+        return float(self.points_world_m[:, 2].max()) - self.bottom_m
 
     @property
     def axis_world_m(self) -> Floats:
@@ -46,19 +59,20 @@ def carve(rig: Rig, silhouettes: Mask) -> Hull:
     Raises TakeError where there is nobody, or where the silhouettes do not meet in space.
     """
     seen = [c for c in range(rig.n_cameras) if silhouettes[c].any()]
-    if len(seen) < 2:
+    if len(seen) < _MIN_CAMERAS:
         raise TakeError(
             f"silhouettes: only {len(seen)} of {rig.n_cameras} cameras show anybody in the first frame: "
             "choose a first frame in which the actor is in view"
         )
     points_world_m = _cube_about(_meeting_point(rig, silhouettes, seen))
-    n_pictures, n_actor = np.zeros((2, len(points_world_m)), np.int32)
+    inside, n_pictures = np.ones(len(points_world_m), bool), np.zeros(len(points_world_m), np.int32)
     for c in seen:
-        in_picture, on_actor = _look_up(rig, silhouettes[c], c, points_world_m)
-        n_pictures += in_picture
-        n_actor += on_actor
+        left = np.flatnonzero(inside)  # most is carved away by the first cameras
+        in_picture, on_actor = _look_up(rig, silhouettes[c], c, points_world_m[left])
+        n_pictures[left] += in_picture
+        inside[left] = on_actor | ~in_picture
     # Where few cameras look, little is carved away: half of them must have a point in their picture.
-    inside = (n_actor == n_pictures) & (2 * n_pictures >= len(seen))
+    inside &= 2 * n_pictures >= max(len(seen), 2 * _MIN_CAMERAS)
     side = round(len(points_world_m) ** (1 / 3))
     pieces, n_pieces = ndimage.label(inside.reshape(side, side, side))
     if n_pieces == 0:
@@ -81,7 +95,7 @@ def _meeting_point(rig: Rig, silhouettes: Mask, seen: list[int]) -> Floats:
         ray /= np.linalg.norm(ray)
         across = np.eye(3) - np.outer(ray, ray)
         A, b = A + across, b + across @ centre_world_m
-    return np.linalg.solve(A, b)
+    return np.linalg.solve(A, b).astype(np.float64)
 
 
 def _cube_about(centre_world_m: Floats) -> Floats:

@@ -1,8 +1,13 @@
 """Every setting of the search, in one place."""
 
 from collections.abc import Mapping
+from typing import Annotated, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
+
+_Count = Annotated[int, Field(ge=1, le=15)]
+GridCounts: TypeAlias = tuple[_Count, _Count, _Count, _Count]
+"""Points along each axis; 15 keep the largest grid's poses within 100 MB."""
 
 
 class SearchSettings(BaseModel):
@@ -14,9 +19,9 @@ class SearchSettings(BaseModel):
     """Rounds of torso, limbs and head over one frame, at most."""
     pass_tolerance: float = Field(default=0.01, ge=0, lt=1)
     """Passes end when one lowers the whole energy by less than this share."""
-    arm_grid: tuple[int, int, int, int] = (5, 5, 3, 5)
+    arm_grid: GridCounts = (5, 5, 3, 5)
     """Points tried for shoulder elevation, forward, twist and elbow flexion."""
-    leg_grid: tuple[int, int, int, int] = (7, 3, 3, 7)
+    leg_grid: GridCounts = (7, 3, 3, 7)
     """Points tried for hip flexion, abduction, twist and knee flexion."""
     grid_step_rad: float = Field(default=0.16, gt=0, le=1)
     """Distance between grid points; a twist takes twice as much, since it shows less."""

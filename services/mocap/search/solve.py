@@ -78,14 +78,16 @@ def solve_limb(
 ) -> Solution:
     """Find a limb in its window: grid search over ball and hinge, downhill, then its hand or foot.
 
-    window: the input in the limb's window, nothing pre-rendered. shard (k, n): search only every n-th grid
-    point, from the k-th on, so that n workers share a limb.
+    window: the input in the limb's window, nothing pre-rendered. shard (k, n): search the start and only
+    every n-th grid point, from the k-th on, so that n workers share a limb and none returns worse than the
+    start.
     """
     limb = LIMBS[name]
     energy, start, box = _prepare(model, limb.main, window, pose, settings)
-    points = grid_points(start.values, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
+    points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
     k, n = shard
-    main = _solution(limb.main, _descend(energy, best_of(energy, points[k::n]), box, settings))
+    points = np.concatenate([points[:1], points[1:][k::n]])
+    main = _solution(limb.main, _descend(energy, best_of(energy, points), box, settings))
     found = main.applied_to(pose)
     extremity = _descend_stage(
         model, limb.extremity, stage_window(model, limb.extremity, window, found), found, settings
@@ -109,14 +111,14 @@ def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
 
 def _prepare(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
-) -> tuple[Energy, Minimum, Box]:
-    """The stage's energy with everything else pre-rendered, its value at the pose, and its limits."""
+) -> tuple[Energy, Floats, Box]:
+    """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits."""
     if stage.others:
         picture = picture.ignoring(model.backend.coverage(pose[None], stage.others, picture.region)[0])
     energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, picture))
     steps = [settings.shift_step_m if DOFS[d].unit == "m" else settings.angle_step_rad for d in stage.dofs]
     box = Box(*stage.limits(), np.array(steps))
-    return energy, best_of(energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper)[None]), box
+    return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
 
 
 def _descend(energy: Energy, start: Minimum, box: Box, settings: SearchSettings) -> Minimum:
@@ -129,7 +131,7 @@ def _descend_stage(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> Solution:
     energy, start, box = _prepare(model, stage, picture, pose, settings)
-    return _solution(stage, _descend(energy, start, box, settings))
+    return _solution(stage, _descend(energy, best_of(energy, start[None]), box, settings))
 
 
 def _solution(stage: Stage, minimum: Minimum) -> Solution:

@@ -18,7 +18,8 @@ from services.mocap.types import Floats
 _HEEL_RISE = radians(32)
 _TOE_RISE = radians(17)
 _LIFT_M = 0.04
-_FULL_STRIDE_M = 0.55  # a foot that goes less far rolls and lifts less
+# A foot that goes less far, or has less time, rolls and lifts less.
+_FULL_STRIDE_M, _UNHURRIED_S = 0.55, 0.4
 _TOE_OUT = radians(7)
 
 
@@ -112,7 +113,9 @@ def foot_targets(
         next_stand = path.turns_at(step.stand_s)
         turns += (next_stand - stand) * done[:, None]
         beside_m += (step.half_width_m - beside_from_m) * done
-        size = 0.4 + 0.6 * min(1.0, path.radius_m * float(next_stand[0] - stand[0]) / _FULL_STRIDE_M)
+        stride_m = path.radius_m * float(next_stand[0] - stand[0])
+        size = 0.4 + 0.6 * min(1.0, stride_m / _FULL_STRIDE_M)
+        size *= min(1.0, step.period_s / _UNHURRIED_S) ** 2
         pitch += size * _step_pitch(time_s, step)
         lift_m += size * _LIFT_M * np.sin(pi * swung) ** 2
         stand, beside_from_m = next_stand, step.half_width_m

@@ -59,7 +59,7 @@ def test_the_nearer_body_is_on_top() -> None:
     near, near_faces = _tetrahedron(np.array([[4, 4, 1], [9, 4, 1], [4, 9, 1], [5, 5, 1.5]]))
     vertices = np.concatenate([near, far])
     faces = np.concatenate([near_faces, far_faces + 4]).astype(np.int32)
-    red, green = np.tile(np.float32([0, 0, 255]), (4, 1)), np.tile(np.float32([0, 255, 0]), (4, 1))
+    red, green = (np.tile(np.array(bgr, np.float32), (4, 1)) for bgr in ((0, 0, 255), (0, 255, 0)))
     for order in (faces, faces[::-1].copy()):
         layer = draw(vertices, np.concatenate([red, green]), order, P_PX_WORLD, (24, 24))
         np.testing.assert_allclose(layer.bgr[5, 5], [0, 0, 255], atol=1e-3)

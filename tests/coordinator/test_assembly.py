@@ -1,0 +1,145 @@
+"""Frames are put together from any number of senders, whole and in order, in bounded memory."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from proto.messages import Silhouettes
+from services.coordinator.assembly import FrameAssembler
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import pack, unpack
+from services.mocap.types import Bytes, Mask
+
+_HEIGHT_PX, _WIDTH_PX = 4, 6
+_N_CAMERAS = 10
+_GROUPS = ([0, 1, 2, 3, 4, 5, 6, 7, 8], [9])
+
+
+def make_rig(n_cameras: int = _N_CAMERAS) -> Rig:
+    sizes_px = np.array([[_WIDTH_PX, _HEIGHT_PX]] * n_cameras, np.int32)
+    return Rig(np.ones((n_cameras, 3, 4)), sizes_px)
+
+
+def assembler(first: int = 0, end: int = 20) -> FrameAssembler:
+    return FrameAssembler("walk", make_rig(), first, end)
+
+
+def masks_of(frame: int) -> Mask:
+    rng = np.random.default_rng(frame)
+    return rng.random((_N_CAMERAS, _HEIGHT_PX, _WIDTH_PX)) < 0.5
+
+
+def message(frame: int, cameras: list[int], take: str = "walk", planes: Bytes | None = None) -> Silhouettes:
+    sent = pack(masks_of(frame)[cameras]) if planes is None else planes
+    return Silhouettes(take=take, frame=frame, cameras=cameras, planes=sent)
+
+
+def assert_frame(planes: Bytes | None, frame: int) -> None:
+    assert planes is not None
+    assert planes.dtype == np.uint8
+    np.testing.assert_array_equal(planes, pack(masks_of(frame)))
+
+
+def test_one_group_with_cameras_in_any_order() -> None:
+    frames = assembler()
+    cameras = [3, 9, 0, 8, 1, 7, 2, 6, 4, 5]
+    frames.add(message(0, cameras), 8)
+    assert_frame(frames.take_next(), 0)
+    assert frames.take_next() is None
+    assert frames.next_frame == 1
+
+
+def test_a_frame_waits_for_every_group() -> None:
+    frames = assembler()
+    frames.add(message(0, _GROUPS[0]), 8)
+    assert frames.take_next() is None
+    assert frames.waiting_for() == [9]
+    frames.add(message(0, _GROUPS[1]), 8)
+    assert frames.waiting_for() == []
+    assert_frame(frames.take_next(), 0)
+    assert frames.waiting_for() == list(range(_N_CAMERAS))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.permutations([(frame, group) for frame in range(3, 8) for group in (0, 1)]), st.data())
+def test_any_order_and_any_repeats_give_frames_in_order(
+    order: list[tuple[int, int]], data: st.DataObject
+) -> None:
+    frames, out = assembler(3, 8), []
+    repeats = data.draw(st.lists(st.sampled_from(order), max_size=5))
+    for frame, group in [*order, *repeats]:
+        frames.add(message(frame, _GROUPS[group]), 8)
+        while (planes := frames.take_next()) is not None:
+            assert_frame(planes, 3 + len(out))
+            out.append(planes)
+    assert len(out) == 5
+    assert frames.next_frame == 8
+
+
+def test_a_group_that_sends_twice_is_not_counted_twice() -> None:
+    frames = assembler()
+    for _ in range(3):
+        frames.add(message(0, _GROUPS[0]), 8)
+    assert frames.take_next() is None
+    assert frames.waiting_for() == [9]
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        message(0, _GROUPS[0], take="run"),
+        message(8, _GROUPS[0]),
+        message(2**31 - 1, _GROUPS[0]),
+        message(0, [0, 10], planes=np.zeros((1, _HEIGHT_PX, _WIDTH_PX), np.uint8)),
+        message(0, [0, 0], planes=np.zeros((1, _HEIGHT_PX, _WIDTH_PX), np.uint8)),
+        message(0, [0], planes=np.zeros((2, _HEIGHT_PX, _WIDTH_PX), np.uint8)),
+        message(0, list(range(9)), planes=np.zeros((1, _HEIGHT_PX, _WIDTH_PX), np.uint8)),
+        message(0, [0], planes=np.zeros((1, _WIDTH_PX, _HEIGHT_PX), np.uint8)),
+        message(0, [0], planes=np.zeros((0, 0, 0), np.uint8)),
+    ],
+)
+def test_what_is_not_wanted_is_counted_and_changes_nothing(foreign: Silhouettes) -> None:
+    frames = assembler()
+    frames.add(foreign, 8)
+    assert frames.dropped == 1
+    assert frames.waiting_for() == list(range(_N_CAMERAS))
+
+
+def test_frames_that_were_handed_out_are_over() -> None:
+    frames = assembler()
+    frames.add(message(0, list(range(_N_CAMERAS))), 8)
+    assert_frame(frames.take_next(), 0)
+    frames.add(message(0, list(range(_N_CAMERAS))), 9)
+    assert frames.dropped == 1
+    assert frames.take_next() is None
+
+
+def test_nothing_beyond_the_take_and_nothing_beyond_credit() -> None:
+    frames = assembler(0, 2)
+    for frame in range(4):
+        frames.add(message(frame, list(range(_N_CAMERAS))), 8)
+    assert frames.dropped == 2
+    assert_frame(frames.take_next(), 0)
+    assert_frame(frames.take_next(), 1)
+    assert frames.take_next() is None
+
+
+def test_what_is_kept_is_bounded_by_credit() -> None:
+    frames = assembler(0, 10_000)
+    for frame in range(1, 1000):  # frame 0 never comes
+        frames.add(message(frame, [0]), 8)
+    assert frames.dropped == 1000 - 8
+    assert frames.take_next() is None
+    assert len(frames._partial) == 7
+
+
+def test_unused_bits_do_not_matter() -> None:
+    frames = assembler()
+    dirty = pack(masks_of(0)[[9]]) | np.uint8(0b1111_1110)
+    frames.add(message(0, _GROUPS[0]), 8)
+    frames.add(message(0, _GROUPS[1], planes=dirty), 8)
+    planes = frames.take_next()
+    assert planes is not None
+    np.testing.assert_array_equal(unpack(planes, _N_CAMERAS), masks_of(0))
+    assert not np.any(planes[1] & 0b1111_1100)

@@ -1,0 +1,178 @@
+"""The one table of the body: its counts, names, limits, axes and the order that the maths rely on."""
+
+from math import degrees
+
+import numpy as np
+import pytest
+
+from services.mocap.body.kinematics import clip_to_limits
+from services.mocap.body.skeleton import (
+    DOF_INDEX,
+    DOF_NAMES,
+    DOFS,
+    JOINT_INDEX,
+    JOINT_NAMES,
+    JOINTS,
+    LOWER,
+    PELVIS_HEIGHT,
+    SEGMENT_INDEX,
+    SEGMENT_JOINT,
+    SEGMENT_NAMES,
+    UPPER,
+    Dof,
+    dofs_of,
+    segments_below,
+)
+
+# What the design page fixes: how many parameters each kind of joint has.
+DOFS_PER_JOINT = {
+    "pelvis": 6,
+    "neck": 3,
+    "shoulder": 3,
+    "elbow": 1,
+    "wrist": 3,
+    "hip": 3,
+    "knee": 1,
+    "ankle": 2,
+}
+
+
+def bare(name: str) -> str:
+    return name.removeprefix("left_").removeprefix("right_")
+
+
+def offset(name: str) -> tuple[float, float, float]:
+    return JOINTS[JOINT_INDEX[name]].offset_heights
+
+
+def test_counts() -> None:
+    assert (len(SEGMENT_NAMES), len(JOINTS), len(DOFS)) == (16, 17, 35)
+
+
+@pytest.mark.parametrize("names", [SEGMENT_NAMES, JOINT_NAMES, DOF_NAMES, tuple(dof.column for dof in DOFS)])
+def test_names_are_unique(names: tuple[str, ...]) -> None:
+    assert len(set(names)) == len(names)
+
+
+def test_indices_say_where_names_stand() -> None:
+    for names, index in ((SEGMENT_NAMES, SEGMENT_INDEX), (JOINT_NAMES, JOINT_INDEX), (DOF_NAMES, DOF_INDEX)):
+        assert [index[name] for name in names] == list(range(len(names)))
+
+
+def test_each_joint_has_its_number_of_parameters() -> None:
+    found = {name: len(dofs_of(name)) for name in JOINT_NAMES}
+    assert {name: n for name, n in found.items() if n} == {
+        name: DOFS_PER_JOINT[bare(name)] for name in JOINT_NAMES if bare(name) in DOFS_PER_JOINT
+    }
+    assert sum(found.values()) == len(DOFS)
+
+
+def test_parents_stand_before_their_children() -> None:
+    assert [joint.name for joint in JOINTS if joint.parent is None] == ["pelvis"]
+    for i, joint in enumerate(JOINTS[1:], start=1):
+        assert joint.parent is not None
+        assert JOINT_INDEX[joint.parent] < i
+
+
+def test_every_joint_but_the_tip_carries_one_segment() -> None:
+    assert sorted([*SEGMENT_JOINT.values(), "head_top"]) == sorted(JOINT_NAMES)
+
+
+@pytest.mark.parametrize("dof", DOFS, ids=lambda dof: dof.name)
+def test_limits_are_ordered_and_hold_the_rest_pose(dof: Dof) -> None:
+    assert dof.lower < dof.upper
+    assert dof.lower <= 0.0 <= dof.upper
+
+
+def test_only_the_root_is_without_limits() -> None:
+    unlimited = {dof.name for dof in DOFS if np.isinf([dof.lower, dof.upper]).any()}
+    assert unlimited == {dof.name for dof in DOFS if dof.joint == "pelvis"}
+
+
+def test_limits_stand_in_radians_in_the_arrays() -> None:
+    np.testing.assert_array_equal(LOWER, [dof.lower for dof in DOFS])
+    np.testing.assert_array_equal(UPPER, [dof.upper for dof in DOFS])
+    assert degrees(UPPER[DOF_INDEX["left_knee_flexion"]]) == pytest.approx(150.0)
+
+
+@pytest.mark.parametrize("dof", DOFS, ids=lambda dof: dof.name)
+def test_axes_have_unit_length(dof: Dof) -> None:
+    assert np.linalg.norm(dof.axis) == 1.0
+
+
+@pytest.mark.parametrize("joint", JOINT_NAMES)
+def test_a_joints_axes_are_perpendicular(joint: str) -> None:
+    for shifts in (True, False):
+        axes = np.array([DOFS[d].axis for d in dofs_of(joint) if (DOFS[d].unit == "m") == shifts]).reshape(
+            -1, 3
+        )
+        np.testing.assert_array_equal(axes @ axes.T, np.eye(len(axes)))
+
+
+@pytest.mark.parametrize("dof", [dof for dof in DOFS if dof.role == "twist"], ids=lambda dof: dof.name)
+def test_twists_turn_about_the_bone(dof: Dof) -> None:
+    child = next((joint for joint in JOINTS if joint.parent == dof.joint), None)
+    if child is None:  # the hand: its bone goes on along the forearm's
+        child = JOINTS[JOINT_INDEX[dof.joint]]
+    np.testing.assert_allclose(
+        np.cross(dof.axis, child.offset_heights), 0.0, atol=0.007
+    )  # the head lies ahead
+
+
+def test_units_and_columns() -> None:
+    assert [dof.name for dof in DOFS if dof.unit == "m"] == ["root_x", "root_y", "root_z"]
+    assert DOFS[DOF_INDEX["root_z"]].column == "root_z_m"
+    assert DOFS[DOF_INDEX["right_hip_twist"]].column == "right_hip_twist_rad"
+
+
+def test_right_mirrors_left() -> None:
+    mirror_y = np.array([1.0, -1.0, 1.0])
+    for joint in JOINTS:
+        if joint.name.startswith("left_"):
+            other = f"right_{bare(joint.name)}"
+            np.testing.assert_array_equal(offset(other), offset(joint.name) * mirror_y)
+    for dof in DOFS:
+        if dof.name.startswith("left_"):
+            twin = DOFS[DOF_INDEX[f"right_{bare(dof.name)}"]]
+            # An axis of rotation is a pseudovector: its mirror image is turned round as well.
+            np.testing.assert_array_equal(twin.axis, -mirror_y * dof.axis)
+            assert (twin.lower, twin.upper, twin.role) == (dof.lower, dof.upper, dof.role)
+            assert (twin.joint, dof.joint) == (f"right_{bare(dof.joint)}", f"left_{bare(dof.joint)}")
+
+
+def test_height_is_made_of_the_bones() -> None:
+    above_hips = sum(offset(name)[2] for name in ("waist", "neck", "head", "head_top"))
+    assert pytest.approx(1.0, abs=1e-12) == PELVIS_HEIGHT + above_hips
+    assert -(offset("left_knee")[2] + offset("left_ankle")[2]) < PELVIS_HEIGHT
+
+
+@pytest.mark.parametrize(
+    ("joint", "segments"),
+    [
+        ("pelvis", SEGMENT_NAMES),
+        ("neck", ("neck", "head")),
+        ("left_shoulder", ("left_upper_arm", "left_forearm", "left_hand")),
+        ("right_knee", ("right_shank", "right_foot")),
+        ("head_top", ()),
+    ],
+)
+def test_segments_below(joint: str, segments: tuple[str, ...]) -> None:
+    assert tuple(SEGMENT_NAMES[s] for s in segments_below(joint)) == segments
+
+
+def test_the_waist_carries_all_but_pelvis_and_legs() -> None:
+    kept = {"pelvis", "thigh", "shank", "foot"}
+    assert {SEGMENT_NAMES[s] for s in segments_below("waist")} == {
+        s for s in SEGMENT_NAMES if bare(s) not in kept
+    }
+
+
+def test_clipping_keeps_what_is_within_and_is_idempotent() -> None:
+    poses = np.random.default_rng(1).uniform(-4.0, 4.0, (200, len(DOFS)))
+    clipped = clip_to_limits(poses)
+    assert np.all((clipped >= LOWER) & (clipped <= UPPER))
+    np.testing.assert_array_equal(clip_to_limits(clipped), clipped)
+    within = (poses >= LOWER) & (poses <= UPPER)
+    np.testing.assert_array_equal(clipped[within], poses[within])
+    assert np.all((clipped == poses) | (clipped == LOWER) | (clipped == UPPER))
+    np.testing.assert_array_equal(clip_to_limits(poses[0]), clipped[0])

@@ -1,0 +1,94 @@
+"""The first pose: heading and joints from the model's own silhouettes, and when a heading is ambiguous."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
+from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.picture import Picture
+from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
+from services.mocap.search.frame import FrameSolution, LimbJob, LocalLimbs
+from services.mocap.search.hull import Hull, carve
+from services.mocap.search.solve import Model
+from services.mocap.types import Floats
+
+Poser = Callable[..., Floats]
+PictureOf = Callable[[Floats], Picture]
+Errors = Callable[[Floats, Floats], Floats]
+HEADING = DOF_INDEX["root_heading"]
+
+
+class Watched(LocalLimbs):
+    """Solves limbs here and remembers the numbers of the passes they belong to."""
+
+    def __init__(self, model: Model) -> None:
+        super().__init__(model)
+        self.passes: list[int] = []
+
+    def start(self, jobs: list[LimbJob]) -> None:
+        self.passes.append(jobs[0].pass_index)
+        super().start(jobs)
+
+
+def hull_of(model: Model, picture: Picture) -> Hull:
+    return carve(model.rig, unpack(picture.silhouettes, model.rig.n_cameras))
+
+
+def off_rad(heading_rad: float, true_rad: float) -> float:
+    """The angle between two headings, however often round."""
+    return abs(float(np.angle(np.exp(1j * (heading_rad - true_rad)))))
+
+
+@pytest.mark.parametrize(
+    "stance",
+    [
+        {"root_heading": 25, "shoulder_elevation": -40, "hip_abduction": 5},
+        {"root_heading": -140, "shoulder_elevation": -85, "elbow_flexion": 10},
+    ],
+    ids=["A", "hanging"],
+)
+def test_finds_heading_and_joints(
+    model: Model,
+    standing: Poser,
+    picture_of: PictureOf,
+    joint_errors_mm: Errors,
+    stance: dict[str, float],
+) -> None:
+    truth = standing(**stance)
+    picture, limbs = picture_of(truth), Watched(model)
+    found = find_first_pose(model, picture, hull_of(model, picture), limbs)
+    pose = found.solution.pose
+    assert off_rad(pose[HEADING], truth[HEADING]) < np.radians(15)
+    assert joint_errors_mm(pose, truth).mean() < 40
+    assert np.all((pose >= LOWER) & (pose <= UPPER))
+    assert not found.ambiguous
+    assert len(set(limbs.passes)) == len(limbs.passes)  # no two limb tasks are alike
+
+
+def test_a_given_facing_narrows_the_search(model: Model, standing: Poser, picture_of: PictureOf) -> None:
+    """Told the opposite of the truth it looks there, and nowhere else."""
+    truth = standing(root_heading=25, shoulder_elevation=-40)
+    picture = picture_of(truth)
+    wrong_rad = float(truth[HEADING]) + np.pi
+    found = find_first_pose(model, picture, hull_of(model, picture), LocalLimbs(model), facing_rad=wrong_rad)
+    assert off_rad(found.solution.pose[HEADING], wrong_rad) < np.radians(45)
+    assert found.opposite_energy_px is None
+    assert not found.ambiguous
+
+
+def test_stands_on_the_hull(model: Model) -> None:
+    hull = Hull(np.array([[1.0, 2.0, 0.5], [1.0, 2.0, 2.0]]))
+    pose = standing_pose(model, hull)
+    np.testing.assert_array_equal(pose[:2], [1.0, 2.0])
+    assert model.body.lowest_point_m(pose) == pytest.approx(hull.bottom_m)
+    assert not pose[3:].any()
+
+
+@pytest.mark.parametrize(
+    ("opposite_px", "ambiguous"), [(None, False), (1000.0, True), (1049.0, True), (1051.0, False)]
+)
+def test_ambiguous_where_the_opposite_fits_nearly_as_well(opposite_px: float | None, ambiguous: bool) -> None:
+    assert FirstPose(FrameSolution(np.zeros(N_DOF), 1000.0), opposite_px).ambiguous is ambiguous

@@ -1,0 +1,39 @@
+"""Search settings: what travels with a task comes back the same, and nonsense is refused."""
+
+import json
+from typing import Any
+
+import pytest
+
+from services.mocap.search.settings import SearchSettings
+
+
+@pytest.mark.parametrize("settings", [SearchSettings(), SearchSettings.wide()])
+def test_wire_round_trip(settings: SearchSettings) -> None:
+    carried = json.loads(json.dumps(settings.to_wire()))
+    assert SearchSettings.from_wire(carried) == settings
+
+
+def test_fields_left_out_have_their_defaults() -> None:
+    assert SearchSettings.from_wire({}) == SearchSettings()
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"arm_grid": [5, 5, 3]},
+        {"arm_grid": [5, 5, 3, 0]},
+        {"leg_grid": [1000, 1000, 1000, 1000]},
+        {"leg_grid": "wide"},
+        {"grid_step_rad": 0.0},
+        {"grid_step_rad": float("nan")},
+        {"descent_tolerance": 1.0},
+        {"descent_rounds": 10**9},
+        {"max_passes": 0},
+        {"passes": 3},
+    ],
+    ids=str,
+)
+def test_nonsense_is_refused(fields: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(fields))):
+        SearchSettings.from_wire(fields)
