@@ -94,8 +94,10 @@ def warm_up() -> None:
     picture = Picture.of_region(rig, region, np.zeros((1, 64, 64), np.uint8))
     settings = SearchSettings(arm_grid=(1, 1, 1, 1), leg_grid=(1, 1, 1, 1), descent_rounds=1)
     model = Model(body, rig, CpuBackend(body, rig))
+    pose = np.zeros(35)
+    pose.flags.writeable = False  # as in a message: to Numba that is another type
     for limb in LIMBS:
-        solve_limb(model, limb, picture, np.zeros(35), settings)
+        solve_limb(model, limb, picture, pose, settings)
 
 
 def _check(task: LimbTask, rig: Rig) -> None:

@@ -1,6 +1,7 @@
 """The poses of one take as they come in, without a socket: what is there, and what is missing."""
 
 import hashlib
+from contextlib import suppress
 
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
 
@@ -29,7 +30,8 @@ class Collection:
         """Keep content that is wanted and whole; what is not is asked for again."""
         content = blob.content.tobytes()
         if blob.hash in self.missing_blobs() and hashlib.sha256(content).hexdigest() == blob.hash:
-            self._blobs[blob.hash] = content.decode()
+            with suppress(UnicodeDecodeError):
+                self._blobs[blob.hash] = content.decode()
 
     def blob(self, content_hash: str) -> str:
         """Content that has arrived."""
@@ -58,8 +60,10 @@ class Collection:
 
     @property
     def complete(self) -> bool:
-        """Whether the take is over and nothing is missing."""
-        return self._end is not None and self.missing_frames() is None and not self.missing_blobs()
+        """Whether the take is over and nothing is missing; its end may overtake its description."""
+        if self._end is None or (self.info is None and self.poses):
+            return False
+        return self.missing_frames() is None and not self.missing_blobs()
 
     @property
     def end_frame(self) -> int:

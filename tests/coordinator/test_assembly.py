@@ -66,7 +66,8 @@ def test_a_frame_waits_for_every_group() -> None:
 def test_any_order_and_any_repeats_give_frames_in_order(
     order: list[tuple[int, int]], data: st.DataObject
 ) -> None:
-    frames, out = assembler(3, 8), []
+    frames = assembler(3, 8)
+    out: list[Bytes] = []
     repeats = data.draw(st.lists(st.sampled_from(order), max_size=5))
     for frame, group in [*order, *repeats]:
         frames.add(message(frame, _GROUPS[group]), 8)

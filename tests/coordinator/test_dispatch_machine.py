@@ -122,8 +122,8 @@ class DispatchMachine(RuleBasedStateMachine):
         for task in self.taken:
             self.floor.dispatcher.solved_here(result_of(task))
         for _ in range(2 * len(_NAMES) + 2):
-            while (task := self.floor.dispatcher.take_waiting()) is not None:
-                self.floor.dispatcher.solved_here(result_of(task))
+            while (waiting := self.floor.dispatcher.take_waiting()) is not None:
+                self.floor.dispatcher.solved_here(result_of(waiting))
             self.floor.later(self.floor.dispatcher.deadline_s + 1.0)
         assert not self.floor.dispatcher.pending
         self._all_solved_once()

@@ -17,6 +17,7 @@ from proto.messages import (
     LimbResult,
     LimbTask,
     Message,
+    Setting,
     Silhouettes,
     TakeInfo,
     arrays_of,
@@ -66,13 +67,30 @@ def test_header_says_version_type_and_shapes() -> None:
 
 
 def test_settings_keep_their_kinds() -> None:
-    search = {"a": 1, "b": 1.0, "c": True, "d": "x", "e": [1, 2], "f": [1.0, 2.5], "g": []}
+    search: dict[str, Setting] = {
+        "a": 1,
+        "b": 1.0,
+        "c": True,
+        "d": "x",
+        "e": [1, 2],
+        "f": [1.0, 2.5],
+        "g": [],
+    }
     info = TakeInfo(
-        take="t", fps=25.0, first_frame=0, end_frame=9, actor="0" * 64, rig="1" * 64, backend="cpu", search=search
+        take="t",
+        fps=25.0,
+        first_frame=0,
+        end_frame=9,
+        actor="0" * 64,
+        rig="1" * 64,
+        backend="cpu",
+        search=search,
     )
     back = over_the_wire(info)
     assert isinstance(back, TakeInfo)
-    assert {name: repr(value) for name, value in back.search.items()} == {k: repr(v) for k, v in search.items()}
+    assert {name: repr(value) for name, value in back.search.items()} == {
+        k: repr(v) for k, v in search.items()
+    }
 
 
 def test_arrays_are_sent_whatever_their_order_in_memory() -> None:
@@ -112,12 +130,12 @@ def test_what_nobody_would_take_is_not_sent(values: Any, reason: str) -> None:
 def test_sizes_are_bounded_for_senders_too() -> None:
     with pytest.raises(MalformedMessage, match=r"^silhouettes\.planes: 134217728 bytes; at most 67108864$"):
         encode(Silhouettes(take="t", frame=0, cameras=[0], planes=np.zeros((2, 8192, 8192), np.uint8)))
-    many = {f"{k:03d}" + "x" * 190: "y" * 200 for k in range(100)}
+    many: dict[str, Setting] = {f"{k:03d}" + "x" * 190: "y" * 200 for k in range(100)}
     full = TakeInfo(
         take="t", fps=1.0, first_frame=0, end_frame=1, actor="0" * 64, rig="0" * 64, backend="b", search=many
     )
     assert len(encode(full)[0]) < MAX_HEADER_BYTES
-    with pytest.raises(MalformedMessage, match="^take_info: a header of"):
+    with pytest.raises(MalformedMessage, match=r"^take_info: a header of"):
         encode(full.model_copy(update={"search": {name: ["😀" * 200] * 4 for name in many}}))
 
 
@@ -127,7 +145,7 @@ def test_what_was_received_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="read-only"):
         back.values[0] = 1.0
     with pytest.raises(ValueError, match="frozen"):
-        back.frame = 5
+        back.frame = 5  # type: ignore[misc]
 
 
 def test_messages_without_arrays_are_one_frame() -> None:

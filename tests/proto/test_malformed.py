@@ -15,6 +15,7 @@ from proto.messages import MESSAGES, Credit, Message, Pose, Silhouettes
 
 Header = dict[str, Any]
 _LONGEST_REASON = 300
+_BAD_SIZE = "silhouettes.planes: a size is not a whole number in range"
 
 
 def frames_of(message: Message) -> list[bytes]:
@@ -94,10 +95,10 @@ def test_bad_headers(frames: list[bytes], reason: str) -> None:
         ([silhouettes_frames()[0], b"1234567"], "silhouettes.planes: 7 bytes where the shape needs 6"),
         (silhouettes_with(shapes=[[6]]), "silhouettes.planes: expected 3 dimensions"),
         (silhouettes_with(shapes=[6]), "silhouettes.planes: expected 3 dimensions"),
-        (silhouettes_with(shapes=[[1, 2, -3]]), "silhouettes.planes: a size is not a whole number in range"),
-        (silhouettes_with(shapes=[[1, 2, 3.0]]), "silhouettes.planes: a size is not a whole number in range"),
-        (silhouettes_with(shapes=[[True, 2, 3]]), "silhouettes.planes: a size is not a whole number in range"),
-        (silhouettes_with(shapes=[[1, 2, 2**63]]), "silhouettes.planes: a size is not a whole number in range"),
+        (silhouettes_with(shapes=[[1, 2, -3]]), _BAD_SIZE),
+        (silhouettes_with(shapes=[[1, 2, 3.0]]), _BAD_SIZE),
+        (silhouettes_with(shapes=[[True, 2, 3]]), _BAD_SIZE),
+        (silhouettes_with(shapes=[[1, 2, 2**63]]), _BAD_SIZE),
         (
             silhouettes_with(shapes=[[MAX_FRAME_BYTES] * 3]),
             f"silhouettes.planes: 6 bytes where the shape needs {MAX_FRAME_BYTES**3}",
@@ -110,7 +111,10 @@ def test_bad_headers(frames: list[bytes], reason: str) -> None:
         (silhouettes_with(frame=7.0), "silhouettes.frame: Input should be a valid integer"),
         (silhouettes_with(frame="7"), "silhouettes.frame: Input should be a valid integer"),
         (silhouettes_with(frame=True), "silhouettes.frame: Input should be a valid integer"),
-        (silhouettes_with(cameras=[]), "silhouettes.cameras: List should have at least 1 item after validation, not 0"),
+        (
+            silhouettes_with(cameras=[]),
+            "silhouettes.cameras: List should have at least 1 item after validation, not 0",
+        ),
         (silhouettes_with(cameras=[0, "1"]), "silhouettes.cameras.1: Input should be a valid integer"),
         (silhouettes_with(colour="red"), "silhouettes.colour: Extra inputs are not permitted"),
         (
@@ -176,15 +180,17 @@ def test_random_bytes(frames: list[bytes]) -> None:
 
 
 _JUNK = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text(max_size=8) | st.binary(max_size=8)
-    | st.just(msgpack.Timestamp(0)) | st.just(msgpack.ExtType(4, b"\x00")),
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text(max_size=8)
+    | st.binary(max_size=8) | st.just(msgpack.Timestamp(0)) | st.just(msgpack.ExtType(4, b"\x00")),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
     max_leaves=8,
 )  # fmt: skip
-_FIELDS = sorted({name for message in MESSAGES.values() for name in message.model_fields} | {"shapes", "v", "type"})
+_FIELDS = sorted(
+    {name for message in MESSAGES.values() for name in message.model_fields} | {"shapes", "v", "type"}
+)
 
 
-@settings(max_examples=800, deadline=None)
+@settings(max_examples=400, deadline=None)
 @given(
     messages(),
     st.dictionaries(st.sampled_from(_FIELDS), _JUNK, max_size=2),
@@ -196,7 +202,7 @@ def test_headers_with_junk_in_them(message: Message, junk: Header, left_out: set
     decodes_or_is_malformed([msgpack.packb({k: v for k, v in fields.items() if k not in left_out}), *frames])
 
 
-@settings(max_examples=800, deadline=None)
+@settings(max_examples=400, deadline=None)
 @given(messages(), st.data())
 def test_damaged_frames(message: Message, data: st.DataObject) -> None:
     """Frames cut short, lengthened, swapped, repeated, or with some bytes changed."""

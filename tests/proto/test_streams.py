@@ -34,7 +34,7 @@ def test_good_addresses(endpoint: str, stream: StreamName, expected: str) -> Non
     ],
 )  # fmt: skip
 def test_bad_addresses_are_told_in_one_sentence(endpoint: str) -> None:
-    with pytest.raises(ValueError, match="expected an address such as tcp://127.0.0.1:5550") as refused:
+    with pytest.raises(ValueError, match=r"expected an address such as tcp://127\.0\.0\.1:5550") as refused:
         stream_endpoint(endpoint, "tasks")
     assert str(refused.value).startswith(f"{endpoint}: ")
 

@@ -19,7 +19,7 @@ _LONGEST_TEXT = 30
 def field_schema(message: type[Message], name: str) -> dict[str, Any]:
     """What a header field may hold, as JSON schema."""
     field = message.model_fields[name]
-    annotation = Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
+    annotation: Any = Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
     return TypeAdapter(annotation).json_schema()
 
 

@@ -1,4 +1,4 @@
-"""Array types that only the compiled code of the energy uses; shapes stand in the docstrings of who takes them."""
+"""Array types that only the compiled code of the energy uses."""
 
 from typing import TypeAlias
 

@@ -21,7 +21,7 @@ def empty_winding(height_px: int, width_px: int) -> Shorts:
 
 
 def summed_gain(gain: NDArray[np.int8]) -> Shorts:
-    """What the pixels left of each column gain in all (C, H, columns of empty_winding) from gain (C, H, W)."""
+    """What the pixels left of each column gain in all (C, H, columns of empty_winding), of gain (C, H, W)."""
     n_cameras, height_px, width_px = gain.shape
     sums = np.zeros((n_cameras, *empty_winding(height_px, width_px).shape), np.int16)
     np.cumsum(gain, axis=2, out=sums[:, :, 1 : width_px + 1])
@@ -32,8 +32,8 @@ def summed_gain(gain: NDArray[np.int8]) -> Shorts:
 def collect_gain(winding: Shorts, extent: Ints, gain_sums: Shorts) -> int:
     """Sum the gain of covered pixels and set winding back to zero.
 
-    extent: first row, last row + 1, first column, last column + 1 of what is not zero. gain_sums (H, columns):
-    one camera's summed_gain.
+    extent: first row, last row + 1, first column, last column + 1 of what is not zero. gain_sums (H,
+    columns): one camera's summed_gain.
     """
     words = winding.view(np.uint64)
     total = 0
@@ -53,8 +53,8 @@ def collect_gain(winding: Shorts, extent: Ints, gain_sums: Shorts) -> int:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def collect_bits(winding: Shorts, extent: Ints, plane: Bytes, bit: int) -> None:
-    """Set the bit of covered pixels in plane (H, W) and set winding back to zero; extent as in collect_gain."""
+def collect_bits(winding: Shorts, extent: Ints, plane: Bytes, bit: np.uint8) -> None:
+    """Set the bit of covered pixels in plane (H, W), and winding back to zero; extent as in collect_gain."""
     width_px = plane.shape[1]
     for row in range(extent[0], extent[1]):
         depth = 0

@@ -24,7 +24,7 @@ class CpuBackend:
         self._body = body
         self._rig = rig
         mesh = FlatMesh.of(body)
-        self._mesh, self._scratch = plain(mesh), scratch_for(mesh)
+        self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
 
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy. Costs a pass over the picture; every call then touches outlines only."""
@@ -38,16 +38,9 @@ class CpuBackend:
             energies = np.full(len(values), float(uncovered))
             T_world_segment = segment_transforms(problem.poses(values), self._body.offsets_m)
             outline_energy(
-                T_world_segment,
-                segments,
-                P_px_world,
-                self._mesh,
-                self._scratch,
-                gain_sums,
-                region.width_px,
-                winding,
-                energies,
-            )
+                T_world_segment, segments, P_px_world, self._mesh, self._scratch,
+                gain_sums, region.width_px, winding, energies,
+            )  # fmt: skip
             return energies
 
         return evaluate
@@ -57,9 +50,11 @@ class CpuBackend:
         n_cameras = self._rig.n_cameras
         shape = (len(poses), n_planes(n_cameras), region.height_px, region.width_px)
         planes: Bytes = np.zeros(shape, np.uint8)
+        T_world_segment = segment_transforms(poses, self._body.offsets_m)
+        winding = empty_winding(region.height_px, region.width_px)
         outline_coverage(
-            segment_transforms(poses, self._body.offsets_m), np.array(segments, np.int32),
-            region.projections(self._rig), self._mesh, self._scratch, empty_winding(region.height_px, region.width_px), planes,
+            T_world_segment, np.array(segments, np.int32), region.projections(self._rig), self._mesh,
+            self._scratch, winding, planes,
         )  # fmt: skip
         return planes
 

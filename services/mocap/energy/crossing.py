@@ -24,11 +24,8 @@ def find_crossings(
     n = 0
     for i in range(n_found):
         a, b, c, d = edges[found[i], 0], edges[found[i], 1], edges[found[i], 2], edges[found[i], 3]
-        ax, ay = np.int64(uv[0, a]), np.int64(uv[1, a])
-        bx, by = np.int64(uv[0, b]), np.int64(uv[1, b])
-        along = (bx - ax) * (uv[1, c] - ay) < (uv[0, c] - ax) * (by - ay)
-        against = (bx - ax) * (uv[1, d] - ay) > (uv[0, d] - ax) * (by - ay)
-        n += _put(ax, ay, bx, by, along, height_px, crossings, n) & (along != against)
+        along, against = _sides(uv, a, b, c, d)
+        n += _put(uv, a, b, along, height_px, crossings, n) & (along != against)
     return n
 
 
@@ -40,38 +37,37 @@ def find_near_crossings(
     n = 0
     for edge in range(first, last):
         a, b, c, d = edges[edge, 0], edges[edge, 1], edges[edge, 2], edges[edge, 3]
+        along, against = _sides(uv, a, b, c, d)
         before = min(depth_m[a], depth_m[b]) >= NEAR_M
-        ax, ay = np.int64(uv[0, a]), np.int64(uv[1, a])
-        bx, by = np.int64(uv[0, b]), np.int64(uv[1, b])
-        along = (bx - ax) * (uv[1, c] - ay) < (uv[0, c] - ax) * (by - ay) and before and depth_m[c] >= NEAR_M
-        against = (
-            (bx - ax) * (uv[1, d] - ay) > (uv[0, d] - ax) * (by - ay) and before and depth_m[d] >= NEAR_M
+        along, against = (
+            along and before and depth_m[c] >= NEAR_M,
+            against and before and depth_m[d] >= NEAR_M,
         )
-        n += _put(ax, ay, bx, by, along, height_px, crossings, n) & (along != against)
+        n += _put(uv, a, b, along, height_px, crossings, n) & (along != against)
     return n
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _put(
-    ax: np.int64,
-    ay: np.int64,
-    bx: np.int64,
-    by: np.int64,
-    along: bool,
-    height_px: int,
-    crossings: Ints,
-    n: int,
-) -> bool:
-    """Write an edge to a row of crossings; returns whether it crosses a pixel row."""
+def _sides(uv: Ints, a: int, b: int, c: int, d: int) -> tuple[bool, bool]:
+    """Whether the faces (a, b, c) and (b, a, d) are front."""
+    ax, ay = np.int64(uv[0, a]), np.int64(uv[1, a])
+    abx, aby = uv[0, b] - ax, uv[1, b] - ay
+    return abx * (uv[1, c] - ay) < (uv[0, c] - ax) * aby, abx * (uv[1, d] - ay) > (uv[0, d] - ax) * aby
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _put(uv: Ints, a: int, b: int, along: bool, height_px: int, crossings: Ints, n: int) -> bool:
+    """Write the edge from a to b to row n of crossings; returns whether it crosses a pixel row."""
+    ax, ay, bx, by = uv[0, a], uv[1, a], uv[0, b], uv[1, b]
     down = ay < by
-    top, bottom = min(ay, by), max(ay, by)
+    top, bottom = (ay, by) if down else (by, ay)
     first = max((top + SUBPIXEL - 1) >> SUBPIXEL_BITS, 0)
     last = min((bottom + SUBPIXEL - 1) >> SUBPIXEL_BITS, height_px)
     crossings[n, X], crossings[n, Y] = ax if down else bx, top
     crossings[n, DX], crossings[n, DY] = (bx - ax) if down else (ax - bx), bottom - top
     crossings[n, FIRST], crossings[n, LAST] = first, last
     crossings[n, SIGN] = 1 if down == along else -1
-    return first < last
+    return bool(first < last)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -79,8 +75,8 @@ def wind(crossings: Ints, n: int, width_px: int, winding: Shorts, extent: Ints) 
     """Add the signs of n crossings to winding where they cross a row, and widen the extent.
 
     A crossing counts from the first pixel whose centre is not left of it, so that a centre on a left or top
-    edge is inside and one on a right or bottom edge outside; at width_px, if it is right of the picture. extent: first row, last row + 1, first column,
-    last column + 1 of what has been touched.
+    edge is inside and one on a right or bottom edge outside; right of the picture it counts in column
+    width_px. extent: first row, last row + 1, first column, last column + 1 of what has been touched.
     """
     for i in range(n):
         x, y = np.int64(crossings[i, X]), np.int64(crossings[i, Y])
@@ -90,7 +86,9 @@ def wind(crossings: Ints, n: int, width_px: int, winding: Shorts, extent: Ints) 
         divisor = np.uint64(dy << SUBPIXEL_BITS)
         for row in range(first, last):
             crossing = x * dy + ((row << SUBPIXEL_BITS) - y) * dx
-            column = np.int64((np.uint64(max(crossing, 0)) + divisor - np.uint64(1)) // divisor)
-            column = min(column, width_px)
+            column = min(
+                int((np.uint64(crossing if crossing > 0 else 0) + divisor - np.uint64(1)) // divisor),
+                width_px,
+            )
             extent[2], extent[3] = min(extent[2], column), max(extent[3], column + 1)
             winding[np.uint32(row), np.uint32(column)] += sign

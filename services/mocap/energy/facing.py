@@ -64,7 +64,7 @@ def look(M: Floats, sphere_m: Floats, width_px: int, height_px: int, eye: Single
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _homogeneous(M: Floats, row: int, point_m: Floats) -> float:
-    return M[row, 0] * point_m[0] + M[row, 1] * point_m[1] + M[row, 2] * point_m[2] + M[row, 3]
+    return float(M[row, 0] * point_m[0] + M[row, 1] * point_m[1] + M[row, 2] * point_m[2] + M[row, 3])
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
@@ -136,7 +136,7 @@ def _test_blocks(bounds: Singles, first: int, last: int, eye: Singles, flags: By
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _test_edges(planes: Singles, b: int, eye: Singles, flags: Bytes) -> None:
+def _test_edges(planes: Singles, b: np.uint32, eye: Singles, flags: Bytes) -> None:
     """Flag the edges of block b that may be outline; fused multiplication as in _test_blocks."""
     x, y, z, w, guard = eye[0], eye[1], eye[2], eye[3], eye[4] + eye[5]
     for i in range(BLOCK):

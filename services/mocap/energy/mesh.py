@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from itertools import accumulate
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.energy.arrays import Indices, Singles
@@ -16,6 +17,8 @@ SMALL_PERIMETER_M = 1e-3
 """Added to a face's perimeter, which its plane is divided by: keeps planes of tiny faces finite."""
 _SHORTEST_NORMAL = 1e-12  # of faces without area: their block is always looked into
 _NO_OFFSET = 1e9  # of the planes of edges that fill a block up: every camera is on the same side of both
+
+_Number = TypeVar("_Number", np.float32, np.int64)
 
 
 class FlatMesh(NamedTuple):
@@ -63,7 +66,7 @@ class FlatMesh(NamedTuple):
         )
 
 
-def _starts(parts: Sequence[Floats]) -> list[int]:
+def _starts(parts: Sequence[NDArray[Any]]) -> list[int]:
     return [0, *accumulate(map(len, parts))]
 
 
@@ -82,12 +85,12 @@ def _planes(vertices_m: Floats, faces: Ints) -> Singles:
     return np.column_stack([normals, np.sum(normals * a, axis=1)]).astype(np.float32)
 
 
-def _edges(faces: Ints) -> tuple[Ints, Ints]:
+def _edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The edges (E, 4) of one closed segment and the faces (E, 2) on their sides."""
-    start, end, opposite = (np.roll(faces, -k, axis=1).ravel() for k in range(3))
+    start, end, opposite = (np.roll(faces, -k, axis=1).ravel().astype(np.int64) for k in range(3))
     owner = np.arange(len(faces)).repeat(3)
     forward = start < end
-    key = np.minimum(start, end).astype(np.int64) << 32 | np.maximum(start, end)
+    key = np.minimum(start, end) << 32 | np.maximum(start, end)
     along, against = np.flatnonzero(forward), np.flatnonzero(~forward)
     along, against = along[np.argsort(key[along])], against[np.argsort(key[against])]
     if not np.array_equal(key[along], key[against]) or len(np.unique(key)) != len(along):
@@ -96,13 +99,13 @@ def _edges(faces: Ints) -> tuple[Ints, Ints]:
     return edges, np.stack([owner[along], owner[against]], axis=1)
 
 
-def _in_blocks(directions: Floats) -> Ints:
+def _in_blocks(directions: Singles) -> NDArray[np.int64]:
     """An order (E,) of edges that puts those of like direction (E, 3) into the same block."""
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    return _split(directions / np.where(lengths > 0, lengths, 1.0), np.arange(len(directions)))
+    return _split(directions / np.maximum(lengths, _SHORTEST_NORMAL), np.arange(len(directions)))
 
 
-def _split(directions: Floats, members: Ints) -> Ints:
+def _split(directions: Singles, members: NDArray[np.int64]) -> NDArray[np.int64]:
     """Order members by halving them across their widest spread until they fit into a block."""
     if len(members) <= BLOCK:
         return members
@@ -113,7 +116,7 @@ def _split(directions: Floats, members: Ints) -> Ints:
     return np.concatenate([_split(directions, members[:half]), _split(directions, members[half:])])
 
 
-def _filled(rows: Floats, filler: Floats) -> Floats:
+def _filled(rows: NDArray[_Number], filler: NDArray[Any]) -> NDArray[_Number]:
     """Rows (E, k) as blocks (B, BLOCK, k), the last one filled up."""
     n_blocks = -(-len(rows) // BLOCK)
     blocks = np.empty((n_blocks * BLOCK, rows.shape[1]), rows.dtype)
@@ -123,7 +126,8 @@ def _filled(rows: Floats, filler: Floats) -> Floats:
 
 def _bounds(planes: Singles) -> Singles:
     """The block_planes (B, 9) of one segment's planes (E, 2, 4) in their final order."""
-    filled = _filled(planes.reshape(-1, 8), planes[-1].ravel()).reshape(-1, 2 * BLOCK, 4).astype(np.float64)
+    singles = _filled(planes.reshape(-1, 8), planes[-1].ravel())
+    filled = singles.reshape(-1, 2 * BLOCK, 4).astype(np.float64)
     lengthening = 1.0 / np.maximum(np.linalg.norm(filled[..., :3], axis=2), _SHORTEST_NORMAL)
     filled *= lengthening[..., None]
     low, high = filled.min(axis=1), filled.max(axis=1)

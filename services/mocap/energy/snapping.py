@@ -15,7 +15,7 @@ LIMIT_STEPS = float(1 << 28)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _snap(homogeneous: float, steps_per_depth: float) -> int:
+def _snap(homogeneous: float, steps_per_depth: float) -> np.int32:
     """A homogeneous pixel coordinate over its depth, in whole steps of 1/256 pixel."""
     step = homogeneous * steps_per_depth
     return np.int32(np.rint(min(max(step, -LIMIT_STEPS), LIMIT_STEPS)))

@@ -21,11 +21,10 @@ class Minimum:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """The limits (d,) of the parameters and the first step (d,) of a line search over each."""
+    """The limits (d,) of the parameters."""
 
     lower: Floats
     upper: Floats
-    step: Floats
 
 
 class _Counter:
@@ -42,9 +41,17 @@ class _Counter:
 
 
 def descend(
-    energy: Energy, start: Minimum, box: Box, line_tolerance: float, tolerance: float, max_rounds: int
+    energy: Energy,
+    start: Minimum,
+    box: Box,
+    directions: Floats,
+    line_tolerance: float,
+    tolerance: float,
+    max_rounds: int,
 ) -> Minimum:
-    """Lower the energy from start by line searches along a changing set of directions.
+    """Lower the energy from start by line searches along a changing set of directions (k, d).
+
+    A direction's length is the first step of a search along it.
 
     Press et al., Numerical Recipes, section 10.5 (the paper, section 3): after a round over all directions
     the one that gained most gives way to the round's whole move, if that promises more. Ends when a round
@@ -52,7 +59,7 @@ def descend(
     """
     count = _Counter(energy, box)
     values, best = start.values, start.energy_px
-    directions = np.diag(box.step)
+    directions = directions.copy()
     for _ in range(max_rounds):
         round_start, round_energy = values, best
         gains = np.zeros(len(directions))
@@ -81,12 +88,14 @@ def _line_search(
 
 
 def _reach(values: Floats, direction: Floats, box: Box) -> tuple[float, float]:
-    """How far one can go along direction, backwards (<= 0) and forwards (>= 0), within the box."""
+    """How far one can go along direction, backwards (<= 0) and forwards (>= 0), until all moving parameters
+    are at their limits; one that gets there before the others stays there.
+    """
     moving = direction != 0
     if not moving.any():
         return 0.0, 0.0
     ends = np.stack([box.lower - values, box.upper - values])[:, moving] / direction[moving]
-    return min(float(ends.min(axis=0).max()), 0.0), max(float(ends.max(axis=0).min()), 0.0)
+    return min(float(ends.min()), 0.0), max(float(ends.max()), 0.0)
 
 
 def _worth_keeping(

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend, Energy, Problem
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import (
+    ALL_SEGMENTS,
     HEAD,
     LIMBS,
     TORSO,
@@ -19,6 +21,7 @@ from services.mocap.search.chains import (
     window_origins_px,
     window_size_px,
 )
+from services.mocap.search.compensation import limbs_staying
 from services.mocap.search.descent import Box, Minimum, descend
 from services.mocap.search.grid import best_of, grid_points
 from services.mocap.search.settings import SearchSettings
@@ -52,8 +55,18 @@ class Solution:
 
 
 def solve_torso(model: Model, halved: Picture, pose: Floats, settings: SearchSettings) -> Solution:
-    """Find the root from a pose by going downhill, the whole body moving with it, at half resolution."""
-    return _descend_stage(model, TORSO, halved, pose, settings)
+    """Find the root from a pose by going downhill, at half resolution.
+
+    The whole body moves with the root, as in the paper, and in further directions the torso alone, the limbs
+    making up for it. Without these a torso that is turned wrongly is held fast by limbs that fit.
+    """
+    energy = model.backend.energy(Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, halved))
+    box = Box(LOWER, UPPER)
+    start = best_of(energy, np.clip(pose, box.lower, box.upper)[None])
+    rigid = np.eye(N_DOF)[list(TORSO.dofs)] * _steps(TORSO, settings)[:, None]
+    directions = np.concatenate([rigid, limbs_staying(start.values, rigid, model.body)])
+    found = _descend(energy, start, box, directions, settings)
+    return Solution(tuple(range(N_DOF)), found.values, found.energy_px, found.evaluations)
 
 
 def solve_head(model: Model, whole: Picture, pose: Floats, settings: SearchSettings) -> Solution:
@@ -83,11 +96,12 @@ def solve_limb(
     start.
     """
     limb = LIMBS[name]
-    energy, start, box = _prepare(model, limb.main, window, pose, settings)
+    energy, start, box = _prepare(model, limb.main, window, pose)
     points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
-    main = _solution(limb.main, _descend(energy, best_of(energy, points), box, settings))
+    best, axes = best_of(energy, points), _axes(limb.main, settings)
+    main = _solution(limb.main, _descend(energy, best, box, axes, settings))
     found = main.applied_to(pose)
     extremity = _descend_stage(
         model, limb.extremity, stage_window(model, limb.extremity, window, found), found, settings
@@ -109,29 +123,47 @@ def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
     return np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in stage.dofs])
 
 
-def _prepare(
-    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
-) -> tuple[Energy, Floats, Box]:
+def _prepare(model: Model, stage: Stage, picture: Picture, pose: Floats) -> tuple[Energy, Floats, Box]:
     """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits."""
     if stage.others:
         picture = picture.ignoring(model.backend.coverage(pose[None], stage.others, picture.region)[0])
     energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, picture))
-    steps = [settings.shift_step_m if DOFS[d].unit == "m" else settings.angle_step_rad for d in stage.dofs]
-    box = Box(*stage.limits(), np.array(steps))
+    box = Box(*stage.limits())
     return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
 
 
-def _descend(energy: Energy, start: Minimum, box: Box, settings: SearchSettings) -> Minimum:
+def _steps(stage: Stage, settings: SearchSettings) -> Floats:
+    """The first step (d,) of a line search over each of a stage's parameters."""
+    return np.array(
+        [settings.shift_step_m if DOFS[d].unit == "m" else settings.angle_step_rad for d in stage.dofs]
+    )
+
+
+def _axes(stage: Stage, settings: SearchSettings) -> Floats:
+    """One direction (d, d) per parameter."""
+    return np.diag(_steps(stage, settings))
+
+
+def _descend(
+    energy: Energy, start: Minimum, box: Box, directions: Floats, settings: SearchSettings
+) -> Minimum:
     return descend(
-        energy, start, box, settings.line_tolerance, settings.descent_tolerance, settings.descent_rounds
+        energy,
+        start,
+        box,
+        directions,
+        settings.line_tolerance,
+        settings.descent_tolerance,
+        settings.descent_rounds,
     )
 
 
 def _descend_stage(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> Solution:
-    energy, start, box = _prepare(model, stage, picture, pose, settings)
-    return _solution(stage, _descend(energy, best_of(energy, start[None]), box, settings))
+    energy, start, box = _prepare(model, stage, picture, pose)
+    start_at = best_of(energy, start[None])
+    return _solution(stage, _descend(energy, start_at, box, _axes(stage, settings), settings))
 
 
 def _solution(stage: Stage, minimum: Minimum) -> Solution:

@@ -51,7 +51,8 @@ def bare(name: str) -> str:
 
 
 def rest(body: Body) -> Floats:
-    return joint_positions(np.zeros((1, N_DOF)), body.offsets_m)[0]
+    joints_m: Floats = joint_positions(np.zeros((1, N_DOF)), body.offsets_m)[0]
+    return joints_m
 
 
 def changed_coordinates(body: Body, other: Body) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:

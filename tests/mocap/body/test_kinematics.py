@@ -221,7 +221,7 @@ class TestSigns:
 
     def test_elbow_flexion_brings_the_wrist_forward_where_the_arm_hangs(self, side: str) -> None:
         straight, bent = hanging(), hanging(**{f"{side}_elbow_flexion": 90.0})
-        forearm_m = np.linalg.norm(OFFSETS_M[JOINT_INDEX["left_wrist"]])
+        forearm_m = float(np.linalg.norm(OFFSETS_M[JOINT_INDEX["left_wrist"]]))
         np.testing.assert_allclose(bent[f"{side}_elbow"], straight[f"{side}_elbow"], atol=1e-12)
         np.testing.assert_allclose(
             bent[f"{side}_wrist"] - bent[f"{side}_elbow"], [forearm_m, 0.0, 0.0], atol=1e-12

@@ -18,7 +18,7 @@ def grid_of(
 ) -> tuple[Floats, Box, Floats, tuple[int, ...]]:
     """The points, the box, the centre and the counts of axes (centre, count, step, lower, upper)."""
     centre, counts, steps, lower, upper = (np.array(column) for column in zip(*axes, strict=True))
-    box = Box(lower, upper, steps)
+    box = Box(lower, upper)
     return grid_points(centre, tuple(counts), steps, box), box, centre, tuple(counts)
 
 
@@ -39,7 +39,7 @@ def test_shards_make_up_the_whole(axes: list[tuple[float, int, float, float, flo
 
 
 def test_points_are_evenly_spaced_about_the_centre() -> None:
-    box = Box(np.full(2, -9.0), np.full(2, 9.0), np.ones(2))
+    box = Box(np.full(2, -9.0), np.full(2, 9.0))
     points = grid_points(np.array([1.0, -2.0]), (3, 2), np.array([0.5, 0.2]), box)
     expected = [(1.0, -2.0)] + [(x, y) for x in (0.5, 1.0, 1.5) for y in (-2.1, -1.9)]
     np.testing.assert_allclose(points, expected)

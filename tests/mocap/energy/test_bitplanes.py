@@ -1,0 +1,30 @@
+"""Bit-planes hold masks and give them back."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from services.mocap.energy.bitplanes import camera_bit, count_bits, n_planes, pack, unpack
+from services.mocap.types import Mask
+
+masks = st.tuples(st.integers(1, 20), st.integers(1, 9), st.integers(1, 9)).flatmap(
+    lambda shape: arrays(np.bool_, shape)
+)
+
+
+@given(masks)
+def test_round_trip(stack: Mask) -> None:
+    planes = pack(stack)
+    assert planes.shape == (n_planes(len(stack)), *stack.shape[1:])
+    assert planes.dtype == np.uint8
+    assert count_bits(planes) == np.count_nonzero(stack)
+    np.testing.assert_array_equal(unpack(planes, len(stack)), stack)
+    for c, mask in enumerate(stack):
+        np.testing.assert_array_equal(camera_bit(planes, c), mask)
+
+
+@pytest.mark.parametrize(("cameras", "planes"), [(1, 1), (8, 1), (9, 2), (16, 2), (17, 3)])
+def test_eight_cameras_a_plane(cameras: int, planes: int) -> None:
+    assert n_planes(cameras) == planes

@@ -1,0 +1,95 @@
+"""The planes never rule out an edge that the snapped corners make outline."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from services.mocap.body.actor import Body
+from services.mocap.energy.arrays import Indices
+from services.mocap.energy.facing import HIDDEN, NEAR, SEEN, find_candidates, look
+from services.mocap.energy.mesh import BLOCK, FlatMesh
+from services.mocap.energy.snapping import project_snapped
+from services.mocap.types import Floats, Ints, Mask
+
+WIDTH_PX, HEIGHT_PX = 320, 240
+Longs = NDArray[np.int64]
+
+
+def _turned(rng: np.random.Generator) -> Floats:
+    R, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    turned: Floats = R * np.sign(np.linalg.det(R))
+    return turned
+
+
+def _random_M(rng: np.random.Generator, sphere_m: Floats) -> Floats:
+    """A camera that sees the sphere somewhere, from very near to far, at any focal length and offset."""
+    focal_px = 10 ** rng.uniform(0.5, 4.5)
+    K = np.array(
+        [
+            [focal_px, rng.normal(), rng.uniform(-300, 600)],
+            [0, focal_px * rng.uniform(0.5, 2), 100],
+            [0, 0, 1],
+        ]
+    )
+    R = _turned(rng)
+    depth_m = sphere_m[3] * 10 ** rng.uniform(0.1, 2.5) + 0.05
+    t = np.array([rng.normal() * depth_m * 0.3, rng.normal() * depth_m * 0.3, depth_m]) - R @ sphere_m[:3]
+    return K @ np.column_stack([R, t])
+
+
+def _is_outline(edges: Indices, uv: Ints) -> Mask:
+    """Which edges (E, 4) have one front face, by snapped corners uv (V, 2)."""
+    a, b, c, d = (uv[edges[:, k]].astype(np.int64) for k in range(4))
+
+    def turn(p: Longs, q: Longs, r: Longs) -> Longs:
+        return (q - p)[:, 0] * (r - p)[:, 1] - (q - p)[:, 1] * (r - p)[:, 0]
+
+    one_front: Mask = (turn(a, b, c) < 0) != (turn(b, a, d) < 0)
+    return one_front
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_no_outline_is_missed(real_body: Body, mirrored: bool) -> None:
+    mesh, rng = FlatMesh.of(real_body), np.random.default_rng(0)
+    flags, found = np.zeros(len(mesh.planes) + BLOCK, np.uint8), np.zeros(len(mesh.edges) + 1, np.uint32)
+    eye, share, views = np.zeros(6, np.float32), [], []
+    for trial in range(400):
+        s = trial % 16
+        M = _random_M(rng, mesh.spheres_m[s])
+        if mirrored:
+            M[0] *= -1
+        view = look(M, mesh.spheres_m[s], WIDTH_PX, HEIGHT_PX, eye)
+        views.append(view)
+        if view != SEEN:
+            continue
+        first, last = mesh.starts[1, s], mesh.starts[1, s + 1]
+        n = find_candidates(mesh.planes, mesh.block_planes, first, last, eye, flags, found)
+        is_outline = np.zeros(len(mesh.edges), bool)
+        uv, _ = project_snapped(mesh.xyz_m.T, M)
+        own = slice(BLOCK * first, BLOCK * last)
+        is_outline[own] = _is_outline(mesh.edges[own], uv)
+        assert np.isin(np.flatnonzero(is_outline), found[:n]).all()
+        share.append(n / (BLOCK * (last - first)))
+    assert {HIDDEN, NEAR, SEEN} >= set(views)
+    assert views.count(SEEN) > 100
+    assert np.median(share) < 0.3  # it would be no use if it ruled out little
+
+
+def test_hidden_means_outside_and_near_means_near(real_body: Body) -> None:
+    mesh, rng = FlatMesh.of(real_body), np.random.default_rng(1)
+    eye, n_hidden = np.zeros(6, np.float32), 0
+    for trial in range(300):
+        s = trial % 16
+        M = _random_M(rng, mesh.spheres_m[s])
+        M[0] += rng.normal() * 300 * M[2]
+        M[1] += rng.normal() * 300 * M[2]
+        own = slice(mesh.starts[0, s], mesh.starts[0, s + 1])
+        uv, depth_m = project_snapped(mesh.xyz_m[:, own].T, M)
+        view = look(M, mesh.spheres_m[s], WIDTH_PX, HEIGHT_PX, eye)
+        if view == HIDDEN:
+            n_hidden += 1
+            (left, top), (right, bottom) = uv.min(axis=0) / 256, uv.max(axis=0) / 256
+            assert right < 0 or left > WIDTH_PX - 1 or bottom < 0 or top > HEIGHT_PX - 1
+        if view != NEAR:
+            assert depth_m.min() >= 0.05
+    assert n_hidden > 30

@@ -1,0 +1,173 @@
+"""The tables of PROTOCOL.md as they must read, made from the code, so that the document cannot drift."""
+
+import ast
+import math
+from pathlib import Path
+from typing import Any
+
+import zmq
+from wire_model import field_schema
+
+import proto.messages
+from proto import framing, link, sockets
+from proto.messages import MESSAGES, Message, arrays_of
+from proto.streams import STREAMS
+from services.coordinator import dispatch
+from services.mocap.body.skeleton import DOFS
+from services.mocap.search.chains import LIMBS
+
+
+def _row(*cells: object) -> str:
+    return "| " + " | ".join(str(cell) for cell in cells) + " |"
+
+
+def _table(head: tuple[str, ...], rows: list[str]) -> str:
+    return "\n".join([_row(*head), _row(*["---"] * len(head)), *rows])
+
+
+def _range(schema: dict[str, Any], low: str, high: str) -> str:
+    least, most = schema.get(low, 0), schema.get(high)
+    if least and most is not None:
+        return f"{least} to {most}"
+    return f"at most {most}" if most is not None else "any number"
+
+
+def _number(schema: dict[str, Any]) -> str:
+    parts = ["float"]
+    parts += ["at least {}".format(schema["minimum"])] if "minimum" in schema else []
+    parts += ["more than {}".format(schema["exclusiveMinimum"])] if "exclusiveMinimum" in schema else []
+    parts += ["less than {}".format(schema["exclusiveMaximum"])] if "exclusiveMaximum" in schema else []
+    return ", ".join(parts)
+
+
+def _integer(schema: dict[str, Any]) -> str:
+    last = schema["maximum"] if "maximum" in schema else schema["exclusiveMaximum"] - 1
+    return f"integer, {schema['minimum']} to {last}"
+
+
+def _string(schema: dict[str, Any]) -> str:
+    if "pattern" in schema:
+        return f"string, `{schema['pattern']}`"
+    return f"string, {_range(schema, 'minLength', 'maxLength')} characters"
+
+
+def in_words(schema: dict[str, Any]) -> str:
+    """A field's JSON schema as PROTOCOL.md says it."""
+    if "enum" in schema:
+        return " or ".join(f'`"{choice}"`' for choice in schema["enum"])
+    if "anyOf" in schema:
+        return "; or ".join(in_words(choice) for choice in schema["anyOf"])
+    if schema["type"] == "array":
+        return f"array of {_range(schema, 'minItems', 'maxItems')}: {in_words(schema['items'])}"
+    if schema["type"] == "object":
+        keys, values = _string(schema["propertyNames"]), in_words(schema["additionalProperties"])
+        return f"map of at most {schema['maxProperties']}: {keys} → {values}"
+    if schema["type"] == "boolean":
+        return "boolean"
+    return {"integer": _integer, "number": _number, "string": _string}[schema["type"]](schema)
+
+
+def _docstrings() -> dict[str, dict[str, str]]:
+    """Class -> field -> the docstring under it, on one line."""
+    tree = ast.parse(Path(proto.messages.__file__).read_text(encoding="utf-8"))
+    found: dict[str, dict[str, str]] = {}
+    for node in tree.body:
+        if not isinstance(node, ast.ClassDef):
+            continue
+        fields = found.setdefault(node.name, {})
+        for statement, after in zip(node.body, node.body[1:], strict=False):
+            is_field = isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name)
+            if is_field and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+                fields[statement.target.id] = " ".join(str(after.value.value).split())  # type: ignore[attr-defined]
+    return found
+
+
+def _type(message: type[Message], name: str) -> str:
+    arrays = arrays_of(message)
+    if name not in arrays:
+        return in_words(field_schema(message, name))
+    spec, frame = arrays[name], 1 + list(arrays).index(name)
+    return f"frame {frame}: {spec.dtype} ({', '.join(map(str, spec.shape))})"
+
+
+def message_section(message: type[Message]) -> str:
+    """A message's heading, sentence and table; raises KeyError for a field without a docstring."""
+    meanings = _docstrings()[message.__name__]
+    carriers = " and ".join(f"`{name}`" for name, stream in STREAMS.items() if message.type in stream.carries)
+    lines = [f"### `{message.type}`", "", f"{(message.__doc__ or '').strip()} Stream: {carriers}."]
+    rows = [_row(f"`{name}`", _type(message, name), meanings[name]) for name in message.model_fields]
+    if rows:
+        lines += ["", _table(("field", "type", "meaning"), rows)]
+    return "\n".join(lines)
+
+
+def message_sections() -> dict[str, str]:
+    """All messages' sections by type."""
+    return {name: message_section(message) for name, message in MESSAGES.items()}
+
+
+def _socket_name(kind: int) -> str:
+    return str(zmq.SocketType(kind).name)
+
+
+def streams_table() -> str:
+    """Ports, socket kinds and message types."""
+    rows = [
+        _row(
+            f"`{name}`",
+            f"first port + {stream.port_offset}",
+            _socket_name(stream.coordinator),
+            _socket_name(stream.client),
+            ", ".join(f"`{carried}`" for carried in stream.carries),
+        )
+        for name, stream in STREAMS.items()
+    ]
+    return _table(("stream", "port", "coordinator binds", "client connects", "messages"), rows)
+
+
+def _degrees(limit_rad: float) -> str:
+    return "none" if math.isinf(limit_rad) else f"{math.degrees(limit_rad):.0f}°"
+
+
+def pose_table() -> str:
+    """The 35 parameters in their order."""
+    rows = [
+        _row(
+            k,
+            f"`{dof.column}`",
+            f"`{dof.joint}`",
+            dof.role,
+            "({})".format(", ".join(f"{x + 0.0:g}" for x in dof.axis)),
+            _degrees(dof.lower),
+            _degrees(dof.upper),
+        )
+        for k, dof in enumerate(DOFS)
+    ]
+    return _table(("index", "column of poses.csv", "joint", "role", "axis", "from", "to"), rows)
+
+
+def limbs_table() -> str:
+    """Which parameters a limb's result holds."""
+    rows = [_row(f"`{name}`", len(limb.dofs), ", ".join(map(str, limb.dofs))) for name, limb in LIMBS.items()]
+    return _table(("limb", "d", "indices in the pose"), rows)
+
+
+def numbers_table() -> str:
+    """Every limit and time that an integrator has to know."""
+    rows = [
+        _row("header, at most", f"{framing.MAX_HEADER_BYTES} bytes"),
+        _row("array frame, at most", f"{framing.MAX_FRAME_BYTES} bytes"),
+        _row("messages queued for sending, per peer", sockets.QUEUE_MESSAGES),
+        _row("silhouettes queued by the coordinator, per peer", sockets.QUEUE_MESSAGES),
+        _row("ZMTP ping, every", f"{sockets.PING_INTERVAL_MS} ms"),
+        _row("ZMTP ping unanswered, connection closed after", f"{sockets.PING_TIMEOUT_MS} ms"),
+        _row("`beat` from a client that has nothing else to say, every", f"{link.BEAT_S:g} s"),
+        _row("silence of the coordinator, a client registers anew after", f"{link.LIVENESS_S:g} s"),
+        _row("silence of an idle worker, it is forgotten after", f"{dispatch.SILENCE_S:g} s"),
+        _row("deadline of the first task", f"{dispatch.FIRST_DEADLINE_S:g} s"),
+        _row(
+            "deadline of others",
+            f"{dispatch.DEADLINE_FLOOR_S:g} s + {dispatch.DEADLINE_FACTOR:g} × what tasks usually take",
+        ),
+    ]
+    return _table(("limit", "value"), rows)

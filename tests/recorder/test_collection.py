@@ -1,0 +1,187 @@
+"""A recorder knows what it has, what it lacks, and when it is done."""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from proto.messages import Blob, Pose, TakeEnd, TakeInfo
+from services.recorder.collection import Collection
+
+_ACTOR, _RIG = "height = 1.8\n", '{"rig": "größe"}'
+
+
+def hash_of(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def info(first: int = 0, end: int = 10, **changed: Any) -> TakeInfo:
+    fields = {"actor": hash_of(_ACTOR), "rig": hash_of(_RIG), "backend": "cpu", "search": {}, "fps": 25.0}
+    return TakeInfo(**{"take": "walk", "first_frame": first, "end_frame": end, **fields, **changed})
+
+
+def pose(frame: int, energy_px: float = 1.0) -> Pose:
+    return Pose(
+        take="walk", frame=frame, time_s=frame / 25, energy_px=energy_px, passes=1, evaluations=1, workers=0,
+        retries=0, seconds={"frame": 0.1}, pose=np.zeros(35),
+    )  # fmt: skip
+
+
+def blob(text: str, kind: Any = "actor", name: str | None = None) -> Blob:
+    return Blob(hash=name or hash_of(text), kind=kind, content=np.frombuffer(text.encode(), np.uint8))
+
+
+def end(frame: int) -> TakeEnd:
+    return TakeEnd(take="walk", end_frame=frame)
+
+
+def collection(*messages: TakeInfo | Pose | TakeEnd | Blob) -> Collection:
+    made = Collection()
+    for message in messages:
+        made.add(message)
+    return made
+
+
+def test_a_new_one_lacks_nothing_that_it_knows_of() -> None:
+    new = Collection()
+    assert new.missing_blobs() == []
+    assert new.missing_frames() is None
+    assert new.recorded() == []
+    assert not new.complete
+    with pytest.raises(ValueError, match="not over"):
+        _ = new.end_frame
+
+
+@pytest.mark.parametrize(
+    ("frames", "gap"),
+    [
+        ([], None),
+        ([0, 1, 2], None),
+        ([1, 2], (0, 1)),
+        ([0, 3, 5], (1, 3)),
+        ([5], (0, 5)),
+        ([4, 2, 0, 1], (3, 4)),
+    ],
+)
+def test_the_first_gap_up_to_the_latest_pose(frames: list[int], gap: tuple[int, int] | None) -> None:
+    assert collection(info(), *map(pose, frames)).missing_frames() == gap
+
+
+def test_once_the_end_is_known_the_rest_is_missing_too() -> None:
+    assert collection(info(), pose(0), end(4)).missing_frames() == (1, 4)
+    assert collection(info(), end(4)).missing_frames() == (0, 4)
+    assert collection(info(2), pose(2), end(3)).missing_frames() is None
+
+
+def test_a_range_that_begins_later_has_no_gap_before_it() -> None:
+    assert collection(info(first=7), pose(8)).missing_frames() == (7, 8)
+    assert collection(info(first=7), pose(7), pose(8)).missing_frames() is None
+
+
+def test_gaps_are_told_once_the_take_is_known() -> None:
+    early = collection(pose(3))
+    assert early.missing_frames() is None
+    early.add(info())
+    assert early.missing_frames() == (0, 3)
+
+
+def test_content_is_asked_for_until_it_is_here() -> None:
+    some = collection(info())
+    assert some.missing_blobs() == [hash_of(_ACTOR), hash_of(_RIG)]
+    some.add(blob(_RIG, "rig"))
+    assert some.missing_blobs() == [hash_of(_ACTOR)]
+    some.add(blob(_ACTOR))
+    assert some.missing_blobs() == []
+    assert (some.blob(hash_of(_ACTOR)), some.blob(hash_of(_RIG))) == (_ACTOR, _RIG)
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        blob("height = 1.9\n", name=hash_of(_ACTOR)),
+        blob("", name=hash_of(_ACTOR)),
+        Blob(hash=hash_of(_ACTOR), kind="actor", content=np.array([0xFF, 0xFE], np.uint8)),
+    ],
+)
+def test_damaged_content_is_asked_for_again(damaged: Blob) -> None:
+    some = collection(info(), damaged)
+    assert hash_of(_ACTOR) in some.missing_blobs()
+    some.add(blob(_ACTOR))
+    some.add(damaged)
+    assert some.blob(hash_of(_ACTOR)) == _ACTOR
+
+
+def test_content_that_is_no_text_is_refused() -> None:
+    binary = np.array([0xFF, 0xFE], np.uint8)
+    name = hashlib.sha256(binary.tobytes()).hexdigest()
+    some = collection(info(actor=name), Blob(hash=name, kind="actor", content=binary))
+    assert name in some.missing_blobs()
+
+
+def test_content_that_nobody_named_is_not_kept() -> None:
+    some = collection(info(), blob("something else"))
+    with pytest.raises(KeyError):
+        some.blob(hash_of("something else"))
+
+
+def test_the_first_of_repeated_messages_counts() -> None:
+    some = collection(info(), pose(0, 1.0), info(end=99), pose(0, 2.0))
+    assert [message.energy_px for message in some.recorded()] == [1.0]
+    assert some.info == info()
+
+
+def test_complete_takes_everything() -> None:
+    parts: list[TakeInfo | Pose | TakeEnd | Blob] = [
+        info(0, 2),
+        pose(0),
+        pose(1),
+        blob(_ACTOR),
+        blob(_RIG, "rig"),
+        end(2),
+    ]
+    assert collection(*parts).complete
+    for left_out in range(1, len(parts)):
+        assert not collection(*parts[:left_out], *parts[left_out + 1 :]).complete
+    assert collection(*parts).end_frame == 2
+
+
+def test_poses_without_the_takes_description_are_not_complete() -> None:
+    """The end may overtake the description: they come on different streams."""
+    some = collection(pose(0), pose(1), end(2))
+    assert not some.complete
+    for late in (info(0, 2), blob(_ACTOR), blob(_RIG, "rig")):
+        some.add(late)
+    assert some.complete
+
+
+def test_a_take_that_ended_before_its_first_frame_is_complete() -> None:
+    assert collection(end(0)).complete
+    assert collection(end(0)).recorded() == []
+
+
+def test_a_take_stopped_early_is_complete_with_what_was_solved() -> None:
+    some = collection(info(0, 100), pose(0), blob(_ACTOR), blob(_RIG, "rig"), end(1))
+    assert some.complete
+    assert len(some.recorded()) == 1
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.permutations(range(3, 9)), st.lists(st.integers(3, 8), max_size=6), st.integers(0, 6))
+def test_asking_for_gaps_completes_in_any_order(order: list[int], repeats: list[int], known: int) -> None:
+    some = collection(info(3, 9), blob(_ACTOR), blob(_RIG, "rig"))
+    for frame in [*order[:known], *repeats[:known]]:
+        some.add(pose(frame))
+    some.add(end(9))
+    asked = 0
+    while (gap := some.missing_frames()) is not None:
+        first, last = gap
+        assert first < last
+        assert all(frame not in some.poses for frame in range(first, last))
+        some.add(pose(last - 1))
+        asked += 1
+    assert asked <= 6
+    assert some.complete
+    assert [message.frame for message in some.recorded()] == list(range(3, 9))
