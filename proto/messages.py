@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 PROTOCOL_VERSION = 1
+MAX_SHARDS = 64
+"""Workers that may share one limb's grid."""
 
 Count: TypeAlias = Annotated[int, Field(ge=0, lt=2**31)]
 Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=200)]
@@ -71,7 +73,7 @@ class LimbTask(Message):
     """An arm with its hand, or a leg with its foot."""
     shard: Count
     """Which part of the limb's grid to search, less than shards: every shards-th point from this one on."""
-    shards: Annotated[int, Field(ge=1, le=64)]
+    shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
     """Into how many parts the limb's grid is divided."""
     actor: Hash
     """Names the blob of kind actor."""
@@ -101,7 +103,7 @@ class LimbResult(Message):
     """As in the task."""
     shard: Count
     """As in the task."""
-    shards: Annotated[int, Field(ge=1, le=64)]
+    shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
     """As in the task."""
     energy_px: Scalar
     """Differing pixels in the limb's window, the extremity not yet turned."""
@@ -127,7 +129,7 @@ class LimbRefusal(Message):
     """As in the task."""
     shard: Count
     """As in the task."""
-    shards: Annotated[int, Field(ge=1, le=64)]
+    shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
     """As in the task."""
     reason: Annotated[str, Field(max_length=1000)]
     """Why, for a log."""
@@ -243,8 +245,10 @@ class TakeEnd(Message):
     type: ClassVar[str] = "take_end"
     take: Name
     """The take's name, from take.toml."""
+    first_frame: Count
+    """The first frame that was asked for."""
     end_frame: Count
-    """One past the last frame that was solved; the take's first frame if there is none."""
+    """One past the last frame that was solved; equal to first_frame if there is none."""
 
 
 class Recorded(Message):

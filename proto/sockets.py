@@ -7,6 +7,7 @@ import zmq
 
 from proto.framing import MAX_FRAME_BYTES, decode, encode
 from proto.messages import Message
+from proto.streams import AddressError
 
 QUEUE_MESSAGES = 8
 """High-water mark of what is sent and of silhouettes received, all large; a long queue is only old data."""
@@ -21,7 +22,7 @@ PING_TIMEOUT_MS = 2500
 _RECONNECT_MS, _RECONNECT_MAX_MS = 100, 4000
 
 
-class OpenBindError(Exception):
+class OpenBindError(AddressError):
     """A socket was asked to listen beyond this machine without keys."""
 
 
@@ -47,7 +48,7 @@ def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.So
 def bind(socket: "zmq.Socket[bytes]", endpoint: str) -> str:
     """Bind to tcp://host:port and return the real endpoint, the port known; beyond loopback is refused.
 
-    Raises OpenBindError, or zmq.ZMQError where the address is taken.
+    Raises OpenBindError, or AddressError where the address is taken or not this machine's.
     """
     host = urlsplit(endpoint.replace("*", "0")).hostname or ""
     if not _is_loopback(host):
@@ -55,7 +56,10 @@ def bind(socket: "zmq.Socket[bytes]", endpoint: str) -> str:
             f"{endpoint}: listening beyond this machine would let anyone in; bind to tcp://127.0.0.1:PORT"
         )
     _allow_ipv6(socket, endpoint)
-    socket.bind(endpoint)
+    try:
+        socket.bind(endpoint)
+    except zmq.ZMQError as error:
+        raise AddressError(f"{endpoint}: cannot listen there ({error}): choose another --bind") from None
     return socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
 

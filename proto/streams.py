@@ -51,16 +51,20 @@ STREAMS: dict[StreamName, Stream] = {
 }
 
 
+class AddressError(ValueError):
+    """An address that cannot be used; the text says why and what to do."""
+
+
 _ENDPOINT = re.compile(r"tcp://(?P<host>\[[0-9A-Fa-f:.]+\]|[\w.*-]+):(?P<port>[0-9]{1,5})", re.ASCII)
 _LAST_PORT = 65535 - max(stream.port_offset for stream in STREAMS.values())
 
 
 def stream_endpoint(endpoint: str, stream: StreamName) -> str:
-    """Where a stream listens, from the endpoint that names them all; raises ValueError where it is none."""
+    """Where a stream listens, from the endpoint that names them all; raises AddressError where it is none."""
     parts = _ENDPOINT.fullmatch(endpoint)
     port = int(parts["port"]) if parts else 0
     if parts is None or not 0 < port <= _LAST_PORT:
-        raise ValueError(
+        raise AddressError(
             f"{endpoint}: expected an address such as {DEFAULT_ENDPOINT}, its port from 1 to {_LAST_PORT}"
         )
     return f"tcp://{parts['host']}:{port + STREAMS[stream].port_offset}"

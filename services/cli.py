@@ -6,6 +6,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -88,7 +89,7 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
             "joint error", f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"
         )
         table.add_row("lost limbs", f"{len(accuracy['lost_limbs'])}")
-    table.add_row("results", str(folder))
+    table.add_row("results", escape(str(folder)))
     out_console.print(table)
 
 
@@ -113,7 +114,7 @@ def synth(
             n_cameras=cameras,
             progress=lambda done, _: bar.update(task, completed=done),
         )
-    out_console.print(f"{out}: {frames} frames of {cameras} cameras")
+    out_console.print(f"{out}: {frames} frames of {cameras} cameras", markup=False, highlight=False)
 
 
 @app.command()
@@ -144,7 +145,7 @@ def doctor() -> None:
 
 
 def _fail(sentence: str, code: int) -> NoReturn:
-    err_console.print(sentence, style="red", highlight=False, soft_wrap=True)
+    err_console.print(sentence, style="red", markup=False, highlight=False, soft_wrap=True)
     sys.exit(code)
 
 

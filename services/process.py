@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from types import FrameType
 
-from proto.sockets import OpenBindError
+from proto.streams import AddressError
 from services.mocap.errors import UserError
 
 PARENT_VARIABLE = "XORMOCAP_PARENT"
@@ -45,7 +45,7 @@ def run_service(name: str, main: Callable[[StopRequest], None]) -> None:
     )
     try:
         main(StopRequest())
-    except (UserError, OpenBindError) as error:
+    except (UserError, AddressError) as error:
         print(error, file=sys.stderr)  # noqa: T201  (the one sentence that a launcher shows)
         sys.exit(EXIT_USER_ERROR)
     except Exception:

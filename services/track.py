@@ -13,7 +13,7 @@ import zmq
 
 from proto.framing import MalformedMessage
 from proto.messages import Pose
-from proto.sockets import make_socket, receive, wait
+from proto.sockets import connect, make_socket, receive, wait
 from proto.streams import stream_endpoint
 from services.launcher import Launcher, free_endpoint
 from services.mocap.take.folder import Take
@@ -42,7 +42,7 @@ class _PoseWatch:
     def __init__(self, endpoint: str) -> None:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._socket = make_socket(self._context, zmq.SUB)
-        self._socket.connect(stream_endpoint(endpoint, "poses"))
+        connect(self._socket, stream_endpoint(endpoint, "poses"))
         self._frames: set[int] = set()
         self._started_s = time.monotonic()
         self._first_s: float | None = None

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from proto.messages import LimbResult, LimbTask
+from proto.messages import MAX_SHARDS, LimbResult, LimbTask
 from services.coordinator.dispatch import Dispatcher
 from services.mocap.search.chains import LIMBS, LimbName
 from services.mocap.search.frame import LimbJob
@@ -28,7 +28,7 @@ class RemoteLimbs:
         """See LimbPool.start. More workers than limbs share the limbs' grids evenly."""
         self._pump(0.0)
         self._jobs = {job.limb: job for job in jobs}
-        shards = max(1, self._dispatcher.n_workers // len(jobs))
+        shards = min(max(1, self._dispatcher.n_workers // len(jobs)), MAX_SHARDS)
         self._dispatcher.submit([self._task(job, k, shards) for job in jobs for k in range(shards)])
 
     def _task(self, job: LimbJob, shard: int, shards: int) -> LimbTask:

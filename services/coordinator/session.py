@@ -89,7 +89,8 @@ class Session:
         try:
             end_frame = self._track()
         finally:
-            self._board.end(TakeEnd(take=self._name, end_frame=end_frame))
+            first_frame = self._plan.first_frame
+            self._board.end(TakeEnd(take=self._name, first_frame=first_frame, end_frame=end_frame))
             self._await_recorders(end_frame)
             self._board.close()
 

@@ -31,7 +31,7 @@ from services.coordinator.dispatch import Dispatcher, Identity
 log = logging.getLogger(__name__)
 
 _PUBLISH_S = 0.5
-"""How often credit is published again, for those who joined late."""
+"""How often the state of the take is published again, for those who joined late."""
 _MOST_AT_ONCE = 64
 """Messages taken from one socket before the others get their turn."""
 
@@ -51,7 +51,9 @@ class Switchboard:
         self._sockets = {
             name: make_socket(self._context, stream.coordinator) for name, stream in STREAMS.items()
         }
-        self._sockets["poses"].set_hwm(1000)  # poses are small, and a recorder asks again for what it missed
+        self._sockets["poses"].set(
+            zmq.SNDHWM, 1000
+        )  # poses are small, and a recorder asks again for what it missed
         for name, socket in self._sockets.items():
             bind(socket, stream_endpoint(endpoint, name))
         self._on_silhouettes = on_silhouettes
@@ -86,6 +88,8 @@ class Switchboard:
         """Tell recorders, present and to come, about the take."""
         self._take_info = info
         self._publish(info)
+        for identity in self._recorders:
+            self._send_task_message(identity, info)
 
     def give_credit(self, credit: Credit) -> None:
         """Let segmentation go on."""
@@ -102,7 +106,7 @@ class Switchboard:
         self._end = message
         self._publish(message)
         for identity in self._recorders:
-            send(self._sockets["tasks"], message, identity)
+            self._send_task_message(identity, message)
 
     def _publish(self, message: Message) -> None:
         send(self._sockets["poses"], message)
@@ -112,13 +116,20 @@ class Switchboard:
         if self._credit is not None:
             self._publish(self._credit)
 
+    def _repeat(self) -> None:
+        """Publish once more what those who joined late have missed."""
+        self._publish_credit()
+        for message in (self._take_info, self._end):
+            if message is not None:
+                self._publish(message)
+
     def _send_task_message(self, identity: Identity, message: Message) -> bool:
         return send(self._sockets["tasks"], message, identity)
 
     def pump(self, timeout_s: float) -> None:
         """Wait up to timeout_s for a message, then act on all that have come."""
         if time.monotonic() - self._credit_sent_s > _PUBLISH_S:
-            self._publish_credit()
+            self._repeat()
         tasks, silhouettes = self._sockets["tasks"], self._sockets["silhouettes"]
         wait([tasks, silhouettes], timeout_s)
         for _ in range(_MOST_AT_ONCE):

@@ -11,7 +11,8 @@ from proto.link import Link
 from proto.messages import Blob, BlobRequest, Hello, LimbTask, Message
 from proto.sockets import wait
 from proto.streams import DEFAULT_ENDPOINT
-from services.limb_worker.solver import LimbSolver, UnusableBlobError, warm_up
+from services.limb_worker.solver import LimbSolver, UnusableBlobError
+from services.mocap.search.warm_up import warm_up
 from services.process import StopRequest, client_name, run_service
 
 _LOOK_S = 0.2

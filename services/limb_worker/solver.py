@@ -12,7 +12,6 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu import CpuBackend
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.chains import LIMBS
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model, solve_limb
 
@@ -84,20 +83,6 @@ class LimbSolver:
             _keep(self._models, key, Model(body, rig, CpuBackend(body, rig)))
         self._models.move_to_end(key)
         return self._models[key]
-
-
-def warm_up() -> None:
-    """Load or compile all compiled code, so that the first task does not wait for it."""
-    rig = Rig(np.array([[[100.0, 0, 32, 0], [0, 100, 32, 0], [0, 0, 1, 3]]]), np.array([[64, 64]], np.int32))
-    body = build_body(Actor())
-    region = Region.whole(rig)
-    picture = Picture.of_region(rig, region, np.zeros((1, 64, 64), np.uint8))
-    settings = SearchSettings(arm_grid=(1, 1, 1, 1), leg_grid=(1, 1, 1, 1), descent_rounds=1)
-    model = Model(body, rig, CpuBackend(body, rig))
-    pose = np.zeros(35)
-    pose.flags.writeable = False  # as in a message: to Numba that is another type
-    for limb in LIMBS:
-        solve_limb(model, limb, picture, pose, settings)
 
 
 def _check(task: LimbTask, rig: Rig) -> None:

@@ -11,7 +11,7 @@ import zmq
 from proto.framing import MalformedMessage
 from proto.link import Link
 from proto.messages import Blob, BlobRequest, Hello, Message, Pose, PoseRequest, Recorded, TakeEnd, TakeInfo
-from proto.sockets import make_socket, receive, wait
+from proto.sockets import connect, make_socket, receive, wait
 from proto.streams import DEFAULT_ENDPOINT, stream_endpoint
 from services.mocap.take.folder import open_take
 from services.process import StopRequest, client_name, run_service
@@ -33,8 +33,7 @@ class Listener:
         self._take = take
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._sub = make_socket(self._context, zmq.SUB)
-        self._sub.set_hwm(1000)
-        self._sub.connect(stream_endpoint(endpoint, "poses"))
+        connect(self._sub, stream_endpoint(endpoint, "poses"))
         hello = Hello(role="recorder", name=client_name("recorder"), backend="")
         self._link = Link(self._context, endpoint, hello)
         self._asked_s = 0.0

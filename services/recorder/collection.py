@@ -13,6 +13,7 @@ class Collection:
         self.info: TakeInfo | None = None
         self.poses: dict[int, Pose] = {}
         self._end: int | None = None
+        self._is_empty = False
         self._blobs: dict[str, str] = {}
 
     def add(self, message: TakeInfo | Pose | TakeEnd | Blob) -> None:
@@ -24,7 +25,7 @@ class Collection:
         elif isinstance(message, Pose):
             self.poses.setdefault(message.frame, message)
         else:
-            self._end = message.end_frame
+            self._end, self._is_empty = message.end_frame, message.first_frame == message.end_frame
 
     def _add_blob(self, blob: Blob) -> None:
         """Keep content that is wanted and whole; what is not is asked for again."""
@@ -61,8 +62,10 @@ class Collection:
     @property
     def complete(self) -> bool:
         """Whether the take is over and nothing is missing; its end may overtake its description."""
-        if self._end is None or (self.info is None and self.poses):
+        if self._end is None:
             return False
+        if self.info is None:
+            return self._is_empty
         return self.missing_frames() is None and not self.missing_blobs()
 
     @property

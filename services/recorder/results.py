@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from proto.messages import Pose
+from services.mocap.atomic import atomic_folder
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.errors import UserError
 from services.mocap.export.bvh import write_bvh
 from services.mocap.take.actor_file import ACTOR
-from services.mocap.take.atomic import atomic_folder
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import REFERENCE_JOINTS, PoseTable, write_joints_csv, write_poses_csv
 from services.mocap.take.world import to_take_world

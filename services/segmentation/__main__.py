@@ -12,7 +12,7 @@ import zmq
 
 from proto.framing import MalformedMessage
 from proto.messages import Credit, Silhouettes, TakeEnd
-from proto.sockets import make_socket, receive, send, wait
+from proto.sockets import connect, make_socket, receive, send, wait
 from proto.streams import DEFAULT_ENDPOINT, stream_endpoint
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import pack
@@ -86,8 +86,8 @@ def serve(take_folder: Path, cameras: str, endpoint: str, stop: StopRequest) -> 
     feed = Feed(take, chosen, SegmentationSettings())
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     push, sub = make_socket(context, zmq.PUSH), make_socket(context, zmq.SUB)
-    push.connect(stream_endpoint(endpoint, "silhouettes"))
-    sub.connect(stream_endpoint(endpoint, "poses"))
+    connect(push, stream_endpoint(endpoint, "silhouettes"))
+    connect(sub, stream_endpoint(endpoint, "poses"))
     sender = Sender(take, chosen, feed, push)
     log.info("ready: %s from %s", ", ".join(take.cameras[c].name for c in chosen), take.source)
     try:

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
 from services.mocap.take import layout
-from services.mocap.take.atomic import atomic_folder
 from services.mocap.take.folder import Take
 from services.mocap.take.writer import write_picture
 from services.segmentation.cleanup import SegmentationSettings

@@ -20,6 +20,7 @@ from proto.sockets import (
     send,
     wait,
 )
+from proto.streams import AddressError
 
 Socket = zmq.Socket[bytes]
 _PATIENCE_S = 10.0
@@ -97,7 +98,7 @@ def test_loopback_carries_messages(make: Callable[[int], Socket], endpoint: str,
 def test_a_taken_address_is_an_error(make: Callable[[int], Socket]) -> None:
     first = make(zmq.PULL)
     address = bind(first, "tcp://127.0.0.1:*")
-    with pytest.raises(zmq.ZMQError):
+    with pytest.raises(AddressError, match="choose another --bind"):
         bind(make(zmq.PULL), address)
 
 

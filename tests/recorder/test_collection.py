@@ -35,7 +35,7 @@ def blob(text: str, kind: Any = "actor", name: str | None = None) -> Blob:
 
 
 def end(frame: int) -> TakeEnd:
-    return TakeEnd(take="walk", end_frame=frame)
+    return TakeEnd(take="walk", first_frame=0, end_frame=frame)
 
 
 def collection(*messages: TakeInfo | Pose | TakeEnd | Blob) -> Collection:

@@ -11,9 +11,9 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
+from services.mocap.atomic import atomic_file
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
 from services.mocap.errors import CalibrationError, in_short, load_toml, validated
-from services.mocap.take.atomic import atomic_file
 from services.mocap.types import Floats
 
 Up: TypeAlias = Literal["y", "z"]

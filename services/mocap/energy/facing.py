@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from services.mocap.energy.arrays import Indices, Singles
-from services.mocap.energy.mesh import BLOCK, SMALL_PERIMETER_M
+from services.mocap.energy.mesh import BLOCK
 from services.mocap.energy.snapping import LIMIT_STEPS, NEAR_M, SUBPIXEL
 from services.mocap.types import Bytes, Floats
 
@@ -32,14 +32,14 @@ def look(M: Floats, sphere_m: Floats, width_px: int, height_px: int, eye: Single
     guard, and the rounding that may come on top. A plane of FlatMesh.planes that is farther than guard plus
     rounding from zero at (C, w) has the sign that the face's doubled area on the screen has after snapping.
 
-    Why: with z the depths of a face's corners, a the doubled area on the screen before snapping and n · x - d
-    the face's plane with its doubled area as n's length, n · C - d w = -z1 z2 z3 a. Moving each corner by up
-    to e in x and y changes the doubled area by at most e times the sum over the edges of |dx| + |dy|, and
-    6 e² for the products of two moves. An edge L has dx = (m1 - u m3) · L / z, m being the rows of M, u the x
-    of its one end and z the depth of the other; likewise dy, so |dx| + |dy| <= |L| reach / z, the reach being
-    the length of (m1 - u m3) ± (m2 - v m3), whichever is larger. Times z1 z2 z3, of which z takes one away,
-    and divided by (perimeter + p), as the planes are, this is at most the larger of z_max² e reach and
-    z_max³ 6 e² / p.
+    Why: if snapping changes a face's sign, then on the way there, no corner having moved by more than half a
+    step e in x or y, the corners lie on one line. So the face fits between two lines 2 e (|nx| + |ny|) <=
+    2 sqrt(2) e apart, n being their unit normal, and its doubled area a on the screen is at most that times
+    its longest side there. A side L is (m1 - u m3, m2 - v m3) · L / z on the screen, m being the rows of M,
+    (u, v) its one end and z the depth of the other: no longer than |L| stretch / z, stretch being the largest
+    singular value of the two rows in brackets. Now with z the corners' depths and n · x - d the face's plane
+    with its doubled area as n's length, n · C - d w = -z1 z2 z3 a. Divided by the longest side, as the planes
+    are, it then is at most z_max² 2 sqrt(2) e stretch in size, and beyond that its sign can be trusted.
     """
     hx, hy, hz = _homogeneous(M, 0, sphere_m), _homogeneous(M, 1, sphere_m), _homogeneous(M, 2, sphere_m)
     radius, steepness = sphere_m[3], _length(M, 0.0, 0.0, 1.0)
@@ -49,16 +49,15 @@ def look(M: Floats, sphere_m: Floats, width_px: int, height_px: int, eye: Single
     if _beyond(M, 0, hx, hz, radius, width_px) or _beyond(M, 1, hy, hz, radius, height_px):
         return HIDDEN
     u, v = hx / hz, hy / hz
-    reach = max(_length(M, 1.0, 1.0, -u - v), _length(M, 1.0, -1.0, v - u))
-    spread_px = reach * radius / z_min  # how far from (u, v) the sphere reaches, in x and y together
+    stretch = _stretch(M, u, v)
+    spread_px = stretch * radius / z_min  # how far from (u, v) the sphere reaches
     if not (abs(u) + abs(v) + spread_px) * SUBPIXEL < 0.5 * LIMIT_STEPS:
         return NEAR  # snapping stops at the limit, and so may err by more than half a step
-    reach += spread_px * steepness
     _set_centre(M, hx, hy, hz, eye)
-    guard = max(z_max**2 * _SNAP_ERROR_PX * reach, z_max**3 * 6.0 * _SNAP_ERROR_PX**2 / SMALL_PERIMETER_M)
-    # No normal is longer than 1, or than the radius where that is more; no offset than the radius times that.
+    guard = z_max**2 * 2.0 * sqrt(2.0) * _SNAP_ERROR_PX * (stretch + spread_px * steepness)
+    # No normal is longer than 1, or twice the radius if that is more; no offset than the radius times that.
     terms = abs(eye[0]) + abs(eye[1]) + abs(eye[2]) + radius * abs(eye[3])
-    eye[4], eye[5] = 1.001 * guard, _SINGLE_ERROR * max(radius, 1.0) * terms
+    eye[4], eye[5] = 1.001 * guard, _SINGLE_ERROR * max(2.0 * radius, 1.0) * terms
     return SEEN
 
 
@@ -74,6 +73,16 @@ def _length(M: Floats, x: float, y: float, z: float) -> float:
     for j in range(3):
         square += (x * M[0, j] + y * M[1, j] + z * M[2, j]) ** 2
     return sqrt(square)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _stretch(M: Floats, u: float, v: float) -> float:
+    """The largest singular value of the rows m1 - u m3 and m2 - v m3 of M (3, 4) without its last column."""
+    xx, yy, xy = 0.0, 0.0, 0.0
+    for j in range(3):
+        x, y = M[0, j] - u * M[2, j], M[1, j] - v * M[2, j]
+        xx, yy, xy = xx + x * x, yy + y * y, xy + x * y
+    return sqrt((xx + yy) / 2.0 + sqrt((xx - yy) ** 2 / 4.0 + xy * xy))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -13,9 +13,8 @@ from services.mocap.types import Floats, Ints
 
 BLOCK = 16
 """Edges a block; as many planes are looked at at once."""
-SMALL_PERIMETER_M = 1e-3
-"""Added to a face's perimeter, which its plane is divided by: keeps planes of tiny faces finite."""
 _SHORTEST_NORMAL = 1e-12  # of faces without area: their block is always looked into
+_SHORTEST_SIDE_M = 1e-12  # of faces that are a point
 _NO_OFFSET = 1e9  # of the planes of edges that fill a block up: every camera is on the same side of both
 
 _Number = TypeVar("_Number", np.float32, np.int64)
@@ -31,8 +30,8 @@ class FlatMesh(NamedTuple):
     outside, on the two sides of an edge. One that only fills a block up has the same vertex four times."""
     planes: Singles
     """(B, 8, BLOCK): normal and offset (n, d) of the face along and then of the one against, such that
-    n · x - d is twice the area times the height of x over the face, divided by its perimeter and
-    SMALL_PERIMETER_M; x counts from the centre of the segment's sphere."""
+    n · x - d is twice the area times the height of x over the face, divided by its longest side; x counts
+    from the centre of the segment's sphere."""
     block_planes: Singles
     """(9, B): the middle (n, d) of a block's planes once all n are of unit length, how far off it any
     component is, and by how much the planes have been lengthened for that at most."""
@@ -80,8 +79,8 @@ def _planes(vertices_m: Floats, faces: Ints) -> Singles:
     """The (F, 4) planes of one segment's faces."""
     corners = vertices_m[faces]
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    perimeters_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).sum(axis=1)
-    normals = np.cross(b - a, c - a) / (perimeters_m + SMALL_PERIMETER_M)[:, None]
+    longest_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    normals = np.cross(b - a, c - a) / np.maximum(longest_m, _SHORTEST_SIDE_M)[:, None]
     return np.column_stack([normals, np.sum(normals * a, axis=1)]).astype(np.float32)
 
 

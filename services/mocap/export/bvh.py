@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from services.mocap.atomic import atomic_file
 from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, JOINTS
 from services.mocap.camera.camera import R_ZUP_YUP
-from services.mocap.take.atomic import atomic_file
 from services.mocap.types import Floats
 
 _UNITS_PER_METRE = {"m": 1.0, "cm": 100.0}

@@ -14,7 +14,7 @@ _HELD_JOINTS = [
 _LIMB_DOFS = [d for limb in LIMBS.values() for d in limb.main.dofs]
 _PROBE_RAD = 1e-4
 _DAMPING_M = 0.05
-"""A turn of one radian is worth this much of the held joints' shift; it keeps straight limbs from spinning."""
+"""A turn of one radian is worth this much of the joints' shift; it keeps straight limbs from spinning."""
 
 
 def limbs_staying(pose: Floats, moves: Floats, body: Body) -> Floats:

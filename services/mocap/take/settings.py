@@ -7,10 +7,10 @@ from typing import Literal
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from services.mocap.atomic import atomic_file
 from services.mocap.body.skeleton import DOFS
 from services.mocap.camera.calibration import Up
 from services.mocap.errors import TakeError, load_toml, nearest, validated
-from services.mocap.take.atomic import atomic_file
 from services.mocap.types import Floats
 
 _DOF_OF_COLUMN = {dof.column: (i, dof) for i, dof in enumerate(DOFS)}

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from services.mocap.atomic import atomic_file
 from services.mocap.body.skeleton import DOFS
 from services.mocap.errors import TakeError, in_short, nearest
-from services.mocap.take.atomic import atomic_file
 from services.mocap.types import Floats, Ints
 
 REFERENCE_JOINTS: tuple[str, ...] = (

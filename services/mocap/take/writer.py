@@ -12,11 +12,11 @@ from av.container import OutputContainer
 from av.video.frame import VideoFrame
 from av.video.reformatter import Interpolation, VideoReformatter
 
+from services.mocap.atomic import atomic_file, atomic_folder
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
 from services.mocap.take import layout
-from services.mocap.take.atomic import atomic_file, atomic_folder
 from services.mocap.take.settings import TakeSettings, write_settings
 from services.mocap.take.tables import write_joints_csv
 from services.mocap.take.world import to_take_world

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from services.mocap.atomic import atomic_file, atomic_folder
 from services.mocap.errors import UserError
-from services.mocap.take.atomic import atomic_file, atomic_folder
 
 
 def test_a_file_appears_whole_when_the_block_ends(tmp_path: Path) -> None:

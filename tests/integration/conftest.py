@@ -1,0 +1,41 @@
+"""A synthetic take that all integration tests track, and the `xormocap` command as a user runs it."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from services.mocap.synth.take import write_synthetic_take
+
+Command = Callable[..., "subprocess.CompletedProcess[str]"]
+FRAMES = "14:20"
+"""The actor is under way by then."""
+
+
+@pytest.fixture(scope="session")
+def synthetic_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("synthetic") / "walk"
+    write_synthetic_take(folder, n_frames=24, n_cameras=5)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def xormocap() -> Command:
+    """`xormocap(*arguments)` runs the command to its end."""
+
+    def run(*arguments: object, timeout_s: float = 240) -> "subprocess.CompletedProcess[str]":
+        command = [sys.executable, "-m", "services.cli", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def tracked(synthetic_take: Path, xormocap: Command, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of an undisturbed run with four limb workers."""
+    out = tmp_path_factory.mktemp("tracked") / "result"
+    done = xormocap("track", synthetic_take, "--out", out, "--frames", FRAMES)
+    assert done.returncode == 0, done.stderr
+    return out

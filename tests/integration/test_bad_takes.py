@@ -1,0 +1,69 @@
+"""Takes that cannot be tracked end in one sentence, exit code 2, and nothing left behind."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+Damage = Callable[[Path], None]
+
+
+def _cut_tail(path: Path) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+
+
+def _shorten(take: Path) -> None:
+    shutil.copy(take / "background" / "cam02.mp4", take / "videos" / "cam02.mp4")
+
+
+def _mirror(take: Path) -> None:
+    path = take / "calibration.toml"
+    lines = path.read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("rotation"))
+    end = next(i for i, line in enumerate(lines) if i > first and "=" in line)
+    lines[first:end] = ["rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]"]
+    path.write_text("\n".join(lines))
+
+
+def _add_field(take: Path) -> None:
+    path = take / "take.toml"
+    path.write_text(path.read_text() + "\nfacign = 90\n")
+
+
+def _empty_png(take: Path) -> None:
+    shutil.copytree(take / "reference" / "silhouettes", take / "silhouettes")
+    (take / "silhouettes" / "cam03" / "000002.png").write_bytes(b"")
+
+
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (lambda take: (take / "videos" / "cam04.mp4").unlink(), "videos/cam04.mp4"),
+        (_mirror, "[cam01] rotation"),
+        (_shorten, "videos/cam02.mp4"),
+        (lambda take: _cut_tail(take / "videos" / "cam05.mp4"), "videos/cam05.mp4"),
+        (_empty_png, "silhouettes/cam03/000002.png"),
+        (_add_field, "facign"),
+    ],
+    ids=["missing video", "no rotation", "other length", "truncated video", "empty picture", "unknown field"],
+)
+def test_a_bad_take_ends_in_one_sentence(
+    synthetic_take: Path, xormocap, tmp_path: Path, damage: Damage, named: str
+) -> None:
+    take = tmp_path / "take"
+    shutil.copytree(synthetic_take, take)
+    damage(take)
+    done = xormocap("track", take, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert named in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_frames_beyond_the_take_are_refused(synthetic_take: Path, xormocap, tmp_path: Path) -> None:
+    done = xormocap("track", synthetic_take, "--out", tmp_path / "out", "--frames", "20:30")
+    assert done.returncode == 2
+    assert "--frames 20:30: expected a range within 0:24" in done.stderr
