@@ -47,6 +47,7 @@ def track(
     first, end = frame_range(frames, opened)
     folder = out if out != Path() else Path("results") / take.resolve().name
     check_out(folder)
+    warnings: list[str] = []
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -69,9 +70,19 @@ def track(
             )
 
         try:
-            report = track_take(opened, folder, workers=workers, frames=frames, overlay=overlay, show=show)
+            report = track_take(
+                opened,
+                folder,
+                workers=workers,
+                frames=frames,
+                overlay=overlay,
+                show=show,
+                warn=warnings.append,
+            )
         except Interrupted:
             _fail(f"stopped; what was tracked by then is in {folder}", 130)
+    for sentence in warnings:
+        err_console.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)
     _summarise(report, folder)
 
 

@@ -120,6 +120,11 @@ class Launcher:
         for pid in self.pids(name):
             os.kill(pid, number)
 
+    def warnings(self, name: str) -> list[str]:
+        """What a kind's processes have warned of, one sentence each, without time and name."""
+        lines = [line for r in self._running if r.name == name for line in _lines(r.log_path)]
+        return [line.partition(" WARNING ")[2] for line in lines if " WARNING " in line]
+
     def stop(self) -> None:
         """End all processes: SIGTERM, a moment, SIGKILL."""
         for running in self._running:
@@ -155,5 +160,9 @@ def _is_free(port: int) -> bool:
 
 
 def _last_line(path: Path) -> str:
-    lines = [line for line in path.read_text(errors="replace").splitlines() if line.strip()]
+    lines = _lines(path)
     return lines[-1] if lines else "it said nothing"
+
+
+def _lines(path: Path) -> list[str]:
+    return [line for line in path.read_text(errors="replace").splitlines() if line.strip()]

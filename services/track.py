@@ -1,6 +1,7 @@
 """Tracking a take with local processes: what `xormocap track` does."""
 
 import json
+import shutil
 import signal
 import tempfile
 import time
@@ -88,12 +89,14 @@ def track(
     frames: str,
     overlay: bool,
     show: Callable[[Progress], None],
+    warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Track a checked take into out and return its run.json.
+    """Track a checked take into out and return its run.json; the processes' logs go to out/logs.
 
-    started is called once with the launcher when all processes run. Raises UserError, ServiceFailedError, or
-    Interrupted once a stop was asked for and what was done is written.
+    warn is called with each warning of the coordinator's at the end; started once with the launcher when all
+    processes run. Raises UserError, ServiceFailedError, or Interrupted once a stop was asked for and what was
+    done is written.
     """
     stop, endpoint = StopSignals(), free_endpoint()
     with tempfile.TemporaryDirectory(prefix="xormocap-") as logs, Launcher(Path(logs)) as launcher:
@@ -125,6 +128,11 @@ def track(
         )
         started(launcher)
         _follow(launcher, endpoint, stop, show)
+        launcher.stop()
+        for sentence in launcher.warnings("coordinator"):
+            warn(sentence)
+        if out.is_dir():
+            shutil.copytree(logs, out / "logs")
     if stop.count:
         raise Interrupted
     return dict(json.loads((out / "run.json").read_text()))

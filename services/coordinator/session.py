@@ -10,19 +10,16 @@ import numpy as np
 from proto.messages import Blob, Credit, Pose, Silhouettes, TakeEnd, TakeInfo
 from services.coordinator.assembly import FrameAssembler
 from services.coordinator.limbs import RemoteLimbs
+from services.coordinator.opening import Opening, open_take_with
 from services.coordinator.switchboard import Switchboard
-from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import unpack
-from services.mocap.energy.cpu import CpuBackend
 from services.mocap.energy.picture import Picture
-from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
 from services.mocap.search.frame import FrameSolution, extrapolated, solve_frame
-from services.mocap.search.hull import carve
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model
 from services.mocap.take.folder import Take
+from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Bytes
 from services.process import StopRequest
 
@@ -46,7 +43,7 @@ class Plan:
     end_frame: int
     settings: SearchSettings
     actor: Actor | None
-    """None: the generic body in the height that the take gives, or else that of the first frame's hull."""
+    """None: the generic body in the height that the take gives, or else the one that fits the first frame."""
 
 
 class Session:
@@ -99,12 +96,11 @@ class Session:
         first = self._next_frame()
         if first is None:
             return self._plan.first_frame
-        model, actor = self._make_model(first)
-        limbs = RemoteLimbs(model, self._name, actor.content_hash, self._board.dispatcher, self._board.pump)
-        limbs.frame = self._plan.first_frame
-        solution = self._first_pose(model, first, limbs)
-        self._publish(limbs.frame, solution)
-        poses = [solution.pose]
+        opening = open_take_with(first, self._rig, self._plan.actor, self._hints(), self._pool)
+        self._announce(opening)
+        self._publish(self._plan.first_frame, opening.solution)
+        model, limbs = opening.model, self._pool(opening.model, opening.actor)
+        poses = [opening.solution.pose]
         for frame in range(self._plan.first_frame + 1, self._plan.end_frame):
             silhouettes = self._next_frame()
             if silhouettes is None:
@@ -115,6 +111,13 @@ class Session:
             self._publish(frame, solution)
             poses = [*poses[-1:], solution.pose]
         return self._plan.end_frame
+
+    def _hints(self) -> TakeSettings:
+        """take.toml; what it says of frame 0 is left out when another one comes first."""
+        settings = self._plan.take.settings
+        if self._plan.first_frame == 0:
+            return settings
+        return settings.model_copy(update={"facing": None, "initial_pose": {}})
 
     def _next_frame(self) -> Bytes | None:
         """The next frame's silhouettes; None when a stop was asked for."""
@@ -133,45 +136,28 @@ class Session:
                 log.info("frame %d still lacks %s", self._assembler.next_frame, ", ".join(missing))
         return None
 
-    def _make_model(self, first: Bytes) -> tuple[Model, Actor]:
-        """The model, once the first frame can tell the actor's height, and what clients need of it."""
-        actor = self._plan.actor
-        if actor is None:
-            height_m = self._plan.take.settings.actor_height or self._hull_height_m(first)
-            actor = Actor(height=round(height_m, 3))
-        body = build_body(actor)
+    def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
+        """The workers, told what they need to know of an actor."""
         self._board.offer(_blob(actor.content_hash, "actor", actor.to_toml()))
         self._board.offer(_blob(self._rig.content_hash, "rig", self._rig.to_json()))
-        backend = CpuBackend(body, self._rig)
+        limbs = RemoteLimbs(model, self._name, actor.content_hash, self._board.dispatcher, self._board.pump)
+        limbs.frame = self._plan.first_frame
+        return limbs
+
+    def _announce(self, opening: Opening) -> None:
+        """Tell recorders and viewers about the take."""
         self._board.announce(
             TakeInfo(
                 take=self._name,
                 fps=self._plan.take.settings.fps,
                 first_frame=self._plan.first_frame,
                 end_frame=self._plan.end_frame,
-                actor=actor.content_hash,
+                actor=opening.actor.content_hash,
                 rig=self._rig.content_hash,
-                backend=backend.name,
+                backend=opening.model.backend.name,
                 search=self._plan.settings.to_wire(),
             )
         )
-        return Model(body, self._rig, backend), actor
-
-    def _hull_height_m(self, silhouettes: Bytes) -> float:
-        height_m = carve(self._rig, unpack(silhouettes, self._rig.n_cameras)).height_m
-        log.warning("no actor_height in take.toml: the first frame's visual hull is %.2f m high", height_m)
-        return height_m
-
-    def _first_pose(self, model: Model, silhouettes: Bytes, limbs: RemoteLimbs) -> FrameSolution:
-        picture, settings = Picture.whole(self._rig, silhouettes), self._plan.take.settings
-        hull = carve(self._rig, unpack(silhouettes, self._rig.n_cameras))
-        if settings.initial_pose and self._plan.first_frame == 0:
-            start = settings.with_initial_pose(standing_pose(model, hull))
-            return solve_frame(model, picture, start[None], SearchSettings.wide(), limbs)
-        facing_rad = settings.facing_rad if self._plan.first_frame == 0 else None
-        first = find_first_pose(model, picture, hull, limbs, facing_rad)
-        _tell_facing(first)
-        return first.solution
 
     def _publish(self, frame: int, solution: FrameSolution) -> None:
         dispatcher, now = self._board.dispatcher, time.perf_counter()
@@ -201,18 +187,3 @@ class Session:
 
 def _blob(content_hash: str, kind: Literal["actor", "rig"], text: str) -> Blob:
     return Blob(hash=content_hash, kind=kind, content=np.frombuffer(text.encode(), np.uint8))
-
-
-def _tell_facing(first: FirstPose) -> None:
-    """Log which way the actor was found to face, and how sure that is."""
-    facing_deg = np.degrees(first.solution.pose[DOF_INDEX["root_heading"]]) % 360
-    if first.ambiguous:
-        log.warning(
-            "the actor faces %.0f degrees, but the other way fits nearly as well (%.0f against %.0f px): "
-            "if the overlay shows the actor turned round, set facing in take.toml",
-            facing_deg,
-            first.solution.energy_px,
-            first.opposite_energy_px,
-        )
-    else:
-        log.info("the actor faces %.0f degrees", facing_deg)

@@ -12,7 +12,7 @@ from services.mocap.take.tables import read_joints_csv, read_poses_csv
 
 pytestmark = pytest.mark.timeout(280)
 
-RESULTS = {"poses.csv", "joints.csv", "motion.bvh", "actor.toml", "overlay.mp4", "run.json"}
+RESULTS = {"poses.csv", "joints.csv", "motion.bvh", "actor.toml", "overlay.mp4", "run.json", "logs"}
 
 
 def _report(result: Path) -> dict:
@@ -25,6 +25,12 @@ def test_a_run_writes_all_results_for_its_frames(tracked: Path) -> None:
     assert read_poses_csv(tracked / "poses.csv").frames.tolist() == list(range(14, 20))
     assert read_joints_csv(tracked / "joints.csv").frames.tolist() == list(range(14, 20))
     assert f"Frames: {6}" in (tracked / "motion.bvh").read_text()
+
+
+def test_the_logs_of_all_processes_are_kept(tracked: Path) -> None:
+    services = sorted(path.name.partition("-")[0] for path in (tracked / "logs").iterdir())
+    assert services == ["coordinator", *["limb_worker"] * 4, "recorder", "segmentation"]
+    assert not any("Traceback" in path.read_text() for path in (tracked / "logs").iterdir())
 
 
 def test_the_motion_is_found(tracked: Path) -> None:

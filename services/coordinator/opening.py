@@ -1,0 +1,94 @@
+"""The first frame of a take: who the actor is, and where."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.picture import Picture
+from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
+from services.mocap.search.frame import FrameSolution, LimbPool, solve_frame
+from services.mocap.search.height import fit_height
+from services.mocap.search.hull import Hull, carve
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.solve import Model
+from services.mocap.take.settings import TakeSettings
+from services.mocap.types import Bytes
+
+log = logging.getLogger(__name__)
+
+_FITTED_PASS = 5000
+"""Number of the first pass with a fitted actor, beyond those that find_first_pose uses."""
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """What the first frame settles for the whole take."""
+
+    actor: Actor
+    model: Model
+    solution: FrameSolution
+
+
+def open_take_with(
+    silhouettes: Bytes,
+    rig: Rig,
+    actor: Actor | None,
+    hints: TakeSettings,
+    pool: Callable[[Model, Actor], LimbPool],
+) -> Opening:
+    """Find the actor and the pose of a take's first frame.
+
+    silhouettes (P, H, W); actor: None where the take has none; hints: of take.toml, for this very frame; pool
+    makes the limb pool for a model. Raises TakeError where nobody is to be seen.
+    """
+    hull, picture = carve(rig, unpack(silhouettes, rig.n_cameras)), Picture.whole(rig, silhouettes)
+    height_known = actor is not None or hints.actor_height is not None
+    actor = actor or Actor(height=round(hints.actor_height or hull.height_m, 3))
+    model = _model(actor, rig)
+    solution = _first_pose(model, picture, hull, hints, pool(model, actor))
+    if height_known:
+        return Opening(actor, model, solution)
+    actor = Actor(height=round(fit_height(rig, picture, solution.pose, actor.height), 3))
+    log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
+    model = _model(actor, rig)
+    limbs, wide = pool(model, actor), SearchSettings.wide()
+    fitted = solve_frame(model, picture, solution.pose[None], wide, limbs, first_pass=_FITTED_PASS)
+    return Opening(actor, model, fitted)
+
+
+def _model(actor: Actor, rig: Rig) -> Model:
+    body = build_body(actor)
+    return Model(body, rig, CpuBackend(body, rig))
+
+
+def _first_pose(
+    model: Model, picture: Picture, hull: Hull, hints: TakeSettings, limbs: LimbPool
+) -> FrameSolution:
+    if hints.initial_pose:
+        start = hints.with_initial_pose(standing_pose(model, hull))
+        return solve_frame(model, picture, start[None], SearchSettings.wide(), limbs)
+    first = find_first_pose(model, picture, hull, limbs, hints.facing_rad)
+    _tell_facing(first)
+    return first.solution
+
+
+def _tell_facing(first: FirstPose) -> None:
+    """Log which way the actor was found to face, and how sure that is."""
+    facing_deg = np.degrees(first.solution.pose[DOF_INDEX["root_heading"]]) % 360
+    if first.ambiguous:
+        log.warning(
+            "the actor faces %.0f degrees, but the other way fits nearly as well (%.0f against %.0f px): "
+            "if the overlay shows the actor turned round, set facing in take.toml",
+            facing_deg,
+            first.solution.energy_px,
+            first.opposite_energy_px,
+        )
+    else:
+        log.info("the actor faces %.0f degrees", facing_deg)
