@@ -1,0 +1,90 @@
+"""The first frame: what is known of actor and pose is used, what is not is found."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from services.coordinator.opening import open_take_with
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.kinematics import N_DOF, joint_positions
+from services.mocap.body.skeleton import DOF_INDEX, SIDES
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.picture import Region
+from services.mocap.errors import TakeError
+from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.frame import LocalLimbs
+from services.mocap.search.solve import Model
+from services.mocap.synth.studio import studio_cameras
+from services.mocap.take.settings import TakeSettings
+from services.mocap.types import Bytes, Floats
+
+RIG = Rig.of(studio_cameras(5))
+HEIGHT_M = 1.80
+
+
+def _hints(**fields: object) -> TakeSettings:
+    return TakeSettings.model_validate(
+        {"name": "t", "fps": 15.0, "units": "m", "up": "z", "frames": 1, **fields}
+    )
+
+
+def _pool(model: Model, actor: Actor) -> LocalLimbs:
+    assert model.body.height_m == actor.height
+    return LocalLimbs(model)
+
+
+def _pose() -> Floats:
+    pose = np.zeros(N_DOF)
+    pose[:3] = 0.2, 0.1, build_body(Actor(height=HEIGHT_M)).pelvis_height_m
+    pose[DOF_INDEX["root_heading"]] = 2.0
+    for side in SIDES:
+        pose[DOF_INDEX[f"{side}_shoulder_elevation"]] = -1.1
+        pose[DOF_INDEX[f"{side}_hip_abduction"]] = 0.1
+    return pose
+
+
+def _silhouettes(pose: Floats) -> Bytes:
+    body = build_body(Actor(height=HEIGHT_M))
+    return CpuBackend(body, RIG).coverage(pose[None], ALL_SEGMENTS, Region.whole(RIG))[0]
+
+
+def _mean_error_mm(found: Floats, actor: Actor) -> float:
+    ours = joint_positions(found[None], build_body(actor).offsets_m)
+    truth = joint_positions(_pose()[None], build_body(Actor(height=HEIGHT_M)).offsets_m)
+    return float(1000 * np.linalg.norm(ours - truth, axis=-1).mean())
+
+
+def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        opening = open_take_with(_silhouettes(_pose()), RIG, None, _hints(), _pool)
+    assert abs(opening.actor.height - HEIGHT_M) < 0.02
+    assert _mean_error_mm(opening.solution.pose, opening.actor) < 25
+    assert "no actor_height in take.toml" in caplog.text
+
+
+def test_the_height_of_take_toml_is_kept() -> None:
+    hints = _hints(actor_height=1.78, initial_pose={"root_heading_rad": 2.0})
+    opening = open_take_with(_silhouettes(_pose()), RIG, None, hints, _pool)
+    assert opening.actor == Actor(height=1.78)
+
+
+def test_an_actor_outweighs_the_height_of_take_toml() -> None:
+    actor = Actor(height=HEIGHT_M, bone_lengths={"hand": 0.2})
+    hints = _hints(actor_height=1.6, initial_pose={"root_heading_rad": 2.0})
+    assert open_take_with(_silhouettes(_pose()), RIG, actor, hints, _pool).actor == actor
+
+
+@pytest.mark.parametrize("turned_deg", [0, 180])
+def test_facing_decides(turned_deg: float) -> None:
+    hints = _hints(actor_height=HEIGHT_M, facing=np.degrees(2.0) + turned_deg)
+    found = open_take_with(_silhouettes(_pose()), RIG, None, hints, _pool).solution
+    turned = np.radians(turned_deg)
+    assert np.cos(found.pose[DOF_INDEX["root_heading"]] - 2.0 - turned) > np.cos(0.6)
+
+
+def test_an_empty_stage_is_said() -> None:
+    nobody = np.zeros((1, *RIG.shape_px), np.uint8)
+    with pytest.raises(TakeError, match="choose a first frame"):
+        open_take_with(nobody, RIG, None, _hints(), _pool)

@@ -1,0 +1,19 @@
+"""The actor's height from silhouettes of a body whose height is known."""
+
+from collections.abc import Callable
+
+import pytest
+
+from services.mocap.energy.picture import Picture
+from services.mocap.search.height import fit_height
+from services.mocap.search.solve import Model
+from services.mocap.types import Floats
+
+
+@pytest.mark.parametrize("believed_m", [1.66, 1.83])
+def test_the_height_is_found_from_a_wrong_one(
+    model: Model, standing: Callable[..., Floats], picture_of: Callable[[Floats], Picture], believed_m: float
+) -> None:
+    pose = standing(root_heading=40, shoulder_elevation=-60, hip_abduction=6, elbow_flexion=15)
+    found_m = fit_height(model.rig, picture_of(pose), pose, believed_m)
+    assert abs(found_m - model.body.height_m) < 0.015
