@@ -35,7 +35,8 @@ def joint_transforms(poses: Floats, offsets_m: Floats) -> Floats:
     poses: (N, 35) in metres and radians. offsets_m: (17, 3), each joint relative to its parent in the rest
     pose. Returns T_world_joint (N, 17, 4, 4).
     """
-    poses = np.ascontiguousarray(poses, np.float64)
+    # A copy: to Numba an array that cannot be written to, as in a message, is another type to compile for.
+    poses = np.array(poses, np.float64, order="C")
     if poses.ndim != 2 or poses.shape[1] != N_DOF:
         raise ValueError(f"poses: expected shape (N, {N_DOF}), got {poses.shape}")
     T_world_joint = np.empty((len(poses), _N_JOINTS, 4, 4))

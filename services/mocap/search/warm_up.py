@@ -19,10 +19,7 @@ def warm_up() -> None:
     picture = Picture.of_region(rig, Region.whole(rig), np.zeros((1, 64, 64), np.uint8))
     quick = SearchSettings(max_passes=1, arm_grid=(1, 1, 1, 1), leg_grid=(1, 1, 1, 1), descent_rounds=1)
     model = Model(body, rig, CpuBackend(body, rig))
-    for writeable in (True, False):  # poses in messages cannot be written to; to Numba that is another type
-        pose = np.zeros((1, N_DOF))
-        pose.flags.writeable = writeable
-        solve_frame(model, picture, pose, quick, LocalLimbs(model))
+    solve_frame(model, picture, np.zeros((1, N_DOF)), quick, LocalLimbs(model))
 
 
 if __name__ == "__main__":
