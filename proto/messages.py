@@ -176,7 +176,7 @@ class Credit(Message):
     take: Name
     """The take's name, from take.toml."""
     next_frame: Count
-    """The frame that the coordinator puts together next; those before it are no longer wanted."""
+    """The first frame of which a camera is still lacking; those before it are no longer wanted."""
     end_frame: Count
     """One past the last frame that may be sent."""
 

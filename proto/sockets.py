@@ -59,7 +59,7 @@ def bind(socket: "zmq.Socket[bytes]", endpoint: str) -> str:
     try:
         socket.bind(endpoint)
     except zmq.ZMQError as error:
-        raise AddressError(f"{endpoint}: cannot listen there ({error}): choose another --bind") from None
+        raise AddressError(f"{endpoint}: cannot listen there ({error}): choose another address") from None
     return socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
 

@@ -1,5 +1,6 @@
 """The `xormocap` command."""
 
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -11,13 +12,13 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from services import doctor as machine
-from services.coordinator.__main__ import frame_range
 from services.launcher import ServiceFailedError
 from services.mocap.errors import UserError
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
-from services.process import EXIT_USER_ERROR
-from services.recorder.results import check_out
+from services.mocap.take.frame_range import frame_range
+from services.process import EXIT_STOPPED, EXIT_USER_ERROR
+from services.recorder.result_folder import check_out
 from services.segmentation.files import write_silhouettes
 from services.track import Interrupted
 from services.track import Progress as Run
@@ -37,15 +38,15 @@ TakeFolder = Annotated[Path, typer.Argument(help="The take folder.", metavar="TA
 @app.command()
 def track(
     take: TakeFolder,
-    out: Annotated[Path, typer.Option(help="Where the results go; results/<take> by default.")] = Path(),
+    out: Annotated[Path | None, typer.Option(help="Where the results go; results/<take> by default.")] = None,
     workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 4,
     frames: Annotated[str, typer.Option(help="Only frames A up to but not including B, as A:B.")] = ":",
     overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
 ) -> None:
     """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
     opened = open_take(take)
-    first, end = frame_range(frames, opened)
-    folder = out if out != Path() else Path("results") / take.resolve().name
+    asked = frame_range(frames, opened)
+    folder = out or Path("results") / take.resolve().name
     check_out(folder)
     warnings: list[str] = []
     columns = (
@@ -58,7 +59,7 @@ def track(
         TimeRemainingColumn(),
     )
     with Progress(*columns, *speed, console=err_console) as bar:
-        task = bar.add_task("starting", total=end - first, fps=0.0, energy=0.0)
+        task = bar.add_task("starting", total=len(asked), fps=0.0, energy=0.0)
 
         def show(run: Run) -> None:
             bar.update(
@@ -74,13 +75,18 @@ def track(
                 opened,
                 folder,
                 workers=workers,
-                frames=frames,
+                frames=asked,
                 overlay=overlay,
                 show=show,
                 warn=warnings.append,
             )
-        except Interrupted:
-            _fail(f"stopped; what was tracked by then is in {folder}", 130)
+        except Interrupted as stopped:
+            done = (
+                f"what was tracked by then is in {stopped.folder}"
+                if stopped.folder
+                else "nothing was tracked"
+            )
+            _fail(f"stopped; {done}", 130)
     for sentence in warnings:
         err_console.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)
     _summarise(report, folder)
@@ -162,6 +168,9 @@ def _fail(sentence: str, code: int) -> NoReturn:
 
 def main() -> None:
     """Run the command; errors of the user's end in one sentence and exit code 2."""
+    signal.signal(
+        signal.SIGTERM, lambda *_: sys.exit(EXIT_STOPPED)
+    )  # unwinds, so that nothing half-made stays
     try:
         app()
     except UserError as error:

@@ -7,19 +7,24 @@ import socket
 import subprocess
 import sys
 import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from services.mocap.errors import UserError
-from services.process import EXIT_USER_ERROR, PARENT_VARIABLE
+from services.process import EXIT_STOPPED, EXIT_USER_ERROR, PARENT_VARIABLE
 
 log = logging.getLogger(__name__)
 
 _PORTS = 3
-_STOP_S = 5.0
-"""How long a process may take to end after SIGTERM before it is killed."""
+_STOP_S = 4.0
+"""How long processes may take to end after a SIGTERM before they get another."""
+_ORDERLY = (0, EXIT_STOPPED, -signal.SIGTERM)
+"""How a process ends that was told to; the last, when it was told before it could listen."""
 _MOST_RESTARTS = 20
 """Restarts of one kind of process in one run; more mean that it cannot work here."""
 
@@ -31,13 +36,15 @@ class ServiceSpec:
     module: str
     restarts: bool
     """Whether another takes the place of one that dies; the others' end ends the run."""
+    stop_s: float = 5.0
+    """How long a process may take to end after a second SIGTERM before it is killed."""
 
 
 SERVICES: dict[str, ServiceSpec] = {
     "coordinator": ServiceSpec("services.coordinator", restarts=False),
     "limb_worker": ServiceSpec("services.limb_worker", restarts=True),
     "segmentation": ServiceSpec("services.segmentation", restarts=True),
-    "recorder": ServiceSpec("services.recorder", restarts=False),
+    "recorder": ServiceSpec("services.recorder", restarts=False, stop_s=60.0),  # it may be writing
 }
 
 
@@ -59,7 +66,8 @@ class Launcher:
     def __init__(self, log_folder: Path) -> None:
         self._log_folder = log_folder
         self._running: list[_Running] = []
-        self._restarts = 0
+        self._restarts: Counter[str] = Counter()
+        self._told: set[str] = set()
 
     def __enter__(self) -> Self:
         return self
@@ -102,12 +110,12 @@ class Launcher:
         """
         for running in self._running:
             code = running.process.poll()
-            if code is None or code == 0:
+            if code is None or code == 0 or (running.name in self._told and code in _ORDERLY):
                 continue
             if code == EXIT_USER_ERROR:
                 raise UserError(_last_line(running.log_path))
-            self._restarts += 1
-            if not SERVICES[running.name].restarts or self._restarts > _MOST_RESTARTS:
+            self._restarts[running.name] += 1
+            if not SERVICES[running.name].restarts or self._restarts[running.name] > _MOST_RESTARTS:
                 raise ServiceFailedError(
                     f"{running.name} ended with code {code}: {_last_line(running.log_path)}"
                 )
@@ -115,10 +123,12 @@ class Launcher:
             log.warning("%s ended with code %d: starting another; it said: %s", running.name, code, last)
             running.process = self._spawn(running.name, running.arguments, running.log_path)
 
-    def signal(self, name: str, number: signal.Signals) -> None:
-        """Send a signal to a kind's processes."""
-        for pid in self.pids(name):
-            os.kill(pid, number)
+    def tell_to_stop(self, name: str) -> None:
+        """Ask a kind's processes to end in order, once."""
+        if name not in self._told:
+            self._told.add(name)
+            for pid in self.pids(name):
+                os.kill(pid, signal.SIGTERM)
 
     def warnings(self, name: str) -> list[str]:
         """What a kind's processes have warned of, one sentence each, without time and name."""
@@ -126,17 +136,26 @@ class Launcher:
         return [line.partition(" WARNING ")[2] for line in lines if " WARNING " in line]
 
     def stop(self) -> None:
-        """End all processes: SIGTERM, a moment, SIGKILL."""
+        """End all processes: SIGTERM, a moment, SIGTERM again for those that finish something, SIGKILL."""
+        self._told |= set(SERVICES)
+        for _ in range(2):
+            for running in self._running:
+                if running.process.poll() is None:
+                    running.process.terminate()
+            self._wait(lambda _: _STOP_S)
+        self._wait(lambda spec: spec.stop_s)
         for running in self._running:
             if running.process.poll() is None:
-                running.process.terminate()
-        deadline = time.monotonic() + _STOP_S
-        for running in self._running:
-            try:
-                running.process.wait(max(deadline - time.monotonic(), 0.01))
-            except subprocess.TimeoutExpired:
                 running.process.kill()
                 running.process.wait()
+
+    def _wait(self, patience_s: Callable[[ServiceSpec], float]) -> None:
+        """Wait for all processes, each so long as its kind is granted."""
+        began = time.monotonic()
+        for running in self._running:
+            left_s = began + patience_s(SERVICES[running.name]) - time.monotonic()
+            with suppress(subprocess.TimeoutExpired):
+                running.process.wait(max(left_s, 0.01))
 
 
 def free_endpoint() -> str:

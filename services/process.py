@@ -15,22 +15,25 @@ PARENT_VARIABLE = "XORMOCAP_PARENT"
 """Process id of a launcher; a service whose parent is no longer that one stops, so that none is orphaned."""
 
 EXIT_USER_ERROR = 2
+EXIT_STOPPED = 143
+"""A service that was asked to stop, and did so in order; 0 means that its work was done."""
 
 
 class StopRequest:
     """True once the process was asked to stop, by SIGINT, SIGTERM or the end of its launcher."""
 
     def __init__(self) -> None:
-        self._asked = False
+        self.count = 0
+        """Signals so far; whoever asks twice wants it at once."""
         self._parent = int(os.environ.get(PARENT_VARIABLE, "0"))
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._ask)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002  (the signature of handlers)
-        self._asked = True
+        self.count += 1
 
     def __bool__(self) -> bool:
-        return self._asked or (self._parent != 0 and os.getppid() != self._parent)
+        return self.count > 0 or (self._parent != 0 and os.getppid() != self._parent)
 
 
 def client_name(role: str) -> str:
@@ -39,16 +42,22 @@ def client_name(role: str) -> str:
 
 
 def run_service(name: str, main: Callable[[StopRequest], None]) -> None:
-    """Run a service's main function as this process, then exit: 0 when done, 2 for an error of the user's."""
+    """Run a service's main function as this process, then exit.
+
+    The exit code is 0 when its work is done, EXIT_STOPPED after a stop, 2 for an error of the user's, else 1.
+    The last line of the log says in one sentence what an error was.
+    """
+    stop = StopRequest()
     logging.basicConfig(
         stream=sys.stderr, level=logging.INFO, format=f"%(asctime)s {name} %(levelname)s %(message)s"
     )
     try:
-        main(StopRequest())
+        main(stop)
     except (UserError, AddressError) as error:
         print(error, file=sys.stderr)  # noqa: T201  (the one sentence that a launcher shows)
         sys.exit(EXIT_USER_ERROR)
-    except Exception:
+    except Exception as error:
         logging.exception("unexpected error")
+        print(f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}", file=sys.stderr)  # noqa: T201
         sys.exit(1)
-    sys.exit(0)
+    sys.exit(EXIT_STOPPED if stop else 0)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import zmq
 
@@ -16,10 +16,13 @@ from proto.framing import MalformedMessage
 from proto.messages import Pose
 from proto.sockets import connect, make_socket, receive, wait
 from proto.streams import stream_endpoint
-from services.launcher import Launcher, free_endpoint
+from services.launcher import Launcher, ServiceFailedError, free_endpoint
 from services.mocap.take.folder import Take
+from services.recorder.result_folder import LOGS, RUN_JSON, partial_of
 
 _LOOK_S = 0.2
+_ALONE_S = 2.0
+"""How long after the coordinator's end a recorder that still waits for it is left waiting."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,12 @@ class Progress:
 
 
 class Interrupted(Exception):  # noqa: N818  (a request, not an error)
-    """The run was stopped before its end; the frames solved by then were written."""
+    """The run was stopped before its end."""
+
+    def __init__(self, folder: Path | None) -> None:
+        """Folder: where the frames solved by then are; None where there were none."""
+        super().__init__(folder)
+        self.folder = folder
 
 
 class _PoseWatch:
@@ -70,12 +78,19 @@ class _PoseWatch:
 
 
 class StopSignals:
-    """Counts SIGINT and SIGTERM while a run lasts: the first ends it in order, the second at once."""
+    """Counts SIGINT and SIGTERM inside its block: the first ends a run in order, the second at once."""
 
     def __init__(self) -> None:
         self.count = 0
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
+
+    def __enter__(self) -> Self:
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        self._before = {number: signal.signal(number, self._note) for number in numbers}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def _note(self, *_: object) -> None:
         self.count += 1
@@ -86,68 +101,75 @@ def track(
     out: Path,
     *,
     workers: int,
-    frames: str,
+    frames: range,
     overlay: bool,
     show: Callable[[Progress], None],
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Track a checked take into out and return its run.json; the processes' logs go to out/logs.
+    """Track frames of a checked take into out and return its run.json; the processes' logs go to out/logs.
 
     warn is called with each warning of the coordinator's at the end; started once with the launcher when all
-    processes run. Raises UserError, ServiceFailedError, or Interrupted once a stop was asked for and what was
-    done is written.
+    processes run. Raises UserError; ServiceFailedError, after which the logs stay; or Interrupted, once a
+    stop was asked for and what was done by then is written.
     """
-    stop, endpoint = StopSignals(), free_endpoint()
-    with tempfile.TemporaryDirectory(prefix="xormocap-") as logs, Launcher(Path(logs)) as launcher:
-        folder = str(take.folder)
-        launcher.start(
-            "coordinator",
-            "--take",
-            folder,
-            "--bind",
-            endpoint,
-            "--frames",
-            frames,
-            "--workers",
-            str(workers),
-            "--recorders",
-            "1",
-        )
-        launcher.start("limb_worker", "--connect", endpoint, copies=workers)
-        launcher.start("segmentation", "--take", folder, "--connect", endpoint)
-        launcher.start(
-            "recorder",
-            "--take",
-            folder,
-            "--out",
-            str(out),
-            "--connect",
-            endpoint,
-            "--overlay" if overlay else "--no-overlay",
-        )
-        started(launcher)
-        _follow(launcher, endpoint, stop, show)
-        launcher.stop()
-        for sentence in launcher.warnings("coordinator"):
-            warn(sentence)
-        if out.is_dir():
-            shutil.copytree(logs, out / "logs")
+    endpoint, logs = free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
+    earlier = {folder: _written_ns(folder) for folder in (out, partial_of(out))}
+    try:
+        with StopSignals() as stop, Launcher(logs) as launcher:
+            _start(launcher, take.folder, out, endpoint, workers, frames, overlay)
+            started(launcher)
+            _follow(launcher, endpoint, stop, show)
+            for sentence in launcher.warnings("coordinator"):
+                warn(sentence)
+    except ServiceFailedError as error:
+        raise ServiceFailedError(f"{error}; the logs are in {logs}") from None
+    folder = next((f for f, before in earlier.items() if _written_ns(f) != before), None)
+    report = None if folder is None else dict(json.loads((folder / RUN_JSON).read_text()))
+    if folder is not None:
+        shutil.rmtree(folder / LOGS, ignore_errors=True)
+        shutil.move(logs, folder / LOGS)
+    if report is not None and report["take"]["frames"] == len(frames):
+        return report
     if stop.count:
-        raise Interrupted
-    return dict(json.loads((out / "run.json").read_text()))
+        shutil.rmtree(logs, ignore_errors=True)
+        raise Interrupted(folder)
+    raise ServiceFailedError(f"the run ended before its last frame; the logs are in {logs}")
+
+
+def _written_ns(folder: Path) -> int | None:
+    """When a folder's results were written; None without any."""
+    report = folder / RUN_JSON
+    return report.stat().st_mtime_ns if report.exists() else None
+
+
+def _start(
+    launcher: Launcher, take: Path, out: Path, endpoint: str, workers: int, frames: range, overlay: bool
+) -> None:
+    """Start all processes of a run."""
+    asked = f"{frames.start}:{frames.stop}"
+    source, connect = ("--take", str(take)), ("--connect", endpoint)
+    expected = ("--workers", str(workers), "--recorders", "1")
+    launcher.start("coordinator", *source, "--bind", endpoint, "--frames", asked, *expected)
+    launcher.start("limb_worker", *connect, copies=workers)
+    launcher.start("segmentation", *source, *connect)
+    drawing = "--overlay" if overlay else "--no-overlay"
+    launcher.start("recorder", *source, *connect, "--out", str(out), drawing)
 
 
 def _follow(launcher: Launcher, endpoint: str, stop: StopSignals, show: Callable[[Progress], None]) -> None:
-    """Watch until the recorder has written everything, or a second stop is asked for."""
-    watch, told = _PoseWatch(endpoint), False
+    """Watch until recorder and coordinator have ended, or a second stop is asked for."""
+    watch, alone_since_s = _PoseWatch(endpoint), None
     try:
-        while not launcher.has_ended("recorder") and stop.count < 2:
+        while stop.count < 2 and not (launcher.has_ended("recorder") and launcher.has_ended("coordinator")):
             launcher.watch()
             show(watch.look(ended=launcher.has_ended("coordinator")))
-            if stop.count and not told:
-                told = True
-                launcher.signal("coordinator", signal.SIGTERM)
+            if stop.count:
+                launcher.tell_to_stop("coordinator")
+            if launcher.has_ended("coordinator"):
+                alone_since_s = alone_since_s or time.monotonic()
+                if time.monotonic() - alone_since_s > _ALONE_S:
+                    launcher.tell_to_stop("recorder")  # it writes what it has
         launcher.watch()
     finally:
         watch.close()

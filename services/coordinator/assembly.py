@@ -49,6 +49,13 @@ class FrameAssembler:
         self._next += 1
         return pack(np.array([masks[c] for c in range(self._rig.n_cameras)]))
 
+    def first_lacking(self) -> int:
+        """The first frame from the next one on of which a camera is lacking."""
+        frame = self._next
+        while len(self._partial.get(frame, {})) == self._rig.n_cameras:
+            frame += 1
+        return frame
+
     def waiting_for(self) -> list[int]:
         """Cameras that the next frame still lacks."""
         have = self._partial.get(self._next, {})

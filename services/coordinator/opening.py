@@ -12,9 +12,10 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu import CpuBackend
 from services.mocap.energy.picture import Picture
+from services.mocap.errors import TakeError
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
 from services.mocap.search.frame import FrameSolution, LimbPool, solve_frame
-from services.mocap.search.height import fit_height
+from services.mocap.search.height import HEIGHT_RANGE_M, fit_height
 from services.mocap.search.hull import Hull, carve
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model
@@ -23,8 +24,10 @@ from services.mocap.types import Bytes
 
 log = logging.getLogger(__name__)
 
-_FITTED_PASS = 5000
-"""Number of the first pass with a fitted actor, beyond those that find_first_pose uses."""
+_LOWEST_HULL, _HIGHEST_HULL = 0.4, 1.5
+"""Height of the visual hull over the actor's, from crouching to arms raised."""
+_FITTED_PASS = 9000
+"""Number of the first pass with a fitted actor, beyond those that find_first_pose and fit_height use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,7 @@ class Opening:
     solution: FrameSolution
 
 
-def open_take_with(
+def solve_opening(
     silhouettes: Bytes,
     rig: Rig,
     actor: Actor | None,
@@ -50,17 +53,34 @@ def open_take_with(
     """
     hull, picture = carve(rig, unpack(silhouettes, rig.n_cameras)), Picture.whole(rig, silhouettes)
     height_known = actor is not None or hints.actor_height is not None
-    actor = actor or Actor(height=round(hints.actor_height or hull.height_m, 3))
+    actor = actor or Actor(height=round(hints.actor_height or _plausible_height_m(hull), 3))
+    if not _LOWEST_HULL <= hull.height_m / actor.height <= _HIGHEST_HULL:
+        log.warning(
+            "the visual hull of the first frame is %.2f m high for an actor of %.2f m: check the scale "
+            "of the calibration",
+            hull.height_m,
+            actor.height,
+        )
     model = _model(actor, rig)
     solution = _first_pose(model, picture, hull, hints, pool(model, actor))
     if height_known:
         return Opening(actor, model, solution)
-    actor = Actor(height=round(fit_height(rig, picture, solution.pose, actor.height), 3))
+    actor = Actor(height=round(fit_height(rig, picture, solution.pose, actor.height, pool), 3))
     log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
     model = _model(actor, rig)
     limbs, wide = pool(model, actor), SearchSettings.wide()
     fitted = solve_frame(model, picture, solution.pose[None], wide, limbs, first_pass=_FITTED_PASS)
     return Opening(actor, model, fitted)
+
+
+def _plausible_height_m(hull: Hull) -> float:
+    low_m, high_m = HEIGHT_RANGE_M
+    if not low_m <= hull.height_m <= high_m:
+        raise TakeError(
+            f"calibration.toml: the visual hull of the first frame is {hull.height_m:.2f} m high: "
+            "check that translations are in metres, or give actor_height in take.toml"
+        )
+    return hull.height_m
 
 
 def _model(actor: Actor, rig: Rig) -> Model:
@@ -72,7 +92,9 @@ def _first_pose(
     model: Model, picture: Picture, hull: Hull, hints: TakeSettings, limbs: LimbPool
 ) -> FrameSolution:
     if hints.initial_pose:
-        start = hints.with_initial_pose(standing_pose(model, hull))
+        standing = standing_pose(model, hull)
+        standing[DOF_INDEX["root_heading"]] = hints.facing_rad or 0.0
+        start = hints.with_initial_pose(standing)
         return solve_frame(model, picture, start[None], SearchSettings.wide(), limbs)
     first = find_first_pose(model, picture, hull, limbs, hints.facing_rad)
     _tell_facing(first)

@@ -10,7 +10,7 @@ import numpy as np
 from proto.messages import Blob, Credit, Pose, Silhouettes, TakeEnd, TakeInfo
 from services.coordinator.assembly import FrameAssembler
 from services.coordinator.limbs import RemoteLimbs
-from services.coordinator.opening import Opening, open_take_with
+from services.coordinator.opening import Opening, solve_opening
 from services.coordinator.switchboard import Switchboard
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
@@ -28,8 +28,8 @@ log = logging.getLogger(__name__)
 _AHEAD_FRAMES = 8
 """How far segmentation may be ahead of the fit."""
 _LOOK_S = 0.2
-_CONFIRM_S = 4.0
-"""How long recorders may take to ask for what they lack and confirm all frames."""
+_CONFIRM_S = 5.0
+"""How long recorders may be silent before they have confirmed all frames."""
 _SAY_WAITING_EVERY = 25
 """Looks without a frame after which the log says what is missing."""
 
@@ -39,8 +39,7 @@ class Plan:
     """What a session is to do."""
 
     take: Take
-    first_frame: int
-    end_frame: int
+    frames: range
     settings: SearchSettings
     actor: Actor | None
     """None: the generic body in the height that the take gives, or else the one that fits the first frame."""
@@ -53,25 +52,24 @@ class Session:
         self._plan, self._stop = plan, stop
         self._name = plan.take.settings.name
         self._rig = Rig.of(plan.take.cameras)
-        self._assembler = FrameAssembler(self._name, self._rig, plan.first_frame, plan.end_frame)
+        self._assembler = FrameAssembler(self._name, self._rig, plan.frames.start, plan.frames.stop)
         self._board = Switchboard(endpoint, self._take_in)
         self._published_s = time.perf_counter()
+        self._solved_end = plan.frames.start
 
     def _credit_end(self) -> int:
-        return min(self._assembler.next_frame + _AHEAD_FRAMES, self._plan.end_frame)
+        return min(self._assembler.next_frame + _AHEAD_FRAMES, self._plan.frames.stop)
 
     def _take_in(self, message: Silhouettes) -> None:
         self._assembler.add(message, self._credit_end())
 
     def await_clients(self, workers: int, recorders: int, timeout_s: float) -> None:
         """Wait until so many are there, or until the time is up."""
-        looks = int(timeout_s / _LOOK_S)
-        board = self._board
-        while looks > 0 and not self._stop:
+        board, deadline_s = self._board, time.monotonic() + timeout_s
+        while time.monotonic() < deadline_s and not self._stop:
             if board.dispatcher.n_workers >= workers and board.n_recorders >= recorders:
                 return
             board.pump(_LOOK_S)
-            looks -= 1
         log.warning(
             "going on with %d of %d workers and %d of %d recorders",
             board.dispatcher.n_workers,
@@ -81,41 +79,44 @@ class Session:
         )
 
     def run(self) -> None:
-        """Track all frames, or as many as are done when a stop is asked for; then say so and close."""
-        end_frame = self._plan.first_frame
+        """Track all frames, or as many as are done when a stop is asked for; then say so and close.
+
+        After an error too the frames solved before it are said to be all.
+        """
         try:
-            end_frame = self._track()
+            self._track()
         finally:
-            first_frame = self._plan.first_frame
-            self._board.end(TakeEnd(take=self._name, first_frame=first_frame, end_frame=end_frame))
-            self._await_recorders(end_frame)
+            self._board.end(
+                TakeEnd(take=self._name, first_frame=self._plan.frames.start, end_frame=self._solved_end)
+            )
+            self._await_recorders()
+            log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._assembler.dropped})
             self._board.close()
 
-    def _track(self) -> int:
-        """Returns one past the last frame that was solved."""
+    def _track(self) -> None:
         first = self._next_frame()
         if first is None:
-            return self._plan.first_frame
-        opening = open_take_with(first, self._rig, self._plan.actor, self._hints(), self._pool)
+            return
+        self._published_s = time.perf_counter()
+        opening = solve_opening(first, self._rig, self._plan.actor, self._hints(), self._pool)
         self._announce(opening)
-        self._publish(self._plan.first_frame, opening.solution)
+        self._publish(self._plan.frames.start, opening.solution)
         model, limbs = opening.model, self._pool(opening.model, opening.actor)
         poses = [opening.solution.pose]
-        for frame in range(self._plan.first_frame + 1, self._plan.end_frame):
+        for frame in self._plan.frames[1:]:
             silhouettes = self._next_frame()
             if silhouettes is None:
-                return frame
+                return
             limbs.frame = frame
             picture = Picture.whole(self._rig, silhouettes)
             solution = solve_frame(model, picture, extrapolated(poses[-2:]), self._plan.settings, limbs)
             self._publish(frame, solution)
             poses = [*poses[-1:], solution.pose]
-        return self._plan.end_frame
 
     def _hints(self) -> TakeSettings:
         """take.toml; what it says of frame 0 is left out when another one comes first."""
         settings = self._plan.take.settings
-        if self._plan.first_frame == 0:
+        if self._plan.frames.start == 0:
             return settings
         return settings.model_copy(update={"facing": None, "initial_pose": {}})
 
@@ -125,7 +126,9 @@ class Session:
         while not self._stop:
             silhouettes = self._assembler.take_next()
             self._board.give_credit(
-                Credit(take=self._name, next_frame=self._assembler.next_frame, end_frame=self._credit_end())
+                Credit(
+                    take=self._name, next_frame=self._assembler.first_lacking(), end_frame=self._credit_end()
+                )
             )
             if silhouettes is not None:
                 return silhouettes
@@ -141,7 +144,7 @@ class Session:
         self._board.offer(_blob(actor.content_hash, "actor", actor.to_toml()))
         self._board.offer(_blob(self._rig.content_hash, "rig", self._rig.to_json()))
         limbs = RemoteLimbs(model, self._name, actor.content_hash, self._board.dispatcher, self._board.pump)
-        limbs.frame = self._plan.first_frame
+        limbs.frame = self._plan.frames.start
         return limbs
 
     def _announce(self, opening: Opening) -> None:
@@ -150,8 +153,8 @@ class Session:
             TakeInfo(
                 take=self._name,
                 fps=self._plan.take.settings.fps,
-                first_frame=self._plan.first_frame,
-                end_frame=self._plan.end_frame,
+                first_frame=self._plan.frames.start,
+                end_frame=self._plan.frames.stop,
                 actor=opening.actor.content_hash,
                 rig=self._rig.content_hash,
                 backend=opening.model.backend.name,
@@ -176,13 +179,15 @@ class Session:
                 pose=solution.pose,
             )
         )
+        self._solved_end = frame + 1
 
-    def _await_recorders(self, end_frame: int) -> None:
-        for _ in range(int(_CONFIRM_S / _LOOK_S)):
-            if self._board.recorded_up_to(end_frame):
+    def _await_recorders(self) -> None:
+        """Wait until every recorder has all frames, or has asked for nothing for a while."""
+        while not self._board.recorded_up_to(self._solved_end):
+            if time.monotonic() - self._board.recorders_heard_s > _CONFIRM_S:
+                log.error("a recorder has not confirmed all frames")
                 return
             self._board.pump(_LOOK_S)
-        log.error("a recorder has not confirmed all frames")
 
 
 def _blob(content_hash: str, kind: Literal["actor", "rig"], text: str) -> Blob:

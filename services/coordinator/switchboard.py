@@ -65,12 +65,23 @@ class Switchboard:
         self._end: TakeEnd | None = None
         self._credit: Credit | None = None
         self._credit_sent_s = 0.0
-        self.malformed = 0
+        self._malformed = 0
+        self.recorders_heard_s = 0.0
+        """When a recorder last asked for or confirmed something, or the take ended."""
 
     @property
     def n_recorders(self) -> int:
         """Recorders that are registered."""
         return len(self._recorders)
+
+    def counts(self) -> dict[str, int]:
+        """What was given out again, and what was dropped."""
+        dispatcher = self.dispatcher
+        return {
+            "retries": dispatcher.retries,
+            "results_dropped": dispatcher.dropped,
+            "malformed": self._malformed,
+        }
 
     def recorded_up_to(self, end_frame: int) -> bool:
         """Whether every registered recorder that can be reached has all frames before end_frame."""
@@ -103,7 +114,7 @@ class Switchboard:
 
     def end(self, message: TakeEnd) -> None:
         """Say that no pose will follow."""
-        self._end = message
+        self._end, self.recorders_heard_s = message, time.monotonic()
         self._publish(message)
         for identity in self._recorders:
             self._send_task_message(identity, message)
@@ -149,7 +160,7 @@ class Switchboard:
                 self._act(*arrived)
             return arrived is not None
         except MalformedMessage as error:
-            self.malformed += 1
+            self._malformed += 1
             log.warning("dropped a malformed message: %s", error)
             return True
 
@@ -165,12 +176,14 @@ class Switchboard:
         elif isinstance(message, BlobRequest):
             self._send_blob(identity, message)
         elif isinstance(message, PoseRequest):
+            self.recorders_heard_s = time.monotonic()
             self._send_poses(identity, message)
         elif isinstance(message, Recorded):
+            self.recorders_heard_s = time.monotonic()
             if identity in self._recorders:
                 self._recorders[identity].end_frame = message.end_frame
         else:
-            self.malformed += 1
+            self._malformed += 1
             log.warning("dropped a message that is not for a coordinator: %s", message.type)
 
     def _welcome(self, identity: Identity, hello: Hello) -> None:

@@ -16,12 +16,13 @@ from proto.streams import DEFAULT_ENDPOINT, stream_endpoint
 from services.mocap.take.folder import open_take
 from services.process import StopRequest, client_name, run_service
 from services.recorder.collection import Collection
-from services.recorder.results import check_out, write_results
+from services.recorder.result_folder import check_out
+from services.recorder.results import write_results
 
 _LOOK_S = 0.2
 _ASK_AGAIN_S = 0.5
-_GRACE_S = 20.0
-"""How long after a stop the coordinator may take to finish its frame and end the take."""
+_GRACE_S = 1.5
+"""How long after a stop the end of the take may take to arrive."""
 
 log = logging.getLogger(__name__)
 
@@ -81,21 +82,25 @@ class Listener:
 def serve(take_folder: Path, out: Path, endpoint: str, stop: StopRequest, overlay: bool) -> None:
     """Listen until the take is over, then write its results.
 
-    After a stop the coordinator has a moment to end the take early; what is there by then is written.
+    After a stop the coordinator has a moment to end the take; then what is there is written. A second stop
+    leaves the overlay out.
     """
     take = open_take(take_folder)
     check_out(out)
     listener = Listener(take.settings.name, endpoint)
     log.info("ready, coordinator at %s", endpoint)
-    looks_after_stop = 0
-    while not listener.collection.complete and looks_after_stop * _LOOK_S < _GRACE_S:
+    stopped_s: float | None = None
+    while not listener.collection.complete:
+        if stop:
+            stopped_s = stopped_s or time.monotonic()
+            if time.monotonic() - stopped_s > _GRACE_S:
+                break
         listener.listen()
-        looks_after_stop += bool(stop)
     if listener.collection.complete:
         listener.confirm()
     listener.close()
-    if listener.collection.poses:
-        write_results(out, take, listener.collection, overlay)
+    if listener.collection.poses:  # else the coordinator says why
+        write_results(out, take, listener.collection, overlay=overlay, hurry=lambda: stop.count > 1)
 
 
 def main(

@@ -2,6 +2,7 @@
 
 import hashlib
 from contextlib import suppress
+from itertools import count, takewhile
 
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
 
@@ -56,8 +57,9 @@ class Collection:
         return lacking[0], gap_end
 
     def recorded(self) -> list[Pose]:
-        """The poses in the order of their frames."""
-        return [self.poses[frame] for frame in sorted(self.poses)]
+        """The poses from the first frame on up to the first that is missing."""
+        first = self.info.first_frame if self.info else 0
+        return [self.poses[f] for f in takewhile(self.poses.__contains__, count(first))]
 
     @property
     def complete(self) -> bool:

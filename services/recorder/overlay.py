@@ -1,7 +1,7 @@
 """The overlay of a take: its pictures, or its silhouettes where there are none, and the model over them."""
 
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +30,22 @@ _SIDES: tuple[tuple[int, tuple[int, ...]], ...] = tuple(
 """What OverlayWriter calls the centre, the left and the right limbs, and their segments."""
 
 
-def write_overlay(path: Path, take: Take, body: Body, recorded: list[Pose]) -> None:
-    """Draw consecutive frames; a camera without a video shows its silhouettes."""
+class _Hurried(Exception):  # noqa: N818  (a request, not an error)
+    """Drawing was cut short."""
+
+
+def write_overlay(
+    path: Path, take: Take, body: Body, recorded: list[Pose], hurry: Callable[[], bool]
+) -> None:
+    """Draw consecutive frames; a camera without a video shows its silhouettes.
+
+    hurry: asked at every frame; when it says so nothing is written.
+    """
+    with suppress(_Hurried):
+        _draw(path, take, body, recorded, hurry)
+
+
+def _draw(path: Path, take: Take, body: Body, recorded: list[Pose], hurry: Callable[[], bool]) -> None:
     start, stop = recorded[0].frame, recorded[-1].frame + 1
     painter = ModelPainter(body, take.cameras)
     with ExitStack() as stack:
@@ -39,6 +53,8 @@ def write_overlay(path: Path, take: Take, body: Body, recorded: list[Pose]) -> N
         silhouettes = [_silhouettes(take, camera, start, stop) for camera in take.cameras]
         writer = stack.enter_context(OverlayWriter(path, take.cameras, take.settings.fps))
         for message in recorded:
+            if hurry():
+                raise _Hurried
             writer.add(
                 message.frame,
                 message.time_s,

@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from services.coordinator.opening import open_take_with
+from services.coordinator.opening import solve_opening
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
@@ -58,7 +58,7 @@ def _mean_error_mm(found: Floats, actor: Actor) -> float:
 
 def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
-        opening = open_take_with(_silhouettes(_pose()), RIG, None, _hints(), _pool)
+        opening = solve_opening(_silhouettes(_pose()), RIG, None, _hints(), _pool)
     assert abs(opening.actor.height - HEIGHT_M) < 0.02
     assert _mean_error_mm(opening.solution.pose, opening.actor) < 25
     assert "no actor_height in take.toml" in caplog.text
@@ -66,20 +66,20 @@ def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptur
 
 def test_the_height_of_take_toml_is_kept() -> None:
     hints = _hints(actor_height=1.78, initial_pose={"root_heading_rad": 2.0})
-    opening = open_take_with(_silhouettes(_pose()), RIG, None, hints, _pool)
+    opening = solve_opening(_silhouettes(_pose()), RIG, None, hints, _pool)
     assert opening.actor == Actor(height=1.78)
 
 
 def test_an_actor_outweighs_the_height_of_take_toml() -> None:
     actor = Actor(height=HEIGHT_M, bone_lengths={"hand": 0.2})
     hints = _hints(actor_height=1.6, initial_pose={"root_heading_rad": 2.0})
-    assert open_take_with(_silhouettes(_pose()), RIG, actor, hints, _pool).actor == actor
+    assert solve_opening(_silhouettes(_pose()), RIG, actor, hints, _pool).actor == actor
 
 
 @pytest.mark.parametrize("turned_deg", [0, 180])
 def test_facing_decides(turned_deg: float) -> None:
     hints = _hints(actor_height=HEIGHT_M, facing=np.degrees(2.0) + turned_deg)
-    found = open_take_with(_silhouettes(_pose()), RIG, None, hints, _pool).solution
+    found = solve_opening(_silhouettes(_pose()), RIG, None, hints, _pool).solution
     turned = np.radians(turned_deg)
     assert np.cos(found.pose[DOF_INDEX["root_heading"]] - 2.0 - turned) > np.cos(0.6)
 
@@ -87,4 +87,4 @@ def test_facing_decides(turned_deg: float) -> None:
 def test_an_empty_stage_is_said() -> None:
     nobody = np.zeros((1, *RIG.shape_px), np.uint8)
     with pytest.raises(TakeError, match="choose a first frame"):
-        open_take_with(nobody, RIG, None, _hints(), _pool)
+        solve_opening(nobody, RIG, None, _hints(), _pool)

@@ -1,21 +1,26 @@
 """What happens when something dies or is stopped in the middle of a take."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import psutil
 import pytest
 
-from services.launcher import Launcher
+from services.launcher import Launcher, ServiceFailedError
 from services.mocap.take.folder import open_take
 from services.mocap.take.tables import read_poses_csv
-from services.track import Progress, track
+from services.track import Interrupted, Progress, track
 
 pytestmark = pytest.mark.timeout(280)
+
+FIRST, END = 14, 20
+Deed = Callable[[Launcher], None]
 
 
 def _alive(pid: int) -> bool:
@@ -29,57 +34,150 @@ def _children(pid: int) -> list[int]:
     return [child.pid for child in psutil.Process(pid).children()]
 
 
-def _wait_until(condition, timeout_s: float) -> bool:
-    deadline = time.monotonic() + timeout_s
-    while time.monotonic() < deadline:
+def _wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
+    deadline_s = time.monotonic() + timeout_s
+    while time.monotonic() < deadline_s:
         if condition():
             return True
         time.sleep(0.1)
     return False
 
 
-def test_a_killed_limb_worker_costs_no_frame_and_changes_none(
-    synthetic_take: Path, tracked: Path, tmp_path: Path
-) -> None:
-    launchers: list[Launcher] = []
-    killed: list[int] = []
+class Run:
+    """A run in this process's name, in which deeds are done once so many frames are solved."""
 
-    def show(progress: Progress) -> None:
-        if progress.frames_done >= 2 and not killed:
-            killed.append(launchers[0].pids("limb_worker")[0])
-            os.kill(killed[0], signal.SIGKILL)
+    def __init__(self, take: Path, out: Path, *, overlay: bool = False) -> None:
+        self._take, self.out, self._overlay = take, out, overlay
+        self._launchers: list[Launcher] = []
+        self._pids: list[int] = []
+        self._deeds: list[tuple[Callable[[Progress], bool], Deed]] = []
 
-    report = track(
-        open_take(synthetic_take),
-        tmp_path / "out",
-        workers=4,
-        frames="14:20",
-        overlay=False,
-        show=show,
-        started=launchers.append,
-    )
-    assert killed
-    assert report["take"]["frames"] == 6
-    assert (tmp_path / "out" / "poses.csv").read_text() == (tracked / "poses.csv").read_text()
+    def when(self, condition: Callable[[Progress], bool], deed: Deed) -> "Run":
+        self._deeds.append((condition, deed))
+        return self
+
+    def _show(self, progress: Progress) -> None:
+        for entry in [entry for entry in self._deeds if entry[0](progress)]:
+            self._deeds.remove(entry)
+            entry[1](self._launchers[0])
+
+    def _started(self, launcher: Launcher) -> None:
+        self._launchers.append(launcher)
+        self._pids = _children(os.getpid())
+
+    def go(self) -> dict:
+        try:
+            return track(
+                open_take(self._take),
+                self.out,
+                workers=4,
+                frames=range(FIRST, END),
+                overlay=self._overlay,
+                show=self._show,
+                started=self._started,
+            )
+        finally:
+            assert not self._deeds, "the run ended before something was done to it"
+            assert self._pids
+            assert not any(_alive(pid) for pid in self._pids), "a process was left behind"
+
+    def frames(self) -> list[int]:
+        return read_poses_csv(self.out / "poses.csv").frames.tolist()
+
+
+def after(frames: int) -> Callable[[Progress], bool]:
+    return lambda progress: progress.frames_done >= frames
+
+
+def kill(name: str, number: signal.Signals) -> Deed:
+    return lambda launcher: os.kill(launcher.pids(name)[0], number)
+
+
+def ask_to_stop(_: Launcher) -> None:
+    os.kill(os.getpid(), signal.SIGINT)
 
 
 @pytest.fixture
-def running(synthetic_take: Path, tmp_path: Path):
-    """A run of the command, in its first frames."""
+def run(synthetic_take: Path, tmp_path: Path) -> Run:
+    return Run(synthetic_take, tmp_path / "out")
+
+
+def test_a_killed_limb_worker_costs_no_frame_and_changes_none(run: Run, tracked: Path) -> None:
+    report = run.when(after(2), kill("limb_worker", signal.SIGKILL)).go()
+    assert report["take"]["frames"] == END - FIRST
+    assert (run.out / "poses.csv").read_text() == (tracked / "poses.csv").read_text()
+
+
+def test_a_segmentation_that_dies_or_is_ended_goes_on_at_the_right_frame(run: Run, tracked: Path) -> None:
+    run.when(after(0), kill("segmentation", signal.SIGTERM))
+    run.when(after(1), kill("segmentation", signal.SIGKILL)).go()
+    assert (run.out / "poses.csv").read_text() == (tracked / "poses.csv").read_text()
+
+
+def test_a_dead_coordinator_is_said_and_its_frames_are_kept(run: Run) -> None:
+    run.when(after(2), kill("coordinator", signal.SIGKILL))
+    with pytest.raises(ServiceFailedError, match="coordinator ended with code -9") as failure:
+        run.go()
+    assert len(run.frames()) >= 2
+    assert run.frames() == list(range(FIRST, FIRST + len(run.frames())))
+    shutil.rmtree(str(failure.value).rpartition(" ")[2])  # the logs
+
+
+def test_a_recorder_that_hangs_for_a_while_still_writes_all(run: Run) -> None:
+    run.when(after(2), kill("recorder", signal.SIGSTOP))
+    run.when(lambda progress: progress.stage == "writing results", kill("recorder", signal.SIGCONT))
+    assert run.go()["take"]["frames"] == END - FIRST
+
+
+def test_a_stop_leaves_the_frames_done_by_then_in_complete_files(run: Run) -> None:
+    with pytest.raises(Interrupted) as stopped:
+        run.when(after(2), ask_to_stop).go()
+    assert stopped.value.folder == run.out
+    assert 2 <= len(run.frames()) < END - FIRST
+    assert run.frames() == list(range(FIRST, FIRST + len(run.frames())))
+    assert {"motion.bvh", "run.json", "logs"} <= {path.name for path in run.out.iterdir()}
+
+
+def test_a_stopped_run_does_not_replace_a_complete_one(run: Run, tracked: Path) -> None:
+    shutil.copytree(tracked, run.out)
+    with pytest.raises(Interrupted) as stopped:
+        run.when(after(1), ask_to_stop).go()
+    assert stopped.value.folder == run.out.with_name("out.partial")
+    assert (run.out / "poses.csv").read_text() == (tracked / "poses.csv").read_text()
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1.5, 4.0])
+def test_a_stop_before_the_first_frame_ends_at_once(run: Run, seconds: float, tmp_path: Path) -> None:
+    began_s = time.monotonic()
+    run.when(lambda _: time.monotonic() - began_s >= seconds, ask_to_stop)
+    try:
+        run.go()
+    except Interrupted as stopped:
+        assert (stopped.folder is None) == (not run.out.exists())
+    else:
+        pytest.fail("the run went on")
+    assert time.monotonic() - began_s < 45
+    assert {path.name for path in tmp_path.iterdir()} <= {"out"}
+
+
+def test_two_stops_while_results_are_written_lose_nothing(synthetic_take: Path, tmp_path: Path) -> None:
+    run = Run(synthetic_take, tmp_path / "out", overlay=True)
+
+    def stop_twice(launcher: Launcher) -> None:
+        ask_to_stop(launcher)
+        ask_to_stop(launcher)
+
+    run.when(lambda progress: progress.stage == "writing results", stop_twice)
+    assert run.go()["take"]["frames"] == END - FIRST
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.fixture
+def command(synthetic_take: Path, tmp_path: Path) -> Iterator["subprocess.Popen[str]"]:
+    """The command as a process of its own, once its services run."""
+    arguments = ["track", str(synthetic_take), "--out", str(tmp_path / "out")]
     process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "services.cli",
-            "track",
-            synthetic_take,
-            "--out",
-            tmp_path / "out",
-            "--frames",
-            "8:24",
-        ],
-        stderr=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-m", "services.cli", *arguments], stderr=subprocess.PIPE, text=True
     )
     assert _wait_until(lambda: len(_children(process.pid)) == 7, 30)
     yield process
@@ -88,23 +186,17 @@ def running(synthetic_take: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_stop_leaves_complete_files_and_no_process(
-    running: "subprocess.Popen[str]", number: signal.Signals, tmp_path: Path
-) -> None:
-    children = _children(running.pid)
-    time.sleep(14)  # the first pose takes a while; whether a frame is done by then is not promised
-    running.send_signal(number)
-    assert running.wait(60) == 130
-    assert not any(_alive(pid) for pid in children)
-    if (tmp_path / "out").exists():
-        frames = read_poses_csv(tmp_path / "out" / "poses.csv").frames.tolist()
-        assert frames == list(range(8, 8 + len(frames)))
-        assert (tmp_path / "out" / "run.json").exists()
-    assert {path.name for path in tmp_path.iterdir()} <= {"out"}
+def test_a_stopped_command_says_so(command: "subprocess.Popen[str]", number: signal.Signals) -> None:
+    time.sleep(1)
+    command.send_signal(number)
+    _, said = command.communicate(timeout=60)
+    assert command.returncode == 130
+    assert "stopped; " in said
+    assert "Traceback" not in said
 
 
-def test_no_process_outlives_a_killed_launcher(running: "subprocess.Popen[str]") -> None:
-    children = _children(running.pid)
-    running.kill()
-    running.wait()
+def test_no_process_outlives_a_killed_command(command: "subprocess.Popen[str]") -> None:
+    children = _children(command.pid)
+    command.kill()
+    command.wait()
     assert _wait_until(lambda: not any(_alive(pid) for pid in children), 40)

@@ -1,41 +1,58 @@
 """The actor's height, where nobody gave it, by trying: the one whose body fits the first frame best."""
 
+from collections.abc import Callable
+from itertools import count
+
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu import CpuBackend
 from services.mocap.energy.picture import Picture
-from services.mocap.search.frame import LocalLimbs, solve_frame
+from services.mocap.search.frame import LimbPool, solve_frame
 from services.mocap.search.line import minimise_line
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model
 from services.mocap.types import Floats
 
+HEIGHT_RANGE_M = (0.7, 2.4)
+"""Heights that are tried, of children and of the tallest adults."""
 _STEP = 0.03
 """First change of height that is tried, as a share of it."""
 _LARGEST_STEPS = 5.0
 _TOLERANCE_STEPS = 0.15
 _MOST_TRIES = 5
 """After the best height is bracketed."""
+_FIRST_PASS = 6000
+"""Number of the first try's pass, which tells its limb tasks from those of the first pose."""
 
 
-def fit_height(rig: Rig, picture: Picture, pose: Floats, height_m: float) -> float:
+def fit_height(
+    rig: Rig, picture: Picture, pose: Floats, height_m: float, pool: Callable[[Model, Actor], LimbPool]
+) -> float:
     """The height in metres, near height_m, of the generic body that leaves the least energy.
 
-    picture: a whole frame. pose (35,): its pose, found with a body of height_m; that of each other height is
-    searched from it for one pass.
+    picture: a whole frame. pose (35,): its pose, found with a body of height_m, which lies in HEIGHT_RANGE_M;
+    that of each other height is searched from it for one pass. pool makes the limb pool for a model.
     """
-    settings = SearchSettings(max_passes=1)
+    settings, passes = SearchSettings(max_passes=1), count(_FIRST_PASS)
 
     def energy_px(steps: float) -> float:
         scale = 1.0 + _STEP * steps
-        body = build_body(Actor(height=height_m * scale))
+        actor = Actor(height=height_m * scale)
+        body = build_body(actor)
         model = Model(body, rig, CpuBackend(body, rig))
         start = pose.copy()
         start[DOF_INDEX["root_z"]] += (scale - 1.0) * body.pelvis_height_m  # the feet stay on the ground
-        return solve_frame(model, picture, start[None], settings, LocalLimbs(model)).energy_px
+        limbs = pool(model, actor)
+        return solve_frame(model, picture, start[None], settings, limbs, first_pass=next(passes)).energy_px
 
+    low, high = ((limit_m / height_m - 1.0) / _STEP for limit_m in HEIGHT_RANGE_M)
     best = minimise_line(
-        energy_px, energy_px(0.0), -_LARGEST_STEPS, _LARGEST_STEPS, _TOLERANCE_STEPS, _MOST_TRIES
+        energy_px,
+        energy_px(0.0),
+        max(low, -_LARGEST_STEPS),
+        min(high, _LARGEST_STEPS),
+        _TOLERANCE_STEPS,
+        _MOST_TRIES,
     )
     return height_m * (1.0 + _STEP * best.t)

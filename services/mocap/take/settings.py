@@ -21,8 +21,10 @@ class TakeSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
-    name: str = Field(min_length=1, description="the take's name in quotes")
-    fps: float = Field(gt=0, description="a positive number of frames per second")
+    name: str = Field(
+        min_length=1, max_length=200, description="the take's name in quotes, 200 letters at most"
+    )
+    fps: float = Field(gt=0, lt=10000, description="a positive number of frames per second")
     units: Literal["m"] = Field(description='"m", since all lengths are in metres')
     up: Up = Field(description='"y" or "z", the axis of the calibrated world that points up')
     frames: int = Field(ge=1, description="a whole number of frames, 1 or more")
@@ -32,7 +34,8 @@ class TakeSettings(BaseModel):
     init_frames: int | None = Field(
         default=None,
         ge=1,
-        description="a whole number of frames, 1 or more, at the start, in which the actor stands still",
+        description="a whole number of frames, 1 or more, at the start, in which the actor stands still; "
+        "for fitting the actor's shape, tracking does not need it",
     )
     facing: float | None = Field(
         default=None,

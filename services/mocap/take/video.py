@@ -172,7 +172,7 @@ def _video_stream(container: InputContainer, path: Path) -> VideoStream:
     if not container.streams.video:
         raise TakeError(f"{path}: holds no video stream: expected a video")
     stream = container.streams.video[0]
-    stream.thread_type = "NONE"  # every camera has its own process: threads would only fight over the cores
+    stream.thread_type = "NONE"  # the services share the cores: more threads would only fight over them
     return stream
 
 

@@ -1,0 +1,68 @@
+"""The folder that results go to: what may be there already, and how new results take its place whole."""
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from services.mocap.atomic import atomic_folder
+from services.mocap.errors import UserError
+
+POSES, JOINTS, MOTION, ACTOR = "poses.csv", "joints.csv", "motion.bvh", "actor.toml"
+OVERLAY, RUN_JSON, LOGS = "overlay.mp4", "run.json", "logs"
+_KNOWN = {POSES, JOINTS, MOTION, ACTOR, OVERLAY, RUN_JSON, LOGS}
+
+
+def check_out(folder: Path) -> None:
+    """Raise UserError unless results may go to a folder: one to be made, or one of results only."""
+    folder = folder.resolve()
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    if not existing.is_dir():
+        raise UserError(f"{existing}: is a file: expected a folder for the results")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise UserError(f"{existing}: cannot be written to: choose another folder for --out")
+    others = sorted({path.name for path in folder.iterdir()} - _KNOWN) if folder.is_dir() else []
+    if others:
+        raise UserError(f"{folder}: holds other files than results ({others[0]}): choose another for --out")
+
+
+def partial_of(folder: Path) -> Path:
+    """Where the results of a run that did not reach its end go, if a folder holds older ones."""
+    folder = folder.resolve()
+    return folder.with_name(f"{folder.name}.partial")
+
+
+@contextmanager
+def results_into(out: Path, complete: bool) -> Iterator[Path]:
+    """Fill a new folder, which takes the place of out when the block ends well.
+
+    Results that are not complete never replace older ones; then partial_of(out) takes them.
+    """
+    out = out.resolve()
+    if not complete and (out / RUN_JSON).exists():
+        out = partial_of(out)
+    check_out(out)
+    fresh = out.with_name(f".{out.name}.{secrets.token_hex(4)}.new")
+    with atomic_folder(fresh) as part:
+        yield part
+    _put_in_place(fresh, out)
+
+
+def _put_in_place(fresh: Path, out: Path) -> None:
+    if not out.exists():
+        fresh.rename(out)
+        return
+    old = out.with_name(f".{out.name}.{secrets.token_hex(4)}.old")
+    try:
+        out.rename(old)
+    except (
+        OSError
+    ):  # out is a mount point, which stays; the report goes last, since it says that all is there
+        for path in sorted(fresh.iterdir(), key=lambda path: path.name == RUN_JSON):
+            shutil.move(path, out / path.name)
+        fresh.rmdir()
+        return
+    fresh.rename(out)
+    shutil.rmtree(old)

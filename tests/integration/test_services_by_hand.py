@@ -1,0 +1,30 @@
+"""The services started one by one, as the README shows it."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from services.launcher import Launcher, free_endpoint
+
+pytestmark = pytest.mark.timeout(280)
+
+
+def test_two_camera_groups_and_late_workers_give_the_same_poses(
+    synthetic_take: Path, tracked: Path, tmp_path: Path
+) -> None:
+    take, out = ("--take", str(synthetic_take)), tmp_path / "out"
+    endpoint = free_endpoint()
+    connect = ("--connect", endpoint)
+    with Launcher(tmp_path) as launcher:
+        launcher.start("recorder", *take, *connect, "--out", str(out), "--no-overlay")
+        launcher.start("segmentation", *take, *connect, "--cameras", "cam04,cam01")
+        launcher.start("segmentation", *take, *connect, "--cameras", "cam02,cam03,cam05")
+        launcher.start("coordinator", *take, "--bind", endpoint, "--frames", "14:17", "--recorders", "1")
+        launcher.start("limb_worker", *connect, copies=2)
+        deadline_s = time.monotonic() + 120
+        while not launcher.has_ended("recorder") and time.monotonic() < deadline_s:
+            launcher.watch()
+            time.sleep(0.1)
+    lines = (tracked / "poses.csv").read_text().splitlines()
+    assert (out / "poses.csv").read_text().splitlines() == lines[:4]
