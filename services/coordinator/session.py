@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 _AHEAD_FRAMES = 8
 """How far segmentation may be ahead of the fit."""
 _LOOK_S = 0.2
-_CONFIRM_S = 5.0
+_CONFIRM_S = 20.0
 """How long recorders may be silent before they have confirmed all frames."""
 _SAY_WAITING_EVERY = 25
 """Looks without a frame after which the log says what is missing."""
@@ -56,6 +56,7 @@ class Session:
         self._board = Switchboard(endpoint, self._take_in)
         self._published_s = time.perf_counter()
         self._solved_end = plan.frames.start
+        self._recorders = 0
 
     def _credit_end(self) -> int:
         return min(self._assembler.next_frame + _AHEAD_FRAMES, self._plan.frames.stop)
@@ -66,6 +67,7 @@ class Session:
     def await_clients(self, workers: int, recorders: int, timeout_s: float) -> None:
         """Wait until so many are there, or until the time is up."""
         board, deadline_s = self._board, time.monotonic() + timeout_s
+        self._recorders = recorders
         while time.monotonic() < deadline_s and not self._stop:
             if board.dispatcher.n_workers >= workers and board.n_recorders >= recorders:
                 return
@@ -182,8 +184,8 @@ class Session:
         self._solved_end = frame + 1
 
     def _await_recorders(self) -> None:
-        """Wait until every recorder has all frames, or has asked for nothing for a while."""
-        while not self._board.recorded_up_to(self._solved_end):
+        """Wait until all expected recorders have all frames, or none has asked for any for a while."""
+        while not self._board.recorded_up_to(self._solved_end, self._recorders):
             if time.monotonic() - self._board.recorders_heard_s > _CONFIRM_S:
                 log.error("a recorder has not confirmed all frames")
                 return

@@ -83,13 +83,14 @@ class Switchboard:
             "malformed": self._malformed,
         }
 
-    def recorded_up_to(self, end_frame: int) -> bool:
-        """Whether every registered recorder that can be reached has all frames before end_frame."""
+    def recorded_up_to(self, end_frame: int, recorders: int) -> bool:
+        """Whether so many recorders have all frames before end_frame, and no other lacks any."""
         behind = [i for i, recorder in self._recorders.items() if recorder.end_frame < end_frame]
         for identity in behind:
             if not self._send_task_message(identity, Beat()):
                 log.warning("lost %s", self._recorders.pop(identity).name)
-        return not any(identity in self._recorders for identity in behind)
+        done = [recorder for recorder in self._recorders.values() if recorder.end_frame >= end_frame]
+        return len(done) >= recorders and len(done) == len(self._recorders)
 
     def offer(self, blob: Blob) -> None:
         """Keep content for those who ask for it."""
@@ -180,8 +181,8 @@ class Switchboard:
             self._send_poses(identity, message)
         elif isinstance(message, Recorded):
             self.recorders_heard_s = time.monotonic()
-            if identity in self._recorders:
-                self._recorders[identity].end_frame = message.end_frame
+            # One whose connection was made anew has another identity, and need not have registered again yet.
+            self._recorders.setdefault(identity, _Recorder("a recorder")).end_frame = message.end_frame
         else:
             self._malformed += 1
             log.warning("dropped a message that is not for a coordinator: %s", message.type)

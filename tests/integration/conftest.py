@@ -1,13 +1,17 @@
 """A synthetic take that all integration tests track, and the `xormocap` command as a user runs it."""
 
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.synth.take import write_synthetic_take
+from services.mocap.take.tables import read_poses_csv
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
 FRAMES = "14:20"
@@ -18,6 +22,17 @@ FRAMES = "14:20"
 def synthetic_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("synthetic") / "walk"
     write_synthetic_take(folder, n_frames=24, n_cameras=5)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def quick_take(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with the heading said, so that its first frame is found sooner."""
+    folder = tmp_path_factory.mktemp("quick") / "walk"
+    shutil.copytree(synthetic_take, folder)
+    heading_rad = read_poses_csv(folder / "reference" / "poses.csv").poses[0, DOF_INDEX["root_heading"]]
+    with (folder / "take.toml").open("a") as settings:
+        settings.write(f"facing = {np.degrees(heading_rad):.1f}\n")
     return folder
 
 

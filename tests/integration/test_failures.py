@@ -19,7 +19,7 @@ from services.track import Interrupted, Progress, track
 
 pytestmark = pytest.mark.timeout(280)
 
-FIRST, END = 14, 20
+FRAMES = 14
 Deed = Callable[[Launcher], None]
 
 
@@ -71,7 +71,7 @@ class Run:
                 open_take(self._take),
                 self.out,
                 workers=4,
-                frames=range(FIRST, END),
+                frames=range(FRAMES),
                 overlay=self._overlay,
                 show=self._show,
                 started=self._started,
@@ -98,20 +98,28 @@ def ask_to_stop(_: Launcher) -> None:
 
 
 @pytest.fixture
-def run(synthetic_take: Path, tmp_path: Path) -> Run:
-    return Run(synthetic_take, tmp_path / "out")
+def run(quick_take: Path, tmp_path: Path) -> Run:
+    return Run(quick_take, tmp_path / "out")
 
 
-def test_a_killed_limb_worker_costs_no_frame_and_changes_none(run: Run, tracked: Path) -> None:
+@pytest.fixture(scope="module")
+def undisturbed(quick_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of a run that nothing happens to."""
+    quiet = Run(quick_take, tmp_path_factory.mktemp("undisturbed") / "out")
+    assert quiet.go()["speed"]["retries"] == 0
+    return quiet.out
+
+
+def test_a_killed_limb_worker_costs_no_frame_and_changes_none(run: Run, undisturbed: Path) -> None:
     report = run.when(after(2), kill("limb_worker", signal.SIGKILL)).go()
-    assert report["take"]["frames"] == END - FIRST
-    assert (run.out / "poses.csv").read_text() == (tracked / "poses.csv").read_text()
+    assert report["take"]["frames"] == FRAMES
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
 
 
-def test_a_segmentation_that_dies_or_is_ended_goes_on_at_the_right_frame(run: Run, tracked: Path) -> None:
+def test_a_segmentation_that_dies_or_is_ended_goes_on_at_the_right_frame(run: Run, undisturbed: Path) -> None:
     run.when(after(0), kill("segmentation", signal.SIGTERM))
     run.when(after(1), kill("segmentation", signal.SIGKILL)).go()
-    assert (run.out / "poses.csv").read_text() == (tracked / "poses.csv").read_text()
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
 
 
 def test_a_dead_coordinator_is_said_and_its_frames_are_kept(run: Run) -> None:
@@ -119,31 +127,38 @@ def test_a_dead_coordinator_is_said_and_its_frames_are_kept(run: Run) -> None:
     with pytest.raises(ServiceFailedError, match="coordinator ended with code -9") as failure:
         run.go()
     assert len(run.frames()) >= 2
-    assert run.frames() == list(range(FIRST, FIRST + len(run.frames())))
+    assert run.frames() == list(range(len(run.frames())))
     shutil.rmtree(str(failure.value).rpartition(" ")[2])  # the logs
 
 
-def test_a_recorder_that_hangs_for_a_while_still_writes_all(run: Run) -> None:
+def test_a_recorder_that_hangs_for_a_while_still_writes_all(run: Run, undisturbed: Path) -> None:
+    ended_s: list[float] = []
+
+    def long_after_the_end(progress: Progress) -> bool:
+        if progress.frames_done == FRAMES:
+            ended_s.append(time.monotonic())
+        return bool(ended_s) and time.monotonic() - ended_s[0] > 4  # its connection is cut by then
+
     run.when(after(2), kill("recorder", signal.SIGSTOP))
-    run.when(lambda progress: progress.stage == "writing results", kill("recorder", signal.SIGCONT))
-    assert run.go()["take"]["frames"] == END - FIRST
+    run.when(long_after_the_end, kill("recorder", signal.SIGCONT)).go()
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
 
 
 def test_a_stop_leaves_the_frames_done_by_then_in_complete_files(run: Run) -> None:
     with pytest.raises(Interrupted) as stopped:
         run.when(after(2), ask_to_stop).go()
     assert stopped.value.folder == run.out
-    assert 2 <= len(run.frames()) < END - FIRST
-    assert run.frames() == list(range(FIRST, FIRST + len(run.frames())))
+    assert 2 <= len(run.frames()) < FRAMES
+    assert run.frames() == list(range(len(run.frames())))
     assert {"motion.bvh", "run.json", "logs"} <= {path.name for path in run.out.iterdir()}
 
 
-def test_a_stopped_run_does_not_replace_a_complete_one(run: Run, tracked: Path) -> None:
-    shutil.copytree(tracked, run.out)
+def test_a_stopped_run_does_not_replace_a_complete_one(run: Run, undisturbed: Path) -> None:
+    shutil.copytree(undisturbed, run.out)
     with pytest.raises(Interrupted) as stopped:
         run.when(after(1), ask_to_stop).go()
     assert stopped.value.folder == run.out.with_name("out.partial")
-    assert (run.out / "poses.csv").read_text() == (tracked / "poses.csv").read_text()
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1.5, 4.0])
@@ -160,22 +175,22 @@ def test_a_stop_before_the_first_frame_ends_at_once(run: Run, seconds: float, tm
     assert {path.name for path in tmp_path.iterdir()} <= {"out"}
 
 
-def test_two_stops_while_results_are_written_lose_nothing(synthetic_take: Path, tmp_path: Path) -> None:
-    run = Run(synthetic_take, tmp_path / "out", overlay=True)
+def test_two_stops_while_results_are_written_lose_nothing(quick_take: Path, tmp_path: Path) -> None:
+    run = Run(quick_take, tmp_path / "out", overlay=True)
 
     def stop_twice(launcher: Launcher) -> None:
         ask_to_stop(launcher)
         ask_to_stop(launcher)
 
     run.when(lambda progress: progress.stage == "writing results", stop_twice)
-    assert run.go()["take"]["frames"] == END - FIRST
+    assert run.go()["take"]["frames"] == FRAMES
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 @pytest.fixture
-def command(synthetic_take: Path, tmp_path: Path) -> Iterator["subprocess.Popen[str]"]:
+def command(quick_take: Path, tmp_path: Path) -> Iterator["subprocess.Popen[str]"]:
     """The command as a process of its own, once its services run."""
-    arguments = ["track", str(synthetic_take), "--out", str(tmp_path / "out")]
+    arguments = ["track", str(quick_take), "--out", str(tmp_path / "out")]
     process = subprocess.Popen(
         [sys.executable, "-m", "services.cli", *arguments], stderr=subprocess.PIPE, text=True
     )
