@@ -19,7 +19,7 @@ from services.track import Interrupted, Progress, track
 
 pytestmark = pytest.mark.timeout(280)
 
-FRAMES = 14
+FRAMES = 12
 Deed = Callable[[Launcher], None]
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import camera_bit, n_planes, pack
+from services.mocap.energy.bitplanes import camera_bit, count_bits, n_planes, pack
 from services.mocap.types import Bytes, Floats, Ints, Mask
 
 
@@ -104,7 +104,7 @@ class Picture:
     @property
     def n_foreground(self) -> int:
         """How many counted pixels are set, over all cameras."""
-        return int(np.bitwise_count(self.silhouettes & ~self.ignored).sum())
+        return count_bits(self.silhouettes & ~self.ignored)
 
 
 def _halve(planes: Bytes, n_cameras: int, at_least: int) -> Bytes:
