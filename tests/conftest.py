@@ -1,10 +1,12 @@
 """Fixtures that all tests share: the recorded takes, and small takes made on the spot."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
 import cv2
+import hypothesis
 import numpy as np
 import pytest
 
@@ -14,6 +16,12 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.writer import TakeWriter, take_writer
 from services.mocap.types import Bytes, Floats, Mask
+
+# Shared machines are too noisy for deadlines; continuous integration tries the same examples every time, while
+# runs by hand look for new ones.
+hypothesis.settings.register_profile("by_hand", deadline=None)
+hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "by_hand")
 
 _SHARED_TAKES = Path(__file__).resolve().parents[2] / "shared" / "data" / "takes"
 _WIDTH_PX, _HEIGHT_PX = 64, 48

@@ -101,7 +101,14 @@ class Switchboard:
         self._take_info = info
         self._publish(info)
         for identity in self._recorders:
-            self._send_task_message(identity, info)
+            self._tell_take(identity)
+
+    def _tell_take(self, identity: Identity) -> None:
+        """Send a recorder what it needs to write results, lest it has to ask a coordinator that is gone."""
+        if self._take_info is not None:
+            self._send_task_message(identity, self._take_info)
+            for content in (self._take_info.actor, self._take_info.rig):
+                self._send_task_message(identity, self._blobs[content])
 
     def give_credit(self, credit: Credit) -> None:
         """Let segmentation go on."""
@@ -195,9 +202,9 @@ class Switchboard:
             return
         self._recorders = {i: known for i, known in self._recorders.items() if known.name != hello.name}
         self._recorders[identity] = _Recorder(hello.name)
-        for message in (self._take_info, self._end):
-            if message is not None:
-                self._send_task_message(identity, message)
+        self._tell_take(identity)
+        if self._end is not None:
+            self._send_task_message(identity, self._end)
 
     def _send_blob(self, identity: Identity, request: BlobRequest) -> None:
         if request.hash in self._blobs:

@@ -25,7 +25,9 @@ def check_out(folder: Path) -> None:
         raise UserError(f"{existing}: cannot be written to: choose another folder for --out")
     others = sorted({path.name for path in folder.iterdir()} - _KNOWN) if folder.is_dir() else []
     if others:
-        raise UserError(f"{folder}: holds other files than results ({others[0]}): choose another for --out")
+        raise UserError(
+            f"{folder}: holds other files than results ({others[0]}): choose another folder for --out"
+        )
 
 
 def partial_of(folder: Path) -> Path:

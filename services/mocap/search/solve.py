@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend, Energy, Problem
@@ -95,7 +95,7 @@ def solve_limb(
     every n-th grid point, from the k-th on, so that n workers share a limb and none returns worse than the
     start.
     """
-    limb = LIMBS[name]
+    limb, pose = LIMBS[name], clip_to_limits(pose)
     energy, start, box = _prepare(model, limb.main, window, pose)
     points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
     k, n = shard
