@@ -17,7 +17,7 @@ from services.mocap.take.settings import TakeSettings
 from services.mocap.take.writer import TakeWriter, take_writer
 from services.mocap.types import Bytes, Floats, Mask
 
-# Shared machines are too noisy for deadlines; continuous integration tries the same examples every time, while
+# Shared machines are too noisy for deadlines. Continuous integration tries the same examples every time,
 # runs by hand look for new ones.
 hypothesis.settings.register_profile("by_hand", deadline=None)
 hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
