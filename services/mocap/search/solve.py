@@ -93,7 +93,7 @@ def solve_limb(
 
     window: the input in the limb's window, nothing pre-rendered. shard (k, n): search the start and only
     every n-th grid point, from the k-th on, so that n workers share a limb and none returns worse than the
-    start.
+    start. A pose beyond the joint limits is moved to them first.
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
     energy, start, box = _prepare(model, limb.main, window, pose)
