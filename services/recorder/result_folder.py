@@ -9,8 +9,9 @@ from pathlib import Path
 
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
+from services.mocap.take.layout import ACTOR
 
-POSES, JOINTS, MOTION, ACTOR = "poses.csv", "joints.csv", "motion.bvh", "actor.toml"
+POSES, JOINTS, MOTION = "poses.csv", "joints.csv", "motion.bvh"
 OVERLAY, RUN_JSON, LOGS = "overlay.mp4", "run.json", "logs"
 _KNOWN = {POSES, JOINTS, MOTION, ACTOR, OVERLAY, RUN_JSON, LOGS}
 

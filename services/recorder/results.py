@@ -6,18 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from services.mocap.body.actor import Actor, Body, build_body
-from services.mocap.body.kinematics import joint_positions
-from services.mocap.body.skeleton import JOINT_INDEX
+from services.mocap.body.actor import Actor, build_body
 from services.mocap.errors import UserError
 from services.mocap.export.bvh import write_bvh
 from services.mocap.take.folder import Take
-from services.mocap.take.tables import REFERENCE_JOINTS, PoseTable, write_joints_csv, write_poses_csv
+from services.mocap.take.layout import ACTOR
+from services.mocap.take.tables import PoseTable, reference_joints, write_joints_csv, write_poses_csv
 from services.mocap.take.world import to_take_world
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Ints
 from services.recorder.collection import Collection
 from services.recorder.overlay import write_overlay
-from services.recorder.result_folder import ACTOR, JOINTS, MOTION, OVERLAY, POSES, RUN_JSON, results_into
+from services.recorder.result_folder import JOINTS, MOTION, OVERLAY, POSES, RUN_JSON, results_into
 from services.recorder.run_report import write_run_json
 
 log = logging.getLogger(__name__)
@@ -38,7 +37,7 @@ def write_results(
     actor = Actor.from_toml(collection.blob(info.actor))
     body = build_body(actor)
     poses = np.array([message.pose for message in recorded])
-    joints_world_m = reference_joints(poses, body)
+    joints_world_m = reference_joints(poses, body.offsets_m)
     with results_into(out, complete=len(recorded) == info.end_frame - info.first_frame) as part:
         frames: Ints = np.array([message.frame for message in recorded], np.int32)
         times_s = np.array([message.time_s for message in recorded])
@@ -51,8 +50,3 @@ def write_results(
             log.info("drawing the overlay")
             write_overlay(part / OVERLAY, take, body, recorded, hurry)
         write_run_json(part / RUN_JSON, take, info, actor, recorded, joints_world_m)
-
-
-def reference_joints(poses: Floats, body: Body) -> Floats:
-    """The joints of joints.csv (N, 15, 3) in the inside world, of poses (N, 35)."""
-    return joint_positions(poses, body.offsets_m)[:, [JOINT_INDEX[name] for name in REFERENCE_JOINTS]]

@@ -156,8 +156,7 @@ def test_a_sender_cannot_fill_the_log() -> None:
 
 def test_whole_numbers_do_for_floats() -> None:
     """Many msgpack libraries write 25.0 as the integer 25."""
-    header = lambda fields: fields.update(time_s=2, energy_px=3)  # noqa: E731
-    pose = decode(with_header(header, pose_frames(bytes(280))))
+    pose = decode(with_header(lambda header: header.update(time_s=2, energy_px=3), pose_frames(bytes(280))))
     assert isinstance(pose, Pose)
     assert (pose.time_s, pose.energy_px) == (2.0, 3.0)
     assert isinstance(pose.time_s, float)

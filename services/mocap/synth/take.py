@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.body.actor import Actor, Body, build_body
-from services.mocap.body.kinematics import joint_positions
-from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.synth.backdrop import RoomView, view_room
@@ -21,7 +19,7 @@ from services.mocap.synth.room import room_patches
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.take import layout
 from services.mocap.take.settings import TakeSettings
-from services.mocap.take.tables import REFERENCE_JOINTS, PoseTable, write_poses_csv
+from services.mocap.take.tables import PoseTable, reference_joints, write_poses_csv
 from services.mocap.take.writer import TakeWriter, take_writer, write_picture
 from services.mocap.types import Floats
 
@@ -91,8 +89,7 @@ def _check(n_frames: int, fps: float, seed: int, height_m: float, n_cameras: int
 
 def _write_poses(writer: TakeWriter, poses: Floats, body: Body, fps: float) -> None:
     """The truth: joints.csv, and poses.csv, whose energy against the exact silhouettes is zero."""
-    rows = [JOINT_INDEX[name] for name in REFERENCE_JOINTS]
-    writer.reference_joints(joint_positions(poses, body.offsets_m)[:, rows])
+    writer.reference_joints(reference_joints(poses, body.offsets_m))
     frames = np.arange(len(poses), dtype=np.int32)
     table = PoseTable(frames, frames / fps, poses, energies_px=np.zeros(len(poses)))
     write_poses_csv(writer.folder / "reference/poses.csv", table)

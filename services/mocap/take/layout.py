@@ -4,6 +4,7 @@ from pathlib import Path
 
 SETTINGS = "take.toml"
 CALIBRATION = "calibration.toml"
+ACTOR = "actor.toml"
 SILHOUETTES = "silhouettes"
 REFERENCE_JOINTS_CSV = "reference/joints.csv"
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.atomic import atomic_file
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.kinematics import joint_positions
+from services.mocap.body.skeleton import DOFS, JOINT_INDEX
 from services.mocap.errors import TakeError, in_short, nearest
 from services.mocap.types import Floats, Ints
 
@@ -31,6 +32,14 @@ REFERENCE_JOINTS: tuple[str, ...] = (
 _JOINT_COLUMNS = [f"{joint}_{axis}" for joint in REFERENCE_JOINTS for axis in "xyz"]
 _POSE_COLUMNS = [dof.column for dof in DOFS]
 _LARGEST_FRAME = 2**31 - 1
+
+
+def reference_joints(poses: Floats, offsets_m: Floats) -> Floats:
+    """The joints of joints.csv (N, 15, 3) in the inside z-up world, of poses (N, 35).
+
+    offsets_m: (17, 3), as joint_positions takes them.
+    """
+    return joint_positions(poses, offsets_m)[:, [JOINT_INDEX[name] for name in REFERENCE_JOINTS]]
 
 
 @dataclass(frozen=True, eq=False)
