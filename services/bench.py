@@ -20,7 +20,7 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, Stage
 from services.mocap.search.solve import Model, stage_window

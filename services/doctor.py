@@ -15,7 +15,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.synth.studio import studio_cameras

@@ -10,7 +10,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose

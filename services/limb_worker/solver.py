@@ -10,7 +10,7 @@ import numpy as np
 from proto.messages import Blob, LimbRefusal, LimbResult, LimbTask
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model, solve_limb

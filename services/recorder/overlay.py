@@ -13,7 +13,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import camera_bit
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.export.overlay import OverlayWriter
 from services.mocap.take.folder import Take

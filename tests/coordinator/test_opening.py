@@ -10,7 +10,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.errors import TakeError
 from services.mocap.search.chains import ALL_SEGMENTS

@@ -15,7 +15,7 @@ from services.limb_worker.solver import LimbSolver, UnusableBlobError
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, LimbName
 from services.mocap.search.settings import SearchSettings

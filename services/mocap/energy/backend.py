@@ -1,8 +1,9 @@
 """What every energy backend offers, and the problem that it evaluates."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
+from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Bytes, Floats
 
@@ -19,6 +20,8 @@ class Problem:
     """The segments that are drawn at every evaluation."""
     picture: Picture
     """The input, with the pre-render of the other segments among its ignored pixels."""
+    cost: Cost = field(default_factory=Cost)
+    """What its differing pixels cost."""
 
     def poses(self, values: Floats) -> Floats:
         """Complete parameter values (N, d) to poses (N, 35)."""
@@ -44,7 +47,7 @@ class Backend(Protocol):
         ...
 
     def energy(self, problem: Problem) -> Energy:
-        """Prepare a problem: E = popcount((input XOR model) AND NOT ignored), summed over cameras."""
+        """Prepare a problem; at the default cost: popcount((input XOR model) AND NOT ignored)."""
         ...
 
     def coverage(self, poses: Floats, segments: tuple[int, ...], region: Region) -> Bytes:

@@ -6,7 +6,7 @@ from itertools import count
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture
 from services.mocap.search.frame import LimbPool, solve_frame
 from services.mocap.search.line import minimise_line

@@ -5,7 +5,7 @@ import numpy as np
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.frame import LocalLimbs, solve_frame
 from services.mocap.search.settings import SearchSettings

@@ -11,7 +11,7 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.types import Floats
 
 Look = Callable[..., Camera]

@@ -11,7 +11,7 @@ from services.mocap.body.kinematics import segment_transforms
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.energy.reference import rasterise
 from services.mocap.types import Floats, Mask

@@ -11,7 +11,7 @@ from services.mocap.body.skeleton import SEGMENT_INDEX, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.bitplanes import count_bits
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Bytes, Floats
 

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
-from services.mocap.energy.arrays import Indices
-from services.mocap.energy.facing import HIDDEN, NEAR, SEEN, find_candidates, look
-from services.mocap.energy.mesh import BLOCK, FlatMesh
+from services.mocap.energy.cpu.arrays import Indices
+from services.mocap.energy.cpu.facing import HIDDEN, NEAR, SEEN, find_candidates, look
+from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.snapping import project_snapped
 from services.mocap.types import Floats, Ints, Mask
 

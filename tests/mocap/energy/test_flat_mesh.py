@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
-from services.mocap.energy.mesh import BLOCK, FlatMesh
+from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.types import Ints
 
 

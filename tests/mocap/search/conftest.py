@@ -10,7 +10,7 @@ from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
-from services.mocap.energy.cpu import CpuBackend
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.search.solve import Model

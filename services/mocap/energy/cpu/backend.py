@@ -8,9 +8,9 @@ from services.mocap.body.kinematics import segment_transforms
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import n_planes, unpack
-from services.mocap.energy.collecting import empty_winding, summed_gain
-from services.mocap.energy.mesh import FlatMesh
-from services.mocap.energy.outline import outline_coverage, outline_energy, scratch_for
+from services.mocap.energy.cpu.collecting import empty_winding, summed_gain
+from services.mocap.energy.cpu.mesh import FlatMesh
+from services.mocap.energy.cpu.outline import outline_coverage, outline_energy, scratch_for
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Bytes, Floats
 

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from services.mocap.energy.arrays import Shorts
+from services.mocap.energy.cpu.arrays import Shorts
 from services.mocap.types import Bytes, Ints
 
 _COLUMNS_PER_WORD = 4

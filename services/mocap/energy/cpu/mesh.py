@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
-from services.mocap.energy.arrays import Indices, Singles
+from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.types import Floats, Ints
 
 BLOCK = 16
@@ -46,7 +46,7 @@ class FlatMesh(NamedTuple):
         spheres_m = np.array([_sphere(vertices) for vertices in body.vertices_m])
         edges, planes, bounds, n_vertices = [], [], [], 0
         for vertices, faces, sphere in zip(body.vertices_m, body.faces, spheres_m, strict=True):
-            segment_edges, sides = _edges(faces)
+            segment_edges, sides = closed_edges(faces)
             segment_planes = _planes(vertices - sphere[:3], faces)[sides]
             order = _in_blocks(segment_planes[:, 0, :3] + segment_planes[:, 1, :3])
             edges.append(_filled(segment_edges[order] + n_vertices, np.full(4, n_vertices)))
@@ -84,7 +84,7 @@ def _planes(vertices_m: Floats, faces: Ints) -> Singles:
     return np.column_stack([normals, np.sum(normals * a, axis=1)]).astype(np.float32)
 
 
-def _edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def closed_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The edges (E, 4) of one closed segment and the faces (E, 2) on their sides."""
     start, end, opposite = (np.roll(faces, -k, axis=1).ravel().astype(np.int64) for k in range(3))
     owner = np.arange(len(faces)).repeat(3)

@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from services.mocap.energy.arrays import Indices, Shorts
+from services.mocap.energy.cpu.arrays import Indices, Shorts
 from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, SUBPIXEL_BITS
 from services.mocap.types import Floats, Ints
 

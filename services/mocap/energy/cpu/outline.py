@@ -12,11 +12,11 @@ from typing import TypeAlias
 import numba
 import numpy as np
 
-from services.mocap.energy.arrays import Indices, Shorts, Singles
-from services.mocap.energy.collecting import collect_bits, collect_gain
-from services.mocap.energy.crossing import find_crossings, find_near_crossings, wind
-from services.mocap.energy.facing import HIDDEN, NEAR, find_candidates, look
-from services.mocap.energy.mesh import BLOCK, FlatMesh
+from services.mocap.energy.cpu.arrays import Indices, Shorts, Singles
+from services.mocap.energy.cpu.collecting import collect_bits, collect_gain
+from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
+from services.mocap.energy.cpu.facing import HIDDEN, NEAR, find_candidates, look
+from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.snapping import depth_range, project_range
 from services.mocap.types import Bytes, Floats, Ints
 

@@ -11,8 +11,8 @@ from math import sqrt
 import numba
 import numpy as np
 
-from services.mocap.energy.arrays import Indices, Singles
-from services.mocap.energy.mesh import BLOCK
+from services.mocap.energy.cpu.arrays import Indices, Singles
+from services.mocap.energy.cpu.mesh import BLOCK
 from services.mocap.energy.snapping import LIMIT_STEPS, NEAR_M, SUBPIXEL
 from services.mocap.types import Bytes, Floats
 

@@ -1,0 +1,1 @@
+"""The `cpu` backend: outlines instead of triangles, sums instead of pictures."""
