@@ -10,18 +10,38 @@ from services.mocap.body.skeleton import (
     LOWER,
     SEGMENT_JOINT,
     UPPER,
+    dof_range,
 )
 from services.mocap.types import Floats, Ints
 
 N_DOF = len(DOFS)
 _N_JOINTS = len(JOINTS)
-_ROLES = {"translation": 0, "heading": 1, "lean": 1, "pitch": 1, "swing": 2, "twist": 3}
+_SHIFT, _SWING, _TURN = range(3)
+_ROLES = {
+    "translation": _SHIFT, "swing": _SWING, "heading": _TURN, "lean": _TURN, "pitch": _TURN, "twist": _TURN,
+}  # fmt: skip
 
+# Compiled code takes these tables in as constants.
 _PARENT: Ints = np.array([-1 if j.parent is None else JOINT_INDEX[j.parent] for j in JOINTS], np.int32)
-_DOF_JOINT: Ints = np.array([JOINT_INDEX[dof.joint] for dof in DOFS], np.int32)
 _DOF_ROLE: Ints = np.array([_ROLES[dof.role] for dof in DOFS], np.int32)
 _DOF_AXIS: Floats = np.array([dof.axis for dof in DOFS])
-_SEGMENT_JOINT: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()], np.int32)
+_DOF_RANGE: Ints = np.array([dof_range(j.name) for j in JOINTS], np.int32)
+_ALL_JOINTS: Ints = np.arange(_N_JOINTS, dtype=np.int32)
+SEGMENT_JOINTS: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()], np.int32)
+"""(16,) the joint that carries each segment."""
+
+
+def moving_joints(dofs: tuple[int, ...], segments: tuple[int, ...]) -> Ints:
+    """The joints, parents first, that parameters move and that carry segments or lead to ones that do."""
+    moved, leading = set[int](), set[int]()
+    for j in range(_N_JOINTS):
+        first, last = _DOF_RANGE[j]
+        if _PARENT[j] in moved or any(first <= d < last for d in dofs):
+            moved.add(j)
+    for j in reversed(range(_N_JOINTS)):
+        if j in SEGMENT_JOINTS[list(segments)] or j in {_PARENT[k] for k in leading}:
+            leading.add(j)
+    return np.array(sorted(moved & leading), np.int32)
 
 
 def clip_to_limits(poses: Floats) -> Floats:
@@ -40,13 +60,13 @@ def joint_transforms(poses: Floats, offsets_m: Floats) -> Floats:
     if poses.ndim != 2 or poses.shape[1] != N_DOF:
         raise ValueError(f"poses: expected shape (N, {N_DOF}), got {poses.shape}")
     T_world_joint = np.empty((len(poses), _N_JOINTS, 4, 4))
-    _joint_transforms(poses, offsets_m, _PARENT, _DOF_JOINT, _DOF_ROLE, _DOF_AXIS, T_world_joint)
+    _joint_transforms(poses, offsets_m, _ALL_JOINTS, T_world_joint)
     return T_world_joint
 
 
 def segment_transforms(poses: Floats, offsets_m: Floats) -> Floats:
     """World transforms of all segments: T_world_segment (N, 16, 4, 4); arguments as joint_transforms."""
-    return joint_transforms(poses, offsets_m)[:, _SEGMENT_JOINT]
+    return joint_transforms(poses, offsets_m)[:, SEGMENT_JOINTS]
 
 
 def joint_positions(poses: Floats, offsets_m: Floats) -> Floats:
@@ -55,9 +75,8 @@ def joint_positions(poses: Floats, offsets_m: Floats) -> Floats:
 
 
 @numba.njit(cache=True, nogil=True)
-def _rotation(vector: Floats, R: Floats) -> None:
+def _rotation(x: float, y: float, z: float, R: Floats) -> None:
     """Rodrigues' formula: R (3, 3) of a rotation vector."""
-    x, y, z = vector
     angle = np.sqrt(x * x + y * y + z * z)
     if angle < 1e-9:
         a, b = 1.0, 0.5
@@ -70,59 +89,58 @@ def _rotation(vector: Floats, R: Floats) -> None:
 
 @numba.njit(cache=True, nogil=True)
 def _multiply(A: Floats, B: Floats, out: Floats) -> None:
-    """Write A @ B into out, all (3, 3), none the same."""
+    """Write the product of the upper left (3, 3) of A and B into that of out, none the same."""
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
 
 
 @numba.njit(cache=True, nogil=True)
-def _local_rotations(
-    pose: Floats, dof_joint: Ints, dof_role: Ints, dof_axis: Floats, swing: Floats, R_local: Floats
-) -> None:
-    """Each joint's rotation against its parent, R_local (17, 3, 3); swing (17, 3) is scratch."""
-    turn, product = np.empty((3, 3)), np.empty((3, 3))
-    swing[:] = 0.0
-    for d in range(pose.size):
-        if dof_role[d] == 2:
-            swing[dof_joint[d]] += pose[d] * dof_axis[d]
-    for j in range(len(swing)):
-        _rotation(swing[j], R_local[j])
-    for d in range(pose.size):
-        if dof_role[d] == 1 or dof_role[d] == 3:
-            _rotation(pose[d] * dof_axis[d], turn)
-            _multiply(R_local[dof_joint[d]], turn, product)
-            R_local[dof_joint[d]] = product
+def _local_rotation(pose: Floats, joint: int, R: Floats, turn: Floats, product: Floats) -> None:
+    """A joint's rotation R (3, 3) against its parent; turn and product (3, 3) are scratch."""
+    first, last = _DOF_RANGE[joint]
+    swing = np.zeros(3)
+    for d in range(first, last):
+        if _DOF_ROLE[d] == _SWING:
+            for i in range(3):
+                swing[i] += pose[d] * _DOF_AXIS[d, i]
+    _rotation(swing[0], swing[1], swing[2], R)
+    for d in range(first, last):
+        if _DOF_ROLE[d] == _TURN:
+            x, y, z = _DOF_AXIS[d]
+            _rotation(pose[d] * x, pose[d] * y, pose[d] * z, turn)
+            _multiply(R, turn, product)
+            R[:] = product
 
 
 @numba.njit(cache=True, nogil=True)
-def _joint_transforms(
-    poses: Floats,
-    offsets_m: Floats,
-    parent: Ints,
-    dof_joint: Ints,
-    dof_role: Ints,
-    dof_axis: Floats,
-    T_world_joint: Floats,
-) -> None:
-    n_joints = len(offsets_m)
-    R_local, swing = np.empty((n_joints, 3, 3)), np.empty((n_joints, 3))
-    for n in range(len(poses)):
-        _local_rotations(poses[n], dof_joint, dof_role, dof_axis, swing, R_local)
-        for j in range(n_joints):
-            T = T_world_joint[n, j]
-            T[3, 0], T[3, 1], T[3, 2], T[3, 3] = 0.0, 0.0, 0.0, 1.0
-            if parent[j] < 0:
-                T[:3, :3] = R_local[j]
-                for i in range(3):
-                    T[i, 3] = offsets_m[j, i] + poses[n, i]
-                continue
-            T_parent = T_world_joint[n, parent[j]]
-            _multiply(T_parent[:3, :3], R_local[j], T[:3, :3])
+def place_joints(pose: Floats, offsets_m: Floats, joints: Ints, T_world_joint: Floats) -> None:
+    """Write the world transforms of some joints, parents before children, into T_world_joint (17, 4, 4).
+
+    The transforms of their other parents must be there. pose (35,); offsets_m as for joint_transforms.
+    """
+    R_parent_joint, turn, product = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for j in joints:
+        T = T_world_joint[j]
+        T[3, 0], T[3, 1], T[3, 2], T[3, 3] = 0.0, 0.0, 0.0, 1.0
+        _local_rotation(pose, j, R_parent_joint, turn, product)
+        if _PARENT[j] < 0:
+            T[:3, :3] = R_parent_joint
             for i in range(3):
-                T[i, 3] = (
-                    T_parent[i, 0] * offsets_m[j, 0]
-                    + T_parent[i, 1] * offsets_m[j, 1]
-                    + T_parent[i, 2] * offsets_m[j, 2]
-                    + T_parent[i, 3]
-                )
+                T[i, 3] = offsets_m[j, i] + pose[i]
+            continue
+        T_parent = T_world_joint[_PARENT[j]]
+        _multiply(T_parent, R_parent_joint, T)
+        for i in range(3):
+            T[i, 3] = (
+                T_parent[i, 0] * offsets_m[j, 0]
+                + T_parent[i, 1] * offsets_m[j, 1]
+                + T_parent[i, 2] * offsets_m[j, 2]
+                + T_parent[i, 3]
+            )
+
+
+@numba.njit(cache=True, nogil=True)
+def _joint_transforms(poses: Floats, offsets_m: Floats, joints: Ints, T_world_joint: Floats) -> None:
+    for n in range(len(poses)):
+        place_joints(poses[n], offsets_m, joints, T_world_joint[n])

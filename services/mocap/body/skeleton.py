@@ -178,6 +178,12 @@ def dofs_of(*joints: str) -> tuple[int, ...]:
     return tuple(i for i, dof in enumerate(DOFS) if dof.joint in joints)
 
 
+def dof_range(joint: str) -> tuple[int, int]:
+    """The first of a joint's parameters, which stand in a row in a pose, and the one after the last."""
+    dofs = dofs_of(joint)
+    return (dofs[0], dofs[0] + len(dofs)) if dofs else (0, 0)
+
+
 def segments_below(joint: str) -> tuple[int, ...]:
     """Indices of the segments that move when the joint turns, itself included."""
     moved = {joint}

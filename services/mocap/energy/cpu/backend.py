@@ -1,68 +1,89 @@
-"""The `cpu` backend: outlines instead of triangles, sums instead of pictures, on one thread."""
+"""The `cpu` backend: outlines instead of triangles, sums instead of pictures."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.kinematics import joint_transforms, moving_joints
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
-from services.mocap.energy.bitplanes import n_planes, unpack
+from services.mocap.energy.bitplanes import n_planes
 from services.mocap.energy.cpu.collecting import empty_winding, summed_gain
+from services.mocap.energy.cpu.evaluation import cover, evaluate
 from services.mocap.energy.cpu.mesh import FlatMesh
-from services.mocap.energy.cpu.outline import outline_coverage, outline_energy, scratch_for
-from services.mocap.energy.picture import Picture, Region
+from services.mocap.energy.cpu.outline import scratch_for
+from services.mocap.energy.picture import Region
 from services.mocap.types import Bytes, Floats
 
 
 class CpuBackend:
-    """Evaluates one body before one camera rig; not to be shared between threads."""
+    """Evaluates one body before one camera rig; not to be called by several threads at once.
+
+    threads: how many cores a batch is spread over; 0 for all there are.
+    """
 
     name = "cpu"
 
-    def __init__(self, body: Body, rig: Rig) -> None:
+    def __init__(self, body: Body, rig: Rig, threads: int = 1, detail_px: float = 0.0) -> None:
         self._body = body
         self._rig = rig
+        self._detail_px = detail_px
         mesh = FlatMesh.of(body)
-        self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
+        n_threads = threads or os.cpu_count() or 1
+        self._mesh, self._scratches = (*mesh,), [scratch_for(mesh) for _ in range(n_threads)]
+        self._pool = ThreadPoolExecutor(n_threads, "energy") if n_threads > 1 else None
 
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy. Costs a pass over the picture; every call then touches outlines only."""
-        segments, region = np.array(problem.segments, np.int32), problem.picture.region
-        P_px_world = region.projections(self._rig)
-        gain_sums = summed_gain(_gain(problem.picture, self._rig.n_cameras))
-        uncovered = problem.picture.n_foreground
-        winding = empty_winding(region.height_px, region.width_px)
+        region, tally = problem.picture.region, problem.cost.tally(problem.picture)
+        joints = moving_joints(problem.dofs, problem.segments)
+        plan = (np.array(problem.dofs, np.int32), joints, np.array(problem.segments, np.int32))
+        T_world_joint = joint_transforms(problem.base_pose[None], self._body.offsets_m)[0]
+        P_px_world, gain_sums = region.projections(self._rig), summed_gain(tally.gain)
+        costs = np.array([tally.blank, tally.weights, np.full(self._rig.n_cameras, tally.cap)])
+        lanes = [
+            (
+                problem.base_pose.copy(),
+                T_world_joint.copy(),
+                scratch,
+                empty_winding(region.height_px, region.width_px),
+            )
+            for scratch in self._scratches
+        ]
 
-        def evaluate(values: Floats) -> Floats:
-            energies = np.full(len(values), float(uncovered))
-            T_world_segment = segment_transforms(problem.poses(values), self._body.offsets_m)
-            outline_energy(
-                T_world_segment, segments, P_px_world, self._mesh, self._scratch,
-                gain_sums, region.width_px, winding, energies,
+        def run(lane: int, values: Floats, energies: Floats) -> None:
+            pose, transforms, scratch, winding = lanes[lane]
+            evaluate(
+                values, plan, pose, transforms, self._body.offsets_m, P_px_world, self._detail_px,
+                self._mesh, scratch, gain_sums, costs, region.width_px, winding, energies,
             )  # fmt: skip
+
+        def evaluate_all(values: Floats) -> Floats:
+            energies = np.empty(len(values))
+            if self._pool is None or len(values) < len(lanes):
+                run(0, values, energies)
+            else:
+                shares = np.array_split(values, len(lanes)), np.array_split(energies, len(lanes))
+                list(self._pool.map(run, range(len(lanes)), *shares))
             return energies
 
-        return evaluate
+        return evaluate_all
 
     def coverage(self, poses: Floats, segments: tuple[int, ...], region: Region) -> Bytes:
         """See Backend.coverage."""
         n_cameras = self._rig.n_cameras
         shape = (len(poses), n_planes(n_cameras), region.height_px, region.width_px)
         planes: Bytes = np.zeros(shape, np.uint8)
-        T_world_segment = segment_transforms(poses, self._body.offsets_m)
-        winding = empty_winding(region.height_px, region.width_px)
-        outline_coverage(
-            T_world_segment, np.array(segments, np.int32), region.projections(self._rig), self._mesh,
-            self._scratch, winding, planes,
+        cover(
+            joint_transforms(poses, self._body.offsets_m), np.array(segments, np.int32),
+            region.projections(self._rig), self._detail_px, self._mesh, self._scratches[0],
+            empty_winding(region.height_px, region.width_px), planes,
         )  # fmt: skip
         return planes
 
     def close(self) -> None:
-        """Nothing is held."""
-
-
-def _gain(picture: Picture, n_cameras: int) -> NDArray[np.int8]:
-    """What a covered pixel adds to the energy of an empty model (C, h, w): -1 on the input, +1 off it."""
-    on_input, ignored = unpack(picture.silhouettes, n_cameras), unpack(picture.ignored, n_cameras)
-    return np.where(ignored, 0, np.where(on_input, -1, 1)).astype(np.int8)
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()

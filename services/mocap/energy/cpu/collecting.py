@@ -2,8 +2,8 @@
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from services.mocap.energy.cost import Counts
 from services.mocap.energy.cpu.arrays import Shorts
 from services.mocap.types import Bytes, Ints
 
@@ -20,16 +20,16 @@ def empty_winding(height_px: int, width_px: int) -> Shorts:
     return np.zeros((height_px, words * _COLUMNS_PER_WORD), np.int16)
 
 
-def summed_gain(gain: NDArray[np.int8]) -> Shorts:
+def summed_gain(gain: Counts) -> Counts:
     """What the pixels left of each column gain in all (C, H, columns of empty_winding), of gain (C, H, W)."""
     n_cameras, height_px, width_px = gain.shape
-    sums = np.zeros((n_cameras, *empty_winding(height_px, width_px).shape), np.int16)
+    sums = np.zeros((n_cameras, *empty_winding(height_px, width_px).shape), np.int32)
     np.cumsum(gain, axis=2, out=sums[:, :, 1 : width_px + 1])
     return sums
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def collect_gain(winding: Shorts, extent: Ints, gain_sums: Shorts) -> int:
+def collect_gain(winding: Shorts, extent: Ints, gain_sums: Counts) -> int:
     """Sum the gain of covered pixels and set winding back to zero.
 
     extent: first row, last row + 1, first column, last column + 1 of what is not zero. gain_sums (H,

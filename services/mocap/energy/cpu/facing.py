@@ -26,11 +26,12 @@ _SINGLE_ERROR = 2.0**-19
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def look(M: Floats, sphere_m: Floats, width_px: int, height_px: int, eye: Singles) -> int:
-    """Say how a camera with M (3, 4), segment to homogeneous pixels, sees a segment; if SEEN set eye (6,).
+    """Say how a camera with M (3, 4), segment to homogeneous pixels, sees a segment; if SEEN set eye (7,).
 
     eye gets the homogeneous centre (C, w) of the camera, seen from the sphere's centre and times det(M), the
-    guard, and the rounding that may come on top. A plane of FlatMesh.planes that is farther than guard plus
-    rounding from zero at (C, w) has the sign that the face's doubled area on the screen has after snapping.
+    guard, the rounding that may come on top, and how many pixels a metre of the segment takes at most. A
+    plane of FlatMesh.planes that is farther than guard plus rounding from zero at (C, w) has the sign that
+    the face's doubled area on the screen has after snapping.
 
     Why: if snapping changes a face's sign, then on the way there, no corner having moved by more than half a
     step e in x or y, the corners lie on one line. So the face fits between two lines 2 e (|nx| + |ny|) <=
@@ -54,10 +55,12 @@ def look(M: Floats, sphere_m: Floats, width_px: int, height_px: int, eye: Single
     if not (abs(u) + abs(v) + spread_px) * SUBPIXEL < 0.5 * LIMIT_STEPS:
         return NEAR  # snapping stops at the limit, and so may err by more than half a step
     _set_centre(M, hx, hy, hz, eye)
-    guard = z_max**2 * 2.0 * sqrt(2.0) * _SNAP_ERROR_PX * (stretch + spread_px * steepness)
+    stretch += spread_px * steepness  # now for every point of the sphere as (u, v)
+    guard = z_max**2 * 2.0 * sqrt(2.0) * _SNAP_ERROR_PX * stretch
     # No normal is longer than 1, or twice the radius if that is more; no offset than the radius times that.
     terms = abs(eye[0]) + abs(eye[1]) + abs(eye[2]) + radius * abs(eye[3])
     eye[4], eye[5] = 1.001 * guard, _SINGLE_ERROR * max(2.0 * radius, 1.0) * terms
+    eye[6] = stretch / z_min
     return SEEN
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.energy.cpu.arrays import Indices, Singles
+from services.mocap.energy.cpu.surface import Surface, closed_edges
 from services.mocap.types import Floats, Ints
 
 BLOCK = 16
@@ -21,7 +22,10 @@ _Number = TypeVar("_Number", np.float32, np.int64)
 
 
 class FlatMesh(NamedTuple):
-    """All segments one behind the other; edges in B blocks, each of neighbours that face the same way."""
+    """Every segment's levels of detail one behind the other; edges in B blocks that face the same way.
+
+    Level l of segment s is part l S + s; level 0 is the segment as it is.
+    """
 
     xyz_m: Floats
     """(3, V) vertices in their segment's frame."""
@@ -36,41 +40,68 @@ class FlatMesh(NamedTuple):
     """(9, B): the middle (n, d) of a block's planes once all n are of unit length, how far off it any
     component is, and by how much the planes have been lengthened for that at most."""
     starts: Ints
-    """(2, S + 1) where each segment's vertices and its blocks begin."""
+    """(2, L S + 1) where each part's vertices and its blocks begin."""
     spheres_m: Floats
     """(S, 4) centre, in the segment's frame, and radius of a sphere that holds the segment."""
+    errors_m: Floats
+    """(L, S) how far a level's surface is off level 0's at most; infinite where there is no such level."""
 
     @classmethod
-    def of(cls, body: Body) -> "FlatMesh":
-        """Flatten a body; raises ValueError where a segment's mesh is not closed."""
-        spheres_m = np.array([_sphere(vertices) for vertices in body.vertices_m])
-        edges, planes, bounds, n_vertices = [], [], [], 0
-        for vertices, faces, sphere in zip(body.vertices_m, body.faces, spheres_m, strict=True):
-            segment_edges, sides = closed_edges(faces)
-            segment_planes = _planes(vertices - sphere[:3], faces)[sides]
-            order = _in_blocks(segment_planes[:, 0, :3] + segment_planes[:, 1, :3])
-            edges.append(_filled(segment_edges[order] + n_vertices, np.full(4, n_vertices)))
-            planes.append(
-                _filled(segment_planes[order].reshape(-1, 8), np.array([0.0, 0, 0, _NO_OFFSET] * 2))
+    def of(cls, body: Body, thinned: Sequence[Sequence[Surface]] = ()) -> "FlatMesh":
+        """Flatten a body and each segment's thinned levels, fine to coarse.
+
+        Raises ValueError where a mesh is not closed.
+        """
+        ladders = [
+            [Surface(vertices_m, faces, 0.0), *coarser]
+            for vertices_m, faces, coarser in zip(
+                body.vertices_m, body.faces, thinned or [()] * len(body.faces), strict=True
             )
-            bounds.append(_bounds(segment_planes[order]))
-            n_vertices += len(vertices)
+        ]
+        spheres_m = np.array([_sphere(ladder) for ladder in ladders])
+        n_levels = max(map(len, ladders))
+        levels = [
+            [ladder[k] if k < len(ladder) else _NO_LEVEL for ladder in ladders] for k in range(n_levels)
+        ]
+        parts = [level for row in levels for level in row]
+        first_vertices = _starts([level.vertices_m for level in parts])
+        pieces = [
+            _blocks(level, spheres_m[k % len(ladders)], first_vertices[k]) for k, level in enumerate(parts)
+        ]
+        edges, planes, bounds = zip(*pieces, strict=True)
         return cls(
-            xyz_m=np.ascontiguousarray(np.concatenate(body.vertices_m).T, np.float64),
+            xyz_m=np.ascontiguousarray(np.concatenate([level.vertices_m for level in parts]).T, np.float64),
             edges=np.concatenate(edges).reshape(-1, 4).astype(np.uint32),
             planes=np.ascontiguousarray(np.concatenate(planes).transpose(0, 2, 1)),
             block_planes=np.ascontiguousarray(np.concatenate(bounds).T),
-            starts=np.array([_starts(body.vertices_m), _starts(bounds)], np.int32),
+            starts=np.array([first_vertices, _starts(bounds)], np.int32),
             spheres_m=spheres_m,
+            errors_m=np.array([[level.error_m for level in row] for row in levels]),
         )
+
+
+_NO_LEVEL = Surface(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.inf)
+
+
+def _blocks(level: Surface, sphere_m: Floats, first_vertex: int) -> tuple[NDArray[Any], Singles, Singles]:
+    """One part's edges (B, BLOCK, 4), planes (B, BLOCK, 8) and block_planes (B, 9)."""
+    edges, sides = closed_edges(level.faces)
+    planes = _planes(level.vertices_m - sphere_m[:3], level.faces)[sides]
+    order = _in_blocks(planes[:, 0, :3] + planes[:, 1, :3])
+    return (
+        _filled(edges[order] + first_vertex, np.full(4, first_vertex)),
+        _filled(planes[order].reshape(-1, 8), np.array([0.0, 0, 0, _NO_OFFSET] * 2)),
+        _bounds(planes[order]),
+    )
 
 
 def _starts(parts: Sequence[NDArray[Any]]) -> list[int]:
     return [0, *accumulate(map(len, parts))]
 
 
-def _sphere(vertices_m: Floats) -> Floats:
-    """Centre and radius (4,) of a sphere about the middle of the bounding box."""
+def _sphere(ladder: Sequence[Surface]) -> Floats:
+    """Centre and radius (4,) of a sphere about the middle of all levels' bounding box."""
+    vertices_m = np.concatenate([level.vertices_m for level in ladder])
     centre = (vertices_m.min(axis=0) + vertices_m.max(axis=0)) / 2
     return np.append(centre, np.linalg.norm(vertices_m - centre, axis=1).max() * (1.0 + 1e-9))
 
@@ -82,20 +113,6 @@ def _planes(vertices_m: Floats, faces: Ints) -> Singles:
     longest_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     normals = np.cross(b - a, c - a) / np.maximum(longest_m, _SHORTEST_SIDE_M)[:, None]
     return np.column_stack([normals, np.sum(normals * a, axis=1)]).astype(np.float32)
-
-
-def closed_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The edges (E, 4) of one closed segment and the faces (E, 2) on their sides."""
-    start, end, opposite = (np.roll(faces, -k, axis=1).ravel().astype(np.int64) for k in range(3))
-    owner = np.arange(len(faces)).repeat(3)
-    forward = start < end
-    key = np.minimum(start, end) << 32 | np.maximum(start, end)
-    along, against = np.flatnonzero(forward), np.flatnonzero(~forward)
-    along, against = along[np.argsort(key[along])], against[np.argsort(key[against])]
-    if not np.array_equal(key[along], key[against]) or len(np.unique(key)) != len(along):
-        raise ValueError("a segment's mesh is not closed: every edge needs exactly two faces, wound alike")
-    edges = np.stack([start[along], end[along], opposite[along], opposite[against]], axis=1)
-    return edges, np.stack([owner[along], owner[against]], axis=1)
 
 
 def _in_blocks(directions: Singles) -> NDArray[np.int64]:
@@ -125,7 +142,7 @@ def _filled(rows: NDArray[_Number], filler: NDArray[Any]) -> NDArray[_Number]:
 
 def _bounds(planes: Singles) -> Singles:
     """The block_planes (B, 9) of one segment's planes (E, 2, 4) in their final order."""
-    singles = _filled(planes.reshape(-1, 8), planes[-1].ravel())
+    singles = _filled(planes.reshape(-1, 8), planes[-1:].ravel())
     filled = singles.reshape(-1, 2 * BLOCK, 4).astype(np.float64)
     lengthening = 1.0 / np.maximum(np.linalg.norm(filled[..., :3], axis=2), _SHORTEST_NORMAL)
     filled *= lengthening[..., None]

@@ -1,0 +1,70 @@
+"""Compiled evaluation of batches: from parameter values to energies, or to covered pixels, in one call."""
+
+import numba
+import numpy as np
+
+from services.mocap.body.kinematics import place_joints
+from services.mocap.energy.cost import Counts
+from services.mocap.energy.cpu.arrays import Shorts
+from services.mocap.energy.cpu.collecting import collect_bits, collect_gain
+from services.mocap.energy.cpu.outline import MeshArrays, Scratch, draw
+from services.mocap.types import Bytes, Floats, Ints
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def evaluate(
+    values: Floats,
+    plan: tuple[Ints, Ints, Ints],
+    pose: Floats,
+    T_world_joint: Floats,
+    offsets_m: Floats,
+    P_px_world: Floats,
+    detail_px: float,
+    mesh: MeshArrays,
+    scratch: Scratch,
+    gain_sums: Counts,
+    costs: Floats,
+    width_px: int,
+    winding: Shorts,
+    energies: Floats,
+) -> None:
+    """Write the energies (N,) of values (N, d).
+
+    plan: the parameters that vary (d,), the joints that they move, the segments that are drawn. pose (35,)
+    and T_world_joint (17, 4, 4): a base pose and its transforms, of which only what the plan names changes.
+    gain_sums (C, H, columns) as summed_gain makes it for pictures of width_px; costs (3, C): blank, weights
+    and cap of the Tally; winding from empty_winding.
+    """
+    dofs, joints, segments = plan
+    extent = np.empty(4, np.int32)
+    for n in range(len(values)):
+        for k in range(len(dofs)):
+            pose[dofs[k]] = values[n, k]
+        place_joints(pose, offsets_m, joints, T_world_joint)
+        energy = 0.0
+        for c in range(len(P_px_world)):
+            draw(T_world_joint, segments, P_px_world[c], detail_px, mesh, scratch, width_px, winding, extent)
+            cost = costs[0, c] + collect_gain(winding, extent, gain_sums[c])
+            energy += costs[1, c] * (cost / (1.0 + cost / costs[2, c]))
+        energies[n] = energy
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def cover(
+    T_world_joint: Floats,
+    segments: Ints,
+    P_px_world: Floats,
+    detail_px: float,
+    mesh: MeshArrays,
+    scratch: Scratch,
+    winding: Shorts,
+    covered: Bytes,
+) -> None:
+    """Set the bits of every pixel that bodies cover in covered (N, P, H, W); T_world_joint (N, 17, 4, 4)."""
+    extent, width_px = np.empty(4, np.int32), covered.shape[3]
+    for n in range(len(T_world_joint)):
+        for c in range(len(P_px_world)):
+            draw(
+                T_world_joint[n], segments, P_px_world[c], detail_px, mesh, scratch, width_px, winding, extent
+            )
+            collect_bits(winding, extent, covered[n, c // 8], np.uint8(1 << c % 8))

@@ -1,0 +1,34 @@
+"""A closed surface: one segment's mesh, as it is or thinned."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.mocap.types import Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A closed mesh that stands for another one."""
+
+    vertices_m: Floats
+    """(V, 3)"""
+    faces: Ints
+    """(F, 3) counter-clockwise seen from outside."""
+    error_m: float
+    """How far any point of either surface is off the other one at most; 0 for the mesh itself."""
+
+
+def closed_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The edges (E, 4) of one closed segment and the faces (E, 2) on their sides."""
+    start, end, opposite = (np.roll(faces, -k, axis=1).ravel().astype(np.int64) for k in range(3))
+    owner = np.arange(len(faces)).repeat(3)
+    forward = start < end
+    key = np.minimum(start, end) << 32 | np.maximum(start, end)
+    along, against = np.flatnonzero(forward), np.flatnonzero(~forward)
+    along, against = along[np.argsort(key[along])], against[np.argsort(key[against])]
+    if not np.array_equal(key[along], key[against]) or len(np.unique(key)) != len(along):
+        raise ValueError("a segment's mesh is not closed: every edge needs exactly two faces, wound alike")
+    edges = np.stack([start[along], end[along], opposite[along], opposite[against]], axis=1)
+    return edges, np.stack([owner[along], owner[against]], axis=1)
