@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.energy.cpu.arrays import Indices
-from services.mocap.energy.cpu.facing import HIDDEN, NEAR, SEEN, find_candidates, look
+from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, SEEN, find_candidates, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.snapping import project_snapped
 from services.mocap.types import Floats, Ints, Mask
@@ -52,7 +52,7 @@ def _is_outline(edges: Indices, uv: Ints) -> Mask:
 def test_no_outline_is_missed(real_body: Body, mirrored: bool) -> None:
     mesh, rng = FlatMesh.of(real_body), np.random.default_rng(0)
     flags, found = np.zeros(len(mesh.planes) + BLOCK, np.uint8), np.zeros(len(mesh.edges) + 1, np.uint32)
-    eye, share, views = np.zeros(6, np.float32), [], []
+    eye, share, views = np.zeros(EYE_SIZE, np.float32), [], []
     for trial in range(400):
         s = trial % 16
         M = _random_M(rng, mesh.spheres_m[s])
@@ -77,7 +77,7 @@ def test_no_outline_is_missed(real_body: Body, mirrored: bool) -> None:
 
 def test_hidden_means_outside_and_near_means_near(real_body: Body) -> None:
     mesh, rng = FlatMesh.of(real_body), np.random.default_rng(1)
-    eye, n_hidden = np.zeros(6, np.float32), 0
+    eye, n_hidden = np.zeros(EYE_SIZE, np.float32), 0
     for trial in range(300):
         s = trial % 16
         M = _random_M(rng, mesh.spheres_m[s])

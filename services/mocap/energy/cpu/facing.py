@@ -18,6 +18,7 @@ from services.mocap.types import Bytes, Floats
 
 HIDDEN, NEAR, SEEN = 0, 1, 2
 """How a camera sees a segment: not at all; as one that may reach behind the near plane; wholly before it."""
+EYE_SIZE = 7
 _SNAP_ERROR_PX = 0.501 / SUBPIXEL
 """Half a step, and a little for the rounding of floats before it."""
 _SINGLE_ERROR = 2.0**-19
@@ -26,7 +27,7 @@ _SINGLE_ERROR = 2.0**-19
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def look(M: Floats, sphere_m: Floats, width_px: int, height_px: int, eye: Singles) -> int:
-    """Say how a camera with M (3, 4), segment to homogeneous pixels, sees a segment; if SEEN set eye (7,).
+    """Say how a camera with M (3, 4), segment to homogeneous pixels, sees a segment; if SEEN set eye.
 
     eye gets the homogeneous centre (C, w) of the camera, seen from the sphere's centre and times det(M), the
     guard, the rounding that may come on top, and how many pixels a metre of the segment takes at most. A

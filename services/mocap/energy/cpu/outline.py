@@ -13,7 +13,7 @@ import numpy as np
 from services.mocap.body.kinematics import SEGMENT_JOINTS
 from services.mocap.energy.cpu.arrays import Indices, Shorts, Singles
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
-from services.mocap.energy.cpu.facing import HIDDEN, NEAR, find_candidates, look
+from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, find_candidates, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.snapping import depth_range, project_range
 from services.mocap.types import Bytes, Floats, Ints
@@ -54,7 +54,7 @@ def draw(
     """
     spheres_m, errors_m = mesh[5], mesh[6]
     height_px = winding.shape[0]
-    M, eye = np.empty((3, 4)), np.empty(7, np.float32)
+    M, eye = np.empty((3, 4)), np.empty(EYE_SIZE, np.float32)
     extent[0], extent[1], extent[2], extent[3] = height_px, 0, width_px + 1, 0
     for s in segments:
         _compose(P_px_world, T_world_joint[SEGMENT_JOINTS[s]], M)
