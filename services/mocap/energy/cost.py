@@ -23,7 +23,8 @@ class Cost:
     """How differing pixels add up to an energy; the default is the paper's: every one counts 1."""
 
     distance_cap_px: float = 0.0
-    """If positive, a differing pixel costs its distance to the input silhouette's contour, at most this."""
+    """If positive, a differing pixel costs its distance to the input silhouette's contour, at most this, in
+    pixels of the whole picture."""
     camera_weights: tuple[float, ...] = ()
     """One factor per camera; none at all: all 1."""
     camera_cap: float = 0.0
@@ -40,7 +41,7 @@ class Cost:
         price, steps = np.where(counted, np.int32(1), np.int32(0)), 1
         if self.distance_cap_px > 0:
             steps = DISTANCE_STEPS
-            price *= _distance_steps(on_input, self.distance_cap_px)
+            price *= _distance_steps(on_input, self.distance_cap_px * picture.region.scale)
         weights = np.array(self.camera_weights or (1.0,) * n_cameras, np.float64)
         foreground_px = np.count_nonzero(on_input & counted, axis=(1, 2))
         cap_px = self.camera_cap * float(np.median(foreground_px)) if self.camera_cap > 0 else np.inf

@@ -42,17 +42,23 @@ class FirstPose:
 
 
 def find_first_pose(
-    model: Model, picture: Picture, hull: Hull, limbs: LimbPool, facing_rad: float | None = None
+    model: Model,
+    picture: Picture,
+    hull: Hull,
+    limbs: LimbPool,
+    settings: SearchSettings,
+    facing_rad: float | None = None,
 ) -> FirstPose:
     """Search the first pose of an upright actor; facing_rad narrows the heading to about that angle.
 
-    picture: the whole first frame.
+    picture: the whole first frame. settings: as for the frames to come; the search is wider here.
     """
     starts = _starts(model, hull, facing_rad)
-    energy = model.backend.energy(Problem(starts[0], tuple(range(N_DOF)), ALL_SEGMENTS, picture.halved()))
+    problem = Problem(starts[0], tuple(range(N_DOF)), ALL_SEGMENTS, picture.halved(), settings.cost)
+    energy = model.backend.energy(problem)
     starts = _best_of_each_heading(starts, energy(starts))[:_CANDIDATES]
     # Pass numbers tell the candidates' limb tasks apart.
-    first_look = SearchSettings.wide().model_copy(update={"max_passes": 1})
+    first_look = settings.widened().model_copy(update={"max_passes": 1})
     found = [
         solve_frame(model, picture, start[None], first_look, limbs, first_pass=100 * k)
         for k, start in enumerate(starts)
@@ -61,9 +67,7 @@ def find_first_pose(
     opposite = next((other for other in found[1:] if _turned_away(other.pose, found[0].pose)), None)
     finalists = [found[0]] if opposite is None else [found[0], opposite]
     finished = [
-        solve_frame(
-            model, picture, finalist.pose[None], SearchSettings.wide(), limbs, first_pass=1000 * (k + 1)
-        )
+        solve_frame(model, picture, finalist.pose[None], settings.widened(), limbs, first_pass=1000 * (k + 1))
         for k, finalist in enumerate(finalists)
     ]
     finished.sort(key=lambda solution: solution.energy_px)

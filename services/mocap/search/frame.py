@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -63,7 +63,7 @@ class FrameSolution:
     pose: Floats
     """(35,)"""
     energy_px: float
-    """Differing pixels of the whole body in the whole pictures, over all cameras."""
+    """Differing pixels of the whole body in the whole pictures, over all cameras, whatever was minimised."""
     passes: int = 0
     evaluations: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"torso": 0.0, "head": 0.0, "limbs": 0.0})
@@ -85,7 +85,8 @@ def solve_frame(
     seen. first_pass: the number of the first pass, where a frame is solved more than once.
     """
     starts = clip_to_limits(starts)
-    energy = model.backend.energy(Problem(starts[0], tuple(range(N_DOF)), ALL_SEGMENTS, whole))
+    plain = Problem(starts[0], tuple(range(N_DOF)), ALL_SEGMENTS, whole)
+    energy = model.backend.energy(replace(plain, cost=settings.cost))
     energies = energy(starts)
     best = FrameSolution(
         starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts)
@@ -100,6 +101,8 @@ def solve_frame(
             best.pose, best.energy_px = pose, energy_px
         if before - energy_px <= settings.pass_tolerance * before:
             break
+    if settings.cost != plain.cost:
+        best.energy_px = float(model.backend.energy(plain)(best.pose[None])[0])
     return best
 
 

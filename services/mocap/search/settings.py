@@ -5,6 +5,9 @@ from typing import Annotated, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from services.mocap.energy.cost import Cost
+
+_Weight = Annotated[float, Field(ge=0, le=1000)]
 _Count = Annotated[int, Field(ge=1, le=15)]
 GridCounts: TypeAlias = tuple[_Count, _Count, _Count, _Count]
 """Points along each axis; 15 keep the largest grid's poses within 100 MB."""
@@ -35,6 +38,17 @@ class SearchSettings(BaseModel):
     """A direction-set descent ends when one round lowers the energy by less than this share."""
     descent_rounds: int = Field(default=4, ge=1, le=100)
     """Rounds of a direction-set descent, at most."""
+    distance_cap_px: float = Field(default=0, ge=0, le=100)
+    """If positive, a differing pixel costs its distance to the input's contour, at most this many pixels."""
+    camera_weights: tuple[_Weight, ...] = ()
+    """What each camera's pixels count, one factor per camera; none at all: all 1."""
+    camera_cap: float = Field(default=0, ge=0, le=100)
+    """If positive, cameras whose energy exceeds this share of a middling camera's foreground pull little."""
+
+    @property
+    def cost(self) -> Cost:
+        """What differing pixels cost while searching; energies are reported as plain counts all the same."""
+        return Cost(self.distance_cap_px, self.camera_weights, self.camera_cap)
 
     def to_wire(self) -> dict[str, bool | int | float | str | list[int] | list[float]]:
         """The settings as a message carries them."""
@@ -45,7 +59,7 @@ class SearchSettings(BaseModel):
         """Check and take settings out of a message; raises ValueError (pydantic.ValidationError)."""
         return cls.model_validate({k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()})
 
-    @classmethod
-    def wide(cls) -> "SearchSettings":
+    def widened(self) -> "SearchSettings":
         """For a first pose, when the limbs may be anywhere."""
-        return cls(max_passes=4, arm_grid=(9, 7, 3, 5), leg_grid=(7, 5, 3, 7), grid_step_rad=0.3)
+        wide = {"max_passes": 4, "arm_grid": (9, 7, 3, 5), "leg_grid": (7, 5, 3, 7), "grid_step_rad": 0.3}
+        return self.model_copy(update=wide)

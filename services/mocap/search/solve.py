@@ -9,6 +9,7 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend, Energy, Problem
+from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import (
     ALL_SEGMENTS,
@@ -60,7 +61,7 @@ def solve_torso(model: Model, halved: Picture, pose: Floats, settings: SearchSet
     The whole body moves with the root, as in the paper, and in further directions the torso alone, the limbs
     making up for it. Without these a torso that is turned wrongly is held fast by limbs that fit.
     """
-    energy = model.backend.energy(Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, halved))
+    energy = model.backend.energy(Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, halved, settings.cost))
     box = Box(LOWER, UPPER)
     start = best_of(energy, np.clip(pose, box.lower, box.upper)[None])
     rigid = np.eye(N_DOF)[list(TORSO.dofs)] * _steps(TORSO, settings)[:, None]
@@ -96,7 +97,7 @@ def solve_limb(
     start. A pose beyond the joint limits is moved to them first.
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
-    energy, start, box = _prepare(model, limb.main, window, pose)
+    energy, start, box = _prepare(model, limb.main, window, pose, settings.cost)
     points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
@@ -123,11 +124,13 @@ def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
     return np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in stage.dofs])
 
 
-def _prepare(model: Model, stage: Stage, picture: Picture, pose: Floats) -> tuple[Energy, Floats, Box]:
+def _prepare(
+    model: Model, stage: Stage, picture: Picture, pose: Floats, cost: Cost
+) -> tuple[Energy, Floats, Box]:
     """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits."""
     if stage.others:
         picture = picture.ignoring(model.backend.coverage(pose[None], stage.others, picture.region)[0])
-    energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, picture))
+    energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, picture, cost))
     box = Box(*stage.limits())
     return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
 
@@ -161,7 +164,7 @@ def _descend(
 def _descend_stage(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> Solution:
-    energy, start, box = _prepare(model, stage, picture, pose)
+    energy, start, box = _prepare(model, stage, picture, pose, settings.cost)
     start_at = best_of(energy, start[None])
     return _solution(stage, _descend(energy, start_at, box, _axes(stage, settings), settings))
 

@@ -12,6 +12,7 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
 from services.mocap.search.frame import FrameSolution, LimbJob, LocalLimbs
 from services.mocap.search.hull import Hull, carve
+from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model
 from services.mocap.types import Floats
 
@@ -59,7 +60,7 @@ def test_finds_heading_and_joints(
 ) -> None:
     truth = standing(**stance)
     picture, limbs = picture_of(truth), Watched(model)
-    found = find_first_pose(model, picture, hull_of(model, picture), limbs)
+    found = find_first_pose(model, picture, hull_of(model, picture), limbs, SearchSettings())
     pose = found.solution.pose
     assert off_rad(pose[HEADING], truth[HEADING]) < np.radians(15)
     assert joint_errors_mm(pose, truth).mean() < 40
@@ -73,7 +74,9 @@ def test_a_given_facing_narrows_the_search(model: Model, standing: Poser, pictur
     truth = standing(root_heading=25, shoulder_elevation=-40)
     picture = picture_of(truth)
     wrong_rad = float(truth[HEADING]) + np.pi
-    found = find_first_pose(model, picture, hull_of(model, picture), LocalLimbs(model), facing_rad=wrong_rad)
+    found = find_first_pose(
+        model, picture, hull_of(model, picture), LocalLimbs(model), SearchSettings(), facing_rad=wrong_rad
+    )
     assert off_rad(found.solution.pose[HEADING], wrong_rad) < np.radians(45)
     assert found.opposite_energy_px is None
     assert not found.ambiguous

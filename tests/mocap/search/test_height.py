@@ -4,9 +4,12 @@ from collections.abc import Callable
 
 import pytest
 
+from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Picture
+from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.frame import LocalLimbs
 from services.mocap.search.height import fit_height
+from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model
 from services.mocap.types import Floats
 
@@ -16,5 +19,14 @@ def test_the_height_is_found_from_a_wrong_one(
     model: Model, standing: Callable[..., Floats], picture_of: Callable[[Floats], Picture], believed_m: float
 ) -> None:
     pose = standing(root_heading=40, shoulder_elevation=-60, hip_abduction=6, elbow_flexion=15)
-    found_m = fit_height(model.rig, picture_of(pose), pose, believed_m, lambda tried, _: LocalLimbs(tried))
+    cpu = open_engine(EngineSettings(backend="cpu", detail_px=0))
+    found_m = fit_height(
+        model.rig,
+        picture_of(pose),
+        pose,
+        believed_m,
+        lambda tried, _: LocalLimbs(tried),
+        cpu,
+        SearchSettings(),
+    )
     assert abs(found_m - model.body.height_m) < 0.015

@@ -8,7 +8,7 @@ import pytest
 from services.mocap.search.settings import SearchSettings
 
 
-@pytest.mark.parametrize("settings", [SearchSettings(), SearchSettings.wide()])
+@pytest.mark.parametrize("settings", [SearchSettings(), SearchSettings().widened()])
 def test_wire_round_trip(settings: SearchSettings) -> None:
     carried = json.loads(json.dumps(settings.to_wire()))
     assert SearchSettings.from_wire(carried) == settings

@@ -1,0 +1,1 @@
+"""The `gl` backend: outlines by compute shaders on OpenGL without a window."""

@@ -1,0 +1,147 @@
+"""The `gl` backend covers what the `cpu` backend covers, bit for bit, wherever the cameras stand."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import trimesh
+
+from services.mocap.body.actor import Body
+from services.mocap.body.skeleton import segments_below
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.gl import drawing
+from services.mocap.energy.gl.backend import GlBackend
+from services.mocap.energy.picture import Region
+from services.mocap.types import Bytes, Floats
+
+ALL = tuple(range(16))
+LEFT_ARM = segments_below("left_shoulder")
+Both = Callable[[Body, Rig], tuple[GlBackend, CpuBackend]]
+Look = Callable[..., Camera]
+RandomPoses = Callable[[int, int], Floats]
+Ring = Callable[[int], Rig]
+
+
+def same_coverage(
+    backends: tuple[GlBackend, CpuBackend], poses: Floats, segments: tuple[int, ...], region: Region
+) -> Bytes:
+    """The planes that both backends draw."""
+    gl, cpu = backends
+    planes = gl.coverage(poses, segments, region)
+    np.testing.assert_array_equal(planes, cpu.coverage(poses, segments, region))
+    return planes
+
+
+@pytest.mark.parametrize(
+    ("eye_m", "target_m", "focal_px"),
+    [
+        pytest.param((4.0, 0.5, 1.4), (0.0, 0.0, 0.9), 90.0, id="inside"),
+        pytest.param((1.2, -0.8, 1.6), (0.5, 0.4, 0.9), 90.0, id="partly outside"),
+        pytest.param((2.0, 0.0, 1.0), (4.0, 0.2, 1.0), 90.0, id="behind the camera"),
+        pytest.param((0.35, 0.25, 1.1), (0.0, 0.0, 0.9), 60.0, id="about the near plane"),
+        pytest.param((0.0, 0.02, 0.95), (1.0, 0.3, 0.9), 60.0, id="within the body"),
+        pytest.param((0.9, 0.3, 0.4), (0.0, 0.0, 0.9), 20.0, id="wide angle"),
+        pytest.param((40.0, 5.0, 3.0), (0.0, 0.0, 0.9), 90.0, id="a few pixels in all"),
+        pytest.param((30.0, 5.0, 3.0), (0.0, 0.3, 1.3), 4000.0, id="long focal length"),
+        pytest.param((0.35, 0.25, 1.1), (0.0, 0.0, 0.9), 4e6, id="coordinates at their limit"),
+    ],
+)
+def test_cameras_anywhere(
+    both: Both,
+    coarse_body: Body,
+    real_body: Body,
+    look: Look,
+    random_poses: RandomPoses,
+    eye_m: tuple[float, float, float],
+    target_m: tuple[float, float, float],
+    focal_px: float,
+) -> None:
+    rig = Rig.of((look(eye_m, target_m, focal_px),))
+    for body, n in ((coarse_body, 60), (real_body, 10)):
+        planes = same_coverage(both(body, rig), random_poses(n, 1), ALL, Region.whole(rig))
+        assert planes.any() == (eye_m != (2.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("origin_px", [(30, 20), (-15, -11), (70, 50), (200, 10), (-200, 10), (10, -200)])
+@pytest.mark.parametrize("segments", [ALL, LEFT_ARM])
+def test_windows(
+    both: Both,
+    real_body: Body,
+    ring: Ring,
+    random_poses: RandomPoses,
+    origin_px: tuple[int, int],
+    segments: tuple[int, ...],
+) -> None:
+    region = Region(np.array([origin_px, origin_px[::-1]], np.int32), 33, 29)
+    same_coverage(both(real_body, ring(2)), random_poses(20, 2), segments, region)
+
+
+def test_half_resolution(both: Both, real_body: Body, ring: Ring, random_poses: RandomPoses) -> None:
+    region = Region(np.array([[0, 0], [5, -3]], np.int32), 48, 36, 0.5)
+    assert same_coverage(both(real_body, ring(2)), random_poses(20, 3), ALL, region).any()
+
+
+def test_more_than_eight_cameras_and_mixed_picture_sizes(
+    both: Both, coarse_body: Body, look: Look, random_poses: RandomPoses
+) -> None:
+    sizes = [(96, 72), (50, 80), (20, 20), (64, 33)] * 4
+    eyes = [(4 * np.cos(k), 4 * np.sin(k), 0.2 * k) for k in range(16)]
+    for n in (9, 16):
+        cameras = tuple(look(e, width_px=w, height_px=h) for e, (w, h) in zip(eyes, sizes, strict=True))
+        rig = Rig.of(cameras[:n])
+        planes = same_coverage(both(coarse_body, rig), random_poses(5, 6), ALL, Region.whole(rig))
+        assert planes.shape == (5, 2, 80, 96)
+
+
+def test_batches_of_many_parts(
+    both: Both, real_body: Body, ring: Ring, random_poses: RandomPoses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Seven images a part: parts begin and end amid the cameras of a pose."""
+    monkeypatch.setattr(drawing, "_PART_IMAGES", 7)
+    same_coverage(both(real_body, ring(3)), random_poses(9, 8), ALL, Region.whole(ring(3)))
+
+
+@pytest.mark.parametrize("segments", [(), (3,), (15, 0, 7)])
+def test_any_segments_in_any_order(
+    both: Both, real_body: Body, ring: Ring, random_poses: RandomPoses, segments: tuple[int, ...]
+) -> None:
+    planes = same_coverage(both(real_body, ring(2)), random_poses(3, 9), segments, Region.whole(ring(2)))
+    assert planes.any() == bool(segments)
+
+
+def test_no_poses(both: Both, coarse_body: Body, ring: Ring) -> None:
+    assert (
+        same_coverage(both(coarse_body, ring(2)), np.zeros((0, 35)), ALL, Region.whole(ring(2))).shape[0] == 0
+    )
+
+
+def test_degenerate_triangles(both: Both, coarse_body: Body, ring: Ring, random_poses: RandomPoses) -> None:
+    """Faces without area, slivers, a flat segment and one that shrinks to a point."""
+    flat = trimesh.creation.icosphere(subdivisions=1, radius=0.2)
+    flat.vertices[:, 2] = 0.0
+    point = trimesh.creation.icosphere(subdivisions=0)
+    point.vertices *= 1e-9
+    sliver = trimesh.creation.icosphere(subdivisions=2, radius=0.4)
+    sliver.vertices[:, :2] *= 1e-6
+    collapsed = trimesh.creation.icosphere(subdivisions=1, radius=0.15)
+    collapsed.vertices[:20] = collapsed.vertices[0]
+    vertices_m, faces = list(coarse_body.vertices_m), list(coarse_body.faces)
+    for segment, mesh in enumerate((flat, point, sliver, collapsed)):
+        vertices_m[segment], faces[segment] = np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)
+    body = Body(coarse_body.offsets_m, tuple(vertices_m), tuple(faces), coarse_body.height_m)
+    same_coverage(both(body, ring(2)), random_poses(40, 7), ALL, Region.whole(ring(2)))
+
+
+def test_a_box_that_faces_the_camera_square_on(both: Both, coarse_body: Body) -> None:
+    """Corners on pixel centres and faces seen edge-on: every tie of the rule."""
+    box = trimesh.creation.box(extents=(0.5, 0.5, 0.5))
+    body = Body(
+        coarse_body.offsets_m * 0, (np.asarray(box.vertices),) * 16, (np.asarray(box.faces),) * 16, 1.0
+    )
+    R = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    K = np.array([[64.0, 0.0, 32.0], [0.0, 64.0, 24.0], [0.0, 0.0, 1.0]])
+    rig = Rig.of((Camera("camera", 64, 48, K, np.zeros(4), R, np.array([0.0, 0.0, 2.25])),))
+    planes = same_coverage(both(body, rig), np.zeros((1, 35)), ALL, Region.whole(rig))
+    assert planes.sum() == 16 * 16

@@ -1,0 +1,166 @@
+"""The `gl` backend's energies are the `cpu` backend's, for every cost and however batches are cut."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from services.mocap.body.actor import Body
+from services.mocap.body.skeleton import dofs_of, segments_below
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.backend import Problem
+from services.mocap.energy.cost import Cost
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.gl import drawing
+from services.mocap.energy.gl.backend import GlBackend
+from services.mocap.energy.picture import Picture
+from services.mocap.types import Floats
+
+ALL = tuple(range(16))
+EVERY_DOF = tuple(range(35))
+ARM = segments_below("left_shoulder")
+ARM_DOFS = dofs_of("left_shoulder", "left_elbow")
+Both = Callable[[Body, Rig], tuple[GlBackend, CpuBackend]]
+RandomPoses = Callable[[int, int], Floats]
+Ring = Callable[[int], Rig]
+
+
+def noisy_picture(rig: Rig, seed: int) -> Picture:
+    """Silhouettes and ignored pixels that are nothing but noise."""
+    rng = np.random.default_rng(seed)
+    shape = (-(-rig.n_cameras // 8), *rig.shape_px)
+    existing = np.array([(1 << min(8, rig.n_cameras - 8 * p)) - 1 for p in range(shape[0])], np.uint8)
+    silhouettes, ignored = rng.integers(0, 256, (2, *shape), np.uint8) & existing[:, None, None]
+    return Picture.whole(rig, silhouettes).ignoring(ignored)
+
+
+def same_energies(
+    backends: tuple[GlBackend, CpuBackend], problem: Problem, values: Floats, rtol: float = 0.0
+) -> Floats:
+    """The energies that both backends find."""
+    gl, cpu = (backend.energy(problem)(values) for backend in backends)
+    assert gl.dtype == np.float64
+    np.testing.assert_allclose(gl, cpu, rtol=rtol, atol=0.0)
+    return gl
+
+
+@pytest.mark.parametrize("n_cameras", [1, 8, 9, 16])
+def test_plain_energies(
+    both: Both, real_body: Body, ring: Ring, random_poses: RandomPoses, n_cameras: int
+) -> None:
+    rig, poses = ring(n_cameras), random_poses(12, 1)
+    energies = same_energies(
+        both(real_body, rig), Problem(poses[0], EVERY_DOF, ALL, noisy_picture(rig, 2)), poses
+    )
+    assert len(np.unique(energies)) > 1
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    origins_px=st.lists(st.integers(-90, 110), min_size=6, max_size=6),
+    width_px=st.integers(1, 70),
+    height_px=st.integers(1, 70),
+    halved=st.booleans(),
+    seed=st.integers(0, 1000),
+)
+def test_any_window_of_a_limb(
+    both: Both,
+    coarse_body: Body,
+    ring: Ring,
+    random_poses: RandomPoses,
+    origins_px: list[int],
+    width_px: int,
+    height_px: int,
+    halved: bool,
+    seed: int,
+) -> None:
+    rig, poses = ring(3), random_poses(6, seed)
+    whole = noisy_picture(rig, seed)
+    picture = (whole.halved() if halved else whole).window(
+        np.array(origins_px, np.int32).reshape(3, 2), width_px, height_px
+    )
+    same_energies(both(coarse_body, rig), Problem(poses[0], ARM_DOFS, ARM, picture), poses[:, ARM_DOFS])
+
+
+@pytest.mark.parametrize(
+    ("cost", "rtol"),
+    [
+        pytest.param(Cost(distance_cap_px=12.0), 0.0, id="distance"),
+        pytest.param(Cost(distance_cap_px=1e4), 0.0, id="distance without a cap"),
+        pytest.param(Cost(camera_weights=(1.0, 0.5, 0.0, 2.0)), 0.0, id="weights"),
+        pytest.param(Cost(camera_cap=0.2), 1e-14, id="camera cap"),  # sums of floats, in another order
+        pytest.param(Cost(8.0, (0.3, 0.5, 1.7, 2.0), 0.1), 1e-14, id="everything"),
+    ],
+)
+def test_costs(
+    both: Both, real_body: Body, ring: Ring, random_poses: RandomPoses, cost: Cost, rtol: float
+) -> None:
+    rig, poses = ring(4), random_poses(10, 3)
+    backends = both(real_body, rig)
+    truth = backends[1].coverage(poses[:1], ALL, noisy_picture(rig, 0).region)[0]
+    problem = Problem(poses[0], EVERY_DOF, ALL, Picture.whole(rig, truth), cost)
+    assert len(np.unique(same_energies(backends, problem, poses, rtol))) == 10
+
+
+@pytest.mark.parametrize("price", [20_000_000, -20_000_000])
+def test_sums_beyond_32_bits(
+    both: Both,
+    coarse_body: Body,
+    ring: Ring,
+    random_poses: RandomPoses,
+    monkeypatch: pytest.MonkeyPatch,
+    price: int,
+) -> None:
+    rig, poses = ring(2), random_poses(6, 4)
+    picture = noisy_picture(rig, 11)
+    tally = Cost().tally(picture)
+    dear = replace(tally, gain=np.full_like(tally.gain, price))
+    monkeypatch.setattr(Cost, "tally", lambda *_: dear)
+    energies = same_energies(both(coarse_body, rig), Problem(poses[0], EVERY_DOF, ALL, picture), poses)
+    assert np.all(np.abs(energies) > 2**32)
+
+
+def test_a_batch_equals_its_poses_one_by_one(
+    both: Both, real_body: Body, ring: Ring, random_poses: RandomPoses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, poses = ring(3), random_poses(20, 6)
+    gl, _ = both(real_body, rig)
+    energy = gl.energy(Problem(poses[0], EVERY_DOF, ALL, noisy_picture(rig, 5)))
+    together = energy(poses)
+    np.testing.assert_array_equal(together, [energy(pose[None])[0] for pose in poses])
+    np.testing.assert_array_equal(together[::-1], energy(poses[::-1]))
+    assert energy(poses[:0]).shape == (0,)
+    monkeypatch.setattr(drawing, "_PART_IMAGES", 7)
+    np.testing.assert_array_equal(energy(poses), together)
+
+
+def test_problems_do_not_disturb_each_other(
+    both: Both, coarse_body: Body, ring: Ring, random_poses: RandomPoses
+) -> None:
+    rig, poses = ring(3), random_poses(4, 8)
+    gl, _ = both(coarse_body, rig)
+    picture = noisy_picture(rig, 9)
+    first = gl.energy(Problem(poses[0], EVERY_DOF, ALL, picture))
+    before = first(poses)
+    second = gl.energy(Problem(poses[1], ARM_DOFS, ARM, picture.halved()))
+    limb = second(poses[:, ARM_DOFS])
+    gl.coverage(poses, ARM, picture.region)
+    np.testing.assert_array_equal(first(poses), before)
+    np.testing.assert_array_equal(second(poses[:, ARM_DOFS]), limb)
+
+
+def test_pre_rendering_changes_the_energy_by_a_constant(
+    both: Both, real_body: Body, ring: Ring, random_poses: RandomPoses
+) -> None:
+    rig, (pose, truth), values = ring(3), random_poses(2, 9), random_poses(15, 10)[:, ARM_DOFS]
+    gl, _ = both(real_body, rig)
+    region = noisy_picture(rig, 0).region
+    picture = Picture.whole(rig, gl.coverage(truth[None], ALL, region)[0])
+    pre_render = gl.coverage(pose[None], tuple(s for s in ALL if s not in ARM), region)[0]
+    drawn = gl.energy(Problem(pose, ARM_DOFS, ALL, picture))(values)
+    ignored = gl.energy(Problem(pose, ARM_DOFS, ARM, picture.ignoring(pre_render)))(values)
+    assert np.ptp(drawn - ignored) == 0.0
+    assert np.ptp(drawn) > 0.0

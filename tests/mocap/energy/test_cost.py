@@ -1,0 +1,122 @@
+"""What differing pixels and cameras cost."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+
+from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.backend import Problem
+from services.mocap.energy.bitplanes import pack, unpack
+from services.mocap.energy.cost import DISTANCE_STEPS, Cost
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.picture import Picture, Region
+from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.types import Floats, Mask
+
+RandomPoses = Callable[[int, int], Floats]
+Ring = Callable[[int], Rig]
+EVERY_DOF = tuple(range(N_DOF))
+COSTS = (
+    Cost(),
+    Cost(distance_cap_px=6.0),
+    Cost(camera_cap=0.3),
+    Cost(camera_weights=(0.5, 2.0, 0.0)),
+    Cost(distance_cap_px=9.5, camera_weights=(1.0, 3.0, 0.25), camera_cap=0.1),
+)
+
+
+def _by_definition(model: Mask, wanted: Mask, counted: Mask, cost: Cost) -> float:
+    """The energy of masks (C, H, W), pixel by pixel and camera by camera."""
+    differs = (model != wanted) & counted
+    price = np.ones(model.shape)
+    if cost.distance_cap_px:
+        distance_px = np.array([distance_transform_edt(m) + distance_transform_edt(~m) for m in wanted]) - 0.5
+        price = np.rint(np.minimum(distance_px, cost.distance_cap_px) * DISTANCE_STEPS) / DISTANCE_STEPS
+    energies = np.sum(price * differs, axis=(1, 2))
+    if cost.camera_cap:
+        cap = cost.camera_cap * np.median(np.sum(wanted & counted, axis=(1, 2)))
+        energies = cap * energies / (cap + energies)
+    return float(energies @ (cost.camera_weights or (1.0,) * len(model)))
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_energy_is_what_the_definition_says(
+    coarse_backend: CpuBackend, ring: Ring, random_poses: RandomPoses, cost: Cost
+) -> None:
+    rig, poses = ring(3), random_poses(6, 11)
+    region = Region.whole(rig)
+    wanted = coarse_backend.coverage(poses[:1], ALL_SEGMENTS, region)[0]
+    ignored = pack(np.random.default_rng(3).random((3, *rig.shape_px)) < 0.2)
+    picture = Picture.whole(rig, wanted).ignoring(ignored)
+    energies = coarse_backend.energy(Problem(poses[0], EVERY_DOF, ALL_SEGMENTS, picture, cost))(poses)
+    counted = ~unpack(picture.ignored, 3)
+    expected = [
+        _by_definition(unpack(planes, 3), unpack(wanted, 3), counted, cost)
+        for planes in coarse_backend.coverage(poses, ALL_SEGMENTS, region)
+    ]
+    np.testing.assert_allclose(energies, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_tallies_hold_the_blank_energy_and_combine_cameras(ring: Ring, cost: Cost) -> None:
+    rig, rng = ring(3), np.random.default_rng(0)
+    wanted: Mask = rng.random((3, *rig.shape_px)) < 0.3
+    tally = cost.tally(Picture.whole(rig, pack(wanted)))
+    np.testing.assert_array_equal(tally.blank, -tally.gain.sum(axis=(1, 2), where=wanted))
+    nothing, everything = np.zeros_like(wanted), np.ones_like(wanted)
+    both = np.array([tally.blank, tally.blank + tally.gain.sum(axis=(1, 2))])
+    expected = [_by_definition(model, wanted, everything, cost) for model in (nothing, everything)]
+    np.testing.assert_allclose(tally.energies(both), expected, rtol=1e-12)
+    assert tally.is_sum == (not cost.camera_cap and not cost.camera_weights)
+
+
+def test_a_distance_cost_sees_farther_than_xor(
+    coarse_backend: CpuBackend, ring: Ring, random_poses: RandomPoses
+) -> None:
+    """With no pixel in common, XOR says nothing about the way back; the distance to the contour does."""
+    rig, pose = ring(3), random_poses(1, 5)[0]
+    region = Region.whole(rig)
+    wanted = coarse_backend.coverage(pose[None], ALL_SEGMENTS, region)[0]
+    poses = np.repeat(pose[None], 20, axis=0)
+    poses[:, 2] += np.linspace(1.0, 4.0, 20)
+    shown = coarse_backend.coverage(poses, ALL_SEGMENTS, region)
+    apart = ~np.any(shown & wanted, axis=(1, 2, 3)) & np.any(shown, axis=(1, 2, 3))
+    problem = Problem(pose, EVERY_DOF, ALL_SEGMENTS, Picture.whole(rig, wanted))
+    nothing = pose + np.eye(N_DOF)[2] * 100.0
+    distant, plain = (
+        energy(poses[apart]) - energy(nothing[None])
+        for energy in map(coarse_backend.energy, (replace(problem, cost=Cost(100.0)), problem))
+    )
+    assert np.count_nonzero(apart) >= 3
+    assert np.all(np.diff(distant / plain) > 0)
+
+
+def test_a_failed_camera_hardly_pulls(coarse_body: Body, ring: Ring, random_poses: RandomPoses) -> None:
+    """One camera sees foreground everywhere: capped, its pull nearly ends, that of a good camera does not."""
+    rig, pose = ring(5), random_poses(1, 8)[0]
+    backend = CpuBackend(coarse_body, rig)
+    masks = unpack(backend.coverage(pose[None], ALL_SEGMENTS, Region.whole(rig))[0], 5)
+    masks[2] = True
+    moved = pose.copy()
+    moved[0] += 0.1
+    problem = Problem(pose, EVERY_DOF, ALL_SEGMENTS, Picture.whole(rig, pack(masks)))
+
+    def pull(camera: int, cap: float) -> float:
+        weights = tuple(float(c == camera) for c in range(5))
+        there, here = backend.energy(replace(problem, cost=Cost(0.0, weights, cap)))(np.array([moved, pose]))
+        return float(abs(there - here))
+
+    assert pull(2, 0.5) < 0.02 * pull(2, 0.0)
+    assert pull(0, 0.5) > 0.5 * pull(0, 0.0)
+
+
+def test_a_wrong_number_of_weights_is_refused(ring: Ring) -> None:
+    rig = ring(3)
+    picture = Picture.whole(rig, np.zeros((1, *rig.shape_px), np.uint8))
+    with pytest.raises(ValueError, match="camera_weights: expected 3"):
+        Cost(camera_weights=(1.0, 1.0)).tally(picture)
