@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
+MAX_BACKENDS = 20
+"""Energy backends that one run may tell apart."""
 
 Count: TypeAlias = Annotated[int, Field(ge=0, lt=2**31)]
 Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=200)]
@@ -50,7 +52,7 @@ class Hello(Message):
     name: Name
     """Chosen by the client, unique among all: role, host and process id."""
     backend: Annotated[str, Field(max_length=50)]
-    """The energy backend of a limb worker; empty for a recorder."""
+    """The energy backend that a limb worker begins with; empty for a recorder."""
 
 
 class Beat(Message):
@@ -111,6 +113,8 @@ class LimbResult(Message):
     """How often the energy was evaluated."""
     seconds: Scalar
     """Time that solving took, in seconds."""
+    backend: Name
+    """The energy backend that solved it."""
     values: Annotated[NDArray[np.float64], Array("float64", ("d",))]
     """The limb's parameters, in radians and within the joint limits: ball, hinge, then hand or foot."""
 
@@ -198,7 +202,13 @@ class TakeInfo(Message):
     rig: Hash
     """Names the blob of kind rig."""
     backend: Name
-    """The coordinator's own energy backend."""
+    """The coordinator's own energy backend at the first frame."""
+    backend_reason: Annotated[str, Field(max_length=1000)]
+    """Why it is that one, in words."""
+    threads: Count
+    """Threads of the coordinator's cpu backend; 0 for one per core."""
+    detail_px: Scalar
+    """By how many pixels silhouettes of thinned meshes may be off in the coordinator's cpu backend."""
     search: Settings
     """The search settings by name."""
 
@@ -223,6 +233,10 @@ class Pose(Message):
     """Limb workers alive when the frame was solved."""
     retries: Count
     """Limb tasks given out again or solved by the coordinator since the take began."""
+    backend: Name
+    """The coordinator's own energy backend by then."""
+    worker_backends: Annotated[dict[Name, Count], Field(max_length=MAX_BACKENDS)]
+    """Limb results that counted and came from workers since the take began, by their energy backend."""
     seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
     """Wall time in seconds per stage: torso, head, limbs; frame: since the frame before was published."""
     pose: Annotated[NDArray[np.float64], Array("float64", (35,))]

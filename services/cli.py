@@ -17,7 +17,15 @@ from services.mocap.errors import UserError
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
 from services.mocap.take.frame_range import frame_range
-from services.process import EXIT_STOPPED, EXIT_USER_ERROR
+from services.process import (
+    DEFAULT_ENGINE,
+    EXIT_STOPPED,
+    EXIT_USER_ERROR,
+    BackendOption,
+    DetailOption,
+    ThreadsOption,
+    engine_settings,
+)
 from services.recorder.result_folder import check_out
 from services.segmentation.files import write_silhouettes
 from services.track import Interrupted
@@ -42,8 +50,12 @@ def track(
     workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 4,
     frames: Annotated[str, typer.Option(help="Only frames A up to but not including B, as A:B.")] = ":",
     overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
+    backend: BackendOption = DEFAULT_ENGINE.backend,
+    threads: ThreadsOption = DEFAULT_ENGINE.threads,
+    detail_px: DetailOption = DEFAULT_ENGINE.detail_px,
 ) -> None:
     """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
+    engine = engine_settings(backend, threads, detail_px)
     opened = open_take(take)
     asked = frame_range(frames, opened)
     folder = out or Path("results") / take.resolve().name
@@ -77,6 +89,7 @@ def track(
                 workers=workers,
                 frames=asked,
                 overlay=overlay,
+                engine=engine,
                 show=show,
                 warn=warnings.append,
             )
@@ -155,7 +168,7 @@ def doctor() -> None:
     table = Table(show_header=False, box=None)
     checks = machine.examine()
     for check in checks:
-        table.add_row("[green]ok[/]" if check.ok else "[red]missing[/]", check.name, check.finding)
+        table.add_row("[green]ok[/]" if check.ok else "[red]missing[/]", check.name, escape(check.finding))
     out_console.print(table)
     if not all(check.ok for check in checks):
         sys.exit(1)

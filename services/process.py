@@ -7,9 +7,13 @@ import socket
 import sys
 from collections.abc import Callable
 from types import FrameType
+from typing import Annotated, TypeAlias
+
+import typer
 
 from proto.streams import AddressError
-from services.mocap.errors import UserError
+from services.mocap.energy.settings import MOST_THREADS, Choice, EngineSettings
+from services.mocap.errors import UserError, validated
 
 PARENT_VARIABLE = "XORMOCAP_PARENT"
 """Process id of a launcher; a service whose parent is no longer that one stops, so that none is orphaned."""
@@ -17,6 +21,45 @@ PARENT_VARIABLE = "XORMOCAP_PARENT"
 EXIT_USER_ERROR = 2
 EXIT_STOPPED = 143
 """A service that was asked to stop, and did so in order; 0 means that its work was done."""
+
+
+DEFAULT_ENGINE = EngineSettings()
+BackendOption: TypeAlias = Annotated[
+    Choice,
+    typer.Option(
+        envvar="XORMOCAP_BACKEND",
+        help="What evaluates the energy; auto: gl on a GPU that does OpenGL, else cpu.",
+    ),
+]
+ThreadsOption: TypeAlias = Annotated[
+    int,
+    typer.Option(
+        min=0,
+        max=MOST_THREADS,
+        envvar="XORMOCAP_THREADS",
+        help="Threads of the cpu backend in each process that evaluates; 0: one per core.",
+    ),
+]
+DetailOption: TypeAlias = Annotated[
+    float,
+    typer.Option(
+        min=0,
+        envvar="XORMOCAP_DETAIL_PX",
+        help="By how many pixels the cpu backend's thinned meshes may be off; 0: always the full mesh.",
+    ),
+]
+
+
+def engine_settings(backend: Choice, threads: int, detail_px: float) -> EngineSettings:
+    """What the three options say; raises UserError where that cannot be."""
+    fields = {"backend": backend, "threads": threads, "detail_px": detail_px}
+    return validated(EngineSettings, fields, "options of the energy: ", UserError)
+
+
+def engine_arguments(settings: EngineSettings) -> tuple[str, ...]:
+    """The three options for another process."""
+    fields = settings.model_dump().items()
+    return tuple(word for name, value in fields for word in (f"--{name.replace('_', '-')}", str(value)))
 
 
 class StopRequest:

@@ -17,7 +17,9 @@ from proto.messages import Pose
 from proto.sockets import connect, make_socket, receive, wait
 from proto.streams import stream_endpoint
 from services.launcher import Launcher, ServiceFailedError, free_endpoint
+from services.mocap.energy.settings import EngineSettings
 from services.mocap.take.folder import Take
+from services.process import engine_arguments
 from services.recorder.result_folder import LOGS, RUN_JSON, partial_of
 
 _LOOK_S = 0.2
@@ -103,21 +105,22 @@ def track(
     workers: int,
     frames: range,
     overlay: bool,
+    engine: EngineSettings,
     show: Callable[[Progress], None],
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Track frames of a checked take into out and return its run.json; the processes' logs go to out/logs.
 
-    warn is called with each warning of the coordinator's at the end; started once with the launcher when all
-    processes run. Raises UserError; ServiceFailedError, after which the logs stay; or Interrupted, once a
-    stop was asked for and what was done by then is written.
+    engine: for the coordinator and every worker. warn is called with each warning of the coordinator's at the
+    end; started once with the launcher when all processes run. Raises UserError; ServiceFailedError, after
+    which the logs stay; or Interrupted, once a stop was asked for and what was done by then is written.
     """
     endpoint, logs = free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     earlier = {folder: _written_ns(folder) for folder in (out, partial_of(out))}
     try:
         with StopSignals() as stop, Launcher(logs) as launcher:
-            _start(launcher, take.folder, out, endpoint, workers, frames, overlay)
+            _start(launcher, take.folder, out, endpoint, workers, frames, overlay, engine)
             started(launcher)
             _follow(launcher, endpoint, stop, show)
             for sentence in launcher.warnings("coordinator"):
@@ -144,14 +147,22 @@ def _written_ns(folder: Path) -> int | None:
 
 
 def _start(
-    launcher: Launcher, take: Path, out: Path, endpoint: str, workers: int, frames: range, overlay: bool
+    launcher: Launcher,
+    take: Path,
+    out: Path,
+    endpoint: str,
+    workers: int,
+    frames: range,
+    overlay: bool,
+    engine: EngineSettings,
 ) -> None:
     """Start all processes of a run."""
     asked = f"{frames.start}:{frames.stop}"
     source, connect = ("--take", str(take)), ("--connect", endpoint)
     expected = ("--workers", str(workers), "--recorders", "1")
-    launcher.start("coordinator", *source, "--bind", endpoint, "--frames", asked, *expected)
-    launcher.start("limb_worker", *connect, copies=workers)
+    energy = engine_arguments(engine)
+    launcher.start("coordinator", *source, "--bind", endpoint, "--frames", asked, *expected, *energy)
+    launcher.start("limb_worker", *connect, *energy, copies=workers)
     launcher.start("segmentation", *source, *connect)
     drawing = "--overlay" if overlay else "--no-overlay"
     launcher.start("recorder", *source, *connect, "--out", str(out), drawing)

@@ -1,5 +1,6 @@
 """Coordinator process: `python -m services.coordinator --take TAKE --bind tcp://127.0.0.1:5550`."""
 
+import logging
 from pathlib import Path
 from typing import Annotated
 
@@ -7,14 +8,25 @@ import typer
 
 from proto.streams import DEFAULT_ENDPOINT
 from services.coordinator.session import Plan, Session
+from services.mocap.energy.engine import open_engine
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.frame_range import frame_range
-from services.process import StopRequest, run_service
+from services.process import (
+    DEFAULT_ENGINE,
+    BackendOption,
+    DetailOption,
+    StopRequest,
+    ThreadsOption,
+    engine_settings,
+    run_service,
+)
 
 _CLIENTS_S = 60.0
 """How long to wait for the expected workers and recorder before going on with those that are there."""
+
+log = logging.getLogger(__name__)
 
 
 def main(
@@ -23,15 +35,20 @@ def main(
     frames: Annotated[str, typer.Option(help="Which frames, A up to but not including B, as A:B.")] = ":",
     workers: Annotated[int, typer.Option(min=0, help="Limb workers to wait for before the first frame.")] = 0,
     recorders: Annotated[int, typer.Option(min=0, help="Recorders to wait for before the first frame.")] = 0,
+    backend: BackendOption = DEFAULT_ENGINE.backend,
+    threads: ThreadsOption = DEFAULT_ENGINE.threads,
+    detail_px: DetailOption = DEFAULT_ENGINE.detail_px,
 ) -> None:
     """Track a take with the limb workers that are there."""
 
     def serve(stop: StopRequest) -> None:
         opened = open_take(take)
         plan = Plan(opened, frame_range(frames, opened), SearchSettings(), take_actor(opened))
-        session = Session(plan, bind, stop)
-        session.await_clients(workers, recorders, _CLIENTS_S)
-        session.run()
+        with open_engine(engine_settings(backend, threads, detail_px)) as engine:
+            log.info("%s", engine)
+            session = Session(plan, engine, bind, stop)
+            session.await_clients(workers, recorders, _CLIENTS_S)
+            session.run()
 
     run_service("coordinator", serve)
 

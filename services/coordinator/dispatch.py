@@ -1,14 +1,14 @@
 """Who solves which limb task, without a socket: registration, hand-out, loss, delay, duplicates."""
 
 import logging
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
 
-from proto.messages import Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
+from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.search.chains import LIMBS
 
@@ -72,6 +72,8 @@ class Dispatcher:
         self._usual_s: float | None = None
         self.retries = 0
         self.dropped = 0
+        self.helped: Counter[str] = Counter()
+        """Results of workers that counted, by their energy backend; at most MAX_BACKENDS of those."""
 
     @property
     def n_workers(self) -> int:
@@ -119,6 +121,7 @@ class Dispatcher:
         elif isinstance(message, LimbResult) and is_sound(message):
             if holder is not None:
                 self._note_duration(self._now() - holder.given_s)
+            self._note_help(message.backend)
             self._close(key, message)
         else:
             self.dropped += isinstance(message, LimbResult)
@@ -127,6 +130,11 @@ class Dispatcher:
         if holder is not None:
             self._release(holder)
         self._assign()
+
+    def _note_help(self, backend: str) -> None:
+        """Count a worker's result; more names than a message may hold are not kept apart."""
+        if backend in self.helped or len(self.helped) < MAX_BACKENDS:
+            self.helped[backend] += 1
 
     def solved_here(self, result: LimbResult) -> None:
         """Take in the result of a task that take_waiting handed out."""

@@ -73,5 +73,6 @@ class RemoteLimbs:
             energy_px=found.energy_px,
             evaluations=found.evaluations,
             seconds=0.0,
+            backend=self._model.backend.name,
             values=np.asarray(found.values),
         )

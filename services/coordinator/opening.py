@@ -10,7 +10,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
-from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
@@ -45,11 +45,14 @@ def solve_opening(
     actor: Actor | None,
     hints: TakeSettings,
     pool: Callable[[Model, Actor], LimbPool],
+    engine: Engine,
+    settings: SearchSettings,
 ) -> Opening:
     """Find the actor and the pose of a take's first frame.
 
     silhouettes (P, H, W); actor: None where the take has none; hints: of take.toml, for this very frame; pool
-    makes the limb pool for a model. Raises TakeError where nobody is to be seen.
+    makes the limb pool for a model, engine its backend. settings: those of the frames to come. Raises
+    TakeError where nobody is to be seen.
     """
     hull, picture = carve(rig, unpack(silhouettes, rig.n_cameras)), Picture.whole(rig, silhouettes)
     height_known = actor is not None or hints.actor_height is not None
@@ -61,14 +64,16 @@ def solve_opening(
             hull.height_m,
             actor.height,
         )
-    model = _model(actor, rig)
-    solution = _first_pose(model, picture, hull, hints, pool(model, actor))
+    model = _model(actor, rig, engine)
+    solution = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
     if height_known:
         return Opening(actor, model, solution)
-    actor = Actor(height=round(fit_height(rig, picture, solution.pose, actor.height, pool), 3))
+    model.backend.close()
+    height_m = fit_height(rig, picture, solution.pose, actor.height, pool, engine, settings)
+    actor = Actor(height=round(height_m, 3))
     log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
-    model = _model(actor, rig)
-    limbs, wide = pool(model, actor), SearchSettings.wide()
+    model = _model(actor, rig, engine)
+    limbs, wide = pool(model, actor), settings.widened()
     fitted = solve_frame(model, picture, solution.pose[None], wide, limbs, first_pass=_FITTED_PASS)
     return Opening(actor, model, fitted)
 
@@ -83,20 +88,25 @@ def _plausible_height_m(hull: Hull) -> float:
     return hull.height_m
 
 
-def _model(actor: Actor, rig: Rig) -> Model:
+def _model(actor: Actor, rig: Rig, engine: Engine) -> Model:
     body = build_body(actor)
-    return Model(body, rig, CpuBackend(body, rig))
+    return Model(body, rig, engine.backend(body, rig))
 
 
 def _first_pose(
-    model: Model, picture: Picture, hull: Hull, hints: TakeSettings, limbs: LimbPool
+    model: Model,
+    picture: Picture,
+    hull: Hull,
+    hints: TakeSettings,
+    limbs: LimbPool,
+    settings: SearchSettings,
 ) -> FrameSolution:
     if hints.initial_pose:
         standing = standing_pose(model, hull)
         standing[DOF_INDEX["root_heading"]] = hints.facing_rad or 0.0
         start = hints.with_initial_pose(standing)
-        return solve_frame(model, picture, start[None], SearchSettings.wide(), limbs)
-    first = find_first_pose(model, picture, hull, limbs, hints.facing_rad)
+        return solve_frame(model, picture, start[None], settings.widened(), limbs)
+    first = find_first_pose(model, picture, hull, limbs, settings, hints.facing_rad)
     _tell_facing(first)
     return first.solution
 

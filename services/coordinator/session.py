@@ -14,6 +14,7 @@ from services.coordinator.opening import Opening, solve_opening
 from services.coordinator.switchboard import Switchboard
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.search.frame import FrameSolution, extrapolated, solve_frame
 from services.mocap.search.settings import SearchSettings
@@ -46,10 +47,10 @@ class Plan:
 
 
 class Session:
-    """Tracks one take; sockets belong to the switchboard."""
+    """Tracks one take; sockets belong to the switchboard, the energy to the engine."""
 
-    def __init__(self, plan: Plan, endpoint: str, stop: StopRequest) -> None:
-        self._plan, self._stop = plan, stop
+    def __init__(self, plan: Plan, engine: Engine, endpoint: str, stop: StopRequest) -> None:
+        self._plan, self._engine, self._stop = plan, engine, stop
         self._name = plan.take.settings.name
         self._rig = Rig.of(plan.take.cameras)
         self._assembler = FrameAssembler(self._name, self._rig, plan.frames.start, plan.frames.stop)
@@ -100,7 +101,15 @@ class Session:
         if first is None:
             return
         self._published_s = time.perf_counter()
-        opening = solve_opening(first, self._rig, self._plan.actor, self._hints(), self._pool)
+        opening = solve_opening(
+            first,
+            self._rig,
+            self._plan.actor,
+            self._hints(),
+            self._pool,
+            self._engine,
+            self._plan.settings,
+        )
         self._announce(opening)
         self._publish(self._plan.frames.start, opening.solution)
         model, limbs = opening.model, self._pool(opening.model, opening.actor)
@@ -151,6 +160,7 @@ class Session:
 
     def _announce(self, opening: Opening) -> None:
         """Tell recorders and viewers about the take."""
+        settings = self._engine.settings
         self._board.announce(
             TakeInfo(
                 take=self._name,
@@ -159,7 +169,10 @@ class Session:
                 end_frame=self._plan.frames.stop,
                 actor=opening.actor.content_hash,
                 rig=self._rig.content_hash,
-                backend=opening.model.backend.name,
+                backend=self._engine.name,
+                backend_reason=self._engine.reason[:1000],
+                threads=settings.threads,
+                detail_px=settings.detail_px,
                 search=self._plan.settings.to_wire(),
             )
         )
@@ -177,6 +190,8 @@ class Session:
                 evaluations=solution.evaluations,
                 workers=dispatcher.n_workers,
                 retries=dispatcher.retries,
+                backend=self._engine.name,
+                worker_backends=dict(dispatcher.helped),
                 seconds={**solution.seconds, "frame": whole_s},
                 pose=solution.pose,
             )

@@ -12,8 +12,18 @@ from proto.messages import Blob, BlobRequest, Hello, LimbTask, Message
 from proto.sockets import wait
 from proto.streams import DEFAULT_ENDPOINT
 from services.limb_worker.solver import LimbSolver, UnusableBlobError
+from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.search.warm_up import warm_up
-from services.process import StopRequest, client_name, run_service
+from services.process import (
+    DEFAULT_ENGINE,
+    BackendOption,
+    DetailOption,
+    StopRequest,
+    ThreadsOption,
+    client_name,
+    engine_settings,
+    run_service,
+)
 
 _LOOK_S = 0.2
 """How long to wait for messages before looking after beats and a request to stop."""
@@ -26,8 +36,8 @@ log = logging.getLogger(__name__)
 class Worker:
     """Takes tasks from a link, asks for what they lack, and sends back what it finds."""
 
-    def __init__(self, link: Link) -> None:
-        self._link, self._solver = link, LimbSolver()
+    def __init__(self, link: Link, engine: Engine) -> None:
+        self._link, self._solver = link, LimbSolver(engine)
         self._waiting: list[LimbTask] = []
 
     def handle(self, message: Message) -> None:
@@ -50,13 +60,14 @@ class Worker:
             self._link.send(self._solver.solve(task))
 
 
-def serve(endpoint: str, stop: StopRequest) -> None:
+def serve(endpoint: str, engine: Engine, stop: StopRequest) -> None:
     """Solve limb tasks until asked to stop."""
-    warm_up()
+    warm_up(engine)
+    log.info("%s", engine)
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    hello = Hello(role="limb_worker", name=client_name("limb_worker"), backend="cpu")
+    hello = Hello(role="limb_worker", name=client_name("limb_worker"), backend=engine.name)
     link = Link(context, endpoint, hello)
-    worker = Worker(link)
+    worker = Worker(link, engine)
     log.info("ready, coordinator at %s", endpoint)
     while not stop:
         wait([link.socket], _LOOK_S)
@@ -72,9 +83,17 @@ def serve(endpoint: str, stop: StopRequest) -> None:
 
 def main(
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
+    backend: BackendOption = DEFAULT_ENGINE.backend,
+    threads: ThreadsOption = DEFAULT_ENGINE.threads,
+    detail_px: DetailOption = DEFAULT_ENGINE.detail_px,
 ) -> None:
     """Solve limb tasks for a coordinator until stopped."""
-    run_service("limb_worker", lambda stop: serve(connect, stop))
+
+    def start(stop: StopRequest) -> None:
+        with open_engine(engine_settings(backend, threads, detail_px)) as engine:
+            serve(connect, engine, stop)
+
+    run_service("limb_worker", start)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 from proto.messages import Blob, LimbRefusal, LimbResult, LimbTask
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model, solve_limb
@@ -31,7 +31,8 @@ class UnusableBlobError(Exception):
 class LimbSolver:
     """Solves limb tasks; keeps actors, rigs and what was built from them, and nothing else."""
 
-    def __init__(self) -> None:
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
         self._actors: OrderedDict[str, Actor] = OrderedDict()
         self._rigs: OrderedDict[str, Rig] = OrderedDict()
         self._models: OrderedDict[tuple[str, str], Model] = OrderedDict()
@@ -73,6 +74,7 @@ class LimbSolver:
             energy_px=found.energy_px,
             evaluations=found.evaluations,
             seconds=time.perf_counter() - began,
+            backend=model.backend.name,
             values=found.values,
         )
 
@@ -80,7 +82,8 @@ class LimbSolver:
         key = (task.actor, task.rig)
         if key not in self._models:
             rig, body = self._rigs[task.rig], build_body(self._actors[task.actor])
-            _keep(self._models, key, Model(body, rig, CpuBackend(body, rig)))
+            for forgotten in _keep(self._models, key, Model(body, rig, self._engine.backend(body, rig))):
+                forgotten.backend.close()
         self._models.move_to_end(key)
         return self._models[key]
 
@@ -100,9 +103,8 @@ def _check(task: LimbTask, rig: Rig) -> None:
         raise ValueError(f"pose: expected metres and radians up to {_FARTHEST:.0f}")
 
 
-def _keep(kept: OrderedDict[K, V], key: K, value: V) -> None:
-    """Add to a table that forgets the oldest."""
+def _keep(kept: OrderedDict[K, V], key: K, value: V) -> list[V]:
+    """Add to a table that forgets the oldest; returns those."""
     kept[key] = value
     kept.move_to_end(key)
-    while len(kept) > _MODELS_KEPT:
-        kept.popitem(last=False)
+    return [kept.popitem(last=False)[1] for _ in range(len(kept) - _MODELS_KEPT)]

@@ -2,6 +2,7 @@
 
 import json
 import platform
+from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from services.mocap.take.tables import read_joints_csv
 from services.mocap.take.world import from_take_world
 from services.mocap.types import Floats
 
-_LIBRARIES = ("numpy", "numba", "opencv-contrib-python-headless", "pyzmq", "scipy")
+_LIBRARIES = ("moderngl", "numpy", "numba", "opencv-contrib-python-headless", "pyzmq", "scipy")
 
 
 def write_run_json(
@@ -32,7 +33,7 @@ def write_run_json(
             "python": platform.python_version(),
             **{name: version(name) for name in _LIBRARIES},
         },
-        "settings": {"backend": info.backend, "search": info.search},
+        "settings": _settings(info, recorded),
         "units": {"length": "m", "angle": "rad", "energy": "px", "time": "s", "bvh_length": "m"},
         "actor": actor.model_dump(),
         "speed": _speed(recorded),
@@ -45,6 +46,19 @@ def write_run_json(
     if accuracy is not None:
         report["accuracy"] = accuracy
     path.write_text(json.dumps(report, indent=2) + "\n")
+
+
+def _settings(info: TakeInfo, recorded: list[Pose]) -> dict[str, Any]:
+    """What was chosen, and which energy backends then did the work: a GPU may fail on the way."""
+    return {
+        "backend": info.backend,
+        "backend_reason": info.backend_reason,
+        "threads": info.threads,
+        "detail_px": info.detail_px,
+        "frames_by_backend": dict(Counter(message.backend for message in recorded)),
+        "worker_limbs_by_backend": recorded[-1].worker_backends,
+        "search": info.search,
+    }
 
 
 def _speed(recorded: list[Pose]) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def result_of(task: LimbTask, energy_px: float = 1.0, values: Floats | None = No
     """What a worker answers; the limb's rest pose unless values are given."""
     found = np.zeros(len(LIMBS[task.limb].dofs)) if values is None else values
     key = task.model_dump(include=_KEY)
-    return LimbResult(**key, energy_px=energy_px, evaluations=10, seconds=0.1, values=found)
+    return LimbResult(**key, energy_px=energy_px, evaluations=10, seconds=0.1, backend="cpu", values=found)
 
 
 def refusal_of(task: LimbTask) -> LimbRefusal:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from floor import LIMB_NAMES, Floor, limb_task, limbs_of, pass_tasks, refusal_of, result_of
 
-from proto.messages import LimbRefusal, LimbResult
+from proto.messages import MAX_BACKENDS, LimbRefusal, LimbResult
 from services.coordinator.dispatch import FIRST_DEADLINE_S, PROBE_S, SILENCE_S, key_of
 from services.mocap.body.skeleton import UPPER
 from services.mocap.search.chains import LIMBS, LimbName
@@ -291,3 +291,25 @@ def test_tasks_results_and_refusals_are_known_by_the_same_key() -> None:
     task = limb_task("right_leg", frame=4, shard=1, shards=2)
     answers: list[LimbResult | LimbRefusal] = [result_of(task), refusal_of(task)]
     assert {key_of(task)} == {key_of(answer) for answer in answers} == {("walk", 4, 0, "right_leg", 1, 2)}
+
+
+def test_results_that_count_are_told_apart_by_backend(floor: Floor) -> None:
+    one, two = floor.workers(2)
+    floor.dispatcher.submit(pass_tasks())
+    on_gpu = result_of(floor.latest(one)).model_copy(update={"backend": "gl"})
+    floor.dispatcher.finished(one, on_gpu)
+    floor.dispatcher.finished(one, on_gpu)  # nobody waits for it any more
+    floor.solve(two)
+    task = floor.dispatcher.take_waiting()
+    if task is not None:
+        floor.dispatcher.solved_here(result_of(task))
+    assert floor.dispatcher.helped == {"gl": 1, "cpu": 1}
+
+
+def test_more_backends_than_a_message_holds_are_no_harm(floor: Floor) -> None:
+    (worker,) = floor.workers(1)
+    for n in range(MAX_BACKENDS + 5):
+        floor.dispatcher.submit([limb_task("left_arm", frame=n)])
+        named = {"backend": f"mine {n}"}
+        floor.dispatcher.finished(worker, result_of(floor.latest(worker)).model_copy(update=named))
+    assert len(floor.dispatcher.helped) == MAX_BACKENDS

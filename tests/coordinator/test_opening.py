@@ -11,10 +11,13 @@ from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Region
+from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.search.frame import LocalLimbs
+from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.settings import TakeSettings
@@ -22,6 +25,7 @@ from services.mocap.types import Bytes, Floats
 
 RIG = Rig.of(studio_cameras(5))
 HEIGHT_M = 1.80
+CPU = open_engine(EngineSettings(backend="cpu", detail_px=0))
 
 
 def _hints(**fields: object) -> TakeSettings:
@@ -58,7 +62,7 @@ def _mean_error_mm(found: Floats, actor: Actor) -> float:
 
 def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
-        opening = solve_opening(_silhouettes(_pose()), RIG, None, _hints(), _pool)
+        opening = solve_opening(_silhouettes(_pose()), RIG, None, _hints(), _pool, CPU, SearchSettings())
     assert abs(opening.actor.height - HEIGHT_M) < 0.02
     assert _mean_error_mm(opening.solution.pose, opening.actor) < 25
     assert "no actor_height in take.toml" in caplog.text
@@ -66,20 +70,22 @@ def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptur
 
 def test_the_height_of_take_toml_is_kept() -> None:
     hints = _hints(actor_height=1.78, initial_pose={"root_heading_rad": 2.0})
-    opening = solve_opening(_silhouettes(_pose()), RIG, None, hints, _pool)
+    opening = solve_opening(_silhouettes(_pose()), RIG, None, hints, _pool, CPU, SearchSettings())
     assert opening.actor == Actor(height=1.78)
 
 
 def test_an_actor_outweighs_the_height_of_take_toml() -> None:
     actor = Actor(height=HEIGHT_M, bone_lengths={"hand": 0.2})
     hints = _hints(actor_height=1.6, initial_pose={"root_heading_rad": 2.0})
-    assert solve_opening(_silhouettes(_pose()), RIG, actor, hints, _pool).actor == actor
+    assert (
+        solve_opening(_silhouettes(_pose()), RIG, actor, hints, _pool, CPU, SearchSettings()).actor == actor
+    )
 
 
 @pytest.mark.parametrize("turned_deg", [0, 180])
 def test_facing_decides(turned_deg: float) -> None:
     hints = _hints(actor_height=HEIGHT_M, facing=np.degrees(2.0) + turned_deg)
-    found = solve_opening(_silhouettes(_pose()), RIG, None, hints, _pool).solution
+    found = solve_opening(_silhouettes(_pose()), RIG, None, hints, _pool, CPU, SearchSettings()).solution
     turned = np.radians(turned_deg)
     assert np.cos(found.pose[DOF_INDEX["root_heading"]] - 2.0 - turned) > np.cos(0.6)
 
@@ -87,4 +93,4 @@ def test_facing_decides(turned_deg: float) -> None:
 def test_an_empty_stage_is_said() -> None:
     nobody = np.zeros((1, *RIG.shape_px), np.uint8)
     with pytest.raises(TakeError, match="choose a first frame"):
-        solve_opening(nobody, RIG, None, _hints(), _pool)
+        solve_opening(nobody, RIG, None, _hints(), _pool, CPU, SearchSettings())

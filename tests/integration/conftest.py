@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.body.skeleton import DOF_INDEX, DOFS
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.tables import read_poses_csv
 
@@ -33,6 +33,18 @@ def quick_take(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -
     heading_rad = read_poses_csv(folder / "reference" / "poses.csv").poses[0, DOF_INDEX["root_heading"]]
     with (folder / "take.toml").open("a") as settings:
         settings.write(f"facing = {np.degrees(heading_rad):.1f}\n")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def known_take(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with its first pose said, so that its first frame takes no longer than another."""
+    folder = tmp_path_factory.mktemp("known") / "walk"
+    shutil.copytree(synthetic_take, folder)
+    pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
+    said = "".join(f"{dof.column} = {value}\n" for dof, value in zip(DOFS, pose.tolist(), strict=True))
+    with (folder / "take.toml").open("a") as settings:
+        settings.write(f"[initial_pose]\n{said}")
     return folder
 
 

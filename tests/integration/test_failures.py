@@ -13,6 +13,7 @@ import psutil
 import pytest
 
 from services.launcher import Launcher, ServiceFailedError
+from services.mocap.energy.settings import EngineSettings
 from services.mocap.take.folder import open_take
 from services.mocap.take.tables import read_poses_csv
 from services.track import Interrupted, Progress, track
@@ -73,6 +74,7 @@ class Run:
                 workers=4,
                 frames=range(FRAMES),
                 overlay=self._overlay,
+                engine=EngineSettings(),
                 show=self._show,
                 started=self._started,
             )

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 from pathlib import Path
 
 import av
@@ -46,6 +47,18 @@ def test_four_workers_did_the_limbs(tracked: Path) -> None:
     assert speed["retries"] == 0
 
 
+def test_the_report_says_what_evaluated_the_energy(tracked: Path) -> None:
+    settings = _report(tracked)["settings"]
+    assert (settings["threads"], settings["detail_px"]) == (1, 0.5)
+    assert settings["backend_reason"]
+    assert settings["frames_by_backend"] == {settings["backend"]: 6}
+    assert set(settings["worker_limbs_by_backend"]) == {settings["backend"]}
+    assert settings["worker_limbs_by_backend"][settings["backend"]] >= 6 * 4
+    told = f" INFO {settings['backend']} backend: {settings['backend_reason']}\n"
+    logs = [path.read_text() for path in (tracked / "logs").iterdir() if "segm" not in path.name]
+    assert sum(told in text for text in logs) == 1 + 4
+
+
 def test_the_overlay_plays_in_browsers(tracked: Path) -> None:
     with av.open(str(tracked / "overlay.mp4")) as video:
         stream = video.streams.video[0]
@@ -64,6 +77,61 @@ def test_without_workers_the_poses_are_the_same(
     assert not (out / "overlay.mp4").exists()
     with (out / "poses.csv").open() as alone, (tracked / "poses.csv").open() as together:
         assert list(csv.reader(alone)) == list(csv.reader(together))[:4]
+
+
+def test_the_choice_of_backend_reaches_every_process(
+    known_take: Path, xormocap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XORMOCAP_DETAIL_PX", "0")
+    out = tmp_path / "out"
+    asked = ("--backend", "cpu", "--threads", "2", "--workers", "1", "--frames", "0:1", "--no-overlay")
+    done = xormocap("track", known_take, "--out", out, *asked)
+    assert done.returncode == 0, done.stderr
+    settings = _report(out)["settings"]
+    chosen = {name: settings[name] for name in ("backend", "backend_reason", "threads", "detail_px")}
+    assert chosen == {"backend": "cpu", "backend_reason": "asked for", "threads": 2, "detail_px": 0.0}
+    logs = [(out / "logs" / f"{name}.log").read_text() for name in ("coordinator-0", "limb_worker-1")]
+    assert all("cpu backend: asked for" in text for text in logs)
+
+
+def test_the_gpus_way_finds_the_poses_of_the_cpus(known_take: Path, xormocap, tmp_path: Path) -> None:
+    common = ("--workers", "1", "--frames", "0:2", "--no-overlay", "--detail-px", "0")
+    poses = {}
+    for backend in ("cpu", "gl"):
+        out = tmp_path / backend
+        done = xormocap("track", known_take, "--out", out, "--backend", backend, *common)
+        if "cannot be opened" in done.stderr and os.environ.get("XORMOCAP_REQUIRE_GL") != "1":
+            pytest.skip(done.stderr)
+        assert done.returncode == 0, done.stderr
+        assert _report(out)["settings"]["frames_by_backend"] == {backend: 2}
+        assert set(_report(out)["settings"]["worker_limbs_by_backend"]) == {backend}
+        poses[backend] = (out / "poses.csv").read_text()
+    assert poses["gl"] == poses["cpu"]
+
+
+@pytest.mark.parametrize("backend", ["gl", "paper"])
+def test_a_backend_that_cannot_run_here_is_refused_in_one_sentence(
+    synthetic_take: Path, xormocap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: str
+) -> None:
+    monkeypatch.setenv("GLCONTEXT_LINUX_LIBEGL", "libEGL-that-is-not-here.so")
+    refused = xormocap("track", synthetic_take, "--out", tmp_path / "out", "--backend", backend)
+    assert refused.returncode == 2
+    (sentence,) = (line for line in refused.stderr.splitlines() if "--backend" in line)
+    assert sentence.startswith(f"--backend {backend}: OpenGL 4.3 on EGL cannot be opened: ")
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_opengl_auto_computes_on_the_cpu(
+    known_take: Path, xormocap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GLCONTEXT_LINUX_LIBEGL", "libEGL-that-is-not-here.so")
+    arguments = ("--workers", 0, "--frames", "0:1", "--no-overlay", "--out", tmp_path / "out")
+    done = xormocap("track", known_take, *arguments)
+    assert done.returncode == 0, done.stderr
+    settings = _report(tmp_path / "out")["settings"]
+    assert settings["backend"] == "cpu"
+    assert settings["backend_reason"].startswith("no OpenGL that can be used: ")
+    assert settings["worker_limbs_by_backend"] == {}
 
 
 def test_older_results_are_replaced_and_other_folders_are_not(

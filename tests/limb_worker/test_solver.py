@@ -16,12 +16,15 @@ from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture, Region
+from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, LimbName
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model, solve_limb, stage_window
 from services.mocap.types import Floats
 
+CPU = open_engine(EngineSettings(backend="cpu", detail_px=0))
 _SIZE_PX = 96
 _SETTINGS = SearchSettings(arm_grid=(3, 3, 1, 3), leg_grid=(3, 3, 1, 3), descent_rounds=1)
 
@@ -64,7 +67,7 @@ class Stage:
         return blob("actor", self.actor.to_toml()), blob("rig", self.rig.to_json())
 
     def solver(self) -> LimbSolver:
-        solver = LimbSolver()
+        solver = LimbSolver(CPU)
         for content in self.blobs():
             solver.store(content)
         return solver
@@ -153,7 +156,7 @@ def test_solving_changes_nothing_in_the_task(stage: Stage, ready: LimbSolver) ->
 
 
 def test_missing_content_is_named_until_it_is_stored(stage: Stage) -> None:
-    solver, task = LimbSolver(), stage.task()
+    solver, task = LimbSolver(CPU), stage.task()
     actor, rig = stage.blobs()
     assert solver.missing(task) == [actor.hash, rig.hash]
     solver.store(rig)
@@ -185,14 +188,14 @@ _NESTED = "x = " + "[" * 5000 + "]" * 5000
     ],
 )
 def test_content_that_makes_no_sense_is_not_stored(stage: Stage, bad: Blob) -> None:
-    solver = LimbSolver()
+    solver = LimbSolver(CPU)
     with pytest.raises(UnusableBlobError, match=f"^{bad.kind} {bad.hash[:8]}: "):
         solver.store(bad)
     assert bad.hash in solver.missing(stage.task(actor=bad.hash, rig=bad.hash))
 
 
 def test_damaged_content_is_not_stored(stage: Stage) -> None:
-    solver = LimbSolver()
+    solver = LimbSolver(CPU)
     for good in stage.blobs():
         content = good.content.copy()
         content[-2] ^= 1
@@ -203,7 +206,7 @@ def test_damaged_content_is_not_stored(stage: Stage) -> None:
 
 def test_content_of_the_other_kind_is_not_taken(stage: Stage) -> None:
     actor, rig = stage.blobs()
-    solver = LimbSolver()
+    solver = LimbSolver(CPU)
     for swapped in (actor.model_copy(update={"kind": "rig"}), rig.model_copy(update={"kind": "actor"})):
         with pytest.raises(UnusableBlobError):
             solver.store(swapped)
@@ -221,6 +224,32 @@ def test_old_content_is_forgotten_and_asked_for_again(stage: Stage) -> None:
     assert solver.missing(task) == [actor.hash]
     solver.store(actor)
     solved(solver, task)
+
+
+def test_results_say_which_backend_found_them(stage: Stage, ready: LimbSolver) -> None:
+    assert solved(ready, stage.task()).backend == "cpu"
+
+
+def test_a_forgotten_models_backend_is_closed(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+    closed: list[str] = []
+
+    class Watched(CpuBackend):
+        def close(self) -> None:
+            closed.append(made[len(closed)])
+
+    def watched(self: Engine, body: Body, rig: Rig) -> Watched:  # noqa: ARG001  (the signature of the method)
+        made.append(f"{body.height_m:.2f} m")
+        return Watched(body, rig)
+
+    monkeypatch.setattr(Engine, "backend", watched)
+    solver, quick = stage.solver(), {"arm_grid": [1, 1, 1, 1], "descent_rounds": 1}
+    for n in range(6):
+        other = blob("actor", Actor(height=1.7 + 0.01 * n).to_toml())
+        solver.store(other)
+        solved(solver, stage.task(actor=other.hash, search=quick))
+    assert made == [f"{1.7 + 0.01 * n:.2f} m" for n in range(6)]
+    assert closed == made[:2]
 
 
 @pytest.mark.parametrize(

@@ -84,6 +84,9 @@ def test_settings_keep_their_kinds() -> None:
         actor="0" * 64,
         rig="1" * 64,
         backend="cpu",
+        backend_reason="asked for",
+        threads=1,
+        detail_px=0.5,
         search=search,
     )
     back = over_the_wire(info)
@@ -108,7 +111,14 @@ def test_arrays_are_sent_whatever_their_order_in_memory() -> None:
 
 
 def _result(**changed: Any) -> LimbResult:
-    fields = {**_TASK, "energy_px": 1.0, "evaluations": 1, "seconds": 0.5, "values": np.zeros(6)}
+    fields = {
+        **_TASK,
+        "energy_px": 1.0,
+        "evaluations": 1,
+        "seconds": 0.5,
+        "backend": "cpu",
+        "values": np.zeros(6),
+    }
     return LimbResult(**{**fields, **changed})
 
 
@@ -132,8 +142,9 @@ def test_sizes_are_bounded_for_senders_too() -> None:
         encode(Silhouettes(take="t", frame=0, cameras=[0], planes=np.zeros((2, 8192, 8192), np.uint8)))
     many: dict[str, Setting] = {f"{k:03d}" + "x" * 190: "y" * 200 for k in range(100)}
     full = TakeInfo(
-        take="t", fps=1.0, first_frame=0, end_frame=1, actor="0" * 64, rig="0" * 64, backend="b", search=many
-    )
+        take="t", fps=1.0, first_frame=0, end_frame=1, actor="0" * 64, rig="0" * 64, backend="b",
+        backend_reason="", threads=0, detail_px=0.0, search=many,
+    )  # fmt: skip
     assert len(encode(full)[0]) < MAX_HEADER_BYTES
     with pytest.raises(MalformedMessage, match=r"^take_info: a header of"):
         encode(full.model_copy(update={"search": {name: ["😀" * 200] * 4 for name in many}}))

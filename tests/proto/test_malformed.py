@@ -30,7 +30,7 @@ def silhouettes_frames() -> list[bytes]:
 def pose_frames(pose: bytes) -> list[bytes]:
     message = Pose(
         take="walk", frame=0, time_s=0.0, energy_px=1.0, passes=1, evaluations=1, workers=0, retries=0,
-        seconds={}, pose=np.zeros(35),
+        backend="cpu", worker_backends={}, seconds={}, pose=np.zeros(35),
     )  # fmt: skip
     return [frames_of(message)[0], pose]
 
@@ -68,18 +68,18 @@ def silhouettes_with(**changed: Any) -> list[bytes]:
         ([b"\x81\xa1v\xdd\xff\xff\xff\xff"], "header is not msgpack"),
         ([b"\x81\xa1v\xd5\xff\x00\x00"], "header is not msgpack"),
         ([b"\x81\xa1v\xa1\xff"], "header is not msgpack"),
-        ([msgpack.packb({"v": 1, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
-        ([msgpack.packb({})], "protocol version is not 1"),
-        ([msgpack.packb({"v": 2, "type": "beat", "shapes": []})], "protocol version is not 1"),
-        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 1"),
-        ([msgpack.packb({"v": 1.0, "type": "beat", "shapes": []})], "protocol version is not 1"),
-        ([msgpack.packb({"v": 1, "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 1, "type": "dance", "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 1, "type": ["beat"], "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 1, "type": "beat"})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 1, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 1, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 2, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
+        ([msgpack.packb({})], "protocol version is not 2"),
+        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], "protocol version is not 2"),
+        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 2"),
+        ([msgpack.packb({"v": 2.0, "type": "beat", "shapes": []})], "protocol version is not 2"),
+        ([msgpack.packb({"v": 2, "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 2, "type": "dance", "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 2, "type": ["beat"], "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 2, "type": "beat"})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 2, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 2, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 2, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
     ],
 )  # fmt: skip
 def test_bad_headers(frames: list[bytes], reason: str) -> None:

@@ -19,14 +19,15 @@ def hash_of(text: str) -> str:
 
 
 def info(first: int = 0, end: int = 10, **changed: Any) -> TakeInfo:
-    fields = {"actor": hash_of(_ACTOR), "rig": hash_of(_RIG), "backend": "cpu", "search": {}, "fps": 25.0}
+    fields = {"actor": hash_of(_ACTOR), "rig": hash_of(_RIG), "search": {}, "fps": 25.0}
+    fields |= {"backend": "cpu", "backend_reason": "asked for", "threads": 1, "detail_px": 0.5}
     return TakeInfo(**{"take": "walk", "first_frame": first, "end_frame": end, **fields, **changed})
 
 
 def pose(frame: int, energy_px: float = 1.0) -> Pose:
     return Pose(
         take="walk", frame=frame, time_s=frame / 25, energy_px=energy_px, passes=1, evaluations=1, workers=0,
-        retries=0, seconds={"frame": 0.1}, pose=np.zeros(35),
+        retries=0, backend="cpu", worker_backends={}, seconds={"frame": 0.1}, pose=np.zeros(35),
     )  # fmt: skip
 
 

@@ -22,6 +22,9 @@ class Problem:
     """The input, with the pre-render of the other segments among its ignored pixels."""
     cost: Cost = field(default_factory=Cost)
     """What its differing pixels cost."""
+    detail_px: float = 0.0
+    """Segments may be drawn from thinned meshes whose silhouettes are off by no more than this, in pixels of
+    the picture's region; 0: from their full ones. Backends that gain nothing by it draw the full ones."""
 
     def poses(self, values: Floats) -> Floats:
         """Complete parameter values (N, d) to poses (N, 35)."""
@@ -50,8 +53,10 @@ class Backend(Protocol):
         """Prepare a problem; at the default cost: popcount((input XOR model) AND NOT ignored)."""
         ...
 
-    def coverage(self, poses: Floats, segments: tuple[int, ...], region: Region) -> Bytes:
-        """Draw segments of poses (N, 35) in a region: bit-planes (N, P, h, w)."""
+    def coverage(
+        self, poses: Floats, segments: tuple[int, ...], region: Region, detail_px: float = 0.0
+    ) -> Bytes:
+        """Draw segments of poses (N, 35) in a region: bit-planes (N, P, h, w); detail_px as in Problem."""
         ...
 
     def close(self) -> None:

@@ -6,7 +6,7 @@ from itertools import count
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.search.frame import LimbPool, solve_frame
 from services.mocap.search.line import minimise_line
@@ -27,24 +27,33 @@ _FIRST_PASS = 6000
 
 
 def fit_height(
-    rig: Rig, picture: Picture, pose: Floats, height_m: float, pool: Callable[[Model, Actor], LimbPool]
+    rig: Rig,
+    picture: Picture,
+    pose: Floats,
+    height_m: float,
+    pool: Callable[[Model, Actor], LimbPool],
+    engine: Engine,
+    settings: SearchSettings,
 ) -> float:
     """The height in metres, near height_m, of the generic body that leaves the least energy.
 
     picture: a whole frame. pose (35,): its pose, found with a body of height_m, which lies in HEIGHT_RANGE_M;
-    that of each other height is searched from it for one pass. pool makes the limb pool for a model.
+    that of each other height is searched from it for one pass. pool makes the limb pool for a model,
+    engine the model's backend; settings: those of the frames to come.
     """
-    settings, passes = SearchSettings(max_passes=1), count(_FIRST_PASS)
+    once, passes = settings.model_copy(update={"max_passes": 1}), count(_FIRST_PASS)
 
     def energy_px(steps: float) -> float:
         scale = 1.0 + _STEP * steps
         actor = Actor(height=height_m * scale)
         body = build_body(actor)
-        model = Model(body, rig, CpuBackend(body, rig))
+        model = Model(body, rig, engine.backend(body, rig))
         start = pose.copy()
         start[DOF_INDEX["root_z"]] += (scale - 1.0) * body.pelvis_height_m  # the feet stay on the ground
         limbs = pool(model, actor)
-        return solve_frame(model, picture, start[None], settings, limbs, first_pass=next(passes)).energy_px
+        found = solve_frame(model, picture, start[None], once, limbs, first_pass=next(passes))
+        model.backend.close()
+        return found.energy_px
 
     low, high = ((limit_m / height_m - 1.0) / _STEP for limit_m in HEIGHT_RANGE_M)
     best = minimise_line(

@@ -2,6 +2,7 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from services.mocap.energy.bitplanes import n_planes
 from services.mocap.energy.cpu.collecting import empty_winding, summed_gain
 from services.mocap.energy.cpu.evaluation import cover, evaluate
 from services.mocap.energy.cpu.mesh import FlatMesh
-from services.mocap.energy.cpu.outline import scratch_for
+from services.mocap.energy.cpu.outline import MeshArrays, Scratch, scratch_for
+from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Region
 from services.mocap.types import Bytes, Floats
 
@@ -26,14 +28,11 @@ class CpuBackend:
 
     name = "cpu"
 
-    def __init__(self, body: Body, rig: Rig, threads: int = 1, detail_px: float = 0.0) -> None:
+    def __init__(self, body: Body, rig: Rig, threads: int = 1) -> None:
         self._body = body
         self._rig = rig
-        self._detail_px = detail_px
-        mesh = FlatMesh.of(body)
-        n_threads = threads or os.cpu_count() or 1
-        self._mesh, self._scratches = (*mesh,), [scratch_for(mesh) for _ in range(n_threads)]
-        self._pool = ThreadPoolExecutor(n_threads, "energy") if n_threads > 1 else None
+        self._n_threads = threads or os.cpu_count() or 1
+        self._pool = ThreadPoolExecutor(self._n_threads, "energy") if self._n_threads > 1 else None
 
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy. Costs a pass over the picture; every call then touches outlines only."""
@@ -41,6 +40,7 @@ class CpuBackend:
         joints = moving_joints(problem.dofs, problem.segments)
         plan = (np.array(problem.dofs, np.int32), joints, np.array(problem.segments, np.int32))
         T_world_joint = joint_transforms(problem.base_pose[None], self._body.offsets_m)[0]
+        mesh, scratches = self._detailed if problem.detail_px > 0 else self._full
         P_px_world, gain_sums = region.projections(self._rig), summed_gain(tally.gain)
         costs = np.array([tally.blank, tally.weights, np.full(self._rig.n_cameras, tally.cap)])
         lanes = [
@@ -50,14 +50,14 @@ class CpuBackend:
                 scratch,
                 empty_winding(region.height_px, region.width_px),
             )
-            for scratch in self._scratches
+            for scratch in scratches
         ]
 
         def run(lane: int, values: Floats, energies: Floats) -> None:
             pose, transforms, scratch, winding = lanes[lane]
             evaluate(
-                values, plan, pose, transforms, self._body.offsets_m, P_px_world, self._detail_px,
-                self._mesh, scratch, gain_sums, costs, region.width_px, winding, energies,
+                values, plan, pose, transforms, self._body.offsets_m, P_px_world, problem.detail_px,
+                mesh, scratch, gain_sums, costs, region.width_px, winding, energies,
             )  # fmt: skip
 
         def evaluate_all(values: Floats) -> Floats:
@@ -71,17 +71,31 @@ class CpuBackend:
 
         return evaluate_all
 
-    def coverage(self, poses: Floats, segments: tuple[int, ...], region: Region) -> Bytes:
+    def coverage(
+        self, poses: Floats, segments: tuple[int, ...], region: Region, detail_px: float = 0.0
+    ) -> Bytes:
         """See Backend.coverage."""
+        mesh, scratches = self._detailed if detail_px > 0 else self._full
         n_cameras = self._rig.n_cameras
         shape = (len(poses), n_planes(n_cameras), region.height_px, region.width_px)
         planes: Bytes = np.zeros(shape, np.uint8)
         cover(
             joint_transforms(poses, self._body.offsets_m), np.array(segments, np.int32),
-            region.projections(self._rig), self._detail_px, self._mesh, self._scratches[0],
+            region.projections(self._rig), detail_px, mesh, scratches[0],
             empty_winding(region.height_px, region.width_px), planes,
         )  # fmt: skip
         return planes
+
+    @cached_property
+    def _full(self) -> tuple[MeshArrays, list[Scratch]]:
+        return self._prepared(FlatMesh.of(self._body))
+
+    @cached_property
+    def _detailed(self) -> tuple[MeshArrays, list[Scratch]]:
+        return self._prepared(FlatMesh.of(self._body, levels_of(self._body)))
+
+    def _prepared(self, mesh: FlatMesh) -> tuple[MeshArrays, list[Scratch]]:
+        return (*mesh,), [scratch_for(mesh) for _ in range(self._n_threads)]
 
     def close(self) -> None:
         """End the threads."""

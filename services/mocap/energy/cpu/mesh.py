@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.energy.cpu.arrays import Indices, Singles
-from services.mocap.energy.cpu.surface import Surface, closed_edges
+from services.mocap.energy.detail.surface import Level, closed_edges
 from services.mocap.types import Floats, Ints
 
 BLOCK = 16
@@ -47,13 +47,13 @@ class FlatMesh(NamedTuple):
     """(L, S) how far a level's surface is off level 0's at most; infinite where there is no such level."""
 
     @classmethod
-    def of(cls, body: Body, thinned: Sequence[Sequence[Surface]] = ()) -> "FlatMesh":
+    def of(cls, body: Body, thinned: Sequence[Sequence[Level]] = ()) -> "FlatMesh":
         """Flatten a body and each segment's thinned levels, fine to coarse.
 
         Raises ValueError where a mesh is not closed.
         """
         ladders = [
-            [Surface(vertices_m, faces, 0.0), *coarser]
+            [Level(vertices_m, faces, 0.0), *coarser]
             for vertices_m, faces, coarser in zip(
                 body.vertices_m, body.faces, thinned or [()] * len(body.faces), strict=True
             )
@@ -80,10 +80,10 @@ class FlatMesh(NamedTuple):
         )
 
 
-_NO_LEVEL = Surface(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.inf)
+_NO_LEVEL = Level(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.inf)
 
 
-def _blocks(level: Surface, sphere_m: Floats, first_vertex: int) -> tuple[NDArray[Any], Singles, Singles]:
+def _blocks(level: Level, sphere_m: Floats, first_vertex: int) -> tuple[NDArray[Any], Singles, Singles]:
     """One part's edges (B, BLOCK, 4), planes (B, BLOCK, 8) and block_planes (B, 9)."""
     edges, sides = closed_edges(level.faces)
     planes = _planes(level.vertices_m - sphere_m[:3], level.faces)[sides]
@@ -99,7 +99,7 @@ def _starts(parts: Sequence[NDArray[Any]]) -> list[int]:
     return [0, *accumulate(map(len, parts))]
 
 
-def _sphere(ladder: Sequence[Surface]) -> Floats:
+def _sphere(ladder: Sequence[Level]) -> Floats:
     """Centre and radius (4,) of a sphere about the middle of all levels' bounding box."""
     vertices_m = np.concatenate([level.vertices_m for level in ladder])
     centre = (vertices_m.min(axis=0) + vertices_m.max(axis=0)) / 2

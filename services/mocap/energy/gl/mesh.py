@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
-from services.mocap.energy.cpu.surface import closed_edges
+from services.mocap.energy.detail.surface import closed_edges
 from services.mocap.energy.gl.device import GROUP, MAX_GROUPS
 from services.mocap.types import Floats
 

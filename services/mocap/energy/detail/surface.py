@@ -1,4 +1,4 @@
-"""A closed surface: one segment's mesh, as it is or thinned."""
+"""Closed surfaces: one segment's mesh, as it is or thinned."""
 
 from dataclasses import dataclass
 
@@ -7,17 +7,20 @@ from numpy.typing import NDArray
 
 from services.mocap.types import Floats, Ints
 
+FEWEST_FACES = 4
+"""No closed body has less."""
+
 
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """A closed mesh that stands for another one."""
+class Level:
+    """A closed mesh that stands for a segment's: that one itself, or one with fewer faces."""
 
     vertices_m: Floats
     """(V, 3)"""
     faces: Ints
     """(F, 3) counter-clockwise seen from outside."""
     error_m: float
-    """How far any point of either surface is off the other one at most; 0 for the mesh itself."""
+    """No point of its surface or of the segment's is farther than this from the other surface."""
 
 
 def closed_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -32,3 +35,13 @@ def closed_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         raise ValueError("a segment's mesh is not closed: every edge needs exactly two faces, wound alike")
     edges = np.stack([start[along], end[along], opposite[along], opposite[against]], axis=1)
     return edges, np.stack([owner[along], owner[against]], axis=1)
+
+
+def is_closed(faces: Ints) -> bool:
+    """Whether every edge has exactly two faces, wound alike."""
+    start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    ways, ways_back = np.sort(start << 32 | end), np.sort(end << 32 | start)
+    single = not np.any(ways[1:] == ways[:-1])
+    return bool(
+        len(faces) >= FEWEST_FACES and single and np.all(start != end) and np.array_equal(ways, ways_back)
+    )

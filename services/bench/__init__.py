@@ -1,0 +1,1 @@
+"""Measurements beside the paper's own numbers: what `scripts/bench` prints."""

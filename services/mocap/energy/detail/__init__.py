@@ -1,0 +1,1 @@
+"""Level of detail: thinned meshes whose distance from the full ones is known."""

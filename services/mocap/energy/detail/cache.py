@@ -1,0 +1,84 @@
+"""Thinned levels kept on disk, so that a body is thinned once and not by every process of every run."""
+
+import hashlib
+import logging
+import os
+from contextlib import suppress
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from services.mocap.atomic import atomic_file
+from services.mocap.body.actor import Body
+from services.mocap.body.skeleton import SEGMENT_NAMES
+from services.mocap.energy.detail.surface import Level
+from services.mocap.energy.detail.thinning import ERRORS_M, thinned_levels
+from services.mocap.errors import UserError
+
+log = logging.getLogger(__name__)
+
+_FORMAT = 1
+"""Raise it whenever meshes are thinned in another way."""
+_MOST_BODIES = 64
+"""Those used last are kept, at about 300 KB each."""
+
+
+def cache_folder() -> Path:
+    """Where bodies are kept: $XORMOCAP_CACHE, or xormocap in the user's folder for caches."""
+    named = os.environ.get("XORMOCAP_CACHE")
+    return (
+        Path(named)
+        if named
+        else Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "xormocap"
+    )
+
+
+def levels_of(body: Body) -> list[list[Level]]:
+    """Every segment's thinned levels, fine to coarse: read from disk, or made (about a second) and kept."""
+    path = cache_folder() / f"levels-{_content_hash(body)}.npz"
+    with suppress(OSError, ValueError, KeyError, BadZipFile):  # not there, or not whole
+        levels = _read(path)
+        path.touch()
+        return levels
+    levels = [thinned_levels(*mesh) for mesh in zip(body.vertices_m, body.faces, strict=True)]
+    try:
+        _write(path, levels)
+    except (OSError, UserError) as error:
+        log.info("thinned meshes are not kept: %s", error)
+    return levels
+
+
+def _content_hash(body: Body) -> str:
+    digest = hashlib.sha256(repr((_FORMAT, ERRORS_M)).encode())
+    for vertices_m, faces in zip(body.vertices_m, body.faces, strict=True):
+        digest.update(repr((vertices_m.shape, faces.shape)).encode())
+        digest.update(np.ascontiguousarray(vertices_m).tobytes())
+        digest.update(np.ascontiguousarray(faces).tobytes())
+    return digest.hexdigest()
+
+
+def _read(path: Path) -> list[list[Level]]:
+    with np.load(path) as arrays:
+        table, vertices_m, faces = arrays["table"], arrays["vertices_m"], arrays["faces"]
+    ladders: list[list[Level]] = [[] for _ in SEGMENT_NAMES]
+    vertex = face = 0
+    for segment, n_vertices, n_faces, error_m in table:
+        vertex_end, face_end = vertex + int(n_vertices), face + int(n_faces)
+        ladders[int(segment)].append(
+            Level(vertices_m[vertex:vertex_end], faces[face:face_end], float(error_m))
+        )
+        vertex, face = vertex_end, face_end
+    return ladders
+
+
+def _write(path: Path, ladders: list[list[Level]]) -> None:
+    levels = [(s, level) for s, ladder in enumerate(ladders) for level in ladder]
+    table = np.array([(s, len(lv.vertices_m), len(lv.faces), lv.error_m) for s, lv in levels]).reshape(-1, 4)
+    vertices_m = np.concatenate([np.zeros((0, 3)), *(level.vertices_m for _, level in levels)])
+    faces = np.concatenate([np.zeros((0, 3), np.int32), *(level.faces for _, level in levels)])
+    with atomic_file(path) as part:
+        np.savez(part, table=table, vertices_m=vertices_m, faces=faces)
+    kept = sorted(path.parent.glob("levels-*.npz"), key=lambda file: file.stat().st_mtime)
+    for stale in kept[:-_MOST_BODIES]:
+        stale.unlink(missing_ok=True)

@@ -1,0 +1,136 @@
+"""Which backend evaluates the energy in this process: chosen once, and why; another where a GPU fails."""
+
+import logging
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Literal, Self, TypeAlias
+
+from services.mocap.body.actor import Body
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.backend import Backend
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.egl_setup import EglSetup
+from services.mocap.energy.settings import EngineSettings
+from services.mocap.errors import UserError
+
+if TYPE_CHECKING:  # whoever computes on the CPU needs no OpenGL bindings
+    from services.mocap.energy.gl.device import GlDevice
+
+log = logging.getLogger(__name__)
+
+EngineName: TypeAlias = Literal["gl", "cpu", "paper"]
+ASKED_FOR = "asked for"
+
+
+class Engine:
+    """Makes backends of one kind, for any body and rig; use it in the thread that opened it."""
+
+    def __init__(
+        self, settings: EngineSettings, name: EngineName, reason: str, device: "GlDevice | None" = None
+    ) -> None:
+        """Made by open_engine. device: what gl and paper draw on; closed with the engine."""
+        self.settings, self.name, self.reason = settings, name, reason
+        self._device = device
+
+    def __str__(self) -> str:
+        return f"{self.name} backend: {self.reason}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def backend(self, body: Body, rig: Rig) -> Backend:
+        """A backend for a body before a rig; one that needs a GPU goes on with cpu where that fails."""
+        if self._device is None:
+            return self.make(body, rig)
+        from services.mocap.energy.fallback import FallbackBackend
+
+        return FallbackBackend(self, body, rig)
+
+    def make(self, body: Body, rig: Rig) -> Backend:
+        """A backend of the present kind; raises GlUnavailableError or GlLostError where its GPU fails."""
+        if self._device is None:
+            return CpuBackend(body, rig, self.settings.threads, self.settings.detail_px)
+        if self.name == "paper":
+            from services.mocap.energy.paper.backend import PaperBackend
+
+            return PaperBackend(self._device, body, rig)
+        from services.mocap.energy.gl.backend import GlBackend
+
+        return GlBackend(self._device, body, rig)
+
+    def fall_back(self, error: Exception) -> None:
+        """Go on with cpu, because of an error; says so in the log, once."""
+        if self._device is not None:
+            log.warning("the %s backend failed (%s): going on with cpu", self.name, error)
+            self.reason = f"{self.name} failed: {error}"
+            self.name = "cpu"
+            self.close()
+            self._device = None
+
+    def close(self) -> None:
+        """Give back the GPU; backends that need it find it lost."""
+        if self._device is not None:
+            with suppress(Exception):  # one that was lost may not even be given back
+                self._device.close()
+
+
+def open_engine(settings: EngineSettings, look: Callable[[], EglSetup] = EglSetup.look) -> Engine:
+    """Choose the backend for this process, and open the GPU where that takes one.
+
+    look: finds out what to tell the user where there is no OpenGL. Raises UserError where a backend was asked
+    for that cannot run here. Never call it before a fork: EGL does not survive one.
+    """
+    if settings.backend == "cpu":
+        return Engine(settings, "cpu", ASKED_FOR)
+    device = open_device()
+    if settings.backend == "auto":
+        return _choose(settings, device, look)
+    if isinstance(device, str):
+        raise UserError(f"--backend {settings.backend}: {device}{_with_remedy(look())}")
+    if not device.is_hardware:
+        log.warning(
+            "%s is a software renderer: the %s backend is far slower on it than cpu is",
+            device.renderer,
+            settings.backend,
+        )
+    return Engine(settings, settings.backend, f"{ASKED_FOR}, on {device.renderer} through EGL", device)
+
+
+def _choose(settings: EngineSettings, device: "GlDevice | str", look: Callable[[], EglSetup]) -> Engine:
+    """What auto takes; a GPU that is here and cannot be used is worth a warning."""
+    if isinstance(device, str):
+        reason = f"no OpenGL that can be used: {device}"
+    elif device.is_hardware:
+        return Engine(settings, "gl", f"{device.renderer} through EGL", device)
+    else:
+        renderer = device.renderer
+        device.close()
+        reason = (
+            f"no hardware OpenGL: {renderer} is a software renderer, ten times slower than the cpu backend"
+        )
+    setup = look()
+    if setup.nvidia_driver or isinstance(device, str):
+        reason += _with_remedy(setup)
+    if setup.nvidia_driver:
+        log.warning("an NVIDIA GPU is here but not used: %s", reason)
+    return Engine(settings, "cpu", reason)
+
+
+def open_device() -> "GlDevice | str":
+    """OpenGL, whatever draws it, or in words why there is none; never call it before a fork."""
+    try:
+        from services.mocap.energy.gl.device import GlDevice, GlUnavailableError
+    except ImportError as error:
+        return f"the Python package {error.name} cannot be loaded; run scripts/setup"
+    try:
+        return GlDevice()
+    except GlUnavailableError as error:
+        return str(error)
+
+
+def _with_remedy(setup: EglSetup) -> str:
+    remedy = setup.remedy()
+    return f"; {remedy}" if remedy else ""

@@ -1,0 +1,91 @@
+"""A GPU's backend that goes on with another one where the GPU fails: nothing that was asked for is lost."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Protocol, TypeVar
+
+from services.mocap.body.actor import Body
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.backend import Backend, Energy, Problem
+from services.mocap.energy.gl.device import GlLostError, GlUnavailableError
+from services.mocap.energy.picture import Region
+from services.mocap.types import Bytes, Floats
+
+T = TypeVar("T")
+
+
+class Source(Protocol):
+    """Something that makes backends, and can be told that those which it makes do not work."""
+
+    @property
+    def name(self) -> str:
+        """That of the backends it makes now."""
+        ...
+
+    def make(self, body: Body, rig: Rig) -> Backend:
+        """A backend as it makes them now."""
+        ...
+
+    def fall_back(self, error: Exception) -> None:
+        """Make others from now on, because of an error."""
+        ...
+
+
+class FallbackBackend:
+    """The backend that its source makes now; not to be shared between threads."""
+
+    def __init__(self, source: Source, body: Body, rig: Rig) -> None:
+        self._source, self._body, self._rig = source, body, rig
+        self._made: tuple[str, Backend] | None = None
+        self.attempt(lambda _: None)
+
+    @property
+    def name(self) -> str:
+        """See Backend.name: changes where the GPU fails."""
+        return self._source.name
+
+    def energy(self, problem: Problem) -> Energy:
+        """See Backend.energy; the energy goes on with the other backend too."""
+        return _FallbackEnergy(self, problem)
+
+    def coverage(self, poses: Floats, segments: tuple[int, ...], region: Region) -> Bytes:
+        """See Backend.coverage."""
+        return self.attempt(lambda backend: backend.coverage(poses, segments, region))
+
+    def close(self) -> None:
+        """See Backend.close."""
+        made, self._made = self._made, None
+        if made is not None and made[0] == self._source.name:  # else its GPU is gone, and its buffers with it
+            with suppress(GlLostError):
+                made[1].close()
+
+    def attempt(self, work: Callable[[Backend], T]) -> T:
+        """Do work with the backend, and where the GPU fails once more with the one that takes its place."""
+        try:
+            return work(self._backend())
+        except (GlLostError, GlUnavailableError) as error:
+            self._source.fall_back(error)
+            return work(self._backend())
+
+    def _backend(self) -> Backend:
+        """The backend; made anew where its source has fallen back since, on whoever's behalf."""
+        if self._made is None or self._made[0] != self._source.name:
+            self._made = self._source.name, self._source.make(self._body, self._rig)
+        return self._made[1]
+
+
+class _FallbackEnergy:
+    """A problem's energy, prepared by whichever backend evaluates it."""
+
+    def __init__(self, owner: FallbackBackend, problem: Problem) -> None:
+        self._owner, self._problem = owner, problem
+        self._prepared: tuple[Backend, Energy] | None = None
+        owner.attempt(self._prepare)
+
+    def __call__(self, values: Floats) -> Floats:
+        return self._owner.attempt(lambda backend: self._prepare(backend)(values))
+
+    def _prepare(self, backend: Backend) -> Energy:
+        if self._prepared is None or self._prepared[0] is not backend:
+            self._prepared = backend, backend.energy(self._problem)
+        return self._prepared[1]

@@ -1,0 +1,131 @@
+"""The GL side: a body's triangles drawn for every camera into its bit, and the whole buffer read back.
+
+Every camera's geometry is flattened to one depth, which decreases from camera to camera. The depth test
+(less) then lets each pixel take each camera's bit exactly once, and additive blending puts it beside the
+others: the paper's stencil trick with what moderngl offers, and with no clear between cameras.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from services.mocap.body.actor import Body
+from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, n_planes
+from services.mocap.energy.gl.device import GlDevice
+from services.mocap.energy.paper.kept import Kept
+from services.mocap.energy.paper.shaders import FRAGMENT_SHADER, ROWS_PER_MATRIX, vertex_shader
+from services.mocap.types import Bytes, Floats
+
+_MOST_MESHES = 32
+_MOST_TARGETS = 16
+_BYTES_PER_ROW = 16
+
+
+@dataclass(frozen=True, eq=False)
+class _Mesh:
+    """The triangles of some segments; none where the segments have none."""
+
+    indices: moderngl.Buffer
+    array: moderngl.VertexArray
+
+    def release(self) -> None:
+        self.array.release()
+        self.indices.release()
+
+
+class _Target:
+    """One plane: a byte of bits and a depth for every pixel."""
+
+    def __init__(self, context: moderngl.Context, size_px: tuple[int, int]) -> None:
+        self._bits, self._depth = context.renderbuffer(size_px, 1), context.depth_renderbuffer(size_px)
+        self.framebuffer = context.framebuffer([self._bits], self._depth)
+
+    def release(self) -> None:
+        self.framebuffer.release()
+        self._bits.release()
+        self._depth.release()
+
+
+class Rasteriser:
+    """Draws one body for a number of cameras; every GL object that it makes is released by close."""
+
+    def __init__(self, device: GlDevice, body: Body, n_cameras: int) -> None:
+        self._device, self._faces, self._n_cameras = device, body.faces, n_cameras
+        self._first_vertex = np.cumsum([0, *map(len, body.vertices_m)])
+        n_segments = len(body.vertices_m)
+        plane_rows = CAMERAS_PER_PLANE * n_segments * ROWS_PER_MATRIX
+        with device.current() as context:
+            self._program = context.program(vertex_shader(n_segments), FRAGMENT_SHADER)
+            self._nothing = context.detect_framebuffer(0)
+            self._vertices = context.buffer(_interleaved(body.vertices_m))
+            self._matrices = context.buffer(reserve=n_planes(n_cameras) * plane_rows * _BYTES_PER_ROW)
+        self._plane_bytes = plane_rows * _BYTES_PER_ROW
+        self._meshes: Kept[tuple[int, ...], _Mesh] = Kept(self._mesh, _Mesh.release, _MOST_MESHES)
+        self._targets: Kept[tuple[int, int, int], _Target] = Kept(
+            lambda key: _Target(device.context, key[:2]),
+            _Target.release,
+            max(_MOST_TARGETS, n_planes(n_cameras)),
+        )
+
+    @contextmanager
+    def ready(self) -> Iterator[None]:
+        """Make the device's context current and set the state that draw relies on: others share both.
+
+        Raises GlLostError where OpenGL fails or is closed.
+        """
+        with self._device.current() as context:
+            context.enable_only(moderngl.BLEND | moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+            context.blend_func = moderngl.ONE, moderngl.ONE
+            context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
+            context.depth_func, context.cull_face = "<", "back"
+            context.front_face = "cw"  # the picture's first row is the buffer's lowest: seen mirrored
+            context.wireframe = False
+            try:
+                yield
+            finally:
+                self._nothing.use()  # moderngl goes back to what is bound, even once that is released
+
+    def draw(self, M_clip_segment: Floats, segments: tuple[int, ...], planes: Bytes) -> None:
+        """Draw segments by matrices (C, S, 3, 4) and read the bits back into planes (P, h, w), contiguous.
+
+        A matrix takes homogeneous segment metres to clip x, y and depth in metres, row 0 of the picture at
+        clip y = -1. Only within ready.
+        """
+        self._matrices.write(M_clip_segment.astype(np.float32))
+        targets = [self._targets[planes.shape[2], planes.shape[1], p].framebuffer for p in range(len(planes))]
+        for p, target in enumerate(targets):
+            target.clear(depth=1.0)
+            target.use()
+            if segments:
+                self._matrices.bind_to_uniform_block(0, p * self._plane_bytes, self._plane_bytes)
+                n_cameras = min(CAMERAS_PER_PLANE, self._n_cameras - CAMERAS_PER_PLANE * p)
+                self._meshes[segments].array.render(instances=n_cameras)
+        for target, plane in zip(targets, planes, strict=True):
+            target.read_into(plane, components=1, alignment=1)
+
+    def close(self) -> None:
+        """Release every GL object; with the device gone there is none left."""
+        if self._device.is_open:
+            with self._device.current():
+                self._meshes.clear()
+                self._targets.clear()
+                for thing in (self._matrices, self._vertices, self._program):
+                    thing.release()
+
+    def _mesh(self, segments: tuple[int, ...]) -> _Mesh:
+        faces = [self._faces[s] + self._first_vertex[s] for s in segments]
+        indices = self._device.context.buffer(np.concatenate(faces).astype(np.uint32))
+        content = [(self._vertices, "3f 1i", "xyz_m", "segment")]
+        return _Mesh(indices, self._device.context.vertex_array(self._program, content, indices))
+
+
+def _interleaved(vertices_m: Sequence[Floats]) -> bytes:
+    """All vertices with the index of their segment, as the vertex array reads them."""
+    layout = np.dtype([("xyz_m", np.float32, 3), ("segment", np.int32)])
+    rows = np.empty(sum(map(len, vertices_m)), layout)
+    rows["xyz_m"] = np.concatenate(vertices_m)
+    rows["segment"] = np.arange(len(vertices_m)).repeat([*map(len, vertices_m)])
+    return rows.tobytes()

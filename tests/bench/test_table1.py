@@ -1,0 +1,176 @@
+"""What table 1 measures, and how it is told."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from services.bench.__main__ import app
+from services.bench.contestants import Contestants, Name
+from services.bench.problems import LARGEST_BATCH, Scene, Setup
+from services.bench.rates import Runner, median_rates, with_best_batch
+from services.bench.table1 import Row, as_table
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.engine import Engine
+from services.mocap.energy.settings import EngineSettings
+from services.mocap.errors import UserError
+from services.mocap.types import Floats
+
+
+def test_the_papers_windows_beside_the_papers_figures() -> None:
+    cases = Scene(Setup(320, 240, 8)).cases()
+    assert [(case.name, case.paper) for case in cases] == [
+        ("320x240 (full) XOR", 95.9),
+        ("320x240 (full) XORPR", 95.5),
+        ("160x120 (half-res) XOR", 131.1),
+        ("160x120 (half-res) XORPR", 131.2),
+        ("128x128 (arm) XOR", 133.7),
+        ("128x128 (arm) XORPR", 433.1),
+        ("64x64 (head) XOR", 144.9),
+        ("64x64 (head) XORPR", 855.4),
+        ("64x64 (hand) XOR", None),
+        ("64x64 (hand) XORPR", None),
+    ]
+
+
+def test_larger_pictures_have_larger_windows_and_no_figures_of_the_paper() -> None:
+    cases = Scene(Setup.of("640x480", 4)).cases()
+    plain = [case.name for case in cases if case.method == "XOR"]
+    sizes = ["640x480 (full)", "320x240 (half-res)", "256x256 (arm)", "128x128 (head)", "128x128 (hand)"]
+    assert plain == [f"{size} XOR" for size in sizes]
+    assert {case.paper for case in cases} == {None}
+
+
+def test_both_methods_differ_by_a_constant() -> None:
+    """They evaluate one thing: the pre-rendered parts cost the same whatever moves."""
+    scene = Scene(Setup(320, 240, 4))
+    backend, cases = CpuBackend(scene.body, scene.rig), scene.cases()
+    for plain, pre_rendered in zip(cases[::2], cases[1::2], strict=True):
+        assert len(plain.values) == LARGEST_BATCH
+        assert plain.is_plain_whole == (plain.window == "full")
+        assert not pre_rendered.is_plain_whole
+        values = plain.values[:10]
+        energies = [backend.energy(case.problem)(values) for case in (plain, pre_rendered)]
+        assert len(np.unique(energies[0])) > 5
+        np.testing.assert_array_equal(energies[0] - energies[1], energies[0][0] - energies[1][0])
+
+
+def test_a_rate_counts_poses_and_goes_round_all_of_them() -> None:
+    seen: list[int] = []
+
+    def energy(values: Floats) -> Floats:
+        seen.extend(values[:, 0].astype(int))
+        return values[:, 0]
+
+    values = np.arange(32.0)[:, None]
+    rate = Runner("mine", energy, values, batch=8).rate(0.002)
+    assert rate > 8
+    assert len(seen) % 8 == 0
+    assert seen[:64] == [*range(32), *range(32)]
+
+
+def test_a_larger_batch_is_taken_only_where_it_is_quicker(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 0.0
+    monkeypatch.setattr("services.bench.rates.time.perf_counter", lambda: now_s)
+
+    def taking(seconds: Callable[[int], float]) -> Runner:
+        def energy(values: Floats) -> Floats:
+            nonlocal now_s
+            now_s += seconds(len(values))
+            return values[:, 0]
+
+        return Runner("mine", energy, np.zeros((128, 1)))
+
+    def batches(runner: Runner) -> list[int]:
+        return [found.batch for found in with_best_batch(runner)]
+
+    assert batches(taking(lambda n: 1e-3 + 1e-4 * n)) == [1, 128]
+    assert batches(taking(lambda n: 1e-3 * n**1.5)) == [1]
+    assert batches(taking(lambda n: 1.0 + n)) == [1]
+
+
+def test_medians_are_taken_in_turns() -> None:
+    turns: list[str] = []
+
+    def noting(name: str) -> Runner:
+        def energy(values: Floats) -> Floats:
+            if turns[-1:] != [name]:
+                turns.append(name)
+            return values[:, 0]
+
+        return Runner(name, energy, np.zeros((1, 1)))
+
+    assert all(rate > 0 for rate in median_rates([noting("a"), noting("b")], repeats=3))
+    assert turns == ["a", "b"] * 3
+
+
+def test_whoever_cannot_run_here_is_left_out_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_egl(settings: EngineSettings) -> Engine:
+        if settings.backend == "cpu":
+            return Engine(settings, "cpu", "asked for")
+        raise UserError(f"--backend {settings.backend}: no EGL; run apt-get install libegl1")
+
+    def no_pyrender() -> None:
+        raise UserError("pyrender: cannot be imported: No module named 'pyrender'")
+
+    monkeypatch.setattr("services.bench.contestants.open_engine", no_egl)
+    monkeypatch.setattr("services.bench.alternatives._import_pyrender", no_pyrender)
+    contestants = Contestants(list(Name))
+    contestants.enter(Scene(Setup(320, 240, 4)))
+    assert contestants.names == [Name.CPU, Name.CPU_LOD, Name.OPENCV]
+    assert contestants.reasons == [
+        "gl is left out: --backend gl: no EGL; run apt-get install libegl1",
+        "paper is left out: --backend paper: no EGL; run apt-get install libegl1",
+        "pyrender is left out: pyrender: cannot be imported: No module named 'pyrender'",
+    ]
+    contestants.close()
+
+
+def test_whoever_falls_back_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures of cpu are none of gl."""
+    fallen = Engine(EngineSettings(backend="gl"), "cpu", "gl failed: the GPU is lost")
+    monkeypatch.setattr("services.bench.contestants.open_engine", lambda _: fallen)
+    contestants = Contestants([Name.GL])
+    contestants.enter(Scene(Setup(320, 240, 4)))
+    contestants.drop_fallen()
+    assert contestants.names == []
+    assert contestants.reasons == ["gl is left out: gl failed: the GPU is lost"]
+
+
+def _row(backend: str, value: float, batch: int = 1, name: str = "320x240 (full) XOR") -> Row:
+    return Row(name, backend, value, "evaluations/s", batch, 8, (320, 240), 95.9)
+
+
+def test_the_table_has_the_best_batch_and_the_ratio_to_pyrender() -> None:
+    console = Console(width=120, record=True)
+    rows = [_row("cpu", 1000.0), _row("cpu", 1500.0, 32), _row("pyrender", 20.0), _row("opencv", 10.0)]
+    rows.append(_row("cpu", 2000.0, name="64x64 (head) XOR"))
+    console.print(as_table(Setup(320, 240, 8), rows))
+    text = console.export_text()
+    lines = [re.findall(r"[\w.,]+(?: by \d+)?", line) for line in text.splitlines()]
+    assert ["1,500 by 32"] in lines
+    assert ["times pyrender", "75", "1", "0.5"] in [[" ".join(line[:2]), *line[2:]] for line in lines]
+    assert text.count("times pyrender:") == 1  # the caption
+    assert "2,000" in text
+
+
+def test_the_command_writes_what_it_measured(tmp_path: Path) -> None:
+    path = tmp_path / "table1.json"
+    arguments = ["table1", "--backend", "cpu", "--backend", "opencv", "--size", "320x240", "--cameras", "4"]
+    result = CliRunner().invoke(app, [*arguments, "--repeats", "1", "--json", str(path)])
+    assert result.exit_code == 0, result.output
+    assert "128x128 (arm) XORPR" in result.output
+    content = json.loads(path.read_text())
+    assert {"cores", "cpu", "python", "gl_renderer", "versions"} <= set(content["machine"])
+    assert {row["backend"] for row in content["rows"]} == {"cpu", "opencv"}
+    assert len({row["name"] for row in content["rows"]}) == 10
+    for row in content["rows"]:
+        assert row["value"] > 0
+        assert (row["unit"], row["cameras"], row["size_px"]) == ("evaluations/s", 4, [320, 240])
+        assert row["paper"] is None
+        assert row["batch"] in (1, 8, 32, 128, 512)

@@ -1,0 +1,136 @@
+"""The `paper` backend draws what `cpu` draws, but for a stated few pixels of the boundary."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from services.mocap.body.actor import Body
+from services.mocap.body.skeleton import segments_below
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.gl.device import GlDevice
+from services.mocap.energy.paper.backend import PaperBackend
+from services.mocap.energy.picture import Region
+from services.mocap.types import Floats, Mask
+
+ALL = tuple(range(16))
+MOST_OF_BOUNDARY = 0.001
+"""Of the real body llvmpipe draws 2 in 118,000 boundary pixels otherwise; GPUs may round in other ways."""
+RandomPoses = Callable[[int, int], Floats]
+Ring = Callable[[int], Rig]
+
+
+def boundary(masks: Mask) -> Mask:
+    """The pixels (…, H, W) beside one of another value."""
+    on_it: Mask = np.zeros_like(masks)
+    across, down = masks[..., 1:] != masks[..., :-1], masks[..., 1:, :] != masks[..., :-1, :]
+    on_it[..., 1:] |= across
+    on_it[..., :-1] |= across
+    on_it[..., 1:, :] |= down
+    on_it[..., :-1, :] |= down
+    return on_it
+
+
+def assert_close(
+    device: GlDevice,
+    body: Body,
+    rig: Rig,
+    poses: Floats,
+    region: Region,
+    segments: tuple[int, ...] = ALL,
+) -> Mask:
+    """Compare both backends; returns the masks (N, C, h, w) of `cpu`."""
+    paper = PaperBackend(device, body, rig)
+    expected, drawn = (
+        np.array([unpack(planes, rig.n_cameras) for planes in backend.coverage(poses, segments, region)])
+        for backend in (CpuBackend(body, rig), paper)
+    )
+    paper.close()
+    differs, edge = expected != drawn, boundary(expected)
+    assert not np.any(differs & ~edge)
+    assert np.count_nonzero(differs) <= 1 + MOST_OF_BOUNDARY * np.count_nonzero(edge)
+    return expected
+
+
+@pytest.mark.parametrize(
+    ("eye_m", "target_m", "focal_px"),
+    [
+        pytest.param((4.0, 0.5, 1.4), (0.0, 0.0, 0.9), 90.0, id="inside"),
+        pytest.param((1.2, -0.8, 1.6), (0.5, 0.4, 0.9), 90.0, id="partly outside"),
+        pytest.param((2.0, 0.0, 1.0), (4.0, 0.2, 1.0), 90.0, id="behind the camera"),
+        pytest.param((0.35, 0.25, 1.1), (0.0, 0.0, 0.9), 60.0, id="about the near plane"),
+        pytest.param((0.0, 0.02, 0.95), (1.0, 0.3, 0.9), 60.0, id="within the body"),
+        pytest.param((0.9, 0.3, 0.4), (0.0, 0.0, 0.9), 20.0, id="wide angle"),
+        pytest.param((40.0, 5.0, 3.0), (0.0, 0.0, 0.9), 90.0, id="a few pixels in all"),
+        pytest.param((30.0, 5.0, 3.0), (0.0, 0.3, 1.3), 4000.0, id="long focal length"),
+    ],
+)
+def test_draws_what_cpu_draws(
+    device: GlDevice,
+    coarse_body: Body,
+    look: Callable[..., Camera],
+    random_poses: RandomPoses,
+    eye_m: tuple[float, float, float],
+    target_m: tuple[float, float, float],
+    focal_px: float,
+) -> None:
+    rig = Rig.of((look(eye_m, target_m, focal_px),))
+    masks = assert_close(device, coarse_body, rig, random_poses(40, 1), Region.whole(rig))
+    assert masks.any() == (eye_m != (2.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("origin_px", [(30, 20), (-15, -11), (70, 50), (200, 10), (-200, 10), (10, -200)])
+def test_windows(
+    device: GlDevice, coarse_body: Body, ring: Ring, random_poses: RandomPoses, origin_px: tuple[int, int]
+) -> None:
+    region = Region(np.array([origin_px, (12, 7)], np.int32), 33, 29)
+    assert_close(device, coarse_body, ring(2), random_poses(20, 2), region)
+
+
+def test_half_resolution(device: GlDevice, coarse_body: Body, ring: Ring, random_poses: RandomPoses) -> None:
+    region = Region(np.array([[0, 0], [5, -3]], np.int32), 48, 36, 0.5)
+    assert_close(device, coarse_body, ring(2), random_poses(20, 3), region)
+
+
+def test_the_real_body(device: GlDevice, real_body: Body, ring: Ring, random_poses: RandomPoses) -> None:
+    rig = ring(8)
+    assert_close(device, real_body, rig, random_poses(5, 4), Region.whole(rig))
+
+
+def test_some_segments(device: GlDevice, real_body: Body, ring: Ring, random_poses: RandomPoses) -> None:
+    rig, arm = ring(3), segments_below("left_shoulder")
+    others = tuple(s for s in ALL if s not in arm)
+    for segments in (arm, others, (15, 3, 0)):
+        assert_close(device, real_body, rig, random_poses(3, 5), Region.whole(rig), segments)
+
+
+def test_sixteen_cameras_of_mixed_picture_sizes(
+    device: GlDevice, coarse_body: Body, look: Callable[..., Camera], random_poses: RandomPoses
+) -> None:
+    sizes = [(96, 72), (50, 80), (20, 20), (31, 77)] * 4
+    eyes = [(4 * np.cos(k), 4 * np.sin(k), 0.15 * k) for k in range(16)]
+    rig = Rig.of(tuple(look(e, width_px=w, height_px=h) for e, (w, h) in zip(eyes, sizes, strict=True)))
+    masks = assert_close(device, coarse_body, rig, random_poses(10, 6), Region.whole(rig))
+    assert masks.any(axis=(0, 2, 3)).all()
+
+
+def test_no_camera_touches_the_bit_of_another(
+    device: GlDevice, coarse_body: Body, ring: Ring, random_poses: RandomPoses
+) -> None:
+    """Drawn together or each alone: the same to the last bit, though they cover each other's pixels."""
+    rig, poses = ring(11), random_poses(5, 7)
+    together = PaperBackend(device, coarse_body, rig).coverage(poses, ALL, Region.whole(rig))
+    masks = np.array([unpack(planes, 11) for planes in together])
+    for c in range(11):
+        alone = Rig(rig.P_px_world[c : c + 1], rig.sizes_px[c : c + 1])
+        drawn = PaperBackend(device, coarse_body, alone).coverage(poses, ALL, Region.whole(alone))
+        np.testing.assert_array_equal(masks[:, c], drawn[:, 0].astype(bool))
+    assert np.all(together[:, 1] < 8)
+
+
+def test_no_segments_cover_nothing(device: GlDevice, coarse_body: Body, ring: Ring) -> None:
+    rig = ring(9)
+    assert not PaperBackend(device, coarse_body, rig).coverage(np.zeros((2, 35)), (), Region.whole(rig)).any()
