@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
-from services.mocap.energy.cpu.arrays import Indices
-from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, SEEN, find_candidates, look
+from services.mocap.energy.cpu.arrays import Indices, Singles
+from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, SEEN, find_candidates, lenses_of, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.snapping import project_snapped
 from services.mocap.types import Floats, Ints, Mask
@@ -37,6 +37,15 @@ def _random_M(rng: np.random.Generator, sphere_m: Floats) -> Floats:
     return K @ np.column_stack([R, t])
 
 
+def _look(rng: np.random.Generator, M: Floats, sphere_m: Floats, eye: Singles) -> int:
+    """How a camera sees a segment that stands anywhere in the world, M projecting from the segment."""
+    T_world_segment = np.eye(4)
+    T_world_segment[:3, :3], T_world_segment[:3, 3] = _turned(rng), rng.normal(size=3)
+    P = M @ np.linalg.inv(T_world_segment)
+    lens = lenses_of(P[None], WIDTH_PX, HEIGHT_PX)[0]
+    return int(look(T_world_segment, M, lens, sphere_m, WIDTH_PX, HEIGHT_PX, eye))
+
+
 def _is_outline(edges: Indices, uv: Ints) -> Mask:
     """Which edges (E, 4) have one front face, by snapped corners uv (V, 2)."""
     a, b, c, d = (uv[edges[:, k]].astype(np.int64) for k in range(4))
@@ -58,7 +67,7 @@ def test_no_outline_is_missed(real_body: Body, mirrored: bool) -> None:
         M = _random_M(rng, mesh.spheres_m[s])
         if mirrored:
             M[0] *= -1
-        view = look(M, mesh.spheres_m[s], WIDTH_PX, HEIGHT_PX, eye)
+        view = _look(rng, M, mesh.spheres_m[s], eye)
         views.append(view)
         if view != SEEN:
             continue
@@ -85,7 +94,7 @@ def test_hidden_means_outside_and_near_means_near(real_body: Body) -> None:
         M[1] += rng.normal() * 300 * M[2]
         own = slice(mesh.starts[0, s], mesh.starts[0, s + 1])
         uv, depth_m = project_snapped(mesh.xyz_m[:, own].T, M)
-        view = look(M, mesh.spheres_m[s], WIDTH_PX, HEIGHT_PX, eye)
+        view = _look(rng, M, mesh.spheres_m[s], eye)
         if view == HIDDEN:
             n_hidden += 1
             (left, top), (right, bottom) = uv.min(axis=0) / 256, uv.max(axis=0) / 256

@@ -11,8 +11,9 @@ from services.mocap.body.kinematics import joint_transforms, moving_joints
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import n_planes
-from services.mocap.energy.cpu.collecting import empty_winding, summed_gain
+from services.mocap.energy.cpu.collecting import Canvas, empty_canvas, summed_gain
 from services.mocap.energy.cpu.evaluation import cover, evaluate
+from services.mocap.energy.cpu.facing import lenses_of
 from services.mocap.energy.cpu.mesh import FlatMesh
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, scratch_for
 from services.mocap.energy.detail.cache import levels_of
@@ -36,28 +37,20 @@ class CpuBackend:
 
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy. Costs a pass over the picture; every call then touches outlines only."""
-        region, tally = problem.picture.region, problem.cost.tally(problem.picture)
+        region, tally, base = problem.picture.region, problem.cost.tally(problem.picture), problem.base_pose
         joints = moving_joints(problem.dofs, problem.segments)
         plan = (np.array(problem.dofs, np.int32), joints, np.array(problem.segments, np.int32))
-        T_world_joint = joint_transforms(problem.base_pose[None], self._body.offsets_m)[0]
+        T_world_joint = joint_transforms(base[None], self._body.offsets_m)[0]
         mesh, scratches = self._detailed if problem.detail_px > 0 else self._full
-        P_px_world, gain_sums = region.projections(self._rig), summed_gain(tally.gain)
+        cameras, gain_sums = self._cameras(region), summed_gain(tally.gain)
         costs = np.array([tally.blank, tally.weights, np.full(self._rig.n_cameras, tally.cap)])
-        lanes = [
-            (
-                problem.base_pose.copy(),
-                T_world_joint.copy(),
-                scratch,
-                empty_winding(region.height_px, region.width_px),
-            )
-            for scratch in scratches
-        ]
+        lanes = [(base.copy(), T_world_joint.copy(), scratch, _canvas(region)) for scratch in scratches]
 
         def run(lane: int, values: Floats, energies: Floats) -> None:
-            pose, transforms, scratch, winding = lanes[lane]
+            pose, transforms, scratch, canvas = lanes[lane]
             evaluate(
-                values, plan, pose, transforms, self._body.offsets_m, P_px_world, problem.detail_px,
-                mesh, scratch, gain_sums, costs, region.width_px, winding, energies,
+                values, plan, pose, transforms, self._body.offsets_m, cameras, problem.detail_px,
+                mesh, scratch, gain_sums, costs, region.width_px, canvas, energies,
             )  # fmt: skip
 
         def evaluate_all(values: Floats) -> Floats:
@@ -75,16 +68,20 @@ class CpuBackend:
         self, poses: Floats, segments: tuple[int, ...], region: Region, detail_px: float = 0.0
     ) -> Bytes:
         """See Backend.coverage."""
-        mesh, scratches = self._detailed if detail_px > 0 else self._full
-        n_cameras = self._rig.n_cameras
-        shape = (len(poses), n_planes(n_cameras), region.height_px, region.width_px)
+        shape = (len(poses), n_planes(self._rig.n_cameras), region.height_px, region.width_px)
         planes: Bytes = np.zeros(shape, np.uint8)
+        mesh, scratches = self._detailed if detail_px > 0 else self._full
+        T_world_joint = joint_transforms(poses, self._body.offsets_m)
         cover(
-            joint_transforms(poses, self._body.offsets_m), np.array(segments, np.int32),
-            region.projections(self._rig), detail_px, mesh, scratches[0],
-            empty_winding(region.height_px, region.width_px), planes,
+            T_world_joint, np.array(segments, np.int32), self._cameras(region), detail_px,
+            mesh, scratches[0], _canvas(region), planes,
         )  # fmt: skip
         return planes
+
+    def _cameras(self, region: Region) -> tuple[Floats, Floats]:
+        """Projections (C, 3, 4) and lenses."""
+        P_px_world = region.projections(self._rig)
+        return P_px_world, lenses_of(P_px_world, region.width_px, region.height_px)
 
     @cached_property
     def _full(self) -> tuple[MeshArrays, list[Scratch]]:
@@ -101,3 +98,7 @@ class CpuBackend:
         """End the threads."""
         if self._pool is not None:
             self._pool.shutdown()
+
+
+def _canvas(region: Region) -> Canvas:
+    return empty_canvas(region.height_px, region.width_px)

@@ -3,7 +3,8 @@
 import numba
 import numpy as np
 
-from services.mocap.energy.cpu.arrays import Indices, Shorts
+from services.mocap.energy.cpu.arrays import Indices
+from services.mocap.energy.cpu.collecting import COUNT, LEFT, RIGHT, Canvas
 from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, SUBPIXEL_BITS
 from services.mocap.types import Floats, Ints
 
@@ -12,7 +13,7 @@ X, Y, DX, DY, FIRST, LAST, SIGN = range(7)
 row + 1 whose centres it crosses; +1 where it runs down with the front face on its left, -1 where up."""
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def find_crossings(
     found: Indices, n_found: int, edges: Indices, uv: Ints, height_px: int, crossings: Ints
 ) -> int:
@@ -29,7 +30,7 @@ def find_crossings(
     return n
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def find_near_crossings(
     first: int, last: int, edges: Indices, uv: Ints, depth_m: Floats, height_px: int, crossings: Ints
 ) -> int:
@@ -70,25 +71,33 @@ def _put(uv: Ints, a: int, b: int, along: bool, height_px: int, crossings: Ints,
     return bool(first < last)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def wind(crossings: Ints, n: int, width_px: int, winding: Shorts, extent: Ints) -> None:
-    """Add the signs of n crossings to winding where they cross a row, and widen the extent.
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def wind(crossings: Ints, n: int, width_px: int, canvas: Canvas, extent: Ints) -> None:
+    """Add the signs of n crossings to a canvas where they cross a row, and widen the extent.
 
     A crossing counts from the first pixel whose centre is not left of it, so that a centre on a left or top
     edge is inside and one on a right or bottom edge outside; right of the picture it counts in column
-    width_px. extent: first row, last row + 1, first column, last column + 1 of what has been touched.
+    width_px. extent: first row and last row + 1 of what has been touched.
+
+    A column is a quotient of whole numbers, rounded up, and doubles get it right: a divisor has at most 37
+    bits, so that below 65536 columns a quotient that is not whole is farther off a whole number than it is
+    rounded; and a numerator too long to be exact stands for a column beyond any picture.
     """
+    winding, spans = canvas
+    top, bottom = extent[0], extent[1]
     for i in range(n):
         x, y = np.int64(crossings[i, X]), np.int64(crossings[i, Y])
         dx, dy = np.int64(crossings[i, DX]), np.int64(crossings[i, DY])
         first, last, sign = crossings[i, FIRST], crossings[i, LAST], crossings[i, SIGN]
-        extent[0], extent[1] = min(extent[0], first), max(extent[1], last)
-        divisor = np.uint64(dy << SUBPIXEL_BITS)
-        for row in range(first, last):
-            crossing = x * dy + ((row << SUBPIXEL_BITS) - y) * dx
-            column = min(
-                int((np.uint64(crossing if crossing > 0 else 0) + divisor - np.uint64(1)) // divisor),
-                width_px,
-            )
-            extent[2], extent[3] = min(extent[2], column), max(extent[3], column + 1)
-            winding[np.uint32(row), np.uint32(column)] += sign
+        top, bottom = min(top, first), max(bottom, last)
+        divisor = dy << SUBPIXEL_BITS
+        crossing, step = x * dy + ((first << SUBPIXEL_BITS) - y) * dx, dx << SUBPIXEL_BITS
+        for r in range(first, last):
+            row = np.uint32(r)
+            column = np.int64(min(max(np.ceil(crossing / divisor), 0.0), float(width_px)))
+            crossing += step
+            winding[row, np.uint32(column)] += sign
+            spans[row, COUNT] += 1
+            spans[row, LEFT] = min(spans[row, LEFT], column)
+            spans[row, RIGHT] = max(spans[row, RIGHT], column)
+    extent[0], extent[1] = top, bottom

@@ -18,21 +18,53 @@ from services.mocap.types import Bytes, Floats
 
 HIDDEN, NEAR, SEEN = 0, 1, 2
 """How a camera sees a segment: not at all; as one that may reach behind the near plane; wholly before it."""
-EYE_SIZE = 7
+EYE_SIZE, LENS_SIZE = 7, 15
 _SNAP_ERROR_PX = 0.501 / SUBPIXEL
 """Half a step, and a little for the rounding of floats before it."""
 _SINGLE_ERROR = 2.0**-19
 """Of a plane at a point in single precision, against the sum of the sizes of its terms: twice what can be."""
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def look(M: Floats, sphere_m: Floats, width_px: int, height_px: int, eye: Singles) -> int:
+def lenses_of(P_px_world: Floats, width_px: int, height_px: int) -> Floats:
+    """What stays the same of cameras (C, 3, 4) however a segment is turned: (C, LENS_SIZE).
+
+    Products of the rows m1, m2, m3 of a projection's left (3, 3): 11, 22, 33, 12, 13, 23; lengths of m3 and
+    of the normals of four planes through the camera's centre, just outside of the picture's left, right, top
+    and bottom; the determinant; the camera's centre in the world.
+    """
+    rows = P_px_world[:, :, :3]
+    gram = rows @ rows.transpose(0, 2, 1)
+    sides = [
+        rows[:, k] - edge * rows[:, 2] for k, size in ((0, width_px), (1, height_px)) for edge in _edges(size)
+    ]
+    lengths = np.linalg.norm([rows[:, 2], *sides], axis=2).T
+    centres_m = -np.linalg.solve(rows, P_px_world[:, :, 3:])[:, :, 0]
+    products = gram[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return np.column_stack([products, lengths, np.linalg.det(rows), centres_m])
+
+
+def _edges(size_px: int) -> tuple[float, float]:
+    """Just outside of a picture's two edges: a pixel of margin is more than what snapping moves."""
+    return -2.0, size_px + 1.0
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def look(
+    T_world_segment: Floats,
+    M: Floats,
+    lens: Floats,
+    sphere_m: Floats,
+    width_px: int,
+    height_px: int,
+    eye: Singles,
+) -> int:
     """Say how a camera with M (3, 4), segment to homogeneous pixels, sees a segment; if SEEN set eye.
 
-    eye gets the homogeneous centre (C, w) of the camera, seen from the sphere's centre and times det(M), the
-    guard, the rounding that may come on top, and how many pixels a metre of the segment takes at most. A
-    plane of FlatMesh.planes that is farther than guard plus rounding from zero at (C, w) has the sign that
-    the face's doubled area on the screen has after snapping.
+    lens: of the camera, from lenses_of. T_world_segment (4, 4) is a turn and a shift, so that M's rows have
+    the lens's lengths. eye gets the homogeneous centre (C, w) of the camera, seen from the sphere's centre
+    and times det(M), the guard, the rounding that may come on top, and how many pixels a metre of the segment
+    takes at most. A plane of FlatMesh.planes that is farther than guard plus rounding from zero at (C, w) has
+    the sign that the face's doubled area on the screen has after snapping.
 
     Why: if snapping changes a face's sign, then on the way there, no corner having moved by more than half a
     step e in x or y, the corners lie on one line. So the face fits between two lines 2 e (|nx| + |ny|) <=
@@ -44,24 +76,33 @@ def look(M: Floats, sphere_m: Floats, width_px: int, height_px: int, eye: Single
     are, it then is at most z_max² 2 sqrt(2) e stretch in size, and beyond that its sign can be trusted.
     """
     hx, hy, hz = _homogeneous(M, 0, sphere_m), _homogeneous(M, 1, sphere_m), _homogeneous(M, 2, sphere_m)
-    radius, steepness = sphere_m[3], _length(M, 0.0, 0.0, 1.0)
+    radius, steepness = sphere_m[3], lens[6]
     z_min, z_max = hz - radius * steepness, hz + radius * steepness
     if not z_min > 1.000001 * NEAR_M:
         return NEAR
-    if _beyond(M, 0, hx, hz, radius, width_px) or _beyond(M, 1, hy, hz, radius, height_px):
+    # A closed outline beyond an edge of the picture crosses no row of it, or each as often up as down in the
+    # same place, and so covers nothing.
+    if -2.0 * hz - hx > radius * lens[7] or hx - (width_px + 1.0) * hz > radius * lens[8]:
+        return HIDDEN
+    if -2.0 * hz - hy > radius * lens[9] or hy - (height_px + 1.0) * hz > radius * lens[10]:
         return HIDDEN
     u, v = hx / hz, hy / hz
-    stretch = _stretch(M, u, v)
+    stretch = _stretch(lens, u, v)
     spread_px = stretch * radius / z_min  # how far from (u, v) the sphere reaches
     if not (abs(u) + abs(v) + spread_px) * SUBPIXEL < 0.5 * LIMIT_STEPS:
         return NEAR  # snapping stops at the limit, and so may err by more than half a step
-    _set_centre(M, hx, hy, hz, eye)
     stretch += spread_px * steepness  # now for every point of the sphere as (u, v)
-    guard = z_max**2 * 2.0 * sqrt(2.0) * _SNAP_ERROR_PX * stretch
+    determinant = lens[11]
+    terms = radius * abs(determinant)
+    for i in range(3):
+        from_centre = -sphere_m[i]
+        for k in range(3):
+            from_centre += T_world_segment[k, i] * (lens[12 + k] - T_world_segment[k, 3])
+        eye[i] = determinant * from_centre
+        terms += abs(eye[i])
+    eye[3], eye[4] = determinant, 1.001 * (z_max**2 * 2.0 * sqrt(2.0) * _SNAP_ERROR_PX * stretch)
     # No normal is longer than 1, or twice the radius if that is more; no offset than the radius times that.
-    terms = abs(eye[0]) + abs(eye[1]) + abs(eye[2]) + radius * abs(eye[3])
-    eye[4], eye[5] = 1.001 * guard, _SINGLE_ERROR * max(2.0 * radius, 1.0) * terms
-    eye[6] = stretch / z_min
+    eye[5], eye[6] = _SINGLE_ERROR * max(2.0 * radius, 1.0) * terms, stretch / z_min
     return SEEN
 
 
@@ -71,50 +112,15 @@ def _homogeneous(M: Floats, row: int, point_m: Floats) -> float:
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _length(M: Floats, x: float, y: float, z: float) -> float:
-    """Length of the sum of x, y and z times the rows of M (3, 4), its last column left out."""
-    square = 0.0
-    for j in range(3):
-        square += (x * M[0, j] + y * M[1, j] + z * M[2, j]) ** 2
-    return sqrt(square)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _stretch(M: Floats, u: float, v: float) -> float:
-    """The largest singular value of the rows m1 - u m3 and m2 - v m3 of M (3, 4) without its last column."""
-    xx, yy, xy = 0.0, 0.0, 0.0
-    for j in range(3):
-        x, y = M[0, j] - u * M[2, j], M[1, j] - v * M[2, j]
-        xx, yy, xy = xx + x * x, yy + y * y, xy + x * y
+def _stretch(lens: Floats, u: float, v: float) -> float:
+    """The largest singular value of the rows m1 - u m3 and m2 - v m3, from their products."""
+    m11, m22, m33, m12, m13, m23 = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5]
+    xx, yy = m11 - 2.0 * u * m13 + u * u * m33, m22 - 2.0 * v * m23 + v * v * m33
+    xy = m12 - v * m13 - u * m23 + u * v * m33
     return sqrt((xx + yy) / 2.0 + sqrt((xx - yy) ** 2 / 4.0 + xy * xy))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _beyond(M: Floats, row: int, h: float, hz: float, radius: float, size_px: int) -> bool:
-    """Whether a sphere before the camera lies wholly left of (above) a picture or right of (below) it.
-
-    A closed outline there crosses no row of the picture, or crosses each as often up as down in the same
-    place, and so covers nothing. A pixel of margin is more than what snapping moves.
-    """
-    x, y, low, high = 1.0 - row, float(row), -2.0, size_px + 1.0
-    return low * hz - h > radius * _length(M, x, y, -low) or h - high * hz > radius * _length(M, x, y, -high)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _set_centre(M: Floats, hx: float, hy: float, hz: float, eye: Singles) -> None:
-    """Set eye[:4] from M and the homogeneous pixels h of the sphere's centre."""
-    determinant = 0.0
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        yz = M[1, j] * M[2, k] - M[1, k] * M[2, j]
-        zx = M[2, j] * M[0, k] - M[2, k] * M[0, j]
-        xy = M[0, j] * M[1, k] - M[0, k] * M[1, j]
-        determinant += M[0, i] * yz
-        eye[i] = -(yz * hx + zx * hy + xy * hz)
-    eye[3] = determinant
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def find_candidates(
     planes: Singles, block_planes: Singles, first: int, last: int, eye: Singles, flags: Bytes, found: Indices
 ) -> int:

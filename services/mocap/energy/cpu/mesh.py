@@ -12,7 +12,7 @@ from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.energy.detail.surface import Level, closed_edges
 from services.mocap.types import Floats, Ints
 
-BLOCK = 16
+BLOCK = 32
 """Edges a block; as many planes are looked at at once."""
 _SHORTEST_NORMAL = 1e-12  # of faces without area: their block is always looked into
 _SHORTEST_SIDE_M = 1e-12  # of faces that are a point

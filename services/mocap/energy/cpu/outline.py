@@ -11,9 +11,10 @@ import numba
 import numpy as np
 
 from services.mocap.body.kinematics import SEGMENT_JOINTS
-from services.mocap.energy.cpu.arrays import Indices, Shorts, Singles
+from services.mocap.energy.cpu.arrays import Indices, Singles
+from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
-from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, find_candidates, look
+from services.mocap.energy.cpu.facing import HIDDEN, NEAR, find_candidates, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.snapping import depth_range, project_range
 from services.mocap.types import Bytes, Floats, Ints
@@ -36,37 +37,41 @@ def scratch_for(mesh: FlatMesh) -> Scratch:
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def draw(
     T_world_joint: Floats,
     segments: Ints,
     P_px_world: Floats,
+    lens: Floats,
     detail_px: float,
     mesh: MeshArrays,
     scratch: Scratch,
     width_px: int,
-    winding: Shorts,
+    view: tuple[Floats, Singles],
+    canvas: Canvas,
     extent: Ints,
 ) -> None:
-    """Put one camera's outlines of the segments into winding; extent as in wind.
+    """Put one camera's outlines of the segments on an empty canvas; extent as in wind.
 
-    T_world_joint (17, 4, 4); P_px_world (3, 4); detail_px: thinned levels may be off by this much.
+    T_world_joint (17, 4, 4); P_px_world (3, 4) and lens (LENS_SIZE,): the camera; detail_px: thinned levels
+    may be off by this much. view: room for M (3, 4) and eye (EYE_SIZE,), as look has them.
     """
     spheres_m, errors_m = mesh[5], mesh[6]
-    height_px = winding.shape[0]
-    M, eye = np.empty((3, 4)), np.empty(EYE_SIZE, np.float32)
-    extent[0], extent[1], extent[2], extent[3] = height_px, 0, width_px + 1, 0
+    height_px = canvas[0].shape[0]
+    M, eye = view
+    extent[0], extent[1] = height_px, 0
     for s in segments:
-        _compose(P_px_world, T_world_joint[SEGMENT_JOINTS[s]], M)
-        view = look(M, spheres_m[s], width_px, height_px, eye)
-        if view == HIDDEN:
+        T_world_segment = T_world_joint[SEGMENT_JOINTS[s]]
+        _compose(P_px_world, T_world_segment, M)
+        seen_as = look(T_world_segment, M, lens, spheres_m[s], width_px, height_px, eye)
+        if seen_as == HIDDEN:
             continue
-        level = 0 if view == NEAR else _coarsest(errors_m, s, detail_px / eye[6])
-        n = _find(level * errors_m.shape[1] + s, view, M, eye, mesh, scratch, height_px)
-        wind(scratch[4], n, width_px, winding, extent)
+        level = 0 if seen_as == NEAR else _coarsest(errors_m, s, detail_px / eye[6])
+        n = _find(level * errors_m.shape[1] + s, seen_as, M, eye, mesh, scratch, height_px)
+        wind(scratch[4], n, width_px, canvas, extent)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _find(
     part: int, view: int, M: Floats, eye: Singles, mesh: MeshArrays, scratch: Scratch, height_px: int
 ) -> int:
@@ -92,7 +97,7 @@ def _coarsest(errors_m: Floats, s: int, allowed_m: float) -> int:
     return level
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _compose(P: Floats, T: Floats, M: Floats) -> None:
     """Write the product of P (3, 4) and T (4, 4) into M (3, 4)."""
     for i in range(3):
