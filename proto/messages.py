@@ -207,8 +207,6 @@ class TakeInfo(Message):
     """Why it is that one, in words."""
     threads: Count
     """Threads of the coordinator's cpu backend; 0 for one per core."""
-    detail_px: Scalar
-    """By how many pixels silhouettes of thinned meshes may be off in the coordinator's cpu backend."""
     search: Settings
     """The search settings by name."""
 

@@ -14,6 +14,7 @@ from rich.table import Table
 from services import doctor as machine
 from services.launcher import ServiceFailedError
 from services.mocap.errors import UserError
+from services.mocap.search.overrides import search_settings
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
 from services.mocap.take.frame_range import frame_range
@@ -22,7 +23,8 @@ from services.process import (
     EXIT_STOPPED,
     EXIT_USER_ERROR,
     BackendOption,
-    DetailOption,
+    SetOption,
+    SettingsOption,
     ThreadsOption,
     engine_settings,
 )
@@ -52,12 +54,13 @@ def track(
     overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
-    detail_px: DetailOption = DEFAULT_ENGINE.detail_px,
+    changes: SetOption = None,
+    settings: SettingsOption = None,
 ) -> None:
     """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
-    engine = engine_settings(backend, threads, detail_px)
+    engine = engine_settings(backend, threads)
     opened = open_take(take)
-    asked = frame_range(frames, opened)
+    asked, search = frame_range(frames, opened), search_settings(changes or [], settings, len(opened.cameras))
     folder = out or Path("results") / take.resolve().name
     check_out(folder)
     warnings: list[str] = []
@@ -90,6 +93,7 @@ def track(
                 frames=asked,
                 overlay=overlay,
                 engine=engine,
+                search=search,
                 show=show,
                 warn=warnings.append,
             )

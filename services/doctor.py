@@ -16,12 +16,13 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.backend import Problem
 from services.mocap.energy.egl_setup import EglSetup
 from services.mocap.energy.engine import Engine, open_device, open_engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.solve import Model, whole_body_energy
 from services.mocap.synth.studio import studio_cameras
 
 if TYPE_CHECKING:
@@ -130,7 +131,8 @@ def _opengl() -> list[Check]:
 
 
 def _energy() -> list[Check]:
-    """What auto takes, and the rate of the energy of the whole body before eight cameras of 320x240."""
+    """What auto takes, and the rate of the energy of the whole body before eight cameras of 320x240, as the
+    search evaluates it by default."""
     with open_engine(EngineSettings()) as engine, open_engine(EngineSettings(backend="cpu")) as cpu:
         rates = [f"cpu backend, {_rate(cpu, 1):.0f} evaluations per second on one core"]
         if engine.name == "gl":
@@ -149,7 +151,8 @@ def _rate(engine: Engine, batch: int) -> float:
     poses[:, DOF_INDEX["root_z"]] = body.pelvis_height_m
     region = Region.whole(rig)
     picture = Picture.whole(rig, backend.coverage(poses[:1], ALL_SEGMENTS, region)[0])
-    energy = backend.energy(Problem(poses[0], tuple(range(N_DOF)), ALL_SEGMENTS, picture))
+    search = SearchSettings()
+    energy = whole_body_energy(Model(body, rig, backend), picture, poses[0], search.cost, search.detail_px)
     energy(poses)
     count, began = 0, time.perf_counter()
     while (elapsed_s := time.perf_counter() - began) < _TIMED_S:

@@ -6,6 +6,7 @@ import signal
 import socket
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType
 from typing import Annotated, TypeAlias
 
@@ -14,6 +15,8 @@ import typer
 from proto.streams import AddressError
 from services.mocap.energy.settings import MOST_THREADS, Choice, EngineSettings
 from services.mocap.errors import UserError, validated
+from services.mocap.search.overrides import as_assignments
+from services.mocap.search.settings import SearchSettings
 
 PARENT_VARIABLE = "XORMOCAP_PARENT"
 """Process id of a launcher; a service whose parent is no longer that one stops, so that none is orphaned."""
@@ -40,26 +43,36 @@ ThreadsOption: TypeAlias = Annotated[
         help="Threads of the cpu backend in each process that evaluates; 0: one per core.",
     ),
 ]
-DetailOption: TypeAlias = Annotated[
-    float,
+SetOption: TypeAlias = Annotated[
+    list[str] | None,
     typer.Option(
-        min=0,
-        envvar="XORMOCAP_DETAIL_PX",
-        help="By how many pixels the cpu backend's thinned meshes may be off; 0: always the full mesh.",
+        "--set",
+        metavar="NAME=VALUE",
+        help="Change a setting of the search, such as detail_px=0; may be repeated. README.md lists them.",
+    ),
+]
+SettingsOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--settings", metavar="FILE", help="A TOML file with settings of the search; --set outweighs it."
     ),
 ]
 
 
-def engine_settings(backend: Choice, threads: int, detail_px: float) -> EngineSettings:
-    """What the three options say; raises UserError where that cannot be."""
-    fields = {"backend": backend, "threads": threads, "detail_px": detail_px}
+def engine_settings(backend: Choice, threads: int) -> EngineSettings:
+    """What the two options say; raises UserError where that cannot be."""
+    fields = {"backend": backend, "threads": threads}
     return validated(EngineSettings, fields, "options of the energy: ", UserError)
 
 
 def engine_arguments(settings: EngineSettings) -> tuple[str, ...]:
-    """The three options for another process."""
-    fields = settings.model_dump().items()
-    return tuple(word for name, value in fields for word in (f"--{name.replace('_', '-')}", str(value)))
+    """The two options for another process."""
+    return tuple(word for name, value in settings.model_dump().items() for word in (f"--{name}", str(value)))
+
+
+def search_arguments(settings: SearchSettings) -> tuple[str, ...]:
+    """The options --set for another process."""
+    return tuple(word for assignment in as_assignments(settings) for word in ("--set", assignment))
 
 
 class StopRequest:

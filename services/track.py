@@ -18,8 +18,9 @@ from proto.sockets import connect, make_socket, receive, wait
 from proto.streams import stream_endpoint
 from services.launcher import Launcher, ServiceFailedError, free_endpoint
 from services.mocap.energy.settings import EngineSettings
+from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
-from services.process import engine_arguments
+from services.process import engine_arguments, search_arguments
 from services.recorder.result_folder import LOGS, RUN_JSON, partial_of
 
 _LOOK_S = 0.2
@@ -106,21 +107,23 @@ def track(
     frames: range,
     overlay: bool,
     engine: EngineSettings,
+    search: SearchSettings,
     show: Callable[[Progress], None],
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Track frames of a checked take into out and return its run.json; the processes' logs go to out/logs.
 
-    engine: for the coordinator and every worker. warn is called with each warning of the coordinator's at the
-    end; started once with the launcher when all processes run. Raises UserError; ServiceFailedError, after
-    which the logs stay; or Interrupted, once a stop was asked for and what was done by then is written.
+    engine: for the coordinator and every worker; search: for the coordinator, whose tasks carry it. warn is
+    called with each warning of the coordinator's at the end; started once with the launcher when all
+    processes run. Raises UserError; ServiceFailedError, after which the logs stay; or Interrupted, once a
+    stop was asked for and what was done by then is written.
     """
     endpoint, logs = free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     earlier = {folder: _written_ns(folder) for folder in (out, partial_of(out))}
     try:
         with StopSignals() as stop, Launcher(logs) as launcher:
-            _start(launcher, take.folder, out, endpoint, workers, frames, overlay, engine)
+            _start(launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search)
             started(launcher)
             _follow(launcher, endpoint, stop, show)
             for sentence in launcher.warnings("coordinator"):
@@ -155,13 +158,15 @@ def _start(
     frames: range,
     overlay: bool,
     engine: EngineSettings,
+    search: SearchSettings,
 ) -> None:
     """Start all processes of a run."""
     asked = f"{frames.start}:{frames.stop}"
     source, connect = ("--take", str(take)), ("--connect", endpoint)
     expected = ("--workers", str(workers), "--recorders", "1")
     energy = engine_arguments(engine)
-    launcher.start("coordinator", *source, "--bind", endpoint, "--frames", asked, *expected, *energy)
+    wanted = (*expected, *energy, *search_arguments(search))
+    launcher.start("coordinator", *source, "--bind", endpoint, "--frames", asked, *wanted)
     launcher.start("limb_worker", *connect, *energy, copies=workers)
     launcher.start("segmentation", *source, *connect)
     drawing = "--overlay" if overlay else "--no-overlay"

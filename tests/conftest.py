@@ -1,7 +1,7 @@
 """Fixtures that all tests share: the recorded takes, and small takes made on the spot."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +26,14 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "by_hand")
 _SHARED_TAKES = Path(__file__).resolve().parents[2] / "shared" / "data" / "takes"
 _WIDTH_PX, _HEIGHT_PX = 64, 48
 _BALL_RADIUS_M = 0.35
+
+
+@pytest.fixture(scope="session", autouse=True)
+def level_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keeps thinned bodies for this run alone, those of the processes that tests start as well."""
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("XORMOCAP_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -26,12 +26,12 @@ class Name(StrEnum):
 
 
 ENGINES: dict[Name, EngineSettings] = {
-    Name.CPU: EngineSettings(backend="cpu", detail_px=0.0),
+    Name.CPU: EngineSettings(backend="cpu"),
     Name.CPU_LOD: EngineSettings(backend="cpu"),
     Name.GL: EngineSettings(backend="gl"),
     Name.PAPER: EngineSettings(backend="paper"),
 }
-"""One thread each; cpu draws the full mesh, cpu-lod meshes thinned as by default."""
+"""One thread each; all draw the full mesh but cpu-lod, which draws thinned ones where the search would."""
 ALTERNATIVES: dict[Name, Callable[[Body, tuple[Camera, ...]], Silhouettes]] = {
     Name.PYRENDER: PyrenderSilhouettes,
     Name.OPENCV: OpenCvSilhouettes,
@@ -77,7 +77,8 @@ class Contestants:
         found = []
         for name in list(self.names):
             if name in self._backends:
-                single = Runner(name, self._backends[name].energy(case.problem), case.values)
+                problem = case.thinned if name is Name.CPU_LOD else case.problem
+                single = Runner(name, self._backends[name].energy(problem), case.values)
                 # To the paper's backend a batch is but its poses.
                 found += [single] if name is Name.PAPER else with_best_batch(single)
             elif case.is_plain_whole and self._scene is not None:

@@ -9,15 +9,17 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.backend import Problem
+from services.mocap.energy.backend import Backend, Problem
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, Stage
+from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model, stage_window
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Floats
 
 LARGEST_BATCH = 512
+DETAIL_PX = SearchSettings().detail_px
 _PAPER_SETUP = (320, 240, 8)
 _PAPER_RATES = {
     "full": (95.9, 95.5),
@@ -56,6 +58,8 @@ class Case:
     method: str
     """XOR: all segments are drawn at every evaluation. XORPR: those that do not move are pre-rendered."""
     problem: Problem
+    thinned: Problem
+    """The same at the search's usual level of detail."""
     values: Floats
     """(LARGEST_BATCH, d) that differ a little from each other."""
     paper: float | None
@@ -97,19 +101,24 @@ class Scene:
             "head": (HEAD, stage_window(model, HEAD, whole, self.pose)),
             "hand": (arm.extremity, stage_window(model, arm.extremity, whole, self.pose)),
         }
-        cases = []
-        for window, (stage, picture) in pictures.items():
-            pre_rendered = picture
-            if stage.others:
-                others = backend.coverage(self.pose[None], stage.others, picture.region)[0]
-                pre_rendered = picture.ignoring(others)
-            cases.append(self._case(window, "XOR", Problem(self.pose, stage.dofs, ALL_SEGMENTS, picture)))
-            cases.append(
-                self._case(window, "XORPR", Problem(self.pose, stage.dofs, stage.segments, pre_rendered))
+        return [
+            self._case(
+                window, method, *(make(backend, stage, picture, detail_px) for detail_px in (0.0, DETAIL_PX))
             )
-        return cases
+            for window, (stage, picture) in pictures.items()
+            for method, make in (("XOR", self._plain), ("XORPR", self._pre_rendered))
+        ]
 
-    def _case(self, window: str, method: str, problem: Problem) -> Case:
+    def _plain(self, _: Backend, stage: Stage, picture: Picture, detail_px: float) -> Problem:
+        return Problem(self.pose, stage.dofs, ALL_SEGMENTS, picture, detail_px=detail_px)
+
+    def _pre_rendered(self, backend: Backend, stage: Stage, picture: Picture, detail_px: float) -> Problem:
+        if stage.others:
+            others = backend.coverage(self.pose[None], stage.others, picture.region, detail_px)
+            picture = picture.ignoring(others[0])
+        return Problem(self.pose, stage.dofs, stage.segments, picture, detail_px=detail_px)
+
+    def _case(self, window: str, method: str, problem: Problem, thinned: Problem) -> Case:
         setup, rates = self.setup, _PAPER_RATES.get(window)
         is_papers = rates is not None and (setup.width_px, setup.height_px, setup.n_cameras) == _PAPER_SETUP
         around = np.random.default_rng(0).normal(0.0, _SPREAD, (LARGEST_BATCH, len(problem.dofs)))
@@ -117,6 +126,7 @@ class Scene:
             window,
             method,
             problem,
+            thinned,
             self.pose[list(problem.dofs)] + around,
             rates[method == "XORPR"] if rates and is_papers else None,
         )

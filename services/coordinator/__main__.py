@@ -9,14 +9,15 @@ import typer
 from proto.streams import DEFAULT_ENDPOINT
 from services.coordinator.session import Plan, Session
 from services.mocap.energy.engine import open_engine
-from services.mocap.search.settings import SearchSettings
+from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.frame_range import frame_range
 from services.process import (
     DEFAULT_ENGINE,
     BackendOption,
-    DetailOption,
+    SetOption,
+    SettingsOption,
     StopRequest,
     ThreadsOption,
     engine_settings,
@@ -37,14 +38,16 @@ def main(
     recorders: Annotated[int, typer.Option(min=0, help="Recorders to wait for before the first frame.")] = 0,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
-    detail_px: DetailOption = DEFAULT_ENGINE.detail_px,
+    changes: SetOption = None,
+    settings: SettingsOption = None,
 ) -> None:
     """Track a take with the limb workers that are there."""
 
     def serve(stop: StopRequest) -> None:
         opened = open_take(take)
-        plan = Plan(opened, frame_range(frames, opened), SearchSettings(), take_actor(opened))
-        with open_engine(engine_settings(backend, threads, detail_px)) as engine:
+        search = search_settings(changes or [], settings, len(opened.cameras))
+        plan = Plan(opened, frame_range(frames, opened), search, take_actor(opened))
+        with open_engine(engine_settings(backend, threads)) as engine:
             log.info("%s", engine)
             session = Session(plan, engine, bind, stop)
             session.await_clients(workers, recorders, _CLIENTS_S)

@@ -160,7 +160,6 @@ class Session:
 
     def _announce(self, opening: Opening) -> None:
         """Tell recorders and viewers about the take."""
-        settings = self._engine.settings
         self._board.announce(
             TakeInfo(
                 take=self._name,
@@ -171,8 +170,7 @@ class Session:
                 rig=self._rig.content_hash,
                 backend=self._engine.name,
                 backend_reason=self._engine.reason[:1000],
-                threads=settings.threads,
-                detail_px=settings.detail_px,
+                threads=self._engine.settings.threads,
                 search=self._plan.settings.to_wire(),
             )
         )

@@ -17,7 +17,6 @@ from services.mocap.search.warm_up import warm_up
 from services.process import (
     DEFAULT_ENGINE,
     BackendOption,
-    DetailOption,
     StopRequest,
     ThreadsOption,
     client_name,
@@ -85,12 +84,11 @@ def main(
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
-    detail_px: DetailOption = DEFAULT_ENGINE.detail_px,
 ) -> None:
     """Solve limb tasks for a coordinator until stopped."""
 
     def start(stop: StopRequest) -> None:
-        with open_engine(engine_settings(backend, threads, detail_px)) as engine:
+        with open_engine(engine_settings(backend, threads)) as engine:
             serve(connect, engine, stop)
 
     run_service("limb_worker", start)

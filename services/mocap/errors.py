@@ -79,7 +79,7 @@ def _complaint(model: type[BaseModel], data: dict[str, Any], first: Any) -> str:
     if first["type"] == "extra_forbidden":
         return f"{field}: unknown field: {nearest(field, model.model_fields)}"
     expected = model.model_fields[field].description
-    if first["type"] == "missing":
+    if first["type"] == "missing" and field not in data:
         return f"{field}: is missing: expected {expected}"
     if first["type"] == "value_error":
         return f"{field}: {first['ctx']['error']}"

@@ -54,7 +54,6 @@ def _settings(info: TakeInfo, recorded: list[Pose]) -> dict[str, Any]:
         "backend": info.backend,
         "backend_reason": info.backend_reason,
         "threads": info.threads,
-        "detail_px": info.detail_px,
         "frames_by_backend": dict(Counter(message.backend for message in recorded)),
         "worker_limbs_by_backend": recorded[-1].worker_backends,
         "search": info.search,

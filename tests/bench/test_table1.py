@@ -55,9 +55,26 @@ def test_both_methods_differ_by_a_constant() -> None:
         assert plain.is_plain_whole == (plain.window == "full")
         assert not pre_rendered.is_plain_whole
         values = plain.values[:10]
-        energies = [backend.energy(case.problem)(values) for case in (plain, pre_rendered)]
-        assert len(np.unique(energies[0])) > 5
-        np.testing.assert_array_equal(energies[0] - energies[1], energies[0][0] - energies[1][0])
+        for problems in ((plain.problem, pre_rendered.problem), (plain.thinned, pre_rendered.thinned)):
+            energies = [backend.energy(problem)(values) for problem in problems]
+            assert len(np.unique(energies[0])) > 5
+            np.testing.assert_array_equal(energies[0] - energies[1], energies[0][0] - energies[1][0])
+
+
+def test_only_cpu_lod_draws_thinned_meshes() -> None:
+    scene, contestants = Scene(Setup(320, 240, 4)), Contestants([Name.CPU, Name.CPU_LOD])
+    contestants.enter(scene)
+    backend, case = CpuBackend(scene.body, scene.rig), scene.cases()[0]
+    expected = {
+        Name.CPU: backend.energy(case.problem)(case.values).tolist(),
+        Name.CPU_LOD: backend.energy(case.thinned)(case.values).tolist(),
+    }
+    assert expected[Name.CPU] != expected[Name.CPU_LOD]
+    runners = contestants.runners(case)
+    assert {runner.backend for runner in runners} == set(expected)
+    for runner in runners:
+        assert runner.energy(case.values).tolist() == expected[Name(runner.backend)]
+    contestants.close()
 
 
 def test_a_rate_counts_poses_and_goes_round_all_of_them() -> None:

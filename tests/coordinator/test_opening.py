@@ -25,7 +25,7 @@ from services.mocap.types import Bytes, Floats
 
 RIG = Rig.of(studio_cameras(5))
 HEIGHT_M = 1.80
-CPU = open_engine(EngineSettings(backend="cpu", detail_px=0))
+CPU = open_engine(EngineSettings(backend="cpu"))
 
 
 def _hints(**fields: object) -> TakeSettings:

@@ -67,3 +67,20 @@ def test_frames_beyond_the_take_are_refused(synthetic_take: Path, xormocap, tmp_
     done = xormocap("track", synthetic_take, "--out", tmp_path / "out", "--frames", "20:30")
     assert done.returncode == 2
     assert "--frames 20:30: expected a range within 0:24" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ("max_pases=2", "--set max_pases: unknown field: did you mean max_passes"),
+        ("camera_weights=[1, 1]", "camera_weights: expected 5 numbers, one for each camera of the take"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(
+    synthetic_take: Path, xormocap, tmp_path: Path, asked: str, said: str
+) -> None:
+    done = xormocap("track", synthetic_take, "--out", tmp_path / "out", "--set", asked)
+    assert done.returncode == 2
+    assert done.stderr.startswith(said)
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()

@@ -14,6 +14,7 @@ import pytest
 
 from services.launcher import Launcher, ServiceFailedError
 from services.mocap.energy.settings import EngineSettings
+from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
 from services.mocap.take.tables import read_poses_csv
 from services.track import Interrupted, Progress, track
@@ -75,6 +76,7 @@ class Run:
                 frames=range(FRAMES),
                 overlay=self._overlay,
                 engine=EngineSettings(),
+                search=SearchSettings(),
                 show=self._show,
                 started=self._started,
             )

@@ -9,6 +9,7 @@ import av
 import numpy as np
 import pytest
 
+from services.mocap.search.settings import SearchSettings
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
 
 pytestmark = pytest.mark.timeout(280)
@@ -49,7 +50,8 @@ def test_four_workers_did_the_limbs(tracked: Path) -> None:
 
 def test_the_report_says_what_evaluated_the_energy(tracked: Path) -> None:
     settings = _report(tracked)["settings"]
-    assert (settings["threads"], settings["detail_px"]) == (1, 0.5)
+    assert settings["threads"] == 1
+    assert SearchSettings.from_wire(settings["search"]) == SearchSettings()
     assert settings["backend_reason"]
     assert settings["frames_by_backend"] == {settings["backend"]: 6}
     assert set(settings["worker_limbs_by_backend"]) == {settings["backend"]}
@@ -79,23 +81,27 @@ def test_without_workers_the_poses_are_the_same(
         assert list(csv.reader(alone)) == list(csv.reader(together))[:4]
 
 
-def test_the_choice_of_backend_reaches_every_process(
-    known_take: Path, xormocap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XORMOCAP_DETAIL_PX", "0")
-    out = tmp_path / "out"
-    asked = ("--backend", "cpu", "--threads", "2", "--workers", "1", "--frames", "0:1", "--no-overlay")
-    done = xormocap("track", known_take, "--out", out, *asked)
+def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_path: Path) -> None:
+    out, file = tmp_path / "out", tmp_path / "search.toml"
+    file.write_text("max_passes = 1\ndetail_px = 2\ncamera_weights = [1, 1, 1, 1, 0.5]\n")
+    energy = ("--backend", "cpu", "--threads", "2")
+    search = ("--settings", file, "--set", "detail_px=0", "--set", "arm_grid=[3, 3, 1, 3]")
+    common = ("--workers", "1", "--frames", "0:1", "--no-overlay")
+    done = xormocap("track", known_take, "--out", out, *common, *energy, *search)
     assert done.returncode == 0, done.stderr
     settings = _report(out)["settings"]
-    chosen = {name: settings[name] for name in ("backend", "backend_reason", "threads", "detail_px")}
-    assert chosen == {"backend": "cpu", "backend_reason": "asked for", "threads": 2, "detail_px": 0.0}
+    chosen = {name: settings[name] for name in ("backend", "backend_reason", "threads")}
+    assert chosen == {"backend": "cpu", "backend_reason": "asked for", "threads": 2}
+    assert SearchSettings.from_wire(settings["search"]) == SearchSettings(
+        max_passes=1, detail_px=0, arm_grid=(3, 3, 1, 3), camera_weights=(1, 1, 1, 1, 0.5)
+    )
+    assert settings["worker_limbs_by_backend"]["cpu"] > 0
     logs = [(out / "logs" / f"{name}.log").read_text() for name in ("coordinator-0", "limb_worker-1")]
     assert all("cpu backend: asked for" in text for text in logs)
 
 
 def test_the_gpus_way_finds_the_poses_of_the_cpus(known_take: Path, xormocap, tmp_path: Path) -> None:
-    common = ("--workers", "1", "--frames", "0:2", "--no-overlay", "--detail-px", "0")
+    common = ("--workers", "1", "--frames", "0:2", "--no-overlay", "--set", "detail_px=0")
     poses = {}
     for backend in ("cpu", "gl"):
         out = tmp_path / backend

@@ -24,7 +24,7 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model, solve_limb, stage_window
 from services.mocap.types import Floats
 
-CPU = open_engine(EngineSettings(backend="cpu", detail_px=0))
+CPU = open_engine(EngineSettings(backend="cpu"))
 _SIZE_PX = 96
 _SETTINGS = SearchSettings(arm_grid=(3, 3, 1, 3), leg_grid=(3, 3, 1, 3), descent_rounds=1)
 
@@ -116,10 +116,19 @@ def refused(solver: LimbSolver, task: LimbTask) -> str:
 
 
 @pytest.mark.parametrize("limb", ["left_arm", "right_leg"])
-def test_equals_solving_it_directly(stage: Stage, ready: LimbSolver, limb: LimbName) -> None:
-    task = stage.task(limb)
+@pytest.mark.parametrize(
+    "changed",
+    [{}, {"detail_px": 0.0}, {"detail_px": 3.0}, {"distance_cap_px": 5.0, "camera_weights": (1.0, 0.5)}],
+    ids=str,
+)
+def test_equals_solving_it_directly(
+    stage: Stage, ready: LimbSolver, limb: LimbName, changed: dict[str, Any]
+) -> None:
+    """Everything that the energy depends on travels with the task."""
+    search = _SETTINGS.model_copy(update=changed)
+    task = stage.task(limb, search=search.to_wire())
     window = stage_window(stage.model, LIMBS[limb].main, stage.picture, stage.pose)
-    direct = solve_limb(stage.model, limb, window, stage.pose, _SETTINGS)
+    direct = solve_limb(stage.model, limb, window, stage.pose, search)
     result = solved(ready, task)
     assert result.values.tobytes() == direct.values.tobytes()
     assert (result.energy_px, result.evaluations) == (direct.energy_px, direct.evaluations)
@@ -243,7 +252,8 @@ def test_a_forgotten_models_backend_is_closed(stage: Stage, monkeypatch: pytest.
         return Watched(body, rig)
 
     monkeypatch.setattr(Engine, "backend", watched)
-    solver, quick = stage.solver(), {"arm_grid": [1, 1, 1, 1], "descent_rounds": 1}
+    quick = {"arm_grid": [1, 1, 1, 1], "descent_rounds": 1, "detail_px": 0.0}
+    solver = stage.solver()
     for n in range(6):
         other = blob("actor", Actor(height=1.7 + 0.01 * n).to_toml())
         solver.store(other)
@@ -271,6 +281,8 @@ def test_a_forgotten_models_backend_is_closed(stage: Stage, monkeypatch: pytest.
         ({"search": {"arm_grid": [0, 5, 5, 5]}}, "arm_grid"),
         ({"search": {"arm_grid": [10_000] * 4}}, "arm_grid"),
         ({"search": {"grid_step_rad": "wide"}}, "grid_step_rad"),
+        ({"search": {"detail_px": -1.0}}, "detail_px"),
+        ({"search": {"camera_weights": [1.0]}}, "camera_weights: expected 2, one per camera, or none"),
     ],
 )  # fmt: skip
 def test_tasks_that_make_no_sense_are_refused(

@@ -1,14 +1,12 @@
 """The tables of PROTOCOL.md as they must read, made from the code, so that the document cannot drift."""
 
-import ast
 import math
-from pathlib import Path
 from typing import Any
 
 import zmq
+from field_docstrings import docstrings_of
 from wire_model import field_schema
 
-import proto.messages
 from proto import framing, link, sockets
 from proto.messages import MESSAGES, Message, arrays_of
 from proto.streams import STREAMS
@@ -67,21 +65,6 @@ def in_words(schema: dict[str, Any]) -> str:
     return {"integer": _integer, "number": _number, "string": _string}[schema["type"]](schema)
 
 
-def _docstrings() -> dict[str, dict[str, str]]:
-    """Class -> field -> the docstring under it, on one line."""
-    tree = ast.parse(Path(proto.messages.__file__).read_text(encoding="utf-8"))
-    found: dict[str, dict[str, str]] = {}
-    for node in tree.body:
-        if not isinstance(node, ast.ClassDef):
-            continue
-        fields = found.setdefault(node.name, {})
-        for statement, after in zip(node.body, node.body[1:], strict=False):
-            is_field = isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name)
-            if is_field and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-                fields[statement.target.id] = " ".join(str(after.value.value).split())  # type: ignore[attr-defined]
-    return found
-
-
 def _type(message: type[Message], name: str) -> str:
     arrays = arrays_of(message)
     if name not in arrays:
@@ -92,7 +75,7 @@ def _type(message: type[Message], name: str) -> str:
 
 def message_section(message: type[Message]) -> str:
     """A message's heading, sentence and table; raises KeyError for a field without a docstring."""
-    meanings = _docstrings()[message.__name__]
+    meanings = docstrings_of(message)
     carriers = " and ".join(f"`{name}`" for name, stream in STREAMS.items() if message.type in stream.carries)
     lines = [f"### `{message.type}`", "", f"{(message.__doc__ or '').strip()} Stream: {carriers}."]
     rows = [_row(f"`{name}`", _type(message, name), meanings[name]) for name in message.model_fields]

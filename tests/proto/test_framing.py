@@ -86,7 +86,6 @@ def test_settings_keep_their_kinds() -> None:
         backend="cpu",
         backend_reason="asked for",
         threads=1,
-        detail_px=0.5,
         search=search,
     )
     back = over_the_wire(info)
@@ -143,7 +142,7 @@ def test_sizes_are_bounded_for_senders_too() -> None:
     many: dict[str, Setting] = {f"{k:03d}" + "x" * 190: "y" * 200 for k in range(100)}
     full = TakeInfo(
         take="t", fps=1.0, first_frame=0, end_frame=1, actor="0" * 64, rig="0" * 64, backend="b",
-        backend_reason="", threads=0, detail_px=0.0, search=many,
+        backend_reason="", threads=0, search=many,
     )  # fmt: skip
     assert len(encode(full)[0]) < MAX_HEADER_BYTES
     with pytest.raises(MalformedMessage, match=r"^take_info: a header of"):

@@ -20,7 +20,7 @@ def hash_of(text: str) -> str:
 
 def info(first: int = 0, end: int = 10, **changed: Any) -> TakeInfo:
     fields = {"actor": hash_of(_ACTOR), "rig": hash_of(_RIG), "search": {}, "fps": 25.0}
-    fields |= {"backend": "cpu", "backend_reason": "asked for", "threads": 1, "detail_px": 0.5}
+    fields |= {"backend": "cpu", "backend_reason": "asked for", "threads": 1}
     return TakeInfo(**{"take": "walk", "first_frame": first, "end_frame": end, **fields, **changed})
 
 

@@ -52,7 +52,7 @@ class Engine:
     def make(self, body: Body, rig: Rig) -> Backend:
         """A backend of the present kind; raises GlUnavailableError or GlLostError where its GPU fails."""
         if self._device is None:
-            return CpuBackend(body, rig, self.settings.threads, self.settings.detail_px)
+            return CpuBackend(body, rig, self.settings.threads)
         if self.name == "paper":
             from services.mocap.energy.paper.backend import PaperBackend
 
@@ -92,7 +92,7 @@ def open_engine(settings: EngineSettings, look: Callable[[], EglSetup] = EglSetu
         raise UserError(f"--backend {settings.backend}: {device}{_with_remedy(look())}")
     if not device.is_hardware:
         log.warning(
-            "%s is a software renderer: the %s backend is far slower on it than cpu is",
+            "%s is a software renderer: the %s backend is slower on it than cpu is",
             device.renderer,
             settings.backend,
         )
@@ -108,9 +108,7 @@ def _choose(settings: EngineSettings, device: "GlDevice | str", look: Callable[[
     else:
         renderer = device.renderer
         device.close()
-        reason = (
-            f"no hardware OpenGL: {renderer} is a software renderer, ten times slower than the cpu backend"
-        )
+        reason = f"no hardware OpenGL: {renderer} is a software renderer, slower than the cpu backend"
     setup = look()
     if setup.nvidia_driver or isinstance(device, str):
         reason += _with_remedy(setup)

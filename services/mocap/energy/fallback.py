@@ -48,9 +48,11 @@ class FallbackBackend:
         """See Backend.energy; the energy goes on with the other backend too."""
         return _FallbackEnergy(self, problem)
 
-    def coverage(self, poses: Floats, segments: tuple[int, ...], region: Region) -> Bytes:
+    def coverage(
+        self, poses: Floats, segments: tuple[int, ...], region: Region, detail_px: float = 0.0
+    ) -> Bytes:
         """See Backend.coverage."""
-        return self.attempt(lambda backend: backend.coverage(poses, segments, region))
+        return self.attempt(lambda backend: backend.coverage(poses, segments, region, detail_px))
 
     def close(self) -> None:
         """See Backend.close."""

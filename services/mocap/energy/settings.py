@@ -17,5 +17,3 @@ class EngineSettings(BaseModel):
     """auto: gl where there is hardware OpenGL, else cpu; paper: the profile of the paper, for its tables."""
     threads: int = Field(default=1, ge=0, le=MOST_THREADS, description=f"a number of 0 to {MOST_THREADS}")
     """Threads of the cpu backend in one process; 0 for one per core."""
-    detail_px: float = Field(default=0.5, ge=0, allow_inf_nan=False, description="pixels, 0 or more")
-    """By how much silhouettes of thinned meshes may be off in the cpu backend; 0 for always the full mesh."""

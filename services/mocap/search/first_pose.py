@@ -8,13 +8,11 @@ import numpy as np
 
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX
-from services.mocap.energy.backend import Problem
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.search.frame import FrameSolution, LimbPool, solve_frame
 from services.mocap.search.hull import Hull
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model
+from services.mocap.search.solve import Model, whole_body_energy
 from services.mocap.types import Floats
 
 _HEADINGS = 16
@@ -54,8 +52,7 @@ def find_first_pose(
     picture: the whole first frame. settings: as for the frames to come; the search is wider here.
     """
     starts = _starts(model, hull, facing_rad)
-    problem = Problem(starts[0], tuple(range(N_DOF)), ALL_SEGMENTS, picture.halved(), settings.cost)
-    energy = model.backend.energy(problem)
+    energy = whole_body_energy(model, picture.halved(), starts[0], settings.cost, settings.detail_px)
     starts = _best_of_each_heading(starts, energy(starts))[:_CANDIDATES]
     # Pass numbers tell the candidates' limb tasks apart.
     first_look = settings.widened().model_copy(update={"max_passes": 1})

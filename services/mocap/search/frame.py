@@ -2,17 +2,25 @@
 
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
-from services.mocap.body.kinematics import N_DOF, clip_to_limits
-from services.mocap.energy.backend import Problem
+from services.mocap.body.kinematics import clip_to_limits
+from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, LimbName
+from services.mocap.search.chains import LIMBS, LimbName
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model, Solution, solve_head, solve_limb, solve_torso, stage_window
+from services.mocap.search.solve import (
+    Model,
+    Solution,
+    solve_head,
+    solve_limb,
+    solve_torso,
+    stage_window,
+    whole_body_energy,
+)
 from services.mocap.types import Floats
 
 
@@ -63,7 +71,8 @@ class FrameSolution:
     pose: Floats
     """(35,)"""
     energy_px: float
-    """Differing pixels of the whole body in the whole pictures, over all cameras, whatever was minimised."""
+    """Differing pixels of the whole body's full mesh in the whole pictures, over all cameras, whatever was
+    minimised."""
     passes: int = 0
     evaluations: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"torso": 0.0, "head": 0.0, "limbs": 0.0})
@@ -81,12 +90,12 @@ def solve_frame(
     """Find the pose of one frame, beginning at the best of the start poses (N, 35).
 
     The paper, section 3: torso, then every limb with its hand or foot and the head, repeated until converged.
-    The result is the best pose seen at the end of a pass; starts, moved within the joint limits, count as
-    seen. first_pass: the number of the first pass, where a frame is solved more than once.
+    The result is the best pose seen at the end of a pass, by the cost and the level of detail of the search;
+    starts, moved within the joint limits, count as seen. first_pass: the number of the first pass, where a
+    frame is solved more than once.
     """
     starts = clip_to_limits(starts)
-    plain = Problem(starts[0], tuple(range(N_DOF)), ALL_SEGMENTS, whole)
-    energy = model.backend.energy(replace(plain, cost=settings.cost))
+    energy = whole_body_energy(model, whole, starts[0], settings.cost, settings.detail_px)
     energies = energy(starts)
     best = FrameSolution(
         starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts)
@@ -101,9 +110,16 @@ def solve_frame(
             best.pose, best.energy_px = pose, energy_px
         if before - energy_px <= settings.pass_tolerance * before:
             break
-    if settings.cost != plain.cost:
-        best.energy_px = float(model.backend.energy(plain)(best.pose[None])[0])
+    _report_plainly(model, whole, settings, best)
     return best
+
+
+def _report_plainly(model: Model, whole: Picture, settings: SearchSettings, found: FrameSolution) -> None:
+    """Where another energy was minimised, report plain XOR of the full mesh all the same."""
+    if (settings.cost, settings.detail_px) != (Cost(), 0.0):
+        energy = whole_body_energy(model, whole, found.pose, Cost(), 0.0)
+        found.energy_px = float(energy(found.pose[None])[0])
+        found.evaluations += 1
 
 
 def _one_pass(

@@ -41,7 +41,8 @@ def fit_height(
     that of each other height is searched from it for one pass. pool makes the limb pool for a model,
     engine the model's backend; settings: those of the frames to come.
     """
-    once, passes = settings.model_copy(update={"max_passes": 1}), count(_FIRST_PASS)
+    # No level of detail: a body's meshes take longer to thin than to be searched with once.
+    once, passes = settings.model_copy(update={"max_passes": 1, "detail_px": 0.0}), count(_FIRST_PASS)
 
     def energy_px(steps: float) -> float:
         scale = 1.0 + _STEP * steps

@@ -55,13 +55,19 @@ class Solution:
         return changed
 
 
+def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Energy:
+    """The energy of all parameters with the whole body drawn; pose (35,) is any; the rest as in Problem."""
+    problem = Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, picture, cost, detail_px)
+    return model.backend.energy(problem)
+
+
 def solve_torso(model: Model, halved: Picture, pose: Floats, settings: SearchSettings) -> Solution:
     """Find the root from a pose by going downhill, at half resolution.
 
     The whole body moves with the root, as in the paper, and in further directions the torso alone, the limbs
     making up for it. Without these a torso that is turned wrongly is held fast by limbs that fit.
     """
-    energy = model.backend.energy(Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, halved, settings.cost))
+    energy = whole_body_energy(model, halved, pose, settings.cost, settings.detail_px)
     box = Box(LOWER, UPPER)
     start = best_of(energy, np.clip(pose, box.lower, box.upper)[None])
     rigid = np.eye(N_DOF)[list(TORSO.dofs)] * _steps(TORSO, settings)[:, None]
@@ -97,7 +103,7 @@ def solve_limb(
     start. A pose beyond the joint limits is moved to them first.
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
-    energy, start, box = _prepare(model, limb.main, window, pose, settings.cost)
+    energy, start, box = _prepare(model, limb.main, window, pose, settings)
     points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
@@ -125,12 +131,14 @@ def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
 
 
 def _prepare(
-    model: Model, stage: Stage, picture: Picture, pose: Floats, cost: Cost
+    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> tuple[Energy, Floats, Box]:
     """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits."""
+    cost, detail_px = settings.cost, settings.detail_px
     if stage.others:
-        picture = picture.ignoring(model.backend.coverage(pose[None], stage.others, picture.region)[0])
-    energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, picture, cost))
+        drawn = model.backend.coverage(pose[None], stage.others, picture.region, detail_px)
+        picture = picture.ignoring(drawn[0])
+    energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, picture, cost, detail_px))
     box = Box(*stage.limits())
     return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
 
@@ -164,7 +172,7 @@ def _descend(
 def _descend_stage(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> Solution:
-    energy, start, box = _prepare(model, stage, picture, pose, settings.cost)
+    energy, start, box = _prepare(model, stage, picture, pose, settings)
     start_at = best_of(energy, start[None])
     return _solution(stage, _descend(energy, start_at, box, _axes(stage, settings), settings))
 

@@ -14,7 +14,10 @@ from services.mocap.search.solve import Model
 
 
 def warm_up(engine: Engine) -> None:
-    """Load or compile all that solving a frame needs, so that the first task does not wait for it."""
+    """Load or compile all that solving a frame needs, so that the first task does not wait for it.
+
+    By the usual settings: with the cpu backend the default body is thinned, and kept on disk, as well.
+    """
     rig = Rig(np.array([[[100.0, 0, 32, 0], [0, 100, 32, 0], [0, 0, 1, 3]]]), np.array([[64, 64]], np.int32))
     body = build_body(Actor())
     picture = Picture.of_region(rig, Region.whole(rig), np.zeros((1, 64, 64), np.uint8))

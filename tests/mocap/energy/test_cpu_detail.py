@@ -1,6 +1,7 @@
 """The `cpu` backend with level of detail, and on several threads."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -133,3 +134,29 @@ def test_a_folder_that_cannot_be_written_to_is_no_hindrance(
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("XORMOCAP_CACHE", str(tmp_path / "file" / "below"))
     assert len(levels_of(coarse_body)) == 16
+
+
+def test_segments_may_have_different_numbers_of_levels(
+    real_body: Body, ring: Ring, random_poses: RandomPoses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A segment without a coarse level is drawn from the last it has, and one without any from its own mesh."""
+    poses, region = random_poses(4, 6), Region.whole(ring(4))
+    ladders = levels_of(real_body)
+    fewer = [ladder[: s % 5] for s, ladder in enumerate(ladders)]
+    monkeypatch.setattr("services.mocap.energy.cpu.backend.levels_of", lambda _: fewer)
+    backend = CpuBackend(real_body, ring(4))
+    full = backend.coverage(poses, ALL, region)
+    for s, ladder in enumerate(fewer):
+        own = replace(
+            real_body,
+            vertices_m=tuple(
+                m if k != s or not ladder else ladder[-1].vertices_m
+                for k, m in enumerate(real_body.vertices_m)
+            ),
+            faces=tuple(
+                f if k != s or not ladder else ladder[-1].faces for k, f in enumerate(real_body.faces)
+            ),
+        )
+        expected = CpuBackend(own, ring(4)).coverage(poses, (s,), region)
+        np.testing.assert_array_equal(backend.coverage(poses, (s,), region, 100.0), expected)
+    assert np.any(backend.coverage(poses, ALL, region, 100.0) != full)

@@ -1,6 +1,7 @@
 """The actor's height from silhouettes of a body whose height is known."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -16,10 +17,17 @@ from services.mocap.types import Floats
 
 @pytest.mark.parametrize("believed_m", [1.66, 1.83])
 def test_the_height_is_found_from_a_wrong_one(
-    model: Model, standing: Callable[..., Floats], picture_of: Callable[[Floats], Picture], believed_m: float
+    model: Model,
+    standing: Callable[..., Floats],
+    picture_of: Callable[[Floats], Picture],
+    believed_m: float,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """And no body is thinned for it: each of them would be kept in the cache."""
+    monkeypatch.setenv("XORMOCAP_CACHE", str(tmp_path))
     pose = standing(root_heading=40, shoulder_elevation=-60, hip_abduction=6, elbow_flexion=15)
-    cpu = open_engine(EngineSettings(backend="cpu", detail_px=0))
+    cpu = open_engine(EngineSettings(backend="cpu"))
     found_m = fit_height(
         model.rig,
         picture_of(pose),
@@ -30,3 +38,4 @@ def test_the_height_is_found_from_a_wrong_one(
         SearchSettings(),
     )
     assert abs(found_m - model.body.height_m) < 0.015
+    assert list(tmp_path.iterdir()) == []

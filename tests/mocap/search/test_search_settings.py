@@ -8,7 +8,14 @@ import pytest
 from services.mocap.search.settings import SearchSettings
 
 
-@pytest.mark.parametrize("settings", [SearchSettings(), SearchSettings().widened()])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        SearchSettings(),
+        SearchSettings().widened(),
+        SearchSettings(detail_px=0, distance_cap_px=6, camera_weights=(1, 0.5), camera_cap=0.25),
+    ],
+)
 def test_wire_round_trip(settings: SearchSettings) -> None:
     carried = json.loads(json.dumps(settings.to_wire()))
     assert SearchSettings.from_wire(carried) == settings
@@ -30,6 +37,14 @@ def test_fields_left_out_have_their_defaults() -> None:
         {"descent_tolerance": 1.0},
         {"descent_rounds": 10**9},
         {"max_passes": 0},
+        {"max_passes": True},
+        {"max_passes": "3"},
+        {"detail_px": -0.5},
+        {"detail_px": 100.5},
+        {"detail_px": float("inf")},
+        {"detail_px": "0.5"},
+        {"camera_weights": [1.0, -1.0]},
+        {"camera_weights": 1.0},
         {"passes": 3},
     ],
     ids=str,
@@ -37,3 +52,7 @@ def test_fields_left_out_have_their_defaults() -> None:
 def test_nonsense_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(fields))):
         SearchSettings.from_wire(fields)
+
+
+def test_every_setting_says_what_it_has_to_be() -> None:
+    assert all(field.description for field in SearchSettings.model_fields.values())

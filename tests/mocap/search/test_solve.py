@@ -21,6 +21,8 @@ Poser = Callable[..., Floats]
 PictureOf = Callable[[Floats], Picture]
 Errors = Callable[[Floats, Floats], Floats]
 QUICK = SearchSettings(arm_grid=(3, 3, 1, 3), leg_grid=(3, 1, 1, 3), descent_rounds=2)
+FULL_MESH = SearchSettings(detail_px=0)
+COSTLY = SearchSettings(detail_px=1.5, distance_cap_px=8, camera_weights=(2.0,) + (1.0,) * 7, camera_cap=0.5)
 
 
 def disturbed(pose: Floats, dofs: tuple[int, ...], seed: int, by_rad: float = 0.2) -> Floats:
@@ -47,11 +49,13 @@ def assert_within_limits(solution: Solution) -> None:
     assert np.all((solution.values >= LOWER[dofs]) & (solution.values <= UPPER[dofs]))
 
 
-def limb_energy_px(model: Model, name: LimbName, window: Picture, pose: Floats, drawn: Floats) -> float:
+def limb_energy_px(
+    model: Model, name: LimbName, window: Picture, pose: Floats, drawn: Floats, settings: SearchSettings
+) -> float:
     """The limb's energy of a pose where everything else is pre-rendered as in the pose `drawn`."""
-    stage = LIMBS[name].main
-    window = window.ignoring(model.backend.coverage(drawn[None], stage.others, window.region)[0])
-    energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, window))
+    stage, detail_px = LIMBS[name].main, settings.detail_px
+    window = window.ignoring(model.backend.coverage(drawn[None], stage.others, window.region, detail_px)[0])
+    energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, window, settings.cost, detail_px))
     return float(energy(pose[None, list(stage.dofs)])[0])
 
 
@@ -73,21 +77,24 @@ def test_a_disturbed_limb_is_found_again(
 
 
 @pytest.mark.parametrize("name", LIMBS)
+@pytest.mark.parametrize("search", [FULL_MESH, SearchSettings(), COSTLY], ids=["full", "usual", "costly"])
 def test_a_limb_costs_what_it_says(
-    model: Model, truth: Floats, picture_of: PictureOf, name: LimbName
+    model: Model, truth: Floats, picture_of: PictureOf, name: LimbName, search: SearchSettings
 ) -> None:
+    """By the cost and the level of detail that were asked for, in the pre-render too."""
     start = disturbed(truth, LIMBS[name].dofs, 7)
     window = limb_window(model, name, picture_of(truth), start)
     backend: Any = model.backend
     before = backend.evaluations
-    found = solve_limb(model, name, window, start, SearchSettings())
+    found = solve_limb(model, name, window, start, search)
     assert found.evaluations == backend.evaluations - before
     # Its energy is that of the ball and hinge, with the hand or foot as in the start.
     main = Solution(LIMBS[name].main.dofs, found.values[: len(LIMBS[name].main.dofs)], 0.0, 0)
-    assert found.energy_px == limb_energy_px(model, name, window, main.applied_to(start), start)
-    whole_px = limb_energy_px(model, name, window, found.applied_to(start), start)
-    assert found.energy_px < limb_energy_px(model, name, window, start, start)
-    assert whole_px < limb_energy_px(model, name, window, start, start)
+    assert found.energy_px == limb_energy_px(model, name, window, main.applied_to(start), start, search)
+    whole_px = limb_energy_px(model, name, window, found.applied_to(start), start, search)
+    start_px = limb_energy_px(model, name, window, start, start, search)
+    assert found.energy_px < start_px
+    assert whole_px < start_px
 
 
 @pytest.mark.parametrize(("name", "n"), [("left_arm", 3), ("right_leg", 2)])
@@ -99,7 +106,7 @@ def test_the_best_shard_is_no_worse_than_one_worker(
     alone = solve_limb(model, name, window, start, SearchSettings())
     shards = [solve_limb(model, name, window, start, SearchSettings(), (k, n)) for k in range(n)]
     assert min(shard.energy_px for shard in shards) <= alone.energy_px
-    start_px = limb_energy_px(model, name, window, start, start)
+    start_px = limb_energy_px(model, name, window, start, start, SearchSettings())
     assert max(shard.energy_px for shard in shards) <= start_px
 
 
@@ -129,7 +136,7 @@ def test_limbs_keep_to_their_limits_and_never_get_worse(
     found = solve_limb(model, name, window, start, QUICK)
     assert_within_limits(found)
     within = clip_to_limits(start)
-    assert found.energy_px <= limb_energy_px(model, name, window, within, within)
+    assert found.energy_px <= limb_energy_px(model, name, window, within, within, QUICK)
     assert np.array_equal(np.delete(found.applied_to(start), found.dofs), np.delete(start, found.dofs))
 
 
@@ -163,7 +170,7 @@ def test_from_the_truth_nothing_gets_worse(
     energy = model.backend.energy(Problem(truth, tuple(range(N_DOF)), ALL_SEGMENTS, picture))
     assert energy(truth[None])[0] == 0.0
     for name in LIMBS:
-        found = solve_limb(model, name, limb_window(model, name, picture, truth), truth, QUICK)
+        found = solve_limb(model, name, limb_window(model, name, picture, truth), truth, FULL_MESH)
         assert found.energy_px == 0.0
         # Where counted pixels do not tell poses apart, a line search may go a little way.
         assert joint_errors_mm(found.applied_to(truth), truth).max() < 3.0

@@ -15,12 +15,12 @@ from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, window_origins_px
 from services.mocap.search.frame import LimbJob, LocalLimbs, extrapolated, limb_jobs, solve_frame
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model, Solution, solve_limb
-from services.mocap.types import Floats
+from services.mocap.types import Bytes, Floats
 
 Poser = Callable[..., Floats]
 PictureOf = Callable[[Floats], Picture]
 Errors = Callable[[Floats, Floats], Floats]
-QUICK = SearchSettings(arm_grid=(3, 3, 1, 3), leg_grid=(3, 1, 1, 3), descent_rounds=1)
+QUICK = SearchSettings(arm_grid=(3, 3, 1, 3), leg_grid=(3, 1, 1, 3), descent_rounds=1, detail_px=0)
 
 
 class Pool:
@@ -44,6 +44,7 @@ def sabotage(job: LimbJob) -> Solution:
 
 
 def whole_energy_px(model: Model, picture: Picture, pose: Floats) -> float:
+    """Plain XOR of the full mesh."""
     energy = model.backend.energy(Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, picture))
     return float(energy(pose[None])[0])
 
@@ -107,6 +108,51 @@ def test_a_start_beyond_the_limits_is_moved_within(
     found = solve_frame(model, picture_of(truth), beyond[None], QUICK, Pool(sabotage))
     assert np.all((found.pose >= LOWER) & (found.pose <= UPPER))
     assert found.energy_px == 0.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_thinned_meshes_lead_to_nearly_the_same_pose(
+    model: Model, truth: Floats, picture_of: PictureOf, joint_errors_mm: Errors, seed: int
+) -> None:
+    start, picture = disturbed(truth, seed)[None], picture_of(truth)
+    thinned, full = (
+        solve_frame(model, picture, start, SearchSettings(detail_px=detail_px), LocalLimbs(model))
+        for detail_px in (0.5, 0.0)
+    )
+    assert not np.array_equal(thinned.pose, full.pose)
+    assert joint_errors_mm(thinned.pose, full.pose).mean() < 10
+    assert thinned.energy_px == whole_energy_px(model, picture, thinned.pose)
+    assert full.energy_px == whole_energy_px(model, picture, full.pose)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{}, {"detail_px": 2.0}, {"distance_cap_px": 6.0}, {"camera_weights": (1.0,) * 8}, {"camera_cap": 0.5}],
+    ids=str,
+)
+def test_plain_xor_of_the_full_mesh_is_reported_whatever_was_minimised(
+    model: Model, truth: Floats, picture_of: PictureOf, changed: dict[str, Any]
+) -> None:
+    search, picture = QUICK.model_copy(update={"max_passes": 1, **changed}), picture_of(truth)
+    backend: Any = model.backend
+    before = backend.evaluations
+    found = solve_frame(model, picture, disturbed(truth, 3)[None], search, LocalLimbs(model))
+    assert found.evaluations == backend.evaluations - before
+    assert found.energy_px == whole_energy_px(model, picture, found.pose)
+
+
+def test_starts_and_passes_are_compared_by_the_cost_of_the_search(
+    model: Model, truth: Floats, silhouettes_of: Callable[[Floats], Bytes]
+) -> None:
+    """The first camera shows another pose than the others, and is the only one that counts."""
+    other = disturbed(truth, 4)
+    silhouettes = silhouettes_of(truth) & 1 | silhouettes_of(other) & ~np.uint8(1)
+    picture = Picture.whole(model.rig, silhouettes)
+    search = QUICK.model_copy(update={"camera_weights": (1.0,) + (0.0,) * 7})
+    found = solve_frame(model, picture, np.stack([other, truth]), search, Pool(sabotage))
+    assert_array_equal(found.pose, truth)
+    assert found.energy_px == whole_energy_px(model, picture, truth)
+    assert found.energy_px > whole_energy_px(model, picture, other)
 
 
 def test_solutions_in_any_order_give_the_same_frame(

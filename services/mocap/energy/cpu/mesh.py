@@ -72,8 +72,8 @@ class FlatMesh(NamedTuple):
         return cls(
             xyz_m=np.ascontiguousarray(np.concatenate([level.vertices_m for level in parts]).T, np.float64),
             edges=np.concatenate(edges).reshape(-1, 4).astype(np.uint32),
-            planes=np.ascontiguousarray(np.concatenate(planes).transpose(0, 2, 1)),
-            block_planes=np.ascontiguousarray(np.concatenate(bounds).T),
+            planes=np.ascontiguousarray(np.concatenate(planes).transpose(0, 2, 1), np.float32),
+            block_planes=np.ascontiguousarray(np.concatenate(bounds).T, np.float32),
             starts=np.array([first_vertices, _starts(bounds)], np.int32),
             spheres_m=spheres_m,
             errors_m=np.array([[level.error_m for level in row] for row in levels]),
@@ -83,8 +83,10 @@ class FlatMesh(NamedTuple):
 _NO_LEVEL = Level(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.inf)
 
 
-def _blocks(level: Level, sphere_m: Floats, first_vertex: int) -> tuple[NDArray[Any], Singles, Singles]:
+def _blocks(level: Level, sphere_m: Floats, first_vertex: int) -> tuple[NDArray[Any], ...]:
     """One part's edges (B, BLOCK, 4), planes (B, BLOCK, 8) and block_planes (B, 9)."""
+    if level is _NO_LEVEL:
+        return tuple(np.zeros(shape) for shape in ((0, BLOCK, 4), (0, BLOCK, 8), (0, 9)))
     edges, sides = closed_edges(level.faces)
     planes = _planes(level.vertices_m - sphere_m[:3], level.faces)[sides]
     order = _in_blocks(planes[:, 0, :3] + planes[:, 1, :3])

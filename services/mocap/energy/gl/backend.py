@@ -58,8 +58,14 @@ class GlBackend:
 
         return evaluate
 
-    def coverage(self, poses: Floats, segments: tuple[int, ...], region: Region) -> Bytes:
-        """See Backend.coverage."""
+    def coverage(
+        self,
+        poses: Floats,
+        segments: tuple[int, ...],
+        region: Region,
+        detail_px: float = 0.0,  # noqa: ARG002  (always the full mesh)
+    ) -> Bytes:
+        """See Backend.coverage; draws the full mesh, whatever detail_px allows."""
         n_cameras, scene = self._rig.n_cameras, self._scene(segments, region, None)
         masks: Bytes = np.zeros((len(poses) * n_cameras, region.height_px, region.width_px), np.uint8)
         with self._current():

@@ -60,8 +60,14 @@ class PaperBackend:
 
         return evaluate
 
-    def coverage(self, poses: Floats, segments: tuple[int, ...], region: Region) -> Bytes:
-        """See Backend.coverage."""
+    def coverage(
+        self,
+        poses: Floats,
+        segments: tuple[int, ...],
+        region: Region,
+        detail_px: float = 0.0,  # noqa: ARG002  (always the full mesh)
+    ) -> Bytes:
+        """See Backend.coverage; draws the full mesh, whatever detail_px allows."""
         shape = (len(poses), n_planes(self._rig.n_cameras), region.height_px, region.width_px)
         planes: Bytes = np.zeros(shape, np.uint8)
         T_clip_world = self._clip_projections(region)

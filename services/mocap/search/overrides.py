@@ -1,0 +1,49 @@
+"""Search settings as users write them: a TOML file, and NAME=VALUE for those that are to differ from it."""
+
+import json
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from services.mocap.errors import UserError, in_short, load_toml, validated
+from services.mocap.search.settings import SearchSettings
+
+
+def search_settings(assignments: Sequence[str], file: Path | None, n_cameras: int) -> SearchSettings:
+    """The defaults, changed by a TOML file and then by assignments NAME=VALUE, of which the last one wins.
+
+    VALUE is written as in TOML; n_cameras are those of the take. Raises UserError for what cannot be.
+    """
+    said = {} if file is None else load_toml(file, UserError)
+    validated(SearchSettings, said, f"{file}: ", UserError)
+    settings = validated(SearchSettings, said | dict(map(_parsed, assignments)), "--set ", UserError)
+    n_weights = len(settings.camera_weights)
+    if n_weights not in (0, n_cameras):
+        raise UserError(
+            f"camera_weights: expected {n_cameras} numbers, one for each camera of the take in the order of "
+            f"calibration.toml, or none, found {n_weights}"
+        )
+    return settings
+
+
+def as_assignments(settings: SearchSettings) -> list[str]:
+    """NAME=VALUE of all settings that are not the default: search_settings reads them back."""
+    # JSON's numbers and lists of them are TOML's as well, and stand on one line.
+    changed = settings.model_dump(exclude_defaults=True)
+    return [f"{name}={json.dumps(value)}" for name, value in changed.items()]
+
+
+def _parsed(assignment: str) -> tuple[str, Any]:
+    name, equals, value = (part.strip() for part in assignment.partition("="))
+    if not (name and equals):
+        raise UserError(f"--set {assignment}: expected NAME=VALUE, such as detail_px=0")
+    try:
+        table = tomllib.loads(f"value = {value}")
+    except (tomllib.TOMLDecodeError, RecursionError):  # the reader recurses into nested arrays
+        table = {}
+    if list(table) != ["value"]:
+        raise UserError(
+            f"--set {name}: expected a value as in TOML, such as 0.5 or [5, 5, 3, 5], found {in_short(value)}"
+        )
+    return name, table["value"]
