@@ -139,7 +139,7 @@ def test_a_folder_that_cannot_be_written_to_is_no_hindrance(
 def test_segments_may_have_different_numbers_of_levels(
     real_body: Body, ring: Ring, random_poses: RandomPoses, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A segment without a coarse level is drawn from the last it has, and one without any from its own mesh."""
+    """A segment without a coarse level is drawn from its last one, one without any from its own mesh."""
     poses, region = random_poses(4, 6), Region.whole(ring(4))
     ladders = levels_of(real_body)
     fewer = [ladder[: s % 5] for s, ladder in enumerate(ladders)]
