@@ -5,6 +5,7 @@ import numpy as np
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
+from services.mocap.compiled import forget_other_code
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
@@ -28,4 +29,5 @@ def warm_up(engine: Engine) -> None:
 
 
 if __name__ == "__main__":
+    forget_other_code()
     warm_up(open_engine(EngineSettings(backend="cpu")))

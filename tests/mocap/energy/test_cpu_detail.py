@@ -114,8 +114,9 @@ def test_levels_are_kept_and_read_again(
             assert level.faces.dtype == same.faces.dtype
     levels_of(coarse_body)
     assert len(list(cache_folder().glob("*.npz"))) == 2
-    kept.write_bytes(kept.read_bytes()[:1000])  # torn
-    assert [len(ladder) for ladder in levels_of(real_body)] == [len(ladder) for ladder in made]
+    for torn in (kept.read_bytes()[:1000], b"", b"PK", kept.read_bytes()[:-200]):
+        kept.write_bytes(torn)
+        assert [len(ladder) for ladder in levels_of(real_body)] == [len(ladder) for ladder in made]
 
 
 def test_only_the_bodies_used_last_are_kept(
@@ -134,6 +135,16 @@ def test_a_folder_that_cannot_be_written_to_is_no_hindrance(
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("XORMOCAP_CACHE", str(tmp_path / "file" / "below"))
     assert len(levels_of(coarse_body)) == 16
+
+
+def test_a_user_without_a_home_gets_a_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless(_: Path) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XORMOCAP_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "expanduser", homeless)
+    assert cache_folder().is_absolute()
 
 
 def test_segments_may_have_different_numbers_of_levels(

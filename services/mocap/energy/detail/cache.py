@@ -3,6 +3,7 @@
 import hashlib
 import logging
 import os
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 from zipfile import BadZipFile
@@ -26,20 +27,20 @@ _MOST_BODIES = 64
 
 def cache_folder() -> Path:
     """Where bodies are kept: $XORMOCAP_CACHE, or xormocap in the user's folder for caches."""
-    named = os.environ.get("XORMOCAP_CACHE")
-    return (
-        Path(named)
-        if named
-        else Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "xormocap"
-    )
+    usual = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "xormocap"
+    try:
+        return Path(os.environ.get("XORMOCAP_CACHE") or usual).expanduser()
+    except RuntimeError:  # a user without a home
+        return Path(tempfile.gettempdir()) / f"xormocap-{os.getuid()}"
 
 
 def levels_of(body: Body) -> list[list[Level]]:
     """Every segment's thinned levels, fine to coarse: read from disk, or made (about a second) and kept."""
     path = cache_folder() / f"levels-{_content_hash(body)}.npz"
-    with suppress(OSError, ValueError, KeyError, BadZipFile):  # not there, or not whole
+    with suppress(OSError, EOFError, ValueError, LookupError, BadZipFile):  # not there, or not whole
         levels = _read(path)
-        path.touch()
+        with suppress(OSError):  # others may own it
+            path.touch()
         return levels
     levels = [thinned_levels(*mesh) for mesh in zip(body.vertices_m, body.faces, strict=True)]
     try:
