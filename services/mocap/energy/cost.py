@@ -1,6 +1,7 @@
 """What a differing pixel costs, and what a camera's pixels together: plain XOR, and two variations of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import ceil
 from typing import TypeAlias
 
 import cv2
@@ -9,9 +10,9 @@ from numpy.typing import NDArray
 
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.picture import Picture
-from services.mocap.types import Floats, Mask
+from services.mocap.types import Floats, Ints, Mask
 
-Counts: TypeAlias = NDArray[np.int32]
+Counts: TypeAlias = Ints
 
 DISTANCE_STEPS = 16
 """Distances count in sixteenths of a pixel, so that sums are whole numbers and the same on every backend."""
@@ -29,28 +30,55 @@ class Cost:
     """One factor per camera; none at all: all 1."""
     camera_cap: float = 0.0
     """If positive, a camera's energy E enters as cap E / (cap + E), with cap this share of the foreground in
-    a middling camera: one whose silhouette is wrong by more than that hardly pulls."""
+    a middling camera (times distance_cap_px, if that is positive): one whose silhouette is wrong by more than
+    that hardly pulls. Pre-rendering then no longer changes energies by a constant."""
+
+    @property
+    def margin_px(self) -> int:
+        """How far around a window silhouettes must be known for prices as in the whole picture."""
+        return ceil(self.distance_cap_px) + 1 if self.distance_cap_px > 0 else 0
+
+    def priced(self, picture: Picture) -> Picture:
+        """The picture with the prices of its pixels, if they differ and it has none yet.
+
+        To be done before windows are cut, or in windows that are larger by margin_px on all sides: contours
+        beyond them are not seen. What is ignored by now may be foreground or not.
+        """
+        if self.distance_cap_px <= 0 or picture.prices is not None:
+            return picture
+        n_cameras, cap_px = len(picture.region.origin_px), self.distance_cap_px * picture.region.scale
+        on_input, unknown = unpack(picture.silhouettes, n_cameras), unpack(picture.ignored, n_cameras)
+        distances_px = [_contour_distance_px(*masks) for masks in zip(on_input, unknown, strict=True)]
+        capped_px = np.minimum(np.array(distances_px) - _BEYOND_CONTOUR_PX, cap_px)
+        return replace(picture, prices=np.rint(capped_px * DISTANCE_STEPS).astype(np.int32))
 
     def tally(self, picture: Picture) -> "Tally":
-        """Turn a picture into what a model's covered pixels add to its energy; raises ValueError where the
-        number of weights is not that of cameras."""
+        """Turn a picture, priced if need be, into what a model's covered pixels add to its energy.
+
+        Raises ValueError where the number of weights is not that of cameras, or where prices are missing.
+        """
         n_cameras = len(picture.region.origin_px)
         if self.camera_weights and len(self.camera_weights) != n_cameras:
             raise ValueError(f"camera_weights: expected {n_cameras}, one per camera, or none")
+        prices, steps = (picture.prices, DISTANCE_STEPS) if self.distance_cap_px > 0 else (np.int32(1), 1)
+        if prices is None:
+            raise ValueError("prices: the picture needs them, since pixels cost their distance")
         on_input, counted = unpack(picture.silhouettes, n_cameras), ~unpack(picture.ignored, n_cameras)
-        price, steps = np.where(counted, np.int32(1), np.int32(0)), 1
-        if self.distance_cap_px > 0:
-            steps = DISTANCE_STEPS
-            price *= _distance_steps(on_input, self.distance_cap_px * picture.region.scale)
+        price = np.where(counted, prices, np.int32(0))
         weights = np.array(self.camera_weights or (1.0,) * n_cameras, np.float64)
-        foreground_px = np.count_nonzero(on_input & counted, axis=(1, 2))
-        cap_px = self.camera_cap * float(np.median(foreground_px)) if self.camera_cap > 0 else np.inf
         return Tally(
             gain=np.where(on_input, -price, price),
             blank=np.sum(price, axis=(1, 2), where=on_input, dtype=np.int64),
             weights=weights / steps,
-            cap=max(cap_px, 1.0) * steps,
+            cap=self._cap(on_input) * steps,
         )
+
+    def _cap(self, on_input: Mask) -> float:
+        """In pixels; infinity for none."""
+        if self.camera_cap <= 0:
+            return np.inf
+        foreground_px = float(np.median(np.count_nonzero(on_input, axis=(1, 2))))
+        return max(self.camera_cap * foreground_px, 1.0) * (self.distance_cap_px or 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,17 +108,10 @@ class Tally:
         return energies
 
 
-def _distance_steps(on_input: Mask, cap_px: float) -> Counts:
-    """Each pixel's distance to the contour (C, h, w) in steps, at most cap_px."""
-    distances_px = [_contour_distance_px(mask.astype(np.uint8)) for mask in on_input]
-    capped = np.minimum(np.array(distances_px) - _BEYOND_CONTOUR_PX, cap_px)
-    steps: Counts = np.rint(capped * DISTANCE_STEPS).astype(np.int32)
-    return steps
-
-
-def _contour_distance_px(mask: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """From every pixel's centre to the nearest centre on the other side."""
+def _contour_distance_px(mask: Mask, unknown: Mask) -> NDArray[np.float32]:
+    """From every pixel's centre to the nearest centre on the other side (H, W), unknown pixels aside."""
     inside, outside = (
-        cv2.distanceTransform(side, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for side in (mask, 1 - mask)
+        cv2.distanceTransform((side | unknown).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        for side in (mask, ~mask)
     )
-    return np.asarray(inside + outside, np.float32)
+    return np.where(mask, inside, outside).astype(np.float32)

@@ -1,12 +1,16 @@
 """What the energy compares with: the input silhouettes of one frame, whole, halved or cut to windows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import camera_bit, count_bits, n_planes, pack
-from services.mocap.types import Bytes, Floats, Ints, Mask
+from services.mocap.types import Bytes, Floats, Ints
+
+_Pixel = TypeVar("_Pixel", np.bool_, np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +59,8 @@ class Picture:
     """(P, h, w) bit-planes of the input."""
     ignored: Bytes
     """(P, h, w) bit-planes of the pixels that count for nothing: outside the picture, or pre-rendered."""
+    prices: Ints | None = None
+    """(C, h, w) what each pixel costs if it differs, in steps as Cost.priced has them; None: all the same."""
 
     @classmethod
     def whole(cls, rig: Rig, silhouettes: Bytes) -> "Picture":
@@ -71,10 +77,13 @@ class Picture:
 
     def ignoring(self, planes: Bytes) -> "Picture":
         """The same picture in which the pixels set in planes (P, h, w) count for nothing as well."""
-        return Picture(self.region, self.silhouettes, self.ignored | planes)
+        return replace(self, ignored=self.ignored | planes)
 
     def halved(self) -> "Picture":
-        """Half resolution: a pixel is set where at least two of its four are (the paper, section 4.2)."""
+        """Half resolution: a pixel is set where at least two of its four are (the paper, section 4.2).
+
+        Without prices, which are another matter there.
+        """
         n_cameras = len(self.region.origin_px)
         region = Region(
             self.region.origin_px // 2, self.region.width_px // 2, self.region.height_px // 2, 0.5
@@ -90,16 +99,21 @@ class Picture:
 
         What lies outside is ignored.
         """
-        n_cameras = len(origin_px)
+        n_cameras, size = len(origin_px), (width_px, height_px)
         shape = (n_planes(n_cameras), height_px, width_px)
         silhouettes, ignored = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-        for c, (x, y) in enumerate(origin_px - self.region.origin_px):
+        corners = origin_px - self.region.origin_px
+        for c, corner in enumerate(corners):
             plane, bit = divmod(c, 8)
             silhouettes[plane] |= (
-                _cut(camera_bit(self.silhouettes, c), x, y, width_px, height_px, False) << bit
+                _cut(camera_bit(self.silhouettes, c), corner, size, False).astype(np.uint8) << bit
             )
-            ignored[plane] |= _cut(camera_bit(self.ignored, c), x, y, width_px, height_px, True) << bit
-        return Picture(Region(origin_px, width_px, height_px, self.region.scale), silhouettes, ignored)
+            ignored[plane] |= _cut(camera_bit(self.ignored, c), corner, size, True).astype(np.uint8) << bit
+        prices = None
+        if self.prices is not None:
+            prices = np.array([_cut(p, at, size, 0) for p, at in zip(self.prices, corners, strict=True)])
+        region = Region(origin_px, width_px, height_px, self.region.scale)
+        return Picture(region, silhouettes, ignored, prices)
 
     @property
     def n_foreground(self) -> int:
@@ -114,11 +128,12 @@ def _halve(planes: Bytes, n_cameras: int, at_least: int) -> Bytes:
     return pack(counts >= at_least)
 
 
-def _cut(mask: Mask, x: int, y: int, width: int, height: int, fill: bool) -> Bytes:
-    """Cut width x height at (x, y) out of a mask, filled where it reaches over the edge."""
-    window: Bytes = np.full((height, width), fill, np.uint8)
+def _cut(image: NDArray[_Pixel], corner: Ints, size: tuple[int, int], fill: int) -> NDArray[_Pixel]:
+    """Cut size (width, height) at corner (x, y) out of an image, filled where it reaches over the edge."""
+    (x, y), (width, height) = corner, size
+    window = np.full((height, width), fill, image.dtype)
     x0, y0 = max(x, 0), max(y, 0)
-    x1, y1 = min(x + width, mask.shape[1]), min(y + height, mask.shape[0])
+    x1, y1 = min(x + width, image.shape[1]), min(y + height, image.shape[0])
     if x1 > x0 and y1 > y0:
-        window[y0 - y : y1 - y, x0 - x : x1 - x] = mask[y0:y1, x0:x1]
+        window[y0 - y : y1 - y, x0 - x : x1 - x] = image[y0:y1, x0:x1]
     return window

@@ -94,13 +94,13 @@ def solve_frame(
     starts, moved within the joint limits, count as seen. first_pass: the number of the first pass, where a
     frame is solved more than once.
     """
-    starts = clip_to_limits(starts)
+    starts, whole = clip_to_limits(starts), settings.cost.priced(whole)
     energy = whole_body_energy(model, whole, starts[0], settings.cost, settings.detail_px)
     energies = energy(starts)
     best = FrameSolution(
         starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts)
     )
-    halved, pose = whole.halved(), best.pose
+    halved, pose = settings.cost.priced(whole.halved()), best.pose
     for pass_index in range(first_pass, first_pass + settings.max_passes):
         before = best.energy_px
         pose = _one_pass(model, whole, halved, pose, settings, limbs, pass_index, best)
@@ -153,9 +153,10 @@ def _one_pass(
 def limb_jobs(
     model: Model, whole: Picture, pose: Floats, settings: SearchSettings, pass_index: int
 ) -> list[LimbJob]:
-    """The four limbs of a pass, each with its window of the input."""
+    """The four limbs of a pass, each with its window of the input and the cost's margin around it."""
+    margin_px = settings.cost.margin_px
     return [
-        LimbJob(pass_index, name, stage_window(model, limb.main, whole, pose), pose, settings)
+        LimbJob(pass_index, name, stage_window(model, limb.main, whole, pose, margin_px), pose, settings)
         for name, limb in LIMBS.items()
     ]
 

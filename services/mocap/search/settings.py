@@ -64,6 +64,13 @@ class SearchSettings(BaseModel):
         """Messages and TOML know lists only."""
         return tuple(value) if isinstance(value, list) else value
 
+    @field_validator("camera_weights")
+    @classmethod
+    def _some_weight(cls, weights: tuple[float, ...]) -> tuple[float, ...]:
+        if weights and not any(weights):
+            raise ValueError("expected at least one camera that counts, found only zeros")
+        return weights
+
     @property
     def cost(self) -> Cost:
         """What differing pixels cost while searching; energies are reported as plain counts all the same."""

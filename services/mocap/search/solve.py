@@ -57,7 +57,7 @@ class Solution:
 
 def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Energy:
     """The energy of all parameters with the whole body drawn; pose (35,) is any; the rest as in Problem."""
-    problem = Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, picture, cost, detail_px)
+    problem = Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, cost.priced(picture), cost, detail_px)
     return model.backend.energy(problem)
 
 
@@ -82,10 +82,20 @@ def solve_head(model: Model, whole: Picture, pose: Floats, settings: SearchSetti
     return _descend_stage(model, HEAD, window, pose, settings)
 
 
-def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats) -> Picture:
-    """Cut the windows of a stage out of a picture, centred on where the pose (35,) has its segments."""
-    size_px = window_size_px(stage, model.rig)
-    return picture.window(window_origins_px(stage, pose, model.body, model.rig), size_px, size_px)
+def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, margin_px: int = 0) -> Picture:
+    """Cut the windows of a stage out of a picture, centred on where the pose (35,) has its segments.
+
+    margin_px: how much larger they are on all sides.
+    """
+    size_px = window_size_px(stage, model.rig) + 2 * margin_px
+    origins_px = window_origins_px(stage, pose, model.body, model.rig) - np.int32(margin_px)
+    return picture.window(origins_px, size_px, size_px)
+
+
+def _without_margin(window: Picture, margin_px: int) -> Picture:
+    region = window.region
+    width_px, height_px = region.width_px - 2 * margin_px, region.height_px - 2 * margin_px
+    return window.window(region.origin_px + np.int32(margin_px), width_px, height_px)
 
 
 def solve_limb(
@@ -98,11 +108,12 @@ def solve_limb(
 ) -> Solution:
     """Find a limb in its window: grid search over ball and hinge, downhill, then its hand or foot.
 
-    window: the input in the limb's window, nothing pre-rendered. shard (k, n): search the start and only
-    every n-th grid point, from the k-th on, so that n workers share a limb and none returns worse than the
-    start. A pose beyond the joint limits is moved to them first.
+    window: the input in the limb's window and in the cost's margin around it, nothing pre-rendered. shard (k,
+    n): search the start and only every n-th grid point, from the k-th on, so that n workers share a limb and
+    none returns worse than the start. A pose beyond the joint limits is moved to them first.
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
+    window = _without_margin(settings.cost.priced(window), settings.cost.margin_px)
     energy, start, box = _prepare(model, limb.main, window, pose, settings)
     points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
     k, n = shard

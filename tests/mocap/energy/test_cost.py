@@ -39,7 +39,7 @@ def _by_definition(model: Mask, wanted: Mask, counted: Mask, cost: Cost) -> floa
         price = np.rint(np.minimum(distance_px, cost.distance_cap_px) * DISTANCE_STEPS) / DISTANCE_STEPS
     energies = np.sum(price * differs, axis=(1, 2))
     if cost.camera_cap:
-        cap = cost.camera_cap * np.median(np.sum(wanted & counted, axis=(1, 2)))
+        cap = cost.camera_cap * np.median(np.sum(wanted, axis=(1, 2))) * (cost.distance_cap_px or 1.0)
         energies = cap * energies / (cap + energies)
     return float(energies @ (cost.camera_weights or (1.0,) * len(model)))
 
@@ -52,7 +52,7 @@ def test_energy_is_what_the_definition_says(
     region = Region.whole(rig)
     wanted = coarse_backend.coverage(poses[:1], ALL_SEGMENTS, region)[0]
     ignored = pack(np.random.default_rng(3).random((3, *rig.shape_px)) < 0.2)
-    picture = Picture.whole(rig, wanted).ignoring(ignored)
+    picture = cost.priced(Picture.whole(rig, wanted)).ignoring(ignored)
     energies = coarse_backend.energy(Problem(poses[0], EVERY_DOF, ALL_SEGMENTS, picture, cost))(poses)
     counted = ~unpack(picture.ignored, 3)
     expected = [
@@ -66,7 +66,7 @@ def test_energy_is_what_the_definition_says(
 def test_tallies_hold_the_blank_energy_and_combine_cameras(ring: Ring, cost: Cost) -> None:
     rig, rng = ring(3), np.random.default_rng(0)
     wanted: Mask = rng.random((3, *rig.shape_px)) < 0.3
-    tally = cost.tally(Picture.whole(rig, pack(wanted)))
+    tally = cost.tally(cost.priced(Picture.whole(rig, pack(wanted))))
     np.testing.assert_array_equal(tally.blank, -tally.gain.sum(axis=(1, 2), where=wanted))
     nothing, everything = np.zeros_like(wanted), np.ones_like(wanted)
     both = np.array([tally.blank, tally.blank + tally.gain.sum(axis=(1, 2))])
@@ -87,10 +87,12 @@ def test_a_distance_cost_sees_farther_than_xor(
     shown = coarse_backend.coverage(poses, ALL_SEGMENTS, region)
     apart = ~np.any(shown & wanted, axis=(1, 2, 3)) & np.any(shown, axis=(1, 2, 3))
     problem = Problem(pose, EVERY_DOF, ALL_SEGMENTS, Picture.whole(rig, wanted))
+    cost = Cost(distance_cap_px=100.0)
+    by_distance = replace(problem, cost=cost, picture=cost.priced(problem.picture))
     nothing = pose + np.eye(N_DOF)[2] * 100.0
     distant, plain = (
         energy(poses[apart]) - energy(nothing[None])
-        for energy in map(coarse_backend.energy, (replace(problem, cost=Cost(100.0)), problem))
+        for energy in map(coarse_backend.energy, (by_distance, problem))
     )
     assert np.count_nonzero(apart) >= 3
     assert np.all(np.diff(distant / plain) > 0)
@@ -120,3 +122,43 @@ def test_a_wrong_number_of_weights_is_refused(ring: Ring) -> None:
     picture = Picture.whole(rig, np.zeros((1, *rig.shape_px), np.uint8))
     with pytest.raises(ValueError, match="camera_weights: expected 3"):
         Cost(camera_weights=(1.0, 1.0)).tally(picture)
+
+
+def test_prices_must_be_there(ring: Ring) -> None:
+    rig = ring(3)
+    picture = Picture.whole(rig, np.zeros((1, *rig.shape_px), np.uint8))
+    with pytest.raises(ValueError, match="prices"):
+        Cost(distance_cap_px=2.0).tally(picture)
+
+
+@pytest.mark.parametrize("cap_px", [0.5, 3.2, 9.0])
+def test_prices_in_a_window_with_its_margin_are_those_of_the_whole(ring: Ring, cap_px: float) -> None:
+    """Wherever the window lies, over the picture's edges too: so may a worker know no more than it needs."""
+    rig, rng, cost = ring(3), np.random.default_rng(1), Cost(distance_cap_px=cap_px)
+    height_px, width_px = rig.shape_px
+    masks: Mask = rng.random((3, height_px // 8, width_px // 8)) < 0.4
+    whole = Picture.whole(rig, pack(masks.repeat(8, axis=1).repeat(8, axis=2)))
+    priced, size, margin = cost.priced(whole), 20, cost.margin_px
+    for _ in range(20):
+        origins = rng.integers((-25, -25), (width_px + 5, height_px + 5), (3, 2)).astype(np.int32)
+        wide = cost.priced(whole.window(origins - np.int32(margin), size + 2 * margin, size + 2 * margin))
+        window, expected = wide.window(origins, size, size), priced.window(origins, size, size)
+        counted = ~unpack(window.ignored, 3)
+        assert window.prices is not None
+        assert expected.prices is not None
+        np.testing.assert_array_equal(window.prices[counted], expected.prices[counted])
+
+
+def test_the_edge_of_the_picture_is_no_contour(ring: Ring) -> None:
+    """Where the actor leaves the picture nobody knows where the contour is."""
+    rig = ring(1)
+    mask: Mask = np.zeros((1, *rig.shape_px), bool)
+    mask[:, :, :30] = True
+    origin, size = np.array([[-10, 5]], np.int32), 60
+    prices = (
+        Cost(distance_cap_px=99.0).priced(Picture.whole(rig, pack(mask)).window(origin, size, size)).prices
+    )
+    assert prices is not None
+    columns = np.arange(size) - 10
+    distances = np.where(columns < 30, 29.5 - columns, columns - 29.5)
+    np.testing.assert_array_equal(prices[0, :, 10:], np.tile(distances * DISTANCE_STEPS, (size, 1))[:, 10:])

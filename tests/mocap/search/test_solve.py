@@ -83,10 +83,12 @@ def test_a_limb_costs_what_it_says(
 ) -> None:
     """By the cost and the level of detail that were asked for, in the pre-render too."""
     start = disturbed(truth, LIMBS[name].dofs, 7)
-    window = limb_window(model, name, picture_of(truth), start)
+    whole = search.cost.priced(picture_of(truth))
+    window = limb_window(model, name, whole, start)
+    wide = stage_window(model, LIMBS[name].main, picture_of(truth), start, search.cost.margin_px)
     backend: Any = model.backend
     before = backend.evaluations
-    found = solve_limb(model, name, window, start, search)
+    found = solve_limb(model, name, wide, start, search)
     assert found.evaluations == backend.evaluations - before
     # Its energy is that of the ball and hinge, with the hand or foot as in the start.
     main = Solution(LIMBS[name].main.dofs, found.values[: len(LIMBS[name].main.dofs)], 0.0, 0)

@@ -101,7 +101,7 @@ def test_costs(
     rig, poses = ring(4), random_poses(10, 3)
     backends = both(real_body, rig)
     truth = backends[1].coverage(poses[:1], ALL, noisy_picture(rig, 0).region)[0]
-    problem = Problem(poses[0], EVERY_DOF, ALL, Picture.whole(rig, truth), cost)
+    problem = Problem(poses[0], EVERY_DOF, ALL, cost.priced(Picture.whole(rig, truth)), cost)
     assert len(np.unique(same_energies(backends, problem, poses, rtol))) == 10
 
 
