@@ -49,7 +49,7 @@ class SearchSettings(BaseModel):
     detail_px: float = Field(default=0.5, ge=0, le=100, description=_UP_TO_100)
     """Level of detail: silhouettes of thinned meshes may be off by this many pixels of the working
     resolution; 0: always the full mesh."""
-    distance_cap_px: float = Field(default=0.0, ge=0, le=100, description=_UP_TO_100)
+    distance_cap_px: float = Field(default=0.0, ge=0, le=50, description="a number from 0 to 50")
     """If positive, a differing pixel costs its distance to the input's contour, at most this many pixels."""
     camera_weights: tuple[_Weight, ...] = Field(
         default=(), description="a list of numbers from 0 to 1000, such as [1.0, 0.5, 1.0]"

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 
 from services.mocap.body.actor import Body
 from services.mocap.body.skeleton import dofs_of, segments_below
+from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.bitplanes import count_bits
@@ -20,6 +22,7 @@ from services.mocap.types import Floats
 
 RandomPoses = Callable[[int, int], Floats]
 Ring = Callable[[int], Rig]
+Point = tuple[float, float, float]
 ALL, EVERY_DOF = tuple(range(16)), tuple(range(35))
 ARM, ARM_DOFS = segments_below("left_shoulder"), dofs_of("left_shoulder", "left_elbow")
 BODY_WITHOUT_ARM = tuple(s for s in ALL if s not in ARM)
@@ -51,6 +54,27 @@ def test_silhouettes_change_little_and_less_the_less_is_allowed(
     assert shares == sorted(shares)
     assert 0 < shares[0] < 0.01
     assert shares[2] < 0.04
+
+
+@pytest.mark.parametrize(("eye_m", "n_poses"), [((4.0, 0.4, 1.4), 40), ((1.3, -1.0, 1.0), 30)])
+def test_silhouettes_are_off_by_no_more_than_allowed(
+    real_body: Body, look: Callable[..., Camera], random_poses: RandomPoses, eye_m: Point, n_poses: int
+) -> None:
+    """From far and from near: every pixel of either silhouette has one of the other so close by.
+
+    Four pixels are allowed, in large pictures, beside which what sampling at pixel centres adds is small.
+    """
+    rig, allowed_px = Rig.of((look(eye_m, focal_px=700.0, width_px=640, height_px=480),)), 4.0
+    poses, region, backend = random_poses(n_poses, 7), Region.whole(rig), CpuBackend(real_body, rig)
+    farthest_px = []
+    for pose in poses:
+        full, thinned = (backend.coverage(pose[None], ALL, region, px)[0, 0] > 0 for px in (0.0, allowed_px))
+        if full.any() and thinned.any():
+            away_px = [distance_transform_edt(~b)[a].max() for a, b in ((full, thinned), (thinned, full))]
+            farthest_px.append(max(away_px))
+    assert len(farthest_px) > 0.8 * n_poses
+    assert max(farthest_px) <= allowed_px + 1.0
+    assert max(farthest_px) > 0.3 * allowed_px  # the allowance is made use of
 
 
 @pytest.mark.parametrize("halved", [False, True])

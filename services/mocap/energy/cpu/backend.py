@@ -32,7 +32,7 @@ class CpuBackend:
     def __init__(self, body: Body, rig: Rig, threads: int = 1) -> None:
         self._body = body
         self._rig = rig
-        self._n_threads = threads or os.cpu_count() or 1
+        self._n_threads = threads or _n_cores()
         self._pool = ThreadPoolExecutor(self._n_threads, "energy") if self._n_threads > 1 else None
 
     def energy(self, problem: Problem) -> Energy:
@@ -54,6 +54,8 @@ class CpuBackend:
             )  # fmt: skip
 
         def evaluate_all(values: Floats) -> Floats:
+            if not (values.flags.c_contiguous and values.flags.writeable):
+                values = values.copy()  # to Numba the others are types of their own, to compile for
             energies = np.empty(len(values))
             if self._pool is None or len(values) < len(lanes):
                 run(0, values, energies)
@@ -98,6 +100,11 @@ class CpuBackend:
         """End the threads."""
         if self._pool is not None:
             self._pool.shutdown()
+
+
+def _n_cores() -> int:
+    """Those that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _canvas(region: Region) -> Canvas:

@@ -58,7 +58,9 @@ class FlatMesh(NamedTuple):
                 body.vertices_m, body.faces, thinned or [()] * len(body.faces), strict=True
             )
         ]
-        spheres_m = np.array([_sphere(ladder) for ladder in ladders])
+        spheres_m = np.array(
+            [sphere_of(np.concatenate([level.vertices_m for level in ladder])) for ladder in ladders]
+        )
         n_levels = max(map(len, ladders))
         levels = [
             [ladder[k] if k < len(ladder) else _NO_LEVEL for ladder in ladders] for k in range(n_levels)
@@ -101,9 +103,8 @@ def _starts(parts: Sequence[NDArray[Any]]) -> list[int]:
     return [0, *accumulate(map(len, parts))]
 
 
-def _sphere(ladder: Sequence[Level]) -> Floats:
-    """Centre and radius (4,) of a sphere about the middle of all levels' bounding box."""
-    vertices_m = np.concatenate([level.vertices_m for level in ladder])
+def sphere_of(vertices_m: Floats) -> Floats:
+    """Centre and radius (4,) of a sphere about the middle of the bounding box of vertices (V, 3)."""
     centre = (vertices_m.min(axis=0) + vertices_m.max(axis=0)) / 2
     return np.append(centre, np.linalg.norm(vertices_m - centre, axis=1).max() * (1.0 + 1e-9))
 
