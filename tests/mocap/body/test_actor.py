@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from services.mocap.body.actor import BONES, DEFAULT_HEIGHT_M, Actor, Body, build_body
-from services.mocap.body.kinematics import N_DOF, joint_positions
+from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
+from services.mocap.body.profiles import FACTOR_RANGE, MOST_CONTROLS, SECTIONS, Profile
 from services.mocap.body.shape import generic_segments
 from services.mocap.body.skeleton import (
     JOINT_INDEX,
@@ -24,11 +25,16 @@ from services.mocap.types import Floats
 
 HEIGHT_M = 1.8
 MIRROR_Y = np.array([1.0, -1.0, 1.0])
+FACTORS = st.lists(st.floats(*FACTOR_RANGE), min_size=1, max_size=MOST_CONTROLS).map(tuple)
 ACTORS = st.builds(
     Actor,
     height=st.floats(0.5, 2.5),
     bone_lengths=st.dictionaries(st.sampled_from(list(BONES)), st.floats(0.01, 1.0)),
+    profiles=st.dictionaries(
+        st.sampled_from(list(SECTIONS)), st.builds(Profile, width=FACTORS, depth=FACTORS), max_size=3
+    ),
 )
+TRUNK_WIDTHS = {"hip_width", "shoulder_width"}  # they widen the trunk between them
 # Two joints whose distance along an axis is the bone's length, where it has such.
 ENDS = {
     "hip_width": ("left_hip", "right_hip", 1),
@@ -77,7 +83,8 @@ def changed_coordinates(body: Body, other: Body) -> tuple[set[tuple[str, str]], 
 def test_toml_round_trip(actor: Actor) -> None:
     assert Actor.from_toml(actor.to_toml()) == actor
     assert Actor.from_toml(actor.to_toml()).content_hash == actor.content_hash
-    assert set(tomllib.loads(actor.to_toml())) == set(Actor.model_fields)
+    fields = set(Actor.model_fields) if actor.profiles else set(Actor.model_fields) - {"profiles"}
+    assert set(tomllib.loads(actor.to_toml())) == fields
 
 
 @given(ACTORS, ACTORS)
@@ -147,6 +154,24 @@ def test_standing_height_is_the_actors() -> None:
     assert head_top_m == pytest.approx(HEIGHT_M, abs=2e-3)
 
 
+@given(ACTORS)
+@settings(max_examples=15, deadline=None)
+def test_standing_height_is_that_of_the_mesh(actor: Actor) -> None:
+    body = build_body(actor)
+    pose = np.zeros(N_DOF)
+    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
+    z_m = {
+        name: vertices_m @ T[2, :3] + T[2, 3]
+        for name, vertices_m, T in zip(SEGMENT_NAMES, body.vertices_m, T_world_segment, strict=True)
+    }
+    lowest_m = min(float(heights.min()) for heights in z_m.values())
+    assert body.standing_height_m == pytest.approx(z_m["head"].max() - lowest_m)
+
+
+def test_the_generic_body_stands_as_tall_as_it_says() -> None:
+    assert build_body(Actor(height=HEIGHT_M)).standing_height_m == pytest.approx(HEIGHT_M, abs=1e-3)
+
+
 def test_lowest_point_follows_the_pose() -> None:
     body = build_body(Actor(height=HEIGHT_M))
     pose = np.zeros(N_DOF)
@@ -163,7 +188,7 @@ def test_centres_are_mean_vertices() -> None:
         np.testing.assert_allclose(centre_m, vertices_m.mean(axis=0))
 
 
-@pytest.mark.parametrize("bone", BONES)
+@pytest.mark.parametrize("bone", sorted(set(BONES) - TRUNK_WIDTHS))
 def test_a_bone_changes_exactly_what_its_table_names(bone: str) -> None:
     length_m = 1.1 * BONES[bone].length_heights * HEIGHT_M
     body, other = (
@@ -185,6 +210,28 @@ def test_a_bone_changes_exactly_what_its_table_names(bone: str) -> None:
     for s, axis in segments:
         k, i = "xyz".index(axis), SEGMENT_INDEX[s]
         np.testing.assert_allclose(other.vertices_m[i][:, k], 1.1 * body.vertices_m[i][:, k])
+
+
+@pytest.mark.parametrize(("bone", "joint"), [("hip_width", "hip"), ("shoulder_width", "shoulder")])
+def test_the_trunk_widens_with_hips_below_and_shoulders_above(bone: str, joint: str) -> None:
+    length_m = 1.1 * BONES[bone].length_heights * HEIGHT_M
+    body, other = (
+        build_body(Actor(height=HEIGHT_M)),
+        build_body(Actor(height=HEIGHT_M, bone_lengths={bone: length_m})),
+    )
+    joints, segments = changed_coordinates(body, other)
+    assert joints == {(f"{side}_{joint}", "y") for side in ("left", "right")}
+    assert segments == {("pelvis", "y"), ("torso", "y")}
+    for segment, waist_m in (("pelvis", 0.0), ("torso", body.offsets_m[JOINT_INDEX["waist"], 2])):
+        before, after = (b.vertices_m[SEGMENT_INDEX[segment]] for b in (body, other))
+        factors = after[before[:, 1] != 0, 1] / before[before[:, 1] != 0, 1]
+        share = before[before[:, 1] != 0, 2] + waist_m
+        share /= body.offsets_m[JOINT_INDEX["left_shoulder"], 2] + body.offsets_m[JOINT_INDEX["waist"], 2]
+        order = np.argsort(share)
+        rises = 1 if bone == "shoulder_width" else -1
+        assert np.all(rises * np.diff(factors[order]) > -1e-12)
+        np.testing.assert_allclose(factors[share <= 0.0], 1.0536 if bone == "hip_width" else 1.0)
+        np.testing.assert_allclose(factors[share >= 1.0], 1.0 if bone == "hip_width" else 1.1)
 
 
 @pytest.mark.parametrize("bone", BONES)

@@ -1,0 +1,201 @@
+"""How a person's outline differs from the generic body's along each bone: factors on width and depth.
+
+Factors stand at control points evenly spaced from a segment's near to its far end. Between them runs the
+Bézier curve of which they are the control values: smooth, never above the largest nor below the smallest
+of them, equal to the first and the last at the ends, straight where they lie on a line. Beyond an end the
+factor stays, or follows the next segment's profile where that goes on in the same direction. At the hips,
+where two thighs come out of one pelvis, each takes on something of the other, so that no step shows.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+from scipy.special import comb
+
+from services.mocap.body.shape import generic_segments
+from services.mocap.body.skeleton import SEGMENT_INDEX
+from services.mocap.types import Floats, Ints
+
+FACTOR_RANGE = (0.3, 3.0)
+"""Factors that an actor may have; people lie well within."""
+MOST_CONTROLS = 6
+
+
+class Profile(BaseModel):
+    """Factors on a segment's extent across its bone, 1 being the generic body at the actor's height."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    width: tuple[float, ...] = (1.0,)
+    """At control points along the bone, from side to side of the body (see SECTIONS for arms and hands)."""
+    depth: tuple[float, ...] = (1.0,)
+    """The same for the extent in depth; there may be more or fewer of them."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """How a segment of the left side lies in its frame, which is the body's in the rest pose."""
+
+    axes: str
+    """The frame axes along its bone, of its width and of its depth."""
+    start: float
+    """Where along the bone the first control point lies, in body heights from the carrying joint."""
+    end: float
+    """Where the last one lies."""
+
+
+SECTIONS: dict[str, Section] = {
+    "pelvis": Section("zyx", 0.0, 0.075),
+    "torso": Section("zyx", 0.0, 0.248),
+    "neck": Section("zyx", 0.0, 0.058),
+    "head": Section("zyx", 0.0, 0.094),
+    "upper_arm": Section("yzx", 0.0, 0.165),
+    "forearm": Section("yzx", 0.0, 0.152),
+    "hand": Section("yxz", 0.0, 0.108),
+    "thigh": Section("zyx", 0.0, -0.243),
+    "shank": Section("zyx", 0.0, -0.242),
+    "foot": Section("xyz", -0.038, 0.114),
+}
+"""Segment (without its side) -> its section. In the T pose an arm's width is its height, palms down, and
+the depth of a hand its thickness; a foot runs from heel to toes, its depth from sole to instep."""
+
+_CONTINUES = {"pelvis": "torso", "upper_arm": "forearm", "thigh": "shank"}
+"""Segments whose bone goes on straight in another's in the rest pose."""
+_CONTINUED = {after: before for before, after in _CONTINUES.items()}
+_CROTCH_POSITION = -0.6
+"""Where along its bone the pelvis has become as deep as the thighs that come out of it."""
+_HAUNCH_POSITION = 0.62
+"""Where along the thigh its outer half has its own width again, which at the hip makes one outline with the
+pelvis."""
+_HAUNCH_POWER = 1.9
+"""Of the pelvis' factor at the hips, for that outline: the pelvis is scaled about the middle of the body,
+half a thigh about the hip joint. Any power keeps widths positive; this is nearest to one outline."""
+
+
+def check_profiles(profiles: object) -> None:
+    """Raise ValueError with one sentence for the first thing wrong with the profiles read from a file."""
+    if not isinstance(profiles, dict):
+        raise ValueError("expected a table per segment, such as [profiles.torso]")
+    for segment, profile in profiles.items():
+        if segment not in SECTIONS:
+            raise ValueError(f"{segment} is not a segment; known are {', '.join(SECTIONS)}")
+        fields = dict(profile) if isinstance(profile, dict | Profile) else None
+        if fields is None or not set(fields) <= {"width", "depth"}:
+            raise ValueError(f"{segment}: expected width and depth and nothing else, each a list of factors")
+        for name, factors in fields.items():
+            _check_factors(f"{segment}.{name}", factors)
+
+
+def _check_factors(where: str, factors: object) -> None:
+    low, high = FACTOR_RANGE
+    if not isinstance(factors, list | tuple) or not 1 <= len(factors) <= MOST_CONTROLS:
+        raise ValueError(f"{where}: expected a list of 1 to {MOST_CONTROLS} factors")
+    for factor in factors:
+        is_number = isinstance(factor, int | float) and not isinstance(factor, bool)
+        if not is_number or not low <= factor <= high:
+            raise ValueError(
+                f"{where}: expected factors from {low} to {high}, 1 being the generic body, found {factor!r}"
+            )
+
+
+def bezier_weights(positions: Floats, n_controls: int) -> Floats:
+    """Weights (N, n_controls) of control values at positions (N,) from 0 to 1; outside, those of the end."""
+    t, k = np.clip(positions, 0.0, 1.0)[:, None], np.arange(n_controls)
+    weights: Floats = comb(n_controls - 1, k) * t**k * (1.0 - t) ** (n_controls - 1 - k)
+    return weights
+
+
+def factors_along(segment: str, extent: str, profiles: dict[str, Profile]) -> Floats | float:
+    """Factor of every vertex (V,) of a segment (without its side), or 1 where no profile touches it.
+
+    extent: "width" or "depth". All are exactly 1 where all controls are.
+    """
+    own = _controls(segment, extent, profiles)
+    factors: Floats | float = 1.0 if own is None else _blend(segment, own)
+    for neighbour, at, end in ((_CONTINUED.get(segment), 0, -1), (_CONTINUES.get(segment), 1, 0)):
+        controls = None if neighbour is None else _controls(neighbour, extent, profiles)
+        if controls is not None:
+            beyond, weights = _beyond(segment, at, len(controls))
+            factors = np.broadcast_to(factors, (len(_positions(segment)),)).copy()
+            factors[beyond] *= (1.0 + weights @ (controls - 1.0)) / controls[end]
+    if (segment, extent) == ("pelvis", "depth"):
+        return factors * _into_thighs(profiles)
+    return factors * _haunches(profiles) if (segment, extent) == ("thigh", "width") else factors
+
+
+def _into_thighs(profiles: dict[str, Profile]) -> Floats:
+    """What to multiply the pelvis' depths by, so that thighs of another depth come out without a step."""
+    pelvis, thigh = (_nearest_factor(segment, "depth", profiles) for segment in ("pelvis", "thigh"))
+    share = smoothstep(_positions("pelvis") / _CROTCH_POSITION)
+    depths: Floats = 1.0 + share * (thigh / pelvis - 1.0)
+    return depths
+
+
+def _haunches(profiles: dict[str, Profile]) -> Floats:
+    """What to multiply the thigh's widths by, so that its outer side goes on in the pelvis' outline."""
+    pelvis, thigh = (_nearest_factor(segment, "width", profiles) for segment in ("pelvis", "thigh"))
+    share = smoothstep(1.0 - _positions("thigh") / _HAUNCH_POSITION) * _is_outer_thigh()
+    widths: Floats = 1.0 + share * (pelvis**_HAUNCH_POWER / thigh - 1.0)
+    return widths
+
+
+def _nearest_factor(segment: str, extent: str, profiles: dict[str, Profile]) -> float:
+    """The factor at a segment's near end."""
+    controls = _controls(segment, extent, profiles)
+    return 1.0 if controls is None else float(controls[0])
+
+
+@cache
+def _is_outer_thigh() -> Floats:
+    """(V,) 1 for the vertices on the outer side of the hip joint, 0 for the others."""
+    outer: Floats = (_vertices_heights("thigh")[:, 1] > 0.0).astype(np.float64)
+    return outer
+
+
+def smoothstep(t: Floats) -> Floats:
+    """0 below 0, 1 above 1, and smoothly from one to the other between."""
+    within: Floats = np.clip(t, 0.0, 1.0)
+    return within * within * (3.0 - 2.0 * within)
+
+
+def _controls(segment: str, extent: str, profiles: dict[str, Profile]) -> Floats | None:
+    return np.array(getattr(profiles[segment], extent)) if segment in profiles else None
+
+
+def _blend(segment: str, controls: Floats) -> Floats:
+    # Differences from 1, so that rounding leaves the generic body as it is.
+    factors: Floats = 1.0 + _weights(segment, len(controls)) @ (controls - 1.0)
+    return factors
+
+
+def _vertices_heights(segment: str) -> Floats:
+    """(V, 3) of the generic segment, on the left where there are two."""
+    index = SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]
+    return generic_segments()[index].vertices_heights
+
+
+@cache
+def _positions(segment: str) -> Floats:
+    """(V,) where along the bone the vertices lie: 0 at its first control point, 1 at its last."""
+    section = SECTIONS[segment]
+    along = _vertices_heights(segment)[:, "xyz".index(section.axes[0])]
+    positions: Floats = (along - section.start) / (section.end - section.start)
+    return positions
+
+
+@cache
+def _weights(segment: str, n_controls: int) -> Floats:
+    return bezier_weights(_positions(segment), n_controls)
+
+
+@cache
+def _beyond(segment: str, at: int, n_controls: int) -> tuple[Ints, Floats]:
+    """The vertices beyond an end (0 near, 1 far), and their weights in the neighbour's profile there."""
+    neighbour = SECTIONS[(_CONTINUED, _CONTINUES)[at][segment]]
+    section, positions = SECTIONS[segment], _positions(segment)
+    beyond = np.flatnonzero(positions > 1.0 if at else positions < 0.0).astype(np.int32)
+    length_ratio = (section.end - section.start) / (neighbour.end - neighbour.start)
+    across_the_end = (positions[beyond] - at) * length_ratio
+    return beyond, bezier_weights(across_the_end + (1 - at), n_controls)

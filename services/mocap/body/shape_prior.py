@@ -1,0 +1,62 @@
+"""What shapes people have: a normal distribution over the shape space.
+
+Who is stout is so all over, and what lies side by side on a limb or the trunk changes together; bones vary
+each by itself, but the two of a limb, and both limbs, less so than one against the other.
+"""
+
+import numpy as np
+
+from services.mocap.body.shape_space import DEVIATIONS, INDEX, PARAMETERS, body_of, clip_to_bounds
+from services.mocap.types import Floats
+
+_STOUTNESS = 0.5
+"""Share of a girth's variance that all girths have in common."""
+_CHAINS = ("trunk_width", "trunk_depth", "arm_girth", "leg_girth")
+_NECK = "neck_girth"
+_HIPS = ("trunk_width_hip", "trunk_depth_hip", "leg_girth_hip")
+_HIPS_ALIKE = 0.25
+"""Share of the variance at the hips that pelvis and thighs have in common besides stoutness."""
+_CHAIN_REACH = 1.5
+"""Controls along a chain over which likeness falls to 1/e."""
+_LIMB_BONES = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
+_LONG_LIMBS = 0.4
+"""Share of a limb bone's variance that all limb bones have in common."""
+_MOST_DEVIATIONS = 2.0
+
+
+def _correlation() -> Floats:
+    """(n, n) as a sum of parts none of which is negative, so that it is a correlation."""
+    names = list(INDEX)
+    chain_of = {name: next((c for c in _CHAINS if name.startswith(c)), "") for name in names}
+    stout = np.array([bool(chain_of[name]) or name == _NECK for name in names], float)
+    limbs = np.array([name in _LIMB_BONES for name in names], float)
+    places = np.arange(len(names))
+    near = np.exp(-np.abs(places[:, None] - places) / _CHAIN_REACH)
+    same = np.array([[bool(chain_of[a]) and chain_of[a] == chain_of[b] for b in names] for a in names])
+    own = np.where(same, near, np.eye(len(names)))
+    hips = np.array([name in _HIPS for name in names], float)
+    groups = ((_STOUTNESS, stout), (_LONG_LIMBS, limbs), (_HIPS_ALIKE, hips))
+    shared = sum((share * np.outer(group, group) for share, group in groups), np.zeros(near.shape))
+    left = np.sqrt(1.0 - np.diag(shared))
+    correlation: Floats = shared + own * np.outer(left, left)
+    return correlation
+
+
+COVARIANCE: Floats = _correlation() * np.outer(DEVIATIONS, DEVIATIONS)
+"""(n, n) of the shape vectors of people, whose mean is zero, the generic body."""
+WHITENING: Floats = np.linalg.inv(np.linalg.cholesky(COVARIANCE))
+"""(n, n) W with |W x|² = x' COVARIANCE⁻¹ x: the prior's residuals W x in a least-squares fit."""
+
+
+def random_shape(rng: np.random.Generator, low_m: float = 1.5, high_m: float = 2.0) -> Floats:
+    """A shape vector (n,) such as people have, of a height evenly between low_m and high_m."""
+    z = np.clip(rng.standard_normal(len(PARAMETERS)), -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
+    x = np.linalg.cholesky(COVARIANCE) @ z
+    return _of_height(clip_to_bounds(x), rng.uniform(low_m, high_m))
+
+
+def _of_height(x: Floats, height_m: float) -> Floats:
+    """The shape with its height changed so that the body stands height_m tall."""
+    taller = x.copy()
+    taller[INDEX["height"]] += np.log(height_m / body_of(x).standing_height_m)
+    return taller

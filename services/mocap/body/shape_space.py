@@ -1,0 +1,225 @@
+"""The space of shapes that a fit searches: a vector of logarithms, zero for the generic body.
+
+Its parameters are what silhouettes can tell of a person: the height, the bones, the trunk's width and
+depth, the girth of the limbs, and the size of neck, head, hands and feet. Neighbouring segments share the
+control at their joint. One direction changes next to nothing: greater height with shorter bones and slimmer
+profiles. There, and where silhouettes tell little, the deviations decide, or shape_prior, which knows too
+what goes together in people.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from services.mocap.body.actor import BONES, DEFAULT_HEIGHT_M, Actor, Body, build_body
+from services.mocap.body.profiles import Profile, bezier_weights
+from services.mocap.types import Floats
+
+Kind = Literal["height", "bone", "profile"]
+
+
+@dataclass(frozen=True)
+class ShapeParameter:
+    """One number of a shape: the factor by which something differs from the generic body."""
+
+    name: str
+    kind: Kind
+    deviation: float
+    """Standard deviation of the factor's logarithm among people, clothes included."""
+    lowest: float
+    """The smallest factor."""
+    highest: float
+
+
+# Deviations and ranges follow the spread over both sexes in the 2012 US Army survey (Gordon et al. 2014,
+# NATICK/TR-15/007) of each measure over stature, with room for heavier people, children and clothes.
+_BONES = {
+    "hip_width": (0.08, 0.65, 1.5),
+    "pelvis": (0.08, 0.65, 1.5),
+    "torso": (0.05, 0.70, 1.45),
+    "shoulder_width": (0.06, 0.70, 1.45),
+    "neck": (0.10, 0.60, 1.7),
+    "head": (0.05, 0.70, 1.6),
+    "upper_arm": (0.05, 0.70, 1.45),
+    "forearm": (0.05, 0.70, 1.45),
+    "hand": (0.06, 0.70, 1.5),
+    "thigh": (0.05, 0.70, 1.45),
+    "shank": (0.05, 0.70, 1.45),
+    "foot": (0.06, 0.70, 1.5),
+}
+_PROFILES = {
+    "trunk_width_hip": (0.10, 0.6, 1.7),
+    "trunk_width_belly": (0.15, 0.6, 1.8),
+    "trunk_width_waist": (0.16, 0.6, 1.9),
+    "trunk_width_ribs": (0.15, 0.6, 1.8),
+    "trunk_width_chest": (0.12, 0.6, 1.7),
+    "trunk_width_top": (0.12, 0.6, 1.7),
+    "trunk_depth_hip": (0.15, 0.6, 1.8),
+    "trunk_depth_belly": (0.20, 0.6, 2.0),
+    "trunk_depth_waist": (0.22, 0.6, 2.2),
+    "trunk_depth_ribs": (0.20, 0.6, 2.0),
+    "trunk_depth_chest": (0.15, 0.6, 1.8),
+    "trunk_depth_top": (0.15, 0.6, 1.8),
+    "neck_girth": (0.12, 0.6, 1.7),
+    "head_width": (0.08, 0.7, 1.5),
+    "head_depth": (0.08, 0.7, 1.5),
+    "arm_girth_shoulder": (0.15, 0.6, 1.8),
+    "arm_girth_biceps": (0.18, 0.6, 1.8),
+    "arm_girth_elbow": (0.12, 0.6, 1.8),
+    "arm_girth_forearm": (0.15, 0.6, 1.8),
+    "arm_girth_wrist": (0.12, 0.6, 1.8),
+    "hand_girth": (0.12, 0.6, 1.7),
+    "leg_girth_hip": (0.13, 0.6, 1.7),
+    "leg_girth_thigh": (0.15, 0.6, 1.8),
+    "leg_girth_knee": (0.12, 0.6, 1.8),
+    "leg_girth_calf": (0.14, 0.6, 1.8),
+    "leg_girth_ankle": (0.15, 0.6, 2.0),
+    "foot_width": (0.10, 0.6, 1.7),
+    "foot_depth": (0.15, 0.6, 1.7),
+}
+
+
+def _trunk(extent: str, *places: str) -> tuple[str, ...]:
+    return tuple(f"trunk_{extent}_{place}" for place in places)
+
+
+def _girths(limb: str, *places: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Round limbs: one factor for width and depth together."""
+    controls = tuple(f"{limb}_girth_{place}" for place in places)
+    return controls, controls
+
+
+# Segment -> the parameters that are the controls of its width, and those of its depth.
+_CONTROLS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "pelvis": (_trunk("width", "hip", "belly", "waist"), _trunk("depth", "hip", "belly", "waist")),
+    "torso": (
+        _trunk("width", "waist", "ribs", "chest", "top"),
+        _trunk("depth", "waist", "ribs", "chest", "top"),
+    ),
+    "neck": (("neck_girth",), ("neck_girth",)),
+    "head": (("head_width",), ("head_depth",)),
+    "upper_arm": _girths("arm", "shoulder", "biceps", "elbow"),
+    "forearm": _girths("arm", "elbow", "forearm", "wrist"),
+    "hand": (("hand_girth",), ("hand_girth",)),
+    "thigh": _girths("leg", "hip", "thigh", "knee"),
+    "shank": _girths("leg", "knee", "calf", "ankle"),
+    "foot": (("foot_width",), ("foot_depth",)),
+}
+
+PARAMETERS: tuple[ShapeParameter, ...] = (
+    ShapeParameter("height", "height", 0.08, 0.41, 1.39),  # 0.7 to 2.4 m
+    *(ShapeParameter(name, "bone", *numbers) for name, numbers in _BONES.items()),
+    *(ShapeParameter(name, "profile", *numbers) for name, numbers in _PROFILES.items()),
+)
+"""The parameters, in the order of every shape vector."""
+INDEX: dict[str, int] = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
+"""Parameter -> its place in a shape vector."""
+DEVIATIONS: Floats = np.array([parameter.deviation for parameter in PARAMETERS])
+LOWER: Floats = np.log([parameter.lowest for parameter in PARAMETERS])
+UPPER: Floats = np.log([parameter.highest for parameter in PARAMETERS])
+
+
+def _neighbours() -> tuple[tuple[int, int], ...]:
+    pairs = {
+        (INDEX[one], INDEX[other])
+        for extents in _CONTROLS.values()
+        for controls in extents
+        for one, other in pairwise(controls)
+    }
+    return tuple(sorted(pairs))
+
+
+NEIGHBOURS: tuple[tuple[int, int], ...] = _neighbours()
+"""Pairs of parameters that are neighbouring controls of one profile: bodies change little between them."""
+
+
+# How the numbers change, in logarithms, when the same body is said to be taller. What is in metres stays,
+# and so do factors across where a bone scales the segment across; the trunk's widths follow bones in part.
+_STAYS = ("trunk_width_top", "head_", "hand_", "foot_width")
+_TRUNK_FOLLOWS = {"hip": -0.46, "belly": -0.43, "waist": -0.38, "ribs": -0.19, "chest": -0.03}
+
+
+def _restated(parameter: ShapeParameter) -> float:
+    if parameter.kind == "height":
+        return 1.0
+    if parameter.name.startswith(_STAYS):
+        return 0.0
+    extent, _, place = parameter.name.rpartition("_")
+    return _TRUNK_FOLLOWS[place] if extent == "trunk_width" else -1.0
+
+
+_RESTATED: Floats = np.array([_restated(parameter) for parameter in PARAMETERS])
+
+
+def of_kind(*kinds: Kind) -> tuple[int, ...]:
+    """Indices of the parameters of some kinds, as for a fit from coarse to fine."""
+    return tuple(i for i, parameter in enumerate(PARAMETERS) if parameter.kind in kinds)
+
+
+def clip_to_bounds(x: Floats) -> Floats:
+    """Shape vectors (…, len(PARAMETERS)) moved to the nearest within the bounds."""
+    return np.clip(x, LOWER, UPPER)
+
+
+def actor_of(x: Floats) -> Actor:
+    """The actor of a shape vector (len(PARAMETERS),) within the bounds."""
+    factors = dict(zip(INDEX, np.exp(x).tolist(), strict=True))
+    height_m = DEFAULT_HEIGHT_M * factors["height"]
+    return Actor(
+        height=height_m,
+        bone_lengths={name: bone.length_heights * height_m * factors[name] for name, bone in BONES.items()},
+        profiles={
+            segment: Profile(
+                width=tuple(factors[name] for name in width), depth=tuple(factors[name] for name in depth)
+            )
+            for segment, (width, depth) in _CONTROLS.items()
+        },
+    )
+
+
+def vector_of(actor: Actor) -> Floats:
+    """The shape vector (len(PARAMETERS),) of an actor, or the nearest to it that the space holds.
+
+    Profiles with other numbers of controls are approximated; controls that the space shares are averaged.
+    """
+    votes: dict[str, list[float]] = {name: [] for name in INDEX}
+    votes["height"].append(actor.height / DEFAULT_HEIGHT_M)
+    for name, length_m in actor.bone_lengths.items():
+        votes[name].append(length_m / (BONES[name].length_heights * actor.height))
+    for segment, profile in actor.profiles.items():
+        for names, factors in zip(_CONTROLS[segment], (profile.width, profile.depth), strict=True):
+            for name, factor in zip(names, _resampled(np.array(factors), len(names)), strict=True):
+                votes[name].append(float(factor))
+    return clip_to_bounds(np.array([np.mean(np.log(v)) if v else 0.0 for v in votes.values()]))
+
+
+def _resampled(controls: Floats, n_controls: int) -> Floats:
+    """n_controls control values whose curve is nearest to that of other controls."""
+    if len(controls) == n_controls:
+        return controls
+    positions = np.linspace(0.0, 1.0, 33)
+    curve = bezier_weights(positions, len(controls)) @ controls
+    nearest, *_ = np.linalg.lstsq(bezier_weights(positions, n_controls), curve, rcond=None)
+    return np.clip(np.asarray(nearest, np.float64), controls.min(), controls.max())
+
+
+def with_true_height(x: Floats) -> Floats:
+    """The shape vector of the same body, to a millimetre or two, whose height is how tall it stands.
+
+    A fit may find a tall actor with short bones and slim profiles; what is written for people to read should
+    name the height that a measuring rod shows. Within the bounds.
+    """
+    body = body_of(x)
+    return clip_to_bounds(x + np.log(body.standing_height_m / body.height_m) * _RESTATED)
+
+
+def body_of(x: Floats) -> Body:
+    """The body of a shape vector (len(PARAMETERS),)."""
+    return build_body(actor_of(x))
+
+
+def vertices_of(x: Floats) -> list[Floats]:
+    """Per segment (V, 3) the vertices in metres, in the segment's frame, of a shape vector."""
+    return list(body_of(x).vertices_m)
