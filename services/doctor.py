@@ -5,8 +5,8 @@ import platform
 import sys
 import time
 from dataclasses import dataclass
+from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
 
 import av
 import numpy as np
@@ -17,16 +17,14 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.egl_setup import EglSetup
-from services.mocap.energy.engine import Engine, open_device, open_engine
+from services.mocap.energy.engine import Engine, open_engine
+from services.mocap.energy.gl.devices import Found, find_device
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model, whole_body_energy
 from services.mocap.synth.studio import studio_cameras
-
-if TYPE_CHECKING:
-    from services.mocap.energy.gl.device import GlDevice
 
 _LIBRARIES = (
     "numpy",
@@ -43,26 +41,40 @@ _TIMED_S = 0.5
 _BATCH = 256
 
 
+class State(Enum):
+    """What a finding means for who wants to track."""
+
+    OK = "ok"
+    HINT = "hint"
+    """All works, and would be quicker once this is mended."""
+    MISSING = "missing"
+
+
 @dataclass(frozen=True)
 class Check:
     """One thing that was looked at."""
 
     name: str
-    ok: bool
+    state: State
     finding: str
 
 
 def examine() -> list[Check]:
     """Look at everything that the services need; takes a few seconds, longer the first time."""
     return [
-        Check("python", sys.version_info >= (3, 11), f"{platform.python_version()} on {platform.platform()}"),
-        Check("cores", True, f"{os.cpu_count()} ({platform.machine()})"),
+        _python(),
+        Check("cores", State.OK, f"{os.cpu_count()} ({platform.machine()})"),
         _libraries(),
         _h264(),
         _loopback(),
         *_opengl(),
         *_energy(),
     ]
+
+
+def _python() -> Check:
+    state = State.OK if sys.version_info >= (3, 11) else State.MISSING
+    return Check("python", state, f"{platform.python_version()} on {platform.platform()}")
 
 
 def _libraries() -> Check:
@@ -73,75 +85,78 @@ def _libraries() -> Check:
         except PackageNotFoundError:
             missing.append(name)
     if missing:
-        return Check("libraries", False, f"{', '.join(missing)}: run scripts/setup")
-    return Check("libraries", True, ", ".join(found))
+        return Check("libraries", State.MISSING, f"{', '.join(missing)}: run scripts/setup")
+    return Check("libraries", State.OK, ", ".join(found))
 
 
 def _h264() -> Check:
     try:
         av.codec.Codec("libx264", "w")
     except av.error.FFmpegError:
-        return Check("H.264", False, "PyAV has no libx264: install the av wheel from PyPI")
-    return Check("H.264", True, f"libx264 in PyAV {av.__version__}")
+        return Check("H.264", State.MISSING, "PyAV has no libx264: install the av wheel from PyPI")
+    return Check("H.264", State.OK, f"libx264 in PyAV {av.__version__}")
 
 
 def _loopback() -> Check:
     try:
-        return Check("loopback", True, f"three ports in a row are free, such as {free_endpoint()}")
+        return Check("loopback", State.OK, f"three ports in a row are free, such as {free_endpoint()}")
     except ServiceFailedError as error:
-        return Check("loopback", False, str(error))
+        return Check("loopback", State.MISSING, str(error))
 
 
-def opengl_checks(setup: EglSetup, device: "GlDevice | str") -> list[Check]:
-    """What stands between a program and the GPU; a machine without one lacks nothing that is needed.
-
-    device: OpenGL as it opened, or why it did not.
-    """
-    vendors = ", ".join(map(str, setup.vendor_files)) or "none"
+def opengl_checks(setup: EglSetup, found: Found) -> list[Check]:
+    """What stands between a program and the GPU; a machine without one lacks nothing that is needed."""
+    device, vendors = found.device, ", ".join(map(str, setup.vendor_files)) or "none"
     lacking = f"no {' and no '.join(setup.lacking)}" if setup.lacking else f"{setup.libegl}"
-    checks = [Check("EGL", True, f"{lacking}; vendor files: {vendors}")]
+    checks = [Check("EGL", State.OK, f"{lacking}; vendor files: {vendors}")]
     if setup.nvidia_driver:
         library = setup.nvidia_library or "no library for EGL"
         vendor_file = setup.nvidia_vendor_file or "no vendor file"
-        checks.append(Check("NVIDIA", True, f"a driver, with {library} and {vendor_file}"))
-    if isinstance(device, str):
-        checks.append(Check("OpenGL", True, f"none, so that only the cpu backend runs here: {device}"))
+        checks.append(Check("NVIDIA", State.OK, f"a driver, with {library} and {vendor_file}"))
+    if device is None:
+        finding = f"none, so that only the cpu backend runs here: {found.problem}"
     else:
         kind = "hardware" if device.is_hardware else "a software renderer"
-        checks.append(
-            Check(
-                "OpenGL",
-                True,
-                f"{device.renderer}: {kind}; {device.version}, with compute shaders, fp64 and int64",
-            )
+        finding = (
+            f"device {device.index}, {device.renderer}: {kind}; {device.version}, with compute shaders, fp64 "
+            "and int64"
         )
-    remedy = setup.remedy()
-    if remedy and (isinstance(device, str) or not device.is_hardware):
-        checks.append(Check("for a GPU", True, remedy))
-    return checks
+    checks.append(Check("OpenGL", State.OK, finding))
+    if device is not None and device.is_hardware:
+        return checks
+    wanting = [part for part in (found.problem if device else "", setup.remedy()) if part]
+    return [*checks, *(Check("for a GPU", State.HINT, part) for part in wanting)]
 
 
 def _opengl() -> list[Check]:
-    device = open_device()
+    found = find_device()
     try:
-        return opengl_checks(EglSetup.look(), device)
+        return opengl_checks(EglSetup.look(), found)
     finally:
-        if not isinstance(device, str):
-            device.close()
+        if found.device is not None:
+            found.device.close()
 
 
 def _energy() -> list[Check]:
-    """What auto takes, and the rate of the energy of the whole body before eight cameras of 320x240, as the
-    search evaluates it by default."""
     with open_engine(EngineSettings()) as engine, open_engine(EngineSettings(backend="cpu")) as cpu:
-        rates = [f"cpu backend, {_rate(cpu, 1):.0f} evaluations per second on one core"]
-        if engine.name == "gl":
-            one, batch = _rate(engine, 1), _rate(engine, _BATCH)
-            rates.append(f"gl backend, {one:.0f} one by one and {batch:.0f} in batches of {_BATCH}")
-        return [
-            Check("backend", True, f"auto takes {engine.name}: {engine.reason}"),
-            Check("energy", True, "; ".join(rates)),
-        ]
+        return energy_checks(engine, cpu)
+
+
+def energy_checks(engine: Engine, cpu: Engine) -> list[Check]:
+    """What auto takes, and the rates of the energy of the whole body before eight cameras of 320x240, as the
+    search evaluates it by default: of cpu, and of a GPU unless it fails meanwhile."""
+    state, chosen = State.OK, engine.name
+    rates = [f"cpu backend, {_rate(cpu, 1):.0f} evaluations per second on one core"]
+    if chosen != "cpu":
+        one, batch = _rate(engine, 1), _rate(engine, _BATCH)
+        if engine.name == chosen:
+            rates.append(f"{chosen} backend, {one:.0f} one by one and {batch:.0f} in batches of {_BATCH}")
+        else:
+            state = State.HINT
+    return [
+        Check("backend", state, f"auto takes {engine.name}: {engine.reason}"),
+        Check("energy", State.OK, "; ".join(rates)),
+    ]
 
 
 def _rate(engine: Engine, batch: int) -> float:

@@ -1,6 +1,7 @@
 """The command line of the measurements."""
 
 import json
+import os
 import sys
 from dataclasses import asdict
 from enum import StrEnum
@@ -43,6 +44,15 @@ def _commands() -> None:
     """Keep `table1` a subcommand, since others come beside it."""
 
 
+def _writable(path: Path | None) -> Path | None:
+    """Minutes of measuring are not to end at a file that cannot be written."""
+    if path is not None and not path.parent.is_dir():
+        raise typer.BadParameter(f"{path.parent} is not a folder: make it first")
+    if path is not None and (path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK)):
+        raise typer.BadParameter(f"{path} cannot be written: name another file")
+    return path
+
+
 @app.command()
 def table1(
     backends: Annotated[
@@ -55,7 +65,9 @@ def table1(
         list[Cameras] | None, typer.Option("--cameras", help="How many; may be repeated; else all.")
     ] = None,
     repeats: Annotated[int, typer.Option(min=1, help="Figures are medians over so many turns.")] = 5,
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")] = None,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", callback=_writable, help="Write the figures here as well.")
+    ] = None,
 ) -> None:
     """Energy evaluations per second by window, plain and pre-rendered (the paper's table 1)."""
     console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
@@ -67,7 +79,7 @@ def table1(
         with console.status(str(setup)) as status:
             for of_case in measure(contestants, setup, repeats):
                 measured += of_case
-                status.update(f"{setup}: {len({row.name for row in measured})} of 10 rows")
+                status.update(f"{setup}: {len({row.case for row in measured})} of 10 rows")
         console.print(as_table(setup, measured))
         rows += measured
     for reason in contestants.reasons:

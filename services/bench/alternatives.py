@@ -1,6 +1,7 @@
 """What someone would take who wants silhouettes without xormocap: pyrender off screen, and OpenCV.
 
-Each is used in the fastest way that gives the right picture (a test compares it with ours).
+Each is used in a way that gives the right picture (a test compares it with ours) at no needless cost; there
+may be quicker ones.
 """
 
 import os

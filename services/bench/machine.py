@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from services.mocap.energy.gl.device import GlDevice, GlUnavailableError
+from services.mocap.energy.gl.devices import find_device
 
 _PACKAGES = ("numpy", "numba", "moderngl", "opencv-contrib-python-headless", "pyrender")
 
@@ -29,11 +29,8 @@ class Machine:
 def this_machine() -> Machine:
     """The one that this runs on."""
     gl_renderer = gl_version = None
-    try:
-        device = GlDevice()
-    except GlUnavailableError:
-        pass
-    else:
+    device = find_device().device
+    if device is not None:
         gl_renderer, gl_version = device.renderer, device.version
         device.close()
     return Machine(os.cpu_count(), _cpu(), platform.python_version(), gl_renderer, gl_version, _installed())

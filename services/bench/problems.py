@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from services.bench.rates import BATCHES
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
@@ -18,7 +19,7 @@ from services.mocap.search.solve import Model, stage_window
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Floats
 
-LARGEST_BATCH = 512
+LARGEST_BATCH = max(BATCHES)
 DETAIL_PX = SearchSettings().detail_px
 _PAPER_SETUP = (320, 240, 8)
 _PAPER_RATES = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from services.mocap.energy.backend import Energy
 from services.mocap.types import Floats
 
-BATCHES = (8, 32, 128, 512)
+BATCHES = (8, 32, 128, 512, 2048, 8192)
 """Batch sizes that are tried, beside one pose at a time."""
 _TRIAL_S = 0.02
 _TURN_S = 0.04

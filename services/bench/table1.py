@@ -18,6 +18,9 @@ class Row:
     """One measured figure."""
 
     name: str
+    """Case, number of cameras, and batch if it is not 1: with the backend, no other row has it."""
+    case: str
+    """Size, window and method, as in the paper."""
     backend: str
     value: float
     unit: str
@@ -46,9 +49,17 @@ def measure(contestants: Contestants, setup: Setup, repeats: int) -> Iterator[li
 
 
 def _row(case: Case, setup: Setup, backend: str, batch: int, rate: float) -> Row:
-    size_px = (setup.width_px, setup.height_px)
+    by = f", batches of {batch}" if batch > 1 else ""
     return Row(
-        case.name, backend, round(rate, 1), "evaluations/s", batch, setup.n_cameras, size_px, case.paper
+        name=f"{case.name}, {setup.n_cameras} cameras{by}",
+        case=case.name,
+        backend=backend,
+        value=round(rate, 1),
+        unit="evaluations/s",
+        batch=batch,
+        cameras=setup.n_cameras,
+        size_px=(setup.width_px, setup.height_px),
+        paper=case.paper,
     )
 
 
@@ -63,8 +74,8 @@ def as_table(setup: Setup, rows: Sequence[Row]) -> Table:
     table.add_column("window")
     for column in [*(["GeForce3, 2003"] if has_paper else []), *backends]:
         table.add_column(column, justify="right")
-    for name in dict.fromkeys(row.name for row in rows):
-        of_case = [row for row in rows if row.name == name]
+    for name in dict.fromkeys(row.case for row in rows):
+        of_case = [row for row in rows if row.case == name]
         papers = [f"{of_case[0].paper or ''}"] if has_paper else []
         table.add_row(name, *papers, *(_cell(of_case, backend) for backend in backends))
         if ratios := _ratios(of_case, backends):

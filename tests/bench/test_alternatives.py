@@ -26,8 +26,13 @@ def scene(request: pytest.FixtureRequest) -> Scene:
 
 @pytest.fixture(params=list(MAKERS))
 def alternative(request: pytest.FixtureRequest, scene: Scene) -> Silhouettes:
+    return _made(request.param, scene)
+
+
+def _made(name: str, scene: Scene) -> Silhouettes:
+    """The alternative; without one the test is skipped, or fails where there has to be OpenGL."""
     try:
-        return MAKERS[request.param](scene.body, scene.cameras)
+        return MAKERS[name](scene.body, scene.cameras)
     except UserError as error:
         if os.environ.get("XORMOCAP_REQUIRE_GL") == "1":
             raise
@@ -71,10 +76,7 @@ def test_the_energies_are_near_ours(scene: Scene, whole_body: Case, alternative:
 
 def test_pyrender_draws_every_pixel_as_we_do(scene: Scene) -> None:
     """Its rasteriser is OpenGL's: only what lies between two roundings may differ."""
-    try:
-        pyrender = PyrenderSilhouettes(scene.body, scene.cameras)
-    except UserError as error:
-        pytest.skip(str(error))
+    pyrender = _made("pyrender", scene)
     ours = _our_masks(scene, scene.pose)
     T_world_segment = segment_transforms(scene.pose[None], scene.body.offsets_m)[0]
     assert np.count_nonzero(np.array(list(pyrender.masks(T_world_segment))) != ours) < 0.001 * ours.sum()

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,7 +65,8 @@ def test_both_methods_differ_by_a_constant() -> None:
 def test_only_cpu_lod_draws_thinned_meshes() -> None:
     scene, contestants = Scene(Setup(320, 240, 4)), Contestants([Name.CPU, Name.CPU_LOD])
     contestants.enter(scene)
-    backend, case = CpuBackend(scene.body, scene.rig), scene.cases()[0]
+    backend, first = CpuBackend(scene.body, scene.rig), scene.cases()[0]
+    case = replace(first, values=first.values[:32])
     expected = {
         Name.CPU: backend.energy(case.problem)(case.values).tolist(),
         Name.CPU_LOD: backend.energy(case.thinned)(case.values).tolist(),
@@ -77,45 +79,61 @@ def test_only_cpu_lod_draws_thinned_meshes() -> None:
     contestants.close()
 
 
-def test_a_rate_counts_poses_and_goes_round_all_of_them() -> None:
+class Clock:
+    """Stands in for time.perf_counter: it goes on only when something says that it took time."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr("services.bench.rates.time.perf_counter", clock)
+    return clock
+
+
+def test_a_rate_counts_poses_and_goes_round_all_of_them(clock: Clock) -> None:
     seen: list[int] = []
 
     def energy(values: Floats) -> Floats:
+        clock.now_s += 0.25
         seen.extend(values[:, 0].astype(int))
         return values[:, 0]
 
-    values = np.arange(32.0)[:, None]
-    rate = Runner("mine", energy, values, batch=8).rate(0.002)
-    assert rate > 8
-    assert len(seen) % 8 == 0
-    assert seen[:64] == [*range(32), *range(32)]
+    runner = Runner("mine", energy, np.arange(32.0)[:, None], batch=8)
+    assert runner.rate(1.5) == 32.0
+    assert seen == [*range(32), *range(16)]
+    assert runner.rate(0.0) == 32.0
+    assert len(seen) == 56
 
 
-def test_a_larger_batch_is_taken_only_where_it_is_quicker(monkeypatch: pytest.MonkeyPatch) -> None:
-    now_s = 0.0
-    monkeypatch.setattr("services.bench.rates.time.perf_counter", lambda: now_s)
-
+def test_a_larger_batch_is_taken_only_where_it_is_quicker(clock: Clock) -> None:
     def taking(seconds: Callable[[int], float]) -> Runner:
         def energy(values: Floats) -> Floats:
-            nonlocal now_s
-            now_s += seconds(len(values))
+            clock.now_s += seconds(len(values))
             return values[:, 0]
 
-        return Runner("mine", energy, np.zeros((128, 1)))
+        return Runner("mine", energy, np.zeros((LARGEST_BATCH, 1)))
 
     def batches(runner: Runner) -> list[int]:
         return [found.batch for found in with_best_batch(runner)]
 
-    assert batches(taking(lambda n: 1e-3 + 1e-4 * n)) == [1, 128]
+    assert batches(taking(lambda n: 1e-3 + 1e-4 * n)) == [1, 512]
+    assert batches(taking(lambda n: 1e-3 + 1e-7 * n)) == [1, 8192]
     assert batches(taking(lambda n: 1e-3 * n**1.5)) == [1]
     assert batches(taking(lambda n: 1.0 + n)) == [1]
 
 
-def test_medians_are_taken_in_turns() -> None:
+def test_medians_are_taken_in_turns(clock: Clock) -> None:
     turns: list[str] = []
 
     def noting(name: str) -> Runner:
         def energy(values: Floats) -> Floats:
+            clock.now_s += 0.01
             if turns[-1:] != [name]:
                 turns.append(name)
             return values[:, 0]
@@ -159,14 +177,14 @@ def test_whoever_falls_back_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None
     assert contestants.reasons == ["gl is left out: gl failed: the GPU is lost"]
 
 
-def _row(backend: str, value: float, batch: int = 1, name: str = "320x240 (full) XOR") -> Row:
-    return Row(name, backend, value, "evaluations/s", batch, 8, (320, 240), 95.9)
+def _row(backend: str, value: float, batch: int = 1, case: str = "320x240 (full) XOR") -> Row:
+    return Row(f"{case} by {batch}", case, backend, value, "evaluations/s", batch, 8, (320, 240), 95.9)
 
 
 def test_the_table_has_the_best_batch_and_the_ratio_to_pyrender() -> None:
     console = Console(width=120, record=True)
     rows = [_row("cpu", 1000.0), _row("cpu", 1500.0, 32), _row("pyrender", 20.0), _row("opencv", 10.0)]
-    rows.append(_row("cpu", 2000.0, name="64x64 (head) XOR"))
+    rows.append(_row("cpu", 2000.0, case="64x64 (head) XOR"))
     console.print(as_table(Setup(320, 240, 8), rows))
     text = console.export_text()
     lines = [re.findall(r"[\w.,]+(?: by \d+)?", line) for line in text.splitlines()]
@@ -185,9 +203,22 @@ def test_the_command_writes_what_it_measured(tmp_path: Path) -> None:
     content = json.loads(path.read_text())
     assert {"cores", "cpu", "python", "gl_renderer", "versions"} <= set(content["machine"])
     assert {row["backend"] for row in content["rows"]} == {"cpu", "opencv"}
-    assert len({row["name"] for row in content["rows"]}) == 10
+    assert len({(row["name"], row["backend"]) for row in content["rows"]}) == len(content["rows"])
+    assert len({row["case"] for row in content["rows"]}) == 10
     for row in content["rows"]:
         assert row["value"] > 0
         assert (row["unit"], row["cameras"], row["size_px"]) == ("evaluations/s", 4, [320, 240])
         assert row["paper"] is None
-        assert row["batch"] in (1, 8, 32, 128, 512)
+        by = f", batches of {row['batch']}" if row["batch"] > 1 else ""
+        assert row["name"] == f"{row['case']}, 4 cameras{by}"
+        assert row["batch"] in (1, 8, 32, 128, 512, 2048, 8192)
+
+
+@pytest.mark.parametrize("name", ["missing/table1.json", "."])
+def test_a_file_that_cannot_be_written_is_found_out_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr("services.bench.__main__.this_machine", lambda: pytest.fail("measured"))
+    result = CliRunner().invoke(app, ["table1", "--json", str(tmp_path / name)])
+    assert result.exit_code == 2, result.output
+    assert "--json" in result.output

@@ -6,28 +6,35 @@ missing a program gets a software renderer and is told nothing.
 """
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+
+from services.mocap.energy.egl_files import (
+    FILENAMES,
+    FOLDERS,
+    exists,
+    find,
+    library_folders,
+    may_be_opened,
+    mesa_card,
+    mesa_driver,
+    render_nodes,
+    text,
+    vendor_files,
+)
 
 PACKAGES = "libegl1 libgl1 libgl1-mesa-dri"
 """What Debian and Ubuntu call libEGL, libGL and Mesa's drivers."""
 CAPABILITIES = "NVIDIA_DRIVER_CAPABILITIES"
+INDEX_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
+"""Where a user says which EGL device to take; glcontext heeds it."""
 _WANTED_CAPABILITIES = "graphics,compute,utility"
+_MESA_LIBRARY = "libEGL_mesa.so.0"
 _NVIDIA_LIBRARY = "libEGL_nvidia.so.0"
 _NVIDIA_VENDOR_FILE = "/usr/share/glvnd/egl_vendor.d/10_nvidia.json"
 _NVIDIA_VENDOR_TEXT = (
     '{"file_format_version": "1.0.0", "ICD": {"library_path": "' + _NVIDIA_LIBRARY + '"}}'  # all of the file
-)
-_VENDOR_FOLDERS = ("etc/glvnd/egl_vendor.d", "usr/share/glvnd/egl_vendor.d")
-_FILENAMES, _FOLDERS = "__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS"
-_LIBRARY_FOLDERS = (
-    "usr/local/nvidia/lib64",
-    "usr/local/lib",
-    "usr/lib/*-linux-gnu*",
-    "lib/*-linux-gnu*",
-    "usr/lib64",
-    "usr/lib",
 )
 
 
@@ -49,23 +56,42 @@ class EglSetup:
     """What the container asks of NVIDIA's driver; None where nothing is said."""
     overriding: str | None
     """The environment variable that says where vendor files are; None where the usual folders are asked."""
+    mesa_is_whole: bool
+    """Whether Mesa's part of EGL and a driver are here, or no vendor file asks for them."""
+    mesa_card: str
+    """Who made the graphics card that Mesa drives, AMD or Intel; empty without one."""
+    render_nodes: tuple[Path, ...]
+    """Through which programs reach it."""
+    closed_nodes: tuple[Path, ...]
+    """Those of them that this user may not open."""
 
     @classmethod
     def look(cls, root: Path = Path("/"), env: Mapping[str, str] = os.environ) -> "EglSetup":
         """Look below a root folder, in the way that an environment says."""
-        folders = _library_folders(root, env)
-        vendor_files = tuple(_vendor_files(root, env))
+        folders, nodes = library_folders(root, env), render_nodes(root)
+        vendors = {path: text(path) for path in vendor_files(root, env)}
+        of_nvidia = [path for path, content in vendors.items() if "libEGL_nvidia" in content]
+        has_mesa = bool(find(folders, _MESA_LIBRARY) and mesa_driver(folders, env))
         return cls(
-            libegl=_find(folders, "libEGL.so.1"),
-            libgl=_find(folders, "libGL.so.1"),
-            vendor_files=vendor_files,
-            nvidia_driver=_exists(root / "proc/driver/nvidia/version")
+            libegl=find(folders, "libEGL.so.1"),
+            libgl=find(folders, "libGL.so.1"),
+            vendor_files=tuple(vendors),
+            nvidia_driver=exists(root / "proc/driver/nvidia/version")
             or any((root / "dev").glob("nvidia[0-9]*")),
-            nvidia_library=_find(folders, _NVIDIA_LIBRARY),
-            nvidia_vendor_file=next((p for p in vendor_files if "libEGL_nvidia" in _text(p)), None),
+            nvidia_library=find(folders, _NVIDIA_LIBRARY),
+            nvidia_vendor_file=next(iter(of_nvidia), None),
             capabilities=env.get(CAPABILITIES),
-            overriding=next((name for name in (_FILENAMES, _FOLDERS) if env.get(name)), None),
+            overriding=next((name for name in (FILENAMES, FOLDERS) if env.get(name)), None),
+            mesa_is_whole=has_mesa or not any("libEGL_mesa" in content for content in vendors.values()),
+            mesa_card=mesa_card(root),
+            render_nodes=tuple(nodes),
+            closed_nodes=tuple(node for node in nodes if not may_be_opened(node)),
         )
+
+    @property
+    def gpu(self) -> str:
+        """Who made the GPU that is here: NVIDIA, AMD or Intel; empty where none is seen."""
+        return "NVIDIA" if self.nvidia_driver else self.mesa_card
 
     @property
     def lacking(self) -> list[str]:
@@ -75,10 +101,27 @@ class EglSetup:
 
     def remedy(self) -> str:
         """What to do so that programs find the drivers, as a sentence; empty where nothing seems amiss."""
-        parts = [self._nvidia_remedy()] if self.nvidia_driver else []
-        if self.lacking or not self.vendor_files:
+        parts = [self._nvidia_remedy() if self.nvidia_driver else self._node_remedy()]
+        if self.lacking or not self.vendor_files or not self.mesa_is_whole:
             parts.insert(0, f"run apt-get install --no-install-recommends {PACKAGES}")
         return "; ".join(part for part in parts if part)
+
+    def _node_remedy(self) -> str:
+        """What stands between an AMD or Intel card and programs."""
+        if not self.mesa_card:
+            return ""
+        if not self.render_nodes:
+            return (
+                f"the {self.mesa_card} GPU has no /dev/dri/renderD128: start the container with --device "
+                "/dev/dri, or without a container load the card's kernel driver"
+            )
+        if len(self.closed_nodes) == len(self.render_nodes):
+            node = self.closed_nodes[0]
+            return (
+                f"you may not open {node}: run sudo usermod -aG render $USER and log in again, or start the "
+                f"container with --group-add $(stat -c %g {node})"
+            )
+        return ""
 
     def _nvidia_remedy(self) -> str:
         """The first step between NVIDIA's driver and libEGL that is missing."""
@@ -98,38 +141,4 @@ class EglSetup:
             return f"unset {self.overriding}: what it names does not lead to NVIDIA's driver"
         if self.nvidia_vendor_file is None:
             return f"write {_NVIDIA_VENDOR_TEXT} to {_NVIDIA_VENDOR_FILE}"
-        return ""
-
-
-def _library_folders(root: Path, env: Mapping[str, str]) -> list[Path]:
-    named = [Path(name) for name in env.get("LD_LIBRARY_PATH", "").split(":") if name]
-    return [*named, *(folder for pattern in _LIBRARY_FOLDERS for folder in sorted(root.glob(pattern)))]
-
-
-def _find(folders: Iterable[Path], name: str) -> Path | None:
-    return next((folder / name for folder in folders if _exists(folder / name)), None)
-
-
-def _vendor_files(root: Path, env: Mapping[str, str]) -> list[Path]:
-    """As libglvnd finds them: files named in the environment, or else those of folders named there, or else
-    those of the usual folders, by name."""
-    named = env.get(_FILENAMES)
-    if named:
-        return [Path(name) for name in named.split(":") if _exists(Path(name))]
-    listed = env.get(_FOLDERS)
-    folders = [Path(f) for f in listed.split(":")] if listed else [root / f for f in _VENDOR_FOLDERS]
-    return [path for folder in folders for path in sorted(folder.glob("*.json"))]
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:  # a folder that may not be looked into
-        return False
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(errors="replace")
-    except OSError:
         return ""

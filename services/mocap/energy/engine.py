@@ -3,13 +3,16 @@
 import logging
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import fields
 from typing import TYPE_CHECKING, Literal, Self, TypeAlias
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend
+from services.mocap.energy.cost import Cost
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.egl_setup import EglSetup
+from services.mocap.energy.gl.devices import Found, find_device
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
 
@@ -77,6 +80,16 @@ class Engine:
                 self._device.close()
 
 
+def check_cost(settings: EngineSettings, cost: Cost) -> None:
+    """Raises UserError where the backend that is asked for does not know a cost."""
+    if settings.backend == "paper" and cost != Cost():
+        changed = " and ".join(f.name for f in fields(Cost) if getattr(cost, f.name) != f.default)
+        raise UserError(
+            f"--backend paper: counts differing pixels and knows no {changed}: leave that setting out, or "
+            "choose another backend"
+        )
+
+
 def open_engine(settings: EngineSettings, look: Callable[[], EglSetup] = EglSetup.look) -> Engine:
     """Choose the backend for this process, and open the GPU where that takes one.
 
@@ -85,48 +98,43 @@ def open_engine(settings: EngineSettings, look: Callable[[], EglSetup] = EglSetu
     """
     if settings.backend == "cpu":
         return Engine(settings, "cpu", ASKED_FOR)
-    device = open_device()
+    found = find_device()
     if settings.backend == "auto":
-        return _choose(settings, device, look)
-    if isinstance(device, str):
-        raise UserError(f"--backend {settings.backend}: {device}{_with_remedy(look())}")
+        return _choose(settings, found, look)
+    device = found.device
+    if device is None:
+        raise UserError(f"--backend {settings.backend}: {found.problem}{_with_remedy(look())}")
     if not device.is_hardware:
         log.warning(
             "%s is a software renderer: the %s backend is slower on it than cpu is",
             device.renderer,
             settings.backend,
         )
-    return Engine(settings, settings.backend, f"{ASKED_FOR}, on {device.renderer} through EGL", device)
+    return Engine(settings, settings.backend, f"{ASKED_FOR}, on {_named(device)}", device)
 
 
-def _choose(settings: EngineSettings, device: "GlDevice | str", look: Callable[[], EglSetup]) -> Engine:
+def _choose(settings: EngineSettings, found: Found, look: Callable[[], EglSetup]) -> Engine:
     """What auto takes; a GPU that is here and cannot be used is worth a warning."""
-    if isinstance(device, str):
-        reason = f"no OpenGL that can be used: {device}"
+    device = found.device
+    if device is None:
+        reason = f"no OpenGL that can be used: {found.problem}"
     elif device.is_hardware:
-        return Engine(settings, "gl", f"{device.renderer} through EGL", device)
+        return Engine(settings, "gl", _named(device), device)
     else:
-        renderer = device.renderer
         device.close()
-        reason = f"no hardware OpenGL: {renderer} is a software renderer, slower than the cpu backend"
+        reason = f"no hardware OpenGL: {device.renderer} is a software renderer, slower than the cpu backend"
+        if found.failures:
+            reason += f"; {found.problem}"
     setup = look()
-    if setup.nvidia_driver or isinstance(device, str):
+    if setup.gpu or device is None:
         reason += _with_remedy(setup)
-    if setup.nvidia_driver:
+    if setup.nvidia_driver:  # others may be integrated ones, no quicker than the CPU beside them
         log.warning("an NVIDIA GPU is here but not used: %s", reason)
     return Engine(settings, "cpu", reason)
 
 
-def open_device() -> "GlDevice | str":
-    """OpenGL, whatever draws it, or in words why there is none; never call it before a fork."""
-    try:
-        from services.mocap.energy.gl.device import GlDevice, GlUnavailableError
-    except ImportError as error:
-        return f"the Python package {error.name} cannot be loaded; run scripts/setup"
-    try:
-        return GlDevice()
-    except GlUnavailableError as error:
-        return str(error)
+def _named(device: "GlDevice") -> str:
+    return f"{device.renderer} through EGL, device {device.index}"
 
 
 def _with_remedy(setup: EglSetup) -> str:

@@ -1,8 +1,15 @@
-"""A coarse body that the slow reference can draw often, cameras about it, and random poses."""
+"""Coarse bodies that the slow reference can draw often, cameras about them, random poses, and OpenGL.
 
+Without OpenGL tests that need it are skipped, or fail where the environment says that there has to be one.
+"""
+
+import gc
+import os
 from collections.abc import Callable, Iterator
+from typing import NoReturn
 
 import numpy as np
+import psutil
 import pytest
 import trimesh
 
@@ -12,9 +19,11 @@ from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.gl.device import GlDevice, GlUnavailableError
 from services.mocap.types import Floats
 
 Look = Callable[..., Camera]
+REQUIRED = "XORMOCAP_REQUIRE_GL"
 
 
 @pytest.fixture(scope="session")
@@ -25,13 +34,54 @@ def real_body() -> Body:
 @pytest.fixture(scope="session")
 def coarse_body(real_body: Body) -> Body:
     """Every segment an ellipsoid of 80 triangles in the real segment's bounding box."""
-    ball = trimesh.creation.icosphere(subdivisions=1)
+    return _of_balls(real_body, subdivisions=1)
+
+
+@pytest.fixture(scope="session")
+def coarsest_body(real_body: Body) -> Body:
+    """The same of 20 triangles."""
+    return _of_balls(real_body, subdivisions=0)
+
+
+def _of_balls(real_body: Body, subdivisions: int) -> Body:
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
     vertices_m = []
     for real in real_body.vertices_m:
         low, high = real.min(axis=0), real.max(axis=0)
         vertices_m.append((low + high) / 2 + np.asarray(ball.vertices) * (high - low) / 2)
     faces = np.asarray(ball.faces, np.int32)
     return Body(real_body.offsets_m, tuple(vertices_m), (faces,) * len(vertices_m), real_body.height_m)
+
+
+@pytest.fixture(scope="session")
+def degenerate_body(coarse_body: Body) -> Body:
+    """With faces without area, slivers, a flat segment and one that shrinks to a point."""
+    flat = trimesh.creation.icosphere(subdivisions=1, radius=0.2)
+    flat.vertices[:, 2] = 0.0
+    point = trimesh.creation.icosphere(subdivisions=0)
+    point.vertices *= 1e-9
+    sliver = trimesh.creation.icosphere(subdivisions=2, radius=0.4)
+    sliver.vertices[:, :2] *= 1e-6
+    collapsed = trimesh.creation.icosphere(subdivisions=1, radius=0.15)
+    collapsed.vertices[:20] = collapsed.vertices[0]
+    vertices_m, faces = list(coarse_body.vertices_m), list(coarse_body.faces)
+    for segment, mesh in enumerate((flat, point, sliver, collapsed)):
+        vertices_m[segment], faces[segment] = np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)
+    return Body(coarse_body.offsets_m, tuple(vertices_m), tuple(faces), coarse_body.height_m)
+
+
+@pytest.fixture(scope="session")
+def square_on(real_body: Body) -> tuple[Body, Rig]:
+    """A box with its corners on pixel centres and its sides seen edge-on: every tie of the rule.
+
+    In the zero pose it covers 16 x 16 pixels: columns 24 to 39, rows 16 to 31.
+    """
+    box = trimesh.creation.box(extents=(0.5, 0.5, 0.5))
+    vertices_m, faces = np.asarray(box.vertices), np.asarray(box.faces, np.int32)
+    body = Body(real_body.offsets_m * 0, (vertices_m,) * 16, (faces,) * 16, 1.0)
+    R = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    K = np.array([[64.0, 0.0, 32.0], [0.0, 64.0, 24.0], [0.0, 0.0, 1.0]])
+    return body, Rig.of((Camera("camera", 64, 48, K, np.zeros(4), R, np.array([0.0, 0.0, 2.25])),))
 
 
 @pytest.fixture(scope="session")
@@ -101,3 +151,53 @@ def coarse_backend(coarse_body: Body, ring: Callable[[int], Rig]) -> Iterator[Cp
     backend = CpuBackend(coarse_body, ring(3))
     yield backend
     backend.close()
+
+
+@pytest.fixture(scope="session")
+def without_opengl() -> Callable[[Exception], NoReturn]:
+    """`without_opengl(error)` skips the test, or fails it where there has to be OpenGL."""
+
+    def give_up(error: Exception) -> NoReturn:
+        if os.environ.get(REQUIRED) == "1":
+            pytest.fail(f"{REQUIRED}=1, but {error}", pytrace=False)
+        pytest.skip(f"no OpenGL through EGL: {error}")
+
+    return give_up
+
+
+@pytest.fixture(scope="session")
+def shared_device(without_opengl: Callable[[Exception], NoReturn]) -> Iterator[GlDevice]:
+    """One device for all tests that leave it as it was."""
+    yield from _opened(without_opengl)
+
+
+@pytest.fixture
+def device(without_opengl: Callable[[Exception], NoReturn]) -> Iterator[GlDevice]:
+    """A device that a test may close."""
+    yield from _opened(without_opengl)
+
+
+def _opened(without_opengl: Callable[[Exception], NoReturn]) -> Iterator[GlDevice]:
+    try:
+        opened = GlDevice()
+    except GlUnavailableError as error:
+        without_opengl(error)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def resident_growth() -> Callable[[Callable[[], object]], int]:
+    """`resident_growth(work)`: by how many bytes work leaves this process larger."""
+
+    def measure(work: Callable[[], object]) -> int:
+        before_bytes = _resident_bytes()
+        work()
+        return _resident_bytes() - before_bytes
+
+    return measure
+
+
+def _resident_bytes() -> int:
+    gc.collect()
+    return int(psutil.Process().memory_info().rss)

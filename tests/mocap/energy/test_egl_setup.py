@@ -11,6 +11,8 @@ Root = Callable[..., Path]
 MESA = {
     "usr/lib/x86_64-linux-gnu/libEGL.so.1": "",
     "usr/lib/x86_64-linux-gnu/libGL.so.1": "",
+    "usr/lib/x86_64-linux-gnu/libEGL_mesa.so.0": "",
+    "usr/lib/x86_64-linux-gnu/dri/swrast_dri.so": "",
     "usr/share/glvnd/egl_vendor.d/50_mesa.json": '{"ICD": {"library_path": "libEGL_mesa.so.0"}}',
 }
 DRIVER = {"proc/driver/nvidia/version": "NVRM version: …"}
@@ -47,10 +49,68 @@ def test_nothing_is_amiss_with_mesa_alone(root: Root) -> None:
     assert [path.name for path in setup.vendor_files] == ["50_mesa.json"]
 
 
-@pytest.mark.parametrize("lost", ["libEGL.so.1", "libGL.so.1", "50_mesa.json"])
+@pytest.mark.parametrize("lost", ["libEGL.so.1", "libGL.so.1", "50_mesa.json", "libEGL_mesa.so.0", "dri.so"])
 def test_each_part_of_the_packages_is_missed(root: Root, lost: str) -> None:
     there = {name: text for name, text in MESA.items() if not name.endswith(lost)}
     assert PACKAGES in EglSetup.look(root(there), {}).remedy()
+
+
+def test_mesas_drivers_may_be_one_file_or_elsewhere(root: Root) -> None:
+    folder = root({name: text for name, text in MESA.items() if not name.endswith("dri.so")})
+    assert PACKAGES in EglSetup.look(folder, {}).remedy()
+    (folder / "drivers").mkdir()
+    (folder / "drivers/radeonsi_dri.so").touch()
+    assert EglSetup.look(folder, {"LIBGL_DRIVERS_PATH": f"{folder}/none:{folder}/drivers"}).remedy() == ""
+    (folder / "usr/lib/x86_64-linux-gnu/libgallium-25.0.7-2.so").touch()
+    assert EglSetup.look(folder, {}).remedy() == ""
+
+
+def test_mesa_is_not_missed_where_no_vendor_file_names_it(root: Root) -> None:
+    there = {name: text for name, text in MESA.items() if "mesa" not in name and "dri" not in name}
+    assert EglSetup.look(root(there, DRIVER, LIBRARY, VENDOR), {}).remedy() == ""
+
+
+def card(number: str, pci_class: str = "0x030000") -> dict[str, str]:
+    folder = "sys/bus/pci/devices/0000:03:00.0"
+    return {f"{folder}/class": f"{pci_class}\n", f"{folder}/vendor": f"{number}\n"}
+
+
+@pytest.mark.parametrize(("number", "maker"), [("0x1002", "AMD"), ("0x8086", "Intel")])
+def test_a_card_without_a_render_node_is_told_how_to_get_one(root: Root, number: str, maker: str) -> None:
+    setup = EglSetup.look(root(MESA, card(number), {"dev/dri/card0": ""}), {})
+    assert setup.gpu == maker
+    assert setup.remedy() == (
+        f"the {maker} GPU has no /dev/dri/renderD128: start the container with --device /dev/dri, or without "
+        "a container load the card's kernel driver"
+    )
+
+
+def test_a_render_node_that_may_not_be_opened_is_told_the_group(
+    root: Root, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = root(MESA, card("0x1002"), {"dev/dri/renderD128": "", "dev/dri/renderD129": ""})
+    assert EglSetup.look(folder, {}).remedy() == ""
+    closed = {folder / "dev/dri/renderD128"}
+    monkeypatch.setattr("os.access", lambda path, _: path not in closed)
+    assert EglSetup.look(folder, {}).remedy() == ""
+    closed.add(folder / "dev/dri/renderD129")
+    remedy = EglSetup.look(folder, {}).remedy()
+    node = f"{folder}/dev/dri/renderD128"
+    assert remedy.startswith(f"you may not open {node}: run sudo usermod -aG render $USER and log in again")
+    assert remedy.endswith(f"--group-add $(stat -c %g {node})")
+
+
+@pytest.mark.parametrize("other", [card("0x1234"), card("0x8086", "0x060000"), card("0x1002", "0x040300")])
+def test_what_is_no_card_that_mesa_drives_is_passed_over(root: Root, other: dict[str, str]) -> None:
+    setup = EglSetup.look(root(MESA, other), {})
+    assert (setup.gpu, setup.remedy()) == ("", "")
+
+
+def test_nvidias_remedy_comes_before_that_of_a_card_beside_it(root: Root) -> None:
+    setup = EglSetup.look(root(MESA, DRIVER, card("0x8086")), {})
+    assert setup.gpu == "NVIDIA"
+    assert "libEGL_nvidia" in setup.remedy()
+    assert "/dev/dri" not in setup.remedy()
 
 
 @pytest.mark.parametrize("granted", ["graphics", "all", "compute,utility,graphics", " graphics , compute"])

@@ -3,8 +3,10 @@
 No triangle is rasterised. The body's triangles are smaller than a pixel, which is the worst case of a GPU's
 rasterisers, and GPUs for data centres have next to none of those. What the `cpu` backend does is instead done
 by an invocation per vertex, per edge and per pixel row, over all poses and cameras of a batch at once, with
-the same whole-number arithmetic behind the snapping; and the snapping is done in double precision, with every
-operation rounded as on the CPU. So the energies are the `cpu` backend's (at full detail) to the last bit.
+the same whole-number arithmetic behind the snapping. Snapping itself is done in double precision, in the same
+order and without fused operations. So where a division of doubles is rounded correctly, as on llvmpipe, the
+energies are the `cpu` backend's (at full detail) to the last bit; GLSL does not promise that it is, and
+elsewhere a vertex in a great many may snap one step of 1/256 pixel off.
 """
 
 from collections.abc import Iterator
@@ -17,6 +19,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, n_planes
 from services.mocap.energy.cost import Counts
+from services.mocap.energy.cpu.collecting import summed_gain
 from services.mocap.energy.gl.device import GlDevice, GlLostError
 from services.mocap.energy.gl.drawing import Drawer, Part, Scene
 from services.mocap.energy.gl.mesh import GlMesh
@@ -28,7 +31,8 @@ from services.mocap.types import Bytes, Floats
 class GlBackend:
     """Evaluates one body before one camera rig, on a device that several backends of one thread may share.
 
-    What evaluates raises GlLostError once OpenGL fails or is closed.
+    What evaluates raises GlLostError once OpenGL fails or is closed. Making a backend and preparing a problem
+    raise GlUnavailableError too: where the device's buffers are too small for the body or the pictures.
     """
 
     name = "gl"
@@ -38,14 +42,14 @@ class GlBackend:
         self._body = body
         self._rig = rig
         self._closed = False
-        with device.current() as context:
-            self._mesh = GlMesh(context, body)
+        with device.current():
+            self._mesh = GlMesh(device, body)
             self._drawer = Drawer(device, self._mesh)
 
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy. Costs a pass over the picture; every call sends transforms and gets sums."""
         tally = problem.cost.tally(problem.picture)
-        scene = self._scene(problem.segments, problem.picture.region, _summed(tally.gain))
+        scene = self._scene(problem.segments, problem.picture.region, _by_column(tally.gain))
         posing = Posing(problem.base_pose, problem.dofs, problem.segments, self._body.offsets_m)
 
         def evaluate(values: Floats) -> Floats:
@@ -99,7 +103,10 @@ class GlBackend:
         with self._current():
             selection = self._mesh.select(segments)
         P_px_world = region.projections(self._rig)
-        return Scene(selection, P_px_world, region.width_px, region.height_px, gain_sums)
+        scene = Scene(selection, P_px_world, region.width_px, region.height_px, gain_sums)
+        if segments:
+            self._drawer.images_per_part(scene)
+        return scene
 
     def _drawn(self, scene: Scene, posing: Posing, values: Floats) -> Iterator[Part]:
         """Draw values (N, d), and yield every part once the one after it is under way."""
@@ -114,9 +121,7 @@ class GlBackend:
             yield before
 
 
-def _summed(gain: Counts) -> Counts:
+def _by_column(gain: Counts) -> Counts:
     """What the pixels left of each column gain (C, W + 1, H), of gain (C, H, W)."""
-    n_cameras, height_px, width_px = gain.shape
-    sums = np.zeros((n_cameras, width_px + 1, height_px), np.int32)
-    np.cumsum(gain.transpose(0, 2, 1), axis=1, out=sums[:, 1:])
-    return sums
+    sums = summed_gain(gain)[:, :, : gain.shape[2] + 1]
+    return np.ascontiguousarray(sums.transpose(0, 2, 1))

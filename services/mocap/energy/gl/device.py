@@ -1,11 +1,13 @@
 """OpenGL without a window: one EGL context, the programs that run on it, and what can go wrong with it."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import files
 
 import moderngl
 
+from services.mocap.energy.egl_setup import INDEX_VARIABLE
 from services.mocap.energy.snapping import LIMIT_STEPS, NEAR_M, SUBPIXEL_BITS
 from services.mocap.errors import UserError
 
@@ -17,7 +19,8 @@ _OPENGL = 430
 _INT64 = "GL_ARB_gpu_shader_int64"
 _KERNELS = ("compose", "project", "outline", "gain", "cover")
 _HEADINGS = ("GLSL Compiler failed", "GLSL Linker failed", "compute_shader")  # of moderngl's compiler logs
-_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software rasterizer")
+_NO_SUCH_DEVICE = "requested device index"  # as glcontext says it
+_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software rasterizer", "basic render")
 _HEADER = f"""#version 430
 #extension {_INT64} : require
 #define GROUP {GROUP}
@@ -32,26 +35,43 @@ class GlUnavailableError(UserError):
     """No OpenGL here that the energy can be evaluated with."""
 
 
+class NoSuchDeviceError(GlUnavailableError):
+    """There are fewer EGL devices than that."""
+
+
 class GlLostError(UserError):
     """OpenGL stopped working, or was closed, while it was in use."""
 
 
-class GlDevice:
-    """One EGL context, on the device that GLCONTEXT_DEVICE_INDEX names or else the first, and its kernels.
+def is_software(renderer: str) -> bool:
+    """Whether a program on the CPU draws, and not a GPU, by the renderer's name."""
+    return any(name in renderer.lower() for name in _SOFTWARE)
 
-    Open it in the process and thread that uses it, after any fork, and once per process. Raises
-    GlUnavailableError where there is no EGL, no OpenGL 4.3 or no 64-bit whole numbers in shaders, or where a
-    kernel does not compile.
+
+class GlDevice:
+    """One EGL context, on the device of that index unless GLCONTEXT_DEVICE_INDEX names another, and its
+    kernels.
+
+    Open it in the process and thread that uses it, after any fork. Raises GlUnavailableError where there is
+    no EGL, no OpenGL 4.3 or no 64-bit whole numbers in shaders, or where a kernel does not compile;
+    NoSuchDeviceError where EGL has no such device.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, index: int = 0) -> None:
+        named = os.environ.get(INDEX_VARIABLE)
         try:
+            self.index = int(named or index)
+            """Which of EGL's devices it is on."""
             self.context: moderngl.Context = moderngl.create_standalone_context(
                 require=_OPENGL,
                 backend="egl",  # type: ignore[arg-type]  # its stub has settings wrong
+                device_index=self.index,  # type: ignore[arg-type]
             )
         except Exception as problem:  # moderngl and glcontext raise the bare class
-            raise GlUnavailableError(f"OpenGL 4.3 on EGL cannot be opened: {_first_line(problem)}") from None
+            reason = _first_line(problem)
+            error = NoSuchDeviceError if reason.startswith(_NO_SUCH_DEVICE) else GlUnavailableError
+            why = f"{INDEX_VARIABLE}={named}: {reason}" if named else reason
+            raise error(f"OpenGL 4.3 on EGL cannot be opened: {why}") from None
         self._open, self._entered = True, False
         self._info = self.context.info
         try:
@@ -80,7 +100,7 @@ class GlDevice:
     @property
     def is_hardware(self) -> bool:
         """Whether a GPU draws, and not a program on the CPU."""
-        return not any(name in self.renderer.lower() for name in _SOFTWARE)
+        return not is_software(self.renderer)
 
     @property
     def max_buffer_bytes(self) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.energy.cost import Counts
-from services.mocap.energy.gl.device import GROUP, MAX_GROUPS, GlDevice
+from services.mocap.energy.gl.device import GROUP, MAX_GROUPS, GlDevice, GlUnavailableError
 from services.mocap.energy.gl.mesh import GlMesh, Selection
 from services.mocap.types import Bytes, Floats
 
@@ -61,6 +61,10 @@ class Scene:
             "spans": 8 * height,
         }
 
+    def gain_bytes(self) -> int:
+        """What gain_sums need."""
+        return 0 if self.gain_sums is None else self.gain_sums.nbytes
+
 
 @dataclass(frozen=True)
 class Part:
@@ -80,19 +84,29 @@ class Drawer:
         self._buffers: dict[str, moderngl.Buffer] = {}
         self._scene: Scene | None = None
 
-    def parts(self, scene: Scene, n_poses: int) -> Iterator[Part]:
-        """Cut a batch up, into nothing where nothing is drawn; raises ValueError where no image fits."""
-        if not scene.selection.segments:
-            return
-        needs = scene.scratch_bytes()
+    def images_per_part(self, scene: Scene) -> int:
+        """How many images of a scene a part has at most; raises GlUnavailableError where not even one fits,
+        or what stays the same over all images does not."""
+        needs, limit = scene.scratch_bytes(), self._device.max_buffer_bytes
         most = min(
             SCRATCH_BYTES // sum(needs.values()),
-            self._device.max_buffer_bytes // max(needs.values()),
+            limit // max(needs.values()),
             MAX_GROUPS * GROUP // scene.height_px,
             _PART_IMAGES,
         )
-        if most < 1:
-            raise ValueError(f"{scene.width_px} x {scene.height_px} pixels are too many for the gl backend")
+        if most < 1 or scene.gain_bytes() > limit:
+            raise GlUnavailableError(
+                f"{scene.n_cameras} cameras of {scene.width_px} x {scene.height_px} pixels are too many for "
+                f"the gl backend, whose buffers on {self._device.renderer} hold "
+                f"{min(limit, SCRATCH_BYTES) >> 20} MiB"
+            )
+        return most
+
+    def parts(self, scene: Scene, n_poses: int) -> Iterator[Part]:
+        """Cut a batch up, into nothing where nothing is drawn."""
+        if not scene.selection.segments:
+            return
+        most = self.images_per_part(scene)
         n_images = n_poses * scene.n_cameras
         for k, first in enumerate(range(0, n_images, most)):
             yield Part(first, min(first + most, n_images), k % 2)

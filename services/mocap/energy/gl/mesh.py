@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
+from services.mocap.energy.cpu.mesh import sphere_of
 from services.mocap.energy.detail.surface import closed_edges
-from services.mocap.energy.gl.device import GROUP, MAX_GROUPS
-from services.mocap.types import Floats
+from services.mocap.energy.gl.device import GROUP, MAX_GROUPS, GlDevice, GlUnavailableError
+
+_VERTEX_BYTES, _EDGE_BYTES = 3 * 8, 4 * 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +35,23 @@ class Selection:
 class GlMesh:
     """All segments' vertices and edges, uploaded once.
 
-    Raises ValueError where a segment's mesh is not closed or too large for one dispatch.
+    Raises ValueError where a segment's mesh is not closed, GlUnavailableError where the body is too large for
+    the device.
     """
 
-    def __init__(self, context: moderngl.Context, body: Body) -> None:
-        self._context = context
+    def __init__(self, device: GlDevice, body: Body) -> None:
+        self._context = context = device.context
         edges = [closed_edges(faces)[0].astype(np.uint32) for faces in body.faces]
         self._first_vertices = [0, *accumulate(map(len, body.vertices_m))]
         self._first_edges = [0, *accumulate(map(len, edges))]
-        self._spheres_m = np.array([_sphere(vertices_m) for vertices_m in body.vertices_m])
-        if self._first_edges[-1] // GROUP + len(edges) > MAX_GROUPS:
-            raise ValueError(f"the body has {self._first_edges[-1]} edges: the gl backend draws fewer")
+        self._spheres_m = np.array([sphere_of(vertices_m) for vertices_m in body.vertices_m])
+        n_vertices, n_edges = self._first_vertices[-1], self._first_edges[-1]
+        most = min(MAX_GROUPS - len(edges), device.max_buffer_bytes // (_EDGE_BYTES * GROUP)) * GROUP
+        if n_edges > most or n_vertices > device.max_buffer_bytes // _VERTEX_BYTES:
+            raise GlUnavailableError(
+                f"the body has {n_vertices} vertices and {n_edges} edges: too many for the gl backend on "
+                f"{device.renderer}"
+            )
         self.vertices = context.buffer(np.concatenate(body.vertices_m).astype(np.float64))
         """(V, 3) double, in their segment's frame."""
         ends, corners = np.hsplit(np.concatenate(edges), 2)
@@ -96,9 +104,3 @@ def _chunks(slot: int, first: int, last: int, target: int, target_step: int) -> 
     targets = target + target_step * np.arange(len(starts))
     counts = np.minimum(last - starts, GROUP)
     return np.stack([np.full(len(starts), slot), starts, counts, targets], axis=1).astype(np.uint32)
-
-
-def _sphere(vertices_m: Floats) -> Floats:
-    """Centre and radius (4,) of a sphere about the middle of the bounding box."""
-    centre = (vertices_m.min(axis=0) + vertices_m.max(axis=0)) / 2
-    return np.append(centre, np.linalg.norm(vertices_m - centre, axis=1).max() * (1.0 + 1e-9))

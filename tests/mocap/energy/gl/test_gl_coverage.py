@@ -1,18 +1,23 @@
 """The `gl` backend covers what the `cpu` backend covers, bit for bit, wherever the cameras stand."""
 
 from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
-import trimesh
 
 from services.mocap.body.actor import Body
 from services.mocap.body.skeleton import segments_below
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
+from services.mocap.energy import gl
 from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.gl import device as device_module
 from services.mocap.energy.gl import drawing
 from services.mocap.energy.gl.backend import GlBackend
+from services.mocap.energy.gl.device import GlDevice, GlUnavailableError
 from services.mocap.energy.picture import Region
 from services.mocap.types import Bytes, Floats
 
@@ -117,31 +122,40 @@ def test_no_poses(both: Both, coarse_body: Body, ring: Ring) -> None:
     )
 
 
-def test_degenerate_triangles(both: Both, coarse_body: Body, ring: Ring, random_poses: RandomPoses) -> None:
-    """Faces without area, slivers, a flat segment and one that shrinks to a point."""
-    flat = trimesh.creation.icosphere(subdivisions=1, radius=0.2)
-    flat.vertices[:, 2] = 0.0
-    point = trimesh.creation.icosphere(subdivisions=0)
-    point.vertices *= 1e-9
-    sliver = trimesh.creation.icosphere(subdivisions=2, radius=0.4)
-    sliver.vertices[:, :2] *= 1e-6
-    collapsed = trimesh.creation.icosphere(subdivisions=1, radius=0.15)
-    collapsed.vertices[:20] = collapsed.vertices[0]
-    vertices_m, faces = list(coarse_body.vertices_m), list(coarse_body.faces)
-    for segment, mesh in enumerate((flat, point, sliver, collapsed)):
-        vertices_m[segment], faces[segment] = np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)
-    body = Body(coarse_body.offsets_m, tuple(vertices_m), tuple(faces), coarse_body.height_m)
-    same_coverage(both(body, ring(2)), random_poses(40, 7), ALL, Region.whole(ring(2)))
+def test_degenerate_triangles(
+    both: Both, degenerate_body: Body, ring: Ring, random_poses: RandomPoses
+) -> None:
+    same_coverage(both(degenerate_body, ring(2)), random_poses(40, 7), ALL, Region.whole(ring(2)))
 
 
-def test_a_box_that_faces_the_camera_square_on(both: Both, coarse_body: Body) -> None:
-    """Corners on pixel centres and faces seen edge-on: every tie of the rule."""
-    box = trimesh.creation.box(extents=(0.5, 0.5, 0.5))
-    body = Body(
-        coarse_body.offsets_m * 0, (np.asarray(box.vertices),) * 16, (np.asarray(box.faces),) * 16, 1.0
-    )
-    R = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-    K = np.array([[64.0, 0.0, 32.0], [0.0, 64.0, 24.0], [0.0, 0.0, 1.0]])
-    rig = Rig.of((Camera("camera", 64, 48, K, np.zeros(4), R, np.array([0.0, 0.0, 2.25])),))
-    planes = same_coverage(both(body, rig), np.zeros((1, 35)), ALL, Region.whole(rig))
-    assert planes.sum() == 16 * 16
+def test_a_box_that_faces_the_camera_square_on(both: Both, square_on: tuple[Body, Rig]) -> None:
+    region = Region.whole(square_on[1])
+    assert same_coverage(both(*square_on), np.zeros((1, 35)), ALL, region).sum() == 16 * 16
+
+
+@pytest.mark.parametrize("off_by", ["+ 2.0", "+ 1.0", "- 0.5", "- 1.0", "- 2.0"])
+def test_a_division_that_is_off_changes_nothing(
+    real_body: Body,
+    ring: Ring,
+    random_poses: RandomPoses,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    without_opengl: Callable[[Exception], NoReturn],
+    off_by: str,
+) -> None:
+    """GLSL does not promise that it is rounded correctly: what a crossing is must not rest on it."""
+    shaders, division = files(gl) / "shaders", "double(crossing) / double(divisor)"
+    (tmp_path / "shaders").mkdir()
+    for shader in shaders.iterdir():
+        text = shader.read_text("utf-8")
+        assert (division in text) == (shader.name == "outline.glsl")
+        (tmp_path / "shaders" / shader.name).write_text(text.replace(division, f"{division} {off_by}"))
+    monkeypatch.setattr(device_module, "files", lambda _: tmp_path)
+    try:
+        device = GlDevice()
+    except GlUnavailableError as error:
+        without_opengl(error)
+    rig = ring(2)
+    backends = GlBackend(device, real_body, rig), CpuBackend(real_body, rig)
+    assert same_coverage(backends, random_poses(20, 10), ALL, Region.whole(rig)).any()
+    device.close()

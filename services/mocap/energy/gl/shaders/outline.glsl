@@ -33,9 +33,11 @@ void main() {
     int64_t crossing = int64_t(top.x) * way.y + int64_t((first << SUBPIXEL_BITS) - top.y) * way.x;
     for (int row = first; row < last; ++row, crossing += step) {
         if (crossing > divisor * (width_px - 1)) continue;  // right of the picture
-        // The first column whose centre is not left of the crossing; floats are right but for one too few.
+        // The first column whose centre is not left of the crossing. Floats give it or the one before, and where
+        // division is not rounded correctly perhaps another one near by.
         int column = crossing > 0 ? int(double(crossing) / double(divisor)) : 0;
-        if (divisor * column < crossing) ++column;
+        while (divisor * column < crossing) ++column;
+        while (column > 0 && divisor * (column - 1) >= crossing) --column;
         atomicAdd(winding[winding_index(image, column, uint(row))], turn);
         uint span = image * uint(height_px) + uint(row);
         atomicMin(spans[span].x, column);
