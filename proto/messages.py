@@ -88,8 +88,8 @@ class LimbTask(Message):
     origin_px: Annotated[NDArray[np.int32], Array("int32", ("C", 2))]
     """x and y of the window's first pixel in each camera's undistorted picture."""
     window: Annotated[NDArray[np.uint8], Array("uint8", ("P", "h", "w"))]
-    """Input silhouettes: bit c % 8 of plane c // 8 is camera c's; unused bits are 0. Where distances cost, wider
-    than the window on all sides by distance_cap_px, rounded up, and one."""
+    """Input silhouettes: bit c % 8 of plane c // 8 is camera c's; unused bits are 0. Where distances cost,
+    wider than the window on all sides by distance_cap_px, rounded up, and one."""
 
 
 class LimbResult(Message):
@@ -109,7 +109,8 @@ class LimbResult(Message):
     shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
     """As in the task."""
     energy_px: Scalar
-    """What the differing pixels in the limb's window cost by the search settings, the extremity not yet turned."""
+    """What the differing pixels in the limb's window cost by the search settings; the extremity is not yet
+    turned."""
     evaluations: Count
     """How often the energy was evaluated."""
     seconds: Scalar

@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import tempfile
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -12,12 +13,21 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from services import doctor as machine
+from services.fit import init_frames
+from services.fit_files import origin_of
+from services.fit_show import fit_with_bar, show_fit
 from services.launcher import ServiceFailedError
+from services.mocap.energy.engine import check_cost
+from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
 from services.mocap.search.overrides import search_settings
+from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.folder import open_take
+from services.mocap.take.actor_file import check_place, take_actor, write_actor
+from services.mocap.take.fit_record import FIT_FOLDER
+from services.mocap.take.folder import Take, open_take
 from services.mocap.take.frame_range import frame_range
+from services.mocap.take.layout import ACTOR
 from services.process import (
     DEFAULT_ENGINE,
     EXIT_STOPPED,
@@ -41,6 +51,11 @@ app = typer.Typer(
     help="Markerless motion capture from silhouettes of calibrated cameras.",
 )
 out_console, err_console = Console(), Console(stderr=True)
+_STATE_WORDS = {
+    machine.State.OK: "[green]ok[/]",
+    machine.State.HINT: "[yellow]hint[/]",
+    machine.State.MISSING: "[red]missing[/]",
+}
 
 TakeFolder = Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")]
 
@@ -56,14 +71,45 @@ def track(
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
     changes: SetOption = None,
     settings: SettingsOption = None,
+    fit_first: Annotated[
+        bool,
+        typer.Option("--fit/--no-fit", help="Where the take has no actor.toml: fit the actor, or scale one."),
+    ] = True,
+    fitted: Annotated[
+        Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
+    ] = None,
 ) -> None:
     """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
     engine = engine_settings(backend, threads)
     opened = open_take(take)
     asked, search = frame_range(frames, opened), search_settings(changes or [], settings, len(opened.cameras))
+    check_cost(engine, search.cost)
     folder = out or Path("results") / take.resolve().name
     check_out(folder)
     warnings: list[str] = []
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        if fitted is None and fit_first and take_actor(opened) is None:
+            fitted = Path(temporary)
+            found = fit_with_bar(opened, init_frames(opened), engine, search, fitted, err_console)
+            kept = f"{take}: has no actor.toml: fitted one for this run; xormocap fit {take} puts one there"
+            warnings += [kept, *found.warnings]
+        report = _track(opened, folder, workers, asked, overlay, engine, search, fitted, warnings)
+    _warn(warnings)
+    _summarise(report, folder)
+
+
+def _track(
+    opened: Take,
+    folder: Path,
+    workers: int,
+    frames: range,
+    overlay: bool,
+    engine: EngineSettings,
+    search: SearchSettings,
+    fitted: Path | None,
+    warnings: list[str],
+) -> dict[str, Any]:
+    """Track with a progress bar; returns run.json, adds to the warnings."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -74,7 +120,7 @@ def track(
         TimeRemainingColumn(),
     )
     with Progress(*columns, *speed, console=err_console) as bar:
-        task = bar.add_task("starting", total=len(asked), fps=0.0, energy=0.0)
+        task = bar.add_task("starting", total=len(frames), fps=0.0, energy=0.0)
 
         def show(run: Run) -> None:
             bar.update(
@@ -86,15 +132,16 @@ def track(
             )
 
         try:
-            report = track_take(
+            return track_take(
                 opened,
                 folder,
                 workers=workers,
-                frames=asked,
+                frames=frames,
                 overlay=overlay,
                 engine=engine,
                 search=search,
                 show=show,
+                fitted=fitted,
                 warn=warnings.append,
             )
         except Interrupted as stopped:
@@ -104,9 +151,11 @@ def track(
                 else "nothing was tracked"
             )
             _fail(f"stopped; {done}", 130)
-    for sentence in warnings:
+
+
+def _warn(sentences: list[str]) -> None:
+    for sentence in sentences:
         err_console.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)
-    _summarise(report, folder)
 
 
 def _summarise(report: dict[str, Any], folder: Path) -> None:
@@ -125,6 +174,31 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
         table.add_row("lost limbs", f"{len(accuracy['lost_limbs'])}")
     table.add_row("results", escape(str(folder)))
     out_console.print(table)
+
+
+@app.command()
+def fit(
+    take: TakeFolder,
+    out: Annotated[
+        Path | None, typer.Option(help="Where actor.toml and pictures go; into the take by default.")
+    ] = None,
+    frames: Annotated[
+        int | None, typer.Option(min=1, help="How many of the first frames; init_frames by default.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an actor.toml made by hand.")] = False,
+    backend: BackendOption = DEFAULT_ENGINE.backend,
+) -> None:
+    """Fit the actor's shape and first poses to a take's first frames, and show how well that went."""
+    opened = open_take(take)
+    actor_toml = (out or take) / ACTOR
+    check_place(actor_toml, force)
+    folder = out or take / FIT_FOLDER
+    engine, search = engine_settings(backend, DEFAULT_ENGINE.threads), SearchSettings()
+    found = fit_with_bar(opened, init_frames(opened, frames), engine, search, folder, err_console)
+    if out is None:
+        write_actor(actor_toml, found.actor, origin_of(opened, found))
+    _warn(found.warnings)
+    show_fit(found, opened, folder, out_console)
 
 
 @app.command()
@@ -172,9 +246,9 @@ def doctor() -> None:
     table = Table(show_header=False, box=None)
     checks = machine.examine()
     for check in checks:
-        table.add_row("[green]ok[/]" if check.ok else "[red]missing[/]", check.name, escape(check.finding))
+        table.add_row(_STATE_WORDS[check.state], check.name, escape(check.finding))
     out_console.print(table)
-    if not all(check.ok for check in checks):
+    if any(check.state is machine.State.MISSING for check in checks):
         sys.exit(1)
 
 

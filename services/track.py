@@ -17,9 +17,13 @@ from proto.messages import Pose
 from proto.sockets import connect, make_socket, receive, wait
 from proto.streams import stream_endpoint
 from services.launcher import Launcher, ServiceFailedError, free_endpoint
+from services.mocap.atomic import atomic_file
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.actor_file import read_actor
+from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.folder import Take
+from services.mocap.take.layout import ACTOR
 from services.process import engine_arguments, search_arguments
 from services.recorder.result_folder import LOGS, RUN_JSON, partial_of
 
@@ -109,21 +113,23 @@ def track(
     engine: EngineSettings,
     search: SearchSettings,
     show: Callable[[Progress], None],
+    fitted: Path | None = None,
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Track frames of a checked take into out and return its run.json; the processes' logs go to out/logs.
 
-    engine: for the coordinator and every worker; search: for the coordinator, whose tasks carry it. warn is
-    called with each warning of the coordinator's at the end; started once with the launcher when all
-    processes run. Raises UserError; ServiceFailedError, after which the logs stay; or Interrupted, once a
-    stop was asked for and what was done by then is written.
+    engine: for the coordinator and every worker; search: for the coordinator, whose tasks carry it. fitted: a
+    folder of xormocap fit, whose actor and poses take the place of the take's; out/fit gets a copy of it.
+    run.json tells of the fit that the actor comes from. warn is called with each warning of the coordinator's
+    at the end; started once with the launcher when all processes run. Raises UserError; ServiceFailedError,
+    after which the logs stay; or Interrupted, once a stop was asked for and what was done by then is written.
     """
     endpoint, logs = free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     earlier = {folder: _written_ns(folder) for folder in (out, partial_of(out))}
     try:
         with StopSignals() as stop, Launcher(logs) as launcher:
-            _start(launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search)
+            _start(launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search, fitted)
             started(launcher)
             _follow(launcher, endpoint, stop, show)
             for sentence in launcher.warnings("coordinator"):
@@ -131,7 +137,7 @@ def track(
     except ServiceFailedError as error:
         raise ServiceFailedError(f"{error}; the logs are in {logs}") from None
     folder = next((f for f, before in earlier.items() if _written_ns(f) != before), None)
-    report = None if folder is None else dict(json.loads((folder / RUN_JSON).read_text()))
+    report = None if folder is None else _add_fit(folder, take, fitted)
     if folder is not None:
         shutil.rmtree(folder / LOGS, ignore_errors=True)
         shutil.move(logs, folder / LOGS)
@@ -141,6 +147,22 @@ def track(
         shutil.rmtree(logs, ignore_errors=True)
         raise Interrupted(folder)
     raise ServiceFailedError(f"the run ended before its last frame; the logs are in {logs}")
+
+
+def _add_fit(folder: Path, take: Take, fitted: Path | None) -> dict[str, Any]:
+    """The run.json of a folder of results, in which the fit now is that the actor comes from, if any."""
+    report: dict[str, Any] = json.loads((folder / RUN_JSON).read_text())
+    source = fitted or take.folder / FIT_FOLDER
+    record = read_record(source)
+    if record is None or record.actor != read_actor(folder / ACTOR).content_hash:
+        return report
+    report["fit"] = record.model_dump()
+    with atomic_file(folder / RUN_JSON) as part:
+        part.write_text(json.dumps(report, indent=2) + "\n")
+    if fitted is not None:
+        shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)
+        shutil.copytree(fitted, folder / FIT_FOLDER)
+    return report
 
 
 def _written_ns(folder: Path) -> int | None:
@@ -159,13 +181,15 @@ def _start(
     overlay: bool,
     engine: EngineSettings,
     search: SearchSettings,
+    fitted: Path | None,
 ) -> None:
     """Start all processes of a run."""
     asked = f"{frames.start}:{frames.stop}"
     source, connect = ("--take", str(take)), ("--connect", endpoint)
     expected = ("--workers", str(workers), "--recorders", "1")
     energy = engine_arguments(engine)
-    wanted = (*expected, *energy, *search_arguments(search))
+    actor = () if fitted is None else ("--fitted", str(fitted))
+    wanted = (*expected, *energy, *search_arguments(search), *actor)
     launcher.start("coordinator", *source, "--bind", endpoint, "--frames", asked, *wanted)
     launcher.start("limb_worker", *connect, *energy, copies=workers)
     launcher.start("segmentation", *source, *connect)

@@ -10,7 +10,15 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = "services.process"
 """What every service's entry shares: it stands beside the services, not in one."""
-COMMAND = ("services.cli", "services.track", "services.launcher", "services.doctor")
+COMMAND = (
+    "services.cli",
+    "services.track",
+    "services.launcher",
+    "services.doctor",
+    "services.fit",
+    "services.fit_files",
+    "services.fit_show",
+)
 """The command starts the services and may use what they are made of."""
 WORLDLY = {
     *("zmq", "socket", "socketserver", "ssl", "http", "urllib", "asyncio"),

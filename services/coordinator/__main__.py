@@ -8,11 +8,14 @@ import typer
 
 from proto.streams import DEFAULT_ENDPOINT
 from services.coordinator.session import Plan, Session
-from services.mocap.energy.engine import open_engine
+from services.mocap.energy.engine import check_cost, open_engine
 from services.mocap.search.overrides import search_settings
-from services.mocap.take.actor_file import take_actor
-from services.mocap.take.folder import open_take
+from services.mocap.search.settings import SearchSettings
+from services.mocap.take.actor_file import read_actor, take_actor
+from services.mocap.take.fit_record import FIT_FOLDER, fitted_pose
+from services.mocap.take.folder import Take, open_take
 from services.mocap.take.frame_range import frame_range
+from services.mocap.take.layout import ACTOR
 from services.process import (
     DEFAULT_ENGINE,
     BackendOption,
@@ -40,20 +43,35 @@ def main(
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
     changes: SetOption = None,
     settings: SettingsOption = None,
+    fitted: Annotated[
+        Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
+    ] = None,
 ) -> None:
     """Track a take with the limb workers that are there."""
 
     def serve(stop: StopRequest) -> None:
         opened = open_take(take)
+        engine_choice = engine_settings(backend, threads)
         search = search_settings(changes or [], settings, len(opened.cameras))
-        plan = Plan(opened, frame_range(frames, opened), search, take_actor(opened))
-        with open_engine(engine_settings(backend, threads)) as engine:
+        check_cost(engine_choice, search.cost)
+        plan = _plan(opened, frame_range(frames, opened), search, fitted)
+        with open_engine(engine_choice) as engine:
             log.info("%s", engine)
             session = Session(plan, engine, bind, stop)
             session.await_clients(workers, recorders, _CLIENTS_S)
             session.run()
 
     run_service("coordinator", serve)
+
+
+def _plan(take: Take, frames: range, search: SearchSettings, fitted: Path | None) -> Plan:
+    """What to do, with what a fit found: in a folder of its own, or in the take's."""
+    actor = take_actor(take) if fitted is None else read_actor(fitted / ACTOR)
+    if actor is None:
+        return Plan(take, frames, search, None)
+    pose = fitted_pose(fitted or take.folder / FIT_FOLDER, actor, take.settings, frames.start)
+    log.info("the first pose was %s", "fitted along with the actor" if pose is not None else "not fitted")
+    return Plan(take, frames, search, actor, pose)
 
 
 if __name__ == "__main__":

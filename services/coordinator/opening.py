@@ -1,7 +1,7 @@
 """The first frame of a take: who the actor is, and where."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +17,11 @@ from services.mocap.search.first_pose import FirstPose, find_first_pose, standin
 from services.mocap.search.frame import FrameSolution, LimbPool, solve_frame
 from services.mocap.search.height import HEIGHT_RANGE_M, fit_height
 from services.mocap.search.hull import Hull, carve
+from services.mocap.search.plausibility import FirstLook, look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model
 from services.mocap.take.settings import TakeSettings
-from services.mocap.types import Bytes
+from services.mocap.types import Bytes, Floats
 
 log = logging.getLogger(__name__)
 
@@ -47,15 +48,65 @@ def solve_opening(
     pool: Callable[[Model, Actor], LimbPool],
     engine: Engine,
     settings: SearchSettings,
+    fitted_pose: Floats | None = None,
+    names: Sequence[str] = (),
 ) -> Opening:
     """Find the actor and the pose of a take's first frame.
 
     silhouettes (P, H, W); actor: None where the take has none; hints: of take.toml, for this very frame; pool
-    makes the limb pool for a model, engine its backend. settings: those of the frames to come. Raises
-    TakeError where nobody is to be seen.
+    makes the limb pool for a model, engine its backend. settings: those of the frames to come. fitted_pose:
+    (35,), where it was found along with the actor; then nothing is searched far and wide. names: of the
+    cameras. Raises TakeError where nobody is to be seen, or the silhouettes make no sense (look_first).
     """
-    hull, picture = carve(rig, unpack(silhouettes, rig.n_cameras)), Picture.whole(rig, silhouettes)
-    height_known = actor is not None or hints.actor_height is not None
+    picture = Picture.whole(rig, silhouettes)
+    if actor is not None and fitted_pose is not None:
+        model = _model(actor, rig, engine)
+        limbs = pool(model, actor)
+        return Opening(actor, model, solve_frame(model, picture, fitted_pose[None], settings, limbs))
+    masks = unpack(silhouettes, rig.n_cameras)
+    look = look_first(rig, masks, names)
+    for remark in look.remarks:
+        log.warning("%s", remark)
+    settings = _believing(settings, look, rig.n_cameras)
+    hull = carve(rig, look.believed(masks))
+    opening = first_guess(hull, picture, rig, actor, hints, pool, engine, settings)
+    if actor is not None or hints.actor_height is not None:
+        return opening
+    opening.model.backend.close()
+    pose = opening.solution.pose
+    height_m = fit_height(rig, picture, pose, opening.actor.height, pool, engine, settings)
+    actor = Actor(height=round(height_m, 3))
+    log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
+    model = _model(actor, rig, engine)
+    limbs, wide = pool(model, actor), settings.widened()
+    fitted = solve_frame(model, picture, pose[None], wide, limbs, first_pass=_FITTED_PASS)
+    return Opening(actor, model, fitted)
+
+
+def _believing(settings: SearchSettings, look: FirstLook, n_cameras: int) -> SearchSettings:
+    """The settings without the cameras that should not be believed."""
+    if not look.left_out:
+        return settings
+    given = settings.camera_weights or (1.0,) * n_cameras
+    weights = tuple(a * b for a, b in zip(given, look.weights(n_cameras), strict=True))
+    return settings.model_copy(update={"camera_weights": weights})
+
+
+def first_guess(
+    hull: Hull,
+    picture: Picture,
+    rig: Rig,
+    actor: Actor | None,
+    hints: TakeSettings,
+    pool: Callable[[Model, Actor], LimbPool],
+    engine: Engine,
+    settings: SearchSettings,
+) -> Opening:
+    """The first frame's pose, with the actor or else with the generic body, from its hull and its picture.
+
+    That body is as tall as take.toml says, or else as the visual hull is. Other arguments as solve_opening's.
+    Raises TakeError where nobody can be so tall.
+    """
     actor = actor or Actor(height=round(hints.actor_height or _plausible_height_m(hull), 3))
     if not _LOWEST_HULL <= hull.height_m / actor.height <= _HIGHEST_HULL:
         log.warning(
@@ -65,17 +116,7 @@ def solve_opening(
             actor.height,
         )
     model = _model(actor, rig, engine)
-    solution = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
-    if height_known:
-        return Opening(actor, model, solution)
-    model.backend.close()
-    height_m = fit_height(rig, picture, solution.pose, actor.height, pool, engine, settings)
-    actor = Actor(height=round(height_m, 3))
-    log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
-    model = _model(actor, rig, engine)
-    limbs, wide = pool(model, actor), settings.widened()
-    fitted = solve_frame(model, picture, solution.pose[None], wide, limbs, first_pass=_FITTED_PASS)
-    return Opening(actor, model, fitted)
+    return Opening(actor, model, _first_pose(model, picture, hull, hints, pool(model, actor), settings))
 
 
 def _plausible_height_m(hull: Hull) -> float:

@@ -21,7 +21,7 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
-from services.mocap.types import Bytes
+from services.mocap.types import Bytes, Floats
 from services.process import StopRequest
 
 log = logging.getLogger(__name__)
@@ -44,6 +44,8 @@ class Plan:
     settings: SearchSettings
     actor: Actor | None
     """None: the generic body in the height that the take gives, or else the one that fits the first frame."""
+    fitted_pose: Floats | None = None
+    """(35,) of the first frame, where it was found along with the actor."""
 
 
 class Session:
@@ -109,6 +111,8 @@ class Session:
             self._pool,
             self._engine,
             self._plan.settings,
+            self._plan.fitted_pose,
+            [camera.name for camera in self._plan.take.cameras],
         )
         self._announce(opening)
         self._publish(self._plan.frames.start, opening.solution)

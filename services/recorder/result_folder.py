@@ -9,11 +9,12 @@ from pathlib import Path
 
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
+from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.layout import ACTOR
 
 POSES, JOINTS, MOTION = "poses.csv", "joints.csv", "motion.bvh"
 OVERLAY, RUN_JSON, LOGS = "overlay.mp4", "run.json", "logs"
-_KNOWN = {POSES, JOINTS, MOTION, ACTOR, OVERLAY, RUN_JSON, LOGS}
+_KNOWN = {POSES, JOINTS, MOTION, ACTOR, OVERLAY, RUN_JSON, LOGS, FIT_FOLDER}
 
 
 def check_out(folder: Path) -> None:

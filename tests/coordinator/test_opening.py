@@ -82,6 +82,20 @@ def test_an_actor_outweighs_the_height_of_take_toml() -> None:
     )
 
 
+def test_a_pose_that_was_fitted_is_not_searched_far_and_wide() -> None:
+    actor, near = Actor(height=HEIGHT_M), _pose()
+    near[0] += 0.01
+    near[DOF_INDEX["root_heading"]] += 0.02
+    hints, once = (
+        _hints(facing=300.0),
+        SearchSettings(max_passes=1),
+    )  # what it says has had its say in the fit
+    opening = solve_opening(_silhouettes(_pose()), RIG, actor, hints, _pool, CPU, once, near)
+    assert opening.actor == actor
+    assert opening.solution.passes == 1
+    assert _mean_error_mm(opening.solution.pose, actor) < 10
+
+
 @pytest.mark.parametrize("turned_deg", [0, 180])
 def test_facing_decides(turned_deg: float) -> None:
     hints = _hints(actor_height=HEIGHT_M, facing=np.degrees(2.0) + turned_deg)

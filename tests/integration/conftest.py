@@ -9,8 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from services.mocap.body.actor import Actor
 from services.mocap.body.skeleton import DOF_INDEX, DOFS
 from services.mocap.synth.take import write_synthetic_take
+from services.mocap.take.actor_file import write_actor
+from services.mocap.take.layout import ACTOR, SETTINGS
+from services.mocap.take.settings import read_settings
 from services.mocap.take.tables import read_poses_csv
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -20,8 +24,10 @@ FRAMES = "14:20"
 
 @pytest.fixture(scope="session")
 def synthetic_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its actor.toml holds the very body that it shows, so that nothing is fitted before it is tracked."""
     folder = tmp_path_factory.mktemp("synthetic") / "walk"
     write_synthetic_take(folder, n_frames=24, n_cameras=5)
+    write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
     return folder
 
 

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.actor_file import read_actor
+from services.mocap.take.fit_record import read_record
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
 
 pytestmark = pytest.mark.timeout(280)
@@ -157,7 +159,7 @@ def test_older_results_are_replaced_and_other_folders_are_not(
 
 def test_the_first_frames_of_a_real_recording(shared_takes: Path, xormocap, tmp_path: Path) -> None:
     out = tmp_path / "balance"
-    done = xormocap("track", shared_takes / "balance", "--out", out, "--frames", "0:3")
+    done = xormocap("track", shared_takes / "balance", "--out", out, "--frames", "0:3", "--no-fit")
     assert done.returncode == 0, done.stderr
     energies_px = read_poses_csv(out / "poses.csv").energies_px
     assert energies_px.max() < 0.2 * 132263  # pixels of the actor in the first frame, over all cameras
@@ -172,4 +174,12 @@ def test_the_first_frames_of_another_body(shared_takes: Path, xormocap, tmp_path
     out = tmp_path / "studio-a"
     done = xormocap("track", shared_takes / "studio-a", "--out", out, "--frames", "0:3", "--no-overlay")
     assert done.returncode == 0, done.stderr
-    assert _report(out)["accuracy"]["mean_mm"] < 50
+    report = _report(out)
+    assert report["accuracy"]["mean_mm"] < 30
+    assert np.mean(report["fit"]["energy_after_px"]) < 0.9 * np.mean(report["fit"]["energy_before_px"])
+    assert abs(report["actor"]["height"] - 1.78) < 0.02
+    assert read_record(out / "fit") is not None
+    assert read_actor(out / "fit" / "actor.toml") == read_actor(out / "actor.toml")
+    assert "has no actor.toml: fitted one" in done.stderr
+    assert "fitted along with the actor" in next((out / "logs").glob("coordinator*")).read_text()
+    assert not (shared_takes / "studio-a" / "actor.toml").exists()

@@ -153,7 +153,7 @@ _LEFT_DOFS: tuple[tuple[str, str, Role, tuple[float, float, float], float, float
     ("hip_flexion", "hip", "swing", _NEGATIVE_Y, -40.0, 130.0),
     ("hip_abduction", "hip", "swing", _X, -35.0, 75.0),
     ("hip_twist", "hip", "twist", _DOWN, -50.0, 50.0),
-    ("knee_flexion", "knee", "swing", _Y, 0.0, 150.0),
+    ("knee_flexion", "knee", "swing", _Y, -8.0, 150.0),
     ("ankle_flexion", "ankle", "swing", _NEGATIVE_Y, -55.0, 35.0),
     ("ankle_inversion", "ankle", "swing", _NEGATIVE_X, -30.0, 30.0),
 )

@@ -6,17 +6,18 @@ from math import pi, radians
 
 import numpy as np
 
-from services.mocap.body.kinematics import N_DOF
-from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.body.kinematics import N_DOF, clip_to_limits
+from services.mocap.body.skeleton import DOF_INDEX, SIDES
+from services.mocap.energy.bitplanes import pack
 from services.mocap.energy.picture import Picture
-from services.mocap.search.frame import FrameSolution, LimbPool, solve_frame
+from services.mocap.search.frame import FrameSolution, LimbPool, limb_jobs, solve_frame
 from services.mocap.search.hull import Hull
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import Model, whole_body_energy
 from services.mocap.types import Floats
 
 _HEADINGS = 16
-_CANDIDATES = 5
+_CANDIDATES = 6
 """Headings that are searched further."""
 _ARMS_DOWN_RAD = (0.0, radians(45), radians(80))
 _STRIDES_RAD = (0.0, radians(25), radians(-25))
@@ -26,7 +27,7 @@ AMBIGUOUS_SHARE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class FirstPose:
-    """What was found, and how clearly."""
+    """What was found, and how clearly; energies without the cameras of weight 0."""
 
     solution: FrameSolution
     opposite_energy_px: float | None
@@ -49,26 +50,79 @@ def find_first_pose(
 ) -> FirstPose:
     """Search the first pose of an upright actor; facing_rad narrows the heading to about that angle.
 
-    picture: the whole first frame. settings: as for the frames to come; the search is wider here.
+    picture: the whole first frame. settings: as for the frames to come; the search is wider here. Cameras of
+    weight 0 have no say in which pose is best, nor in how clearly.
     """
+    picture = _without_weightless(picture, settings)
     starts = _starts(model, hull, facing_rad)
     energy = whole_body_energy(model, picture.halved(), starts[0], settings.cost, settings.detail_px)
     starts = _best_of_each_heading(starts, energy(starts))[:_CANDIDATES]
     # Pass numbers tell the candidates' limb tasks apart.
-    first_look = settings.widened().model_copy(update={"max_passes": 1})
     found = [
-        solve_frame(model, picture, start[None], first_look, limbs, first_pass=100 * k)
+        _first_look(model, picture, start, settings, limbs, first_pass=100 * k)
         for k, start in enumerate(starts)
     ]
-    found.sort(key=lambda solution: solution.energy_px)
-    opposite = next((other for other in found[1:] if _turned_away(other.pose, found[0].pose)), None)
-    finalists = [found[0]] if opposite is None else [found[0], opposite]
-    finished = [
-        solve_frame(model, picture, finalist.pose[None], settings.widened(), limbs, first_pass=1000 * (k + 1))
-        for k, finalist in enumerate(finalists)
-    ]
-    finished.sort(key=lambda solution: solution.energy_px)
-    return FirstPose(finished[0], finished[1].energy_px if len(finished) > 1 else None)
+    found.sort(key=_energy_px)
+    best = _finished(model, picture, found[0].pose[None], settings, limbs, first_pass=1000)
+    if facing_rad is not None:
+        return FirstPose(best, None)
+    # The other way round is tried as hard: from where it seemed best, and from the mirror image of the best.
+    away = [other.pose for other in found if _turned_away(other.pose, best.pose)][:1]
+    opposites = np.array([*away, _turned_round(best.pose)])
+    opposite = _finished(model, picture, opposites, settings, limbs, first_pass=3000)
+    if not _turned_away(opposite.pose, best.pose):
+        return FirstPose(min(best, opposite, key=_energy_px), None)
+    best, opposite = sorted((best, opposite), key=_energy_px)
+    return FirstPose(best, opposite.energy_px)
+
+
+def _energy_px(solution: FrameSolution) -> float:
+    return solution.energy_px
+
+
+def _finished(
+    model: Model, picture: Picture, starts: Floats, settings: SearchSettings, limbs: LimbPool, first_pass: int
+) -> FrameSolution:
+    return solve_frame(model, picture, starts, settings.widened(), limbs, first_pass)
+
+
+def _first_look(
+    model: Model, picture: Picture, start: Floats, settings: SearchSettings, limbs: LimbPool, first_pass: int
+) -> FrameSolution:
+    """One pass from a start pose (35,), its limbs searched first, far and wide.
+
+    The hull tells where the trunk is, to a hand's breadth; limbs that point elsewhere would drag it away.
+    """
+    limbs.start(limb_jobs(model, picture, start, settings.widened(), first_pass))
+    pose = start
+    for limb in limbs.finish():
+        pose = limb.applied_to(pose)
+    one_pass = settings.model_copy(update={"max_passes": 1})
+    return solve_frame(model, picture, np.stack([start, pose]), one_pass, limbs, first_pass + 1)
+
+
+def _turned_round(pose: Floats) -> Floats:
+    """The pose (35,) that looks most alike from far away, facing the other way: left is right."""
+    turned = pose.copy()
+    for name, d in DOF_INDEX.items():
+        if name.startswith("left_"):
+            other = DOF_INDEX["right_" + name.removeprefix("left_")]
+            turned[[d, other]] = pose[[other, d]]
+    turned[DOF_INDEX["root_heading"]] += pi
+    for name in ("root_lean", "root_pitch", "head_lean", "head_pitch"):
+        turned[DOF_INDEX[name]] *= -1.0
+    for side in SIDES:
+        for name in ("shoulder_forward", "hip_flexion"):
+            turned[DOF_INDEX[f"{side}_{name}"]] *= -1.0
+    return clip_to_limits(turned)
+
+
+def _without_weightless(picture: Picture, settings: SearchSettings) -> Picture:
+    """The picture with all pixels ignored of the cameras whose weight is 0."""
+    if not any(weight == 0 for weight in settings.camera_weights):
+        return picture
+    shape = picture.silhouettes.shape[1:]
+    return picture.ignoring(pack(np.array([np.full(shape, w == 0) for w in settings.camera_weights])))
 
 
 def standing_pose(model: Model, hull: Hull) -> Floats:

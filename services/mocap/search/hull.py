@@ -8,17 +8,23 @@ from scipy import ndimage
 
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
-from services.mocap.types import Floats, Mask
+from services.mocap.types import Floats, Ints, Mask
 
 _VOXEL_M = 0.03
 _FEET_M = 0.15
 """How far up from the hull's lowest point the feet are looked for."""
 _REACH_M = 1.6
 """Half the side of the cube that is carved, about the point where the silhouettes' centres meet."""
-_MIN_CAMERAS = 2
+MIN_CAMERAS = 2
 """One camera alone does not say how far away anything is."""
 _SLACK_PX = 1
 """Silhouettes are widened by this much per 320 pixels of width, against ragged edges and the voxels' size."""
+_LEAST_ANGLE_RAD = 0.05
+"""Rays closer to parallel than this, about 3 degrees, do not say how far away their meeting point is."""
+_ROUNDS = 20
+"""Of reweighting, until the meeting point no longer moves; a few do unless a camera is far off."""
+_NEAR_M = 0.05
+"""Rays that pass this close to the meeting point all count the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,59 +60,95 @@ class Hull:
 
 
 def carve(rig: Rig, silhouettes: Mask) -> Hull:
-    """Carve the hull from silhouettes (C, H, W).
+    """Carve the hull from silhouettes (C, H, W); a camera that shows nothing does not count.
 
     Raises TakeError where there is nobody, or where the silhouettes do not meet in space.
     """
     seen = [c for c in range(rig.n_cameras) if silhouettes[c].any()]
-    if len(seen) < _MIN_CAMERAS:
+    if len(seen) < MIN_CAMERAS:
         raise TakeError(
             f"silhouettes: only {len(seen)} of {rig.n_cameras} cameras show anybody in the first frame: "
             "choose a first frame in which the actor is in view"
         )
-    points_world_m = _cube_about(_meeting_point(rig, silhouettes, seen))
+    points_world_m = cube_about(meeting_point(rig, silhouettes, seen), _REACH_M, _VOXEL_M)
     inside, n_pictures = np.ones(len(points_world_m), bool), np.zeros(len(points_world_m), np.int32)
     for c in seen:
         left = np.flatnonzero(inside)  # most is carved away by the first cameras
-        in_picture, on_actor = _look_up(rig, silhouettes[c], c, points_world_m[left])
+        in_picture, on_actor = look_up(rig, silhouettes[c], c, points_world_m[left])
         n_pictures[left] += in_picture
         inside[left] = on_actor | ~in_picture
     # Where few cameras look, little is carved away: half of them must have a point in their picture.
-    inside &= 2 * n_pictures >= max(len(seen), 2 * _MIN_CAMERAS)
-    side = round(len(points_world_m) ** (1 / 3))
-    pieces, n_pieces = ndimage.label(inside.reshape(side, side, side))
-    if n_pieces == 0:
+    inside &= 2 * n_pictures >= max(len(seen), 2 * MIN_CAMERAS)
+    pieces = pieces_of(inside)
+    if not pieces.any():
         raise TakeError(
             "calibration.toml: the cameras' silhouettes do not meet anywhere in space: check that the "
             "calibration belongs to this take and that the videos are synchronised"
         )
-    largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
-    return Hull(points_world_m[pieces.ravel() == largest])
+    return Hull(points_world_m[pieces == 1])
 
 
-def _meeting_point(rig: Rig, silhouettes: Mask, seen: list[int]) -> Floats:
-    """The point nearest to the rays through the silhouettes' centres, by least squares."""
-    A, b = np.zeros((3, 3)), np.zeros(3)
-    for c in seen:
+def pieces_of(inside: Mask) -> Ints:
+    """Number the connected pieces of a cube's points (N,), the largest first, from 1 on; 0 outside."""
+    side = round(len(inside) ** (1 / 3))
+    labels, n_pieces = ndimage.label(inside.reshape(side, side, side))
+    sizes = np.bincount(labels.ravel(), minlength=n_pieces + 1)[1:]
+    rank: Ints = np.zeros(n_pieces + 1, np.int32)
+    rank[1 + np.argsort(-sizes, kind="stable")] = 1 + np.arange(n_pieces)
+    pieces: Ints = rank[labels.ravel()]
+    return pieces
+
+
+def meeting_point(rig: Rig, silhouettes: Mask, cameras: list[int]) -> Floats:
+    """The point (3,) in the world nearest to the rays through the centres of some cameras' silhouettes.
+
+    The sum of distances is least, not that of their squares, so that a camera that is far off pulls little.
+    Raises TakeError where all rays are parallel, or run away from where they meet.
+    """
+    centres_m, rays = _centre_rays(rig, silhouettes, cameras)
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    parallel = np.linalg.eigvalsh(across.mean(axis=0))[0] < _LEAST_ANGLE_RAD**2 / 4
+    if parallel or np.ptp(centres_m, axis=0).max() < _NEAR_M:
+        raise TakeError(
+            "calibration.toml: all cameras see the actor in the same direction, which does not say how far "
+            "away the actor is: check that no two cameras have the same rotation and translation"
+        )
+    weights, point_m = np.ones(len(rays)), np.zeros(3)
+    for _ in range(_ROUNDS):
+        weighted = across * weights[:, None, None]
+        point_m = np.linalg.solve(weighted.sum(axis=0), np.einsum("cij,cj->i", weighted, centres_m))
+        off_m = np.linalg.norm(np.einsum("cij,cj->ci", across, point_m - centres_m), axis=1)
+        weights = 1.0 / np.maximum(off_m, _NEAR_M)
+    ahead_m = np.einsum("ci,ci->c", point_m - centres_m, rays)
+    if 2 * np.count_nonzero(ahead_m > 0) < len(rays):
+        raise TakeError(
+            "calibration.toml: what the cameras see lies behind them: check that rotation and translation "
+            "take points of the world to the camera, not the other way"
+        )
+    return point_m.astype(np.float64)
+
+
+def _centre_rays(rig: Rig, silhouettes: Mask, cameras: list[int]) -> tuple[Floats, Floats]:
+    """Camera centres (N, 3) in the world, and unit rays (N, 3) forward through the silhouettes' centres."""
+    centres_m, rays = np.empty((len(cameras), 3)), np.empty((len(cameras), 3))
+    for k, c in enumerate(cameras):
         y, x = np.nonzero(silhouettes[c])
         M, p = rig.P_px_world[c, :, :3], rig.P_px_world[c, :, 3]
-        centre_world_m = -np.linalg.solve(M, p)
-        ray = np.linalg.solve(M, np.array([x.mean(), y.mean(), 1.0]))
-        ray /= np.linalg.norm(ray)
-        across = np.eye(3) - np.outer(ray, ray)
-        A, b = A + across, b + across @ centre_world_m
-    return np.linalg.solve(A, b).astype(np.float64)
+        centres_m[k] = -np.linalg.solve(M, p)
+        rays[k] = np.linalg.solve(M, np.array([x.mean(), y.mean(), 1.0]))
+    return centres_m, rays / np.linalg.norm(rays, axis=1)[:, None]
 
 
-def _cube_about(centre_world_m: Floats) -> Floats:
-    steps = np.arange(-_REACH_M, _REACH_M + _VOXEL_M / 2, _VOXEL_M)
+def cube_about(centre_world_m: Floats, reach_m: float, voxel_m: float) -> Floats:
+    """Voxel centres (n ** 3, 3) of a cube about a point, reach_m to each side."""
+    steps = np.arange(-reach_m, reach_m + voxel_m / 2, voxel_m)
     grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
     points_world_m: Floats = grid.reshape(-1, 3) + centre_world_m
     return points_world_m
 
 
-def _look_up(rig: Rig, silhouette: Mask, camera: int, points_world_m: Floats) -> tuple[Mask, Mask]:
-    """Which points project into a camera's picture, and which of them onto its silhouette."""
+def look_up(rig: Rig, silhouette: Mask, camera: int, points_world_m: Floats) -> tuple[Mask, Mask]:
+    """Which points (N,) project into a camera's picture, and which of them onto its silhouette (H, W)."""
     width, height = rig.sizes_px[camera]
     size = 1 + 2 * max(1, round(_SLACK_PX * width / 320))
     wide = cv2.dilate(silhouette[:height, :width].astype(np.uint8), np.ones((size, size), np.uint8))

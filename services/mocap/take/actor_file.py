@@ -1,14 +1,77 @@
-"""actor.toml: the fitted actor in a take folder."""
+"""actor.toml: the fitted actor in a take folder, and how one is put there."""
 
+import os
+from pathlib import Path
+
+from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import Actor
-from services.mocap.errors import TakeError, load_toml, validated
+from services.mocap.body.profiles import Profile
+from services.mocap.errors import TakeError, UserError, load_toml, validated
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
+
+_HASH = "# sha256 = "
+_DIGITS = 4
+"""Lengths to a tenth of a millimetre, factors to a hundredth of a percent: more is not known."""
 
 
 def take_actor(take: Take) -> Actor | None:
     """The actor that the take folder holds, if any; raises TakeError where it cannot be used."""
     path = take.folder / layout.ACTOR
-    if not path.exists():
-        return None
+    return read_actor(path) if path.exists() else None
+
+
+def read_actor(path: Path) -> Actor:
+    """The actor of a file; raises TakeError where it is missing or cannot be used."""
     return validated(Actor, load_toml(path, TakeError), f"{path}: ", TakeError)
+
+
+def rounded(actor: Actor) -> Actor:
+    """The actor as it is written: with four digits behind the point."""
+    return Actor(
+        height=round(actor.height, _DIGITS),
+        bone_lengths={name: round(length_m, _DIGITS) for name, length_m in actor.bone_lengths.items()},
+        profiles={
+            name: Profile(
+                width=tuple(round(factor, _DIGITS) for factor in profile.width),
+                depth=tuple(round(factor, _DIGITS) for factor in profile.depth),
+            )
+            for name, profile in actor.profiles.items()
+        },
+    )
+
+
+def write_actor(path: Path, actor: Actor, origin: str) -> None:
+    """Write a fitted actor, whole or not at all; origin: what it was fitted to, in words."""
+    head = (
+        f"# The actor, fitted by xormocap to {origin}.",
+        "# height and bone_lengths: metres. profiles: width and depth of each segment, from its near to its",
+        "# far end, as factors on those of the generic body of this height.",
+        "# The hash is that of the numbers: as long as it is right, xormocap fit may replace this file.",
+        f"{_HASH}{actor.content_hash}",
+    )
+    with atomic_file(path) as part:
+        part.write_text("\n".join(head) + "\n\n" + actor.to_toml(), encoding="utf-8")
+
+
+def check_place(path: Path, force: bool) -> None:
+    """Raise UserError unless a fitted actor may be written to path.
+
+    The folder, or the one that it is to be made in, can be written to; and there is no file but that of an
+    earlier fit, not even with a number changed by hand, unless force is given.
+    """
+    existing = next(folder for folder in path.resolve().parents if folder.exists())
+    if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
+        raise UserError(f"{existing}: cannot be written to: give another folder with --out")
+    if path.exists() and not force and not _is_as_fitted(path):
+        raise UserError(
+            f"{path}: was made or changed by hand: keep it and give --out, or let --force replace it"
+        )
+
+
+def _is_as_fitted(path: Path) -> bool:
+    try:
+        said = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith(_HASH)]
+        return said == [f"{_HASH}{read_actor(path).content_hash}"]
+    except (TakeError, OSError, UnicodeDecodeError):
+        return False

@@ -48,8 +48,19 @@ def off_rad(heading_rad: float, true_rad: float) -> float:
     [
         {"root_heading": 25, "shoulder_elevation": -40, "hip_abduction": 5},
         {"root_heading": -140, "shoulder_elevation": -85, "elbow_flexion": 10},
+        {"root_heading": 80, "shoulder_elevation": -3},
+        {
+            "root_heading": 170,
+            "shoulder_elevation": -78,
+            "left_hip_flexion": 24,
+            "left_knee_flexion": 8,
+            "right_hip_flexion": -14,
+            "right_knee_flexion": 18,
+            "left_shoulder_forward": -25,
+            "right_shoulder_forward": 20,
+        },
     ],
-    ids=["A", "hanging"],
+    ids=["A", "hanging", "T", "walking"],
 )
 def test_finds_heading_and_joints(
     model: Model,
@@ -66,6 +77,8 @@ def test_finds_heading_and_joints(
     assert joint_errors_mm(pose, truth).mean() < 40
     assert np.all((pose >= LOWER) & (pose <= UPPER))
     assert not found.ambiguous
+    assert found.opposite_energy_px is not None
+    assert found.opposite_energy_px > 1.5 * found.solution.energy_px
     assert len(set(limbs.passes)) == len(limbs.passes)  # no two limb tasks are alike
 
 
@@ -80,6 +93,19 @@ def test_a_given_facing_narrows_the_search(model: Model, standing: Poser, pictur
     assert off_rad(found.solution.pose[HEADING], wrong_rad) < np.radians(45)
     assert found.opposite_energy_px is None
     assert not found.ambiguous
+
+
+def test_a_camera_of_weight_0_has_no_say(
+    model: Model, standing: Poser, picture_of: PictureOf, joint_errors_mm: Errors
+) -> None:
+    truth = standing(root_heading=-60, shoulder_elevation=-40)
+    picture = picture_of(truth)
+    hull = hull_of(model, picture)
+    white = Picture.whole(model.rig, picture.silhouettes | np.uint8(1 << 2))
+    weights = SearchSettings(camera_weights=tuple(float(c != 2) for c in range(8)))
+    found = find_first_pose(model, white, hull, LocalLimbs(model), weights)
+    assert joint_errors_mm(found.solution.pose, truth).mean() < 40
+    assert found.solution.energy_px < 0.2 * picture.n_foreground
 
 
 def test_stands_on_the_hull(model: Model) -> None:

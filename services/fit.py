@@ -1,0 +1,183 @@
+"""Fitting the actor of a take: what `xormocap fit` does, and `track` first where a take has no actor.toml."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from services.coordinator.opening import Opening, first_guess
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.measures import Measure, measure
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import pack, unpack
+from services.mocap.energy.engine import Engine, open_engine
+from services.mocap.energy.picture import Picture
+from services.mocap.energy.settings import EngineSettings
+from services.mocap.fit.fitting import Fit, fit_actor
+from services.mocap.search.frame import LocalLimbs
+from services.mocap.search.hull import carve
+from services.mocap.search.plausibility import look_first
+from services.mocap.search.settings import SearchSettings
+from services.mocap.take.actor_file import rounded
+from services.mocap.take.folder import Take
+from services.mocap.take.settings import TakeSettings
+from services.mocap.types import Bytes, Floats, Mask
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.source import in_common_size, make_segmenter
+
+log = logging.getLogger(__name__)
+
+DEFAULT_INIT_FRAMES = 10
+_SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": 0.97}
+"""How far the whole is at the end of each stage; drawing comes after."""
+
+Show = Callable[[str, float], None]
+"""Called with what is being done, in words, and how far the whole is, 0 to 1."""
+Fitter = Callable[[Rig, Bytes, Actor, Floats, Callable[[float], None]], Fit]
+
+
+@dataclass(frozen=True, eq=False)
+class TakeFit:
+    """The actor of a take, and the poses of its first frames."""
+
+    frames: range
+    cameras: tuple[Camera, ...]
+    """Those whose silhouettes made sense."""
+    silhouettes: Bytes
+    """(F, P, H, W) of these cameras."""
+    start: Actor
+    """The body that the fit began with …"""
+    first_pose: Floats
+    """… and its pose (35,) in the first frame."""
+    actor: Actor
+    """As it is written to actor.toml."""
+    fit: Fit
+    measures: tuple[Measure, ...]
+    seconds: dict[str, float]
+    warnings: list[str]
+
+
+def init_frames(take: Take, asked: int | None = None) -> range:
+    """The first frames, which a fit looks at: as many as asked for, else as in take.toml, else ten."""
+    wanted = asked or take.settings.init_frames or DEFAULT_INIT_FRAMES
+    return range(min(wanted, take.settings.frames))
+
+
+def fit_take(
+    take: Take,
+    frames: range,
+    engine: EngineSettings,
+    search: SearchSettings,
+    show: Show,
+    fitter: Fitter = fit_actor,
+) -> TakeFit:
+    """Fit the actor of a checked take to some of its frames, which begin with the first.
+
+    engine and search: for the first pose. Cameras whose silhouettes in the first frame make no sense are left
+    out, with a warning. Raises TakeError where there is nobody, or more than one, or hardly a camera is left.
+    """
+    clock = _Clock(show)
+    with _warnings() as warnings:
+        with clock.stage("looking at silhouettes") as progress:
+            cameras, silhouettes = _silhouettes(take, frames, progress)
+        rig = Rig.of(cameras)
+        with clock.stage("finding the first pose"), open_engine(engine) as opened:
+            guess = _guess(rig, silhouettes[0], take.settings, opened, _without(search, take, cameras))
+        with clock.stage("fitting the actor") as progress:
+            fit = fitter(rig, silhouettes, guess.actor, guess.solution.pose, progress)
+    actor = rounded(fit.actor)
+    return TakeFit(
+        frames=frames,
+        cameras=cameras,
+        silhouettes=silhouettes,
+        start=guess.actor,
+        first_pose=guess.solution.pose,
+        actor=actor,
+        fit=fit,
+        measures=measure(build_body(actor)),
+        seconds=clock.seconds,
+        warnings=warnings,
+    )
+
+
+def _silhouettes(
+    take: Take, frames: range, progress: Callable[[float], None]
+) -> tuple[tuple[Camera, ...], Bytes]:
+    """The cameras that make sense, and their silhouettes (F, P, H, W), as segmentation sends them."""
+    height_px, width_px = Rig.of(take.cameras).shape_px
+    masks: Mask = np.zeros((len(frames), len(take.cameras), height_px, width_px), bool)
+    for c, camera in enumerate(take.cameras):
+        segmenter = make_segmenter(take, camera, SegmentationSettings())
+        for f, mask in enumerate(islice(segmenter.silhouettes(frames.start, frames.stop), len(frames))):
+            masks[f, c] = in_common_size(mask, width_px, height_px)
+        progress((c + 1) / len(take.cameras))
+    look = look_first(Rig.of(take.cameras), masks[0], [camera.name for camera in take.cameras])
+    for remark in look.remarks:
+        log.warning("%s", remark)
+    chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
+    cameras = tuple(take.cameras[c] for c in chosen)
+    height_px, width_px = Rig.of(cameras).shape_px
+    return cameras, np.array([pack(of_frame) for of_frame in masks[:, chosen, :height_px, :width_px]])
+
+
+def _without(search: SearchSettings, take: Take, left: tuple[Camera, ...]) -> SearchSettings:
+    """The settings for those cameras of a take that are left."""
+    names = {camera.name for camera in left}
+    given = zip(take.cameras, search.camera_weights, strict=False)  # there may be none at all
+    weights = tuple(weight for camera, weight in given if camera.name in names)
+    return search.model_copy(update={"camera_weights": weights})
+
+
+def _guess(
+    rig: Rig, silhouettes: Bytes, hints: TakeSettings, engine: Engine, search: SearchSettings
+) -> Opening:
+    """The generic body, and its pose in the first frame with silhouettes (P, H, W)."""
+    hull = carve(rig, unpack(silhouettes, rig.n_cameras))
+    picture = Picture.whole(rig, silhouettes)
+    guess = first_guess(hull, picture, rig, None, hints, lambda model, _: LocalLimbs(model), engine, search)
+    guess.model.backend.close()
+    return guess
+
+
+class _Clock:
+    """Books the time of the stages and tells how far the whole is."""
+
+    def __init__(self, show: Show) -> None:
+        self._show, self._from = show, 0.0
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Callable[[float], None]]:
+        """Yields what takes the progress within the stage, 0 to 1."""
+        began_s, start, end = time.perf_counter(), self._from, _SHARES[name]
+        self._show(name, start)
+        yield lambda share: self._show(name, start + share * (end - start))
+        self._from = end
+        self.seconds[name] = time.perf_counter() - began_s
+
+
+class _Keeper(logging.Handler):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.sentences: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.sentences.append(record.getMessage())
+
+
+@contextmanager
+def _warnings() -> Iterator[list[str]]:
+    """Catches what the library warns of, for whoever shows it to the user."""
+    logger, keeper = logging.getLogger("services"), _Keeper()
+    logger.addHandler(keeper)
+    try:
+        yield keeper.sentences
+    finally:
+        logger.removeHandler(keeper)

@@ -1,0 +1,111 @@
+"""What a fit leaves behind: actor.toml, poses, measures, pictures and a record of how well it went."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from services.fit import TakeFit
+from services.mocap.atomic import atomic_file
+from services.mocap.body.actor import build_body
+from services.mocap.body.measures import Measure
+from services.mocap.camera.undistort import Undistorter
+from services.mocap.energy.bitplanes import camera_bit
+from services.mocap.export.fit_sheet import Seen, Shown, draw_fit
+from services.mocap.export.tiles import silhouette_picture
+from services.mocap.export.turntable import draw_turntable
+from services.mocap.fit.quality import FitQuality
+from services.mocap.take.actor_file import write_actor
+from services.mocap.take.fit_record import (
+    MEASURES,
+    OVERLAY,
+    POSES,
+    RECORD,
+    TURNTABLE,
+    FitRecord,
+    hints_of,
+    write_record,
+)
+from services.mocap.take.folder import Take
+from services.mocap.take.layout import ACTOR
+from services.mocap.take.tables import PoseTable, write_poses_csv
+from services.mocap.take.writer import write_picture
+from services.mocap.types import Bytes
+from services.recorder.overlay import ModelPainter
+
+
+def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
+    """Write what a fit found into a folder: its actor.toml, poses, measures and pictures; fit.json last.
+
+    Files of an earlier fit are replaced one by one, each whole; others are left alone.
+    """
+    (folder / RECORD).unlink(missing_ok=True)  # it vouches for the others
+    fit, frames = found.fit, np.array(found.frames, np.int32)
+    table = PoseTable(frames, frames / take.settings.fps, fit.poses, fit.after.energy_px)
+    write_poses_csv(folder / POSES, table)
+    _write_measures(folder / MEASURES, found.measures)
+    write_picture(folder / TURNTABLE, draw_turntable(build_body(found.actor)))
+    write_picture(folder / OVERLAY, _overlay(take, found))
+    write_actor(folder / ACTOR, found.actor, origin_of(take, found))
+    write_record(folder, _record(take, found))
+
+
+def origin_of(take: Take, found: TakeFit) -> str:
+    """What an actor was fitted to, in words."""
+    frames = f"frames {found.frames.start} to {found.frames.stop - 1}"
+    return f"{frames} of {take.settings.name!r}"
+
+
+def _overlay(take: Take, found: TakeFit) -> Bytes:
+    """The first frame of all cameras, before and after."""
+    states = []
+    for title, actor, pose, quality in (
+        ("before: generic body", found.start, found.first_pose, found.fit.before),
+        ("after: fitted body", found.actor, found.fit.poses[0], found.fit.after),
+    ):
+        painter = ModelPainter(build_body(actor), found.cameras)
+        title = (
+            f"{title}, height {actor.height:.3f} m, frame {found.frames.start}: "
+            f"energy {quality.energy_px[0]:.0f} px, mean IoU {quality.iou[0].mean():.3f}"
+        )
+        states.append(Shown(title, painter.segment_masks(pose), quality.iou[0]))
+    return draw_fit(_seen(take, found), states)
+
+
+def _seen(take: Take, found: TakeFit) -> list[Seen]:
+    """The first frame as the cameras saw it; its silhouettes stand for pictures where there are none."""
+    seen = []
+    for c, camera in enumerate(found.cameras):
+        mask = camera_bit(found.silhouettes[0], c)[: camera.height_px, : camera.width_px]
+        picture = silhouette_picture(mask)
+        if take.has_video(camera):
+            with take.video(camera, found.frames.start, found.frames.start + 1) as video:
+                picture = Undistorter(camera).image(next(iter(video)))
+        seen.append(Seen(camera, picture, mask))
+    return seen
+
+
+def _write_measures(path: Path, measures: tuple[Measure, ...]) -> None:
+    with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["measure", "cm", "how"])
+        writer.writerows([m.name, f"{m.cm:.1f}", m.how] for m in measures)
+
+
+def _record(take: Take, found: TakeFit) -> FitRecord:
+    def by_camera(quality: FitQuality) -> dict[str, float]:
+        means = quality.iou.mean(axis=0).tolist()
+        return {camera.name: mean for camera, mean in zip(found.cameras, means, strict=True)}
+
+    return FitRecord(
+        actor=found.actor.content_hash,
+        first_frame=found.frames.start,
+        end_frame=found.frames.stop,
+        hints=hints_of(take.settings),
+        energy_before_px=found.fit.before.energy_px.tolist(),
+        energy_after_px=found.fit.after.energy_px.tolist(),
+        iou_before=by_camera(found.fit.before),
+        iou_after=by_camera(found.fit.after),
+        seconds=found.seconds,
+        warnings=found.warnings,
+    )

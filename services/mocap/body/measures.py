@@ -1,0 +1,194 @@
+"""The measures of a body in centimetres, taken from its mesh as one would with a tape.
+
+The body stands upright with its arms held out level (the rest pose), as one stands to have the arm span
+taken. Left and right are alike unless a body says otherwise: the left side is measured.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
+from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX
+from services.mocap.types import Floats
+
+_LEVELS = 25
+"""Cross-sections among which the largest or smallest is looked for."""
+_CM_PER_M = 100.0
+_TRUNK = ("pelvis", "torso")
+_HIPS = ("pelvis", "torso", "left_thigh", "right_thigh")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One measure of a body."""
+
+    name: str
+    cm: float
+    how: str
+    """Where to put the tape."""
+
+
+def measure(body: Body) -> tuple[Measure, ...]:
+    """All measures: height, span, widths, lengths from joint to joint, and girths over the skin."""
+    figure = _Figure(body)
+    rows = (*_extents(figure), *_lengths(figure), *_girths(figure))
+    return tuple(Measure(name, _CM_PER_M * metres, how) for name, metres, how in rows)
+
+
+_Row = tuple[str, float, str]
+
+
+def _extents(figure: "_Figure") -> tuple[_Row, ...]:
+    floor_m, top_m = figure.extent_m(2)
+    low_m, high_m = figure.extent_m(1)
+    crotch_m = figure.extent_m(2, "pelvis")[0]
+    shoulder_m = figure.joint_m("left_shoulder")[2]
+    hips_m = np.linspace(crotch_m, figure.up_the_trunk_m(0.25), _LEVELS)
+    return (
+        ("height", top_m - floor_m, "from the floor to the top of the head, without shoes"),
+        ("arm span", high_m - low_m, "from fingertip to fingertip, arms held out level"),
+        (
+            "shoulder width",
+            figure.breadth_m(shoulder_m, ("torso",)),
+            "across the back, from shoulder tip to shoulder tip",
+        ),
+        (
+            "hip width",
+            max(figure.breadth_m(z, _HIPS) for z in hips_m),
+            "across the hips where they are widest",
+        ),
+        ("inside leg", crotch_m - floor_m, "from the floor to the crotch"),
+    )
+
+
+def _lengths(figure: "_Figure") -> tuple[_Row, ...]:
+    wrist_m, fingertip_m = figure.joint_m("left_wrist")[1], figure.extent_m(1, "left_hand")[1]
+    heel_m, toe_m = figure.extent_m(0, "left_foot")
+    return (
+        (
+            "upper arm",
+            figure.bone_m("left_shoulder", "left_elbow"),
+            "from the shoulder's to the elbow's middle",
+        ),
+        ("forearm", figure.bone_m("left_elbow", "left_wrist"), "from the elbow's to the wrist's middle"),
+        ("hand", fingertip_m - wrist_m, "from the wrist's middle to the tip of the longest finger"),
+        ("thigh", figure.bone_m("left_hip", "left_knee"), "from the hip joint to the knee's middle"),
+        ("shank", figure.bone_m("left_knee", "left_ankle"), "from the knee's to the ankle's middle"),
+        ("foot", toe_m - heel_m, "from the heel to the tip of the toes"),
+    )
+
+
+def _girths(figure: "_Figure") -> tuple[_Row, ...]:
+    crotch_m = figure.extent_m(2, "pelvis")[0]
+    hip_m, knee_m, ankle_m = (figure.joint_m(f"left_{name}")[2] for name in ("hip", "knee", "ankle"))
+    shoulder_m, elbow_m, wrist_m = (
+        figure.joint_m(f"left_{name}")[1] for name in ("shoulder", "elbow", "wrist")
+    )
+    neck_m, head_top_m = figure.joint_m("head")[2], figure.extent_m(2, "head")[1]
+    trunk_m = figure.up_the_trunk_m
+    return (
+        (
+            "chest girth",
+            figure.girths_m(2, trunk_m(0.55), trunk_m(0.80), _TRUNK).max(),
+            "level, under the arms, where it is largest",
+        ),
+        (
+            "waist girth",
+            figure.girths_m(2, trunk_m(0.25), trunk_m(0.55), _TRUNK).min(),
+            "level, between hips and ribs, where it is smallest",
+        ),
+        (
+            "hip girth",
+            figure.girths_m(2, crotch_m, trunk_m(0.25), _HIPS).max(),
+            "level, feet together, where it is largest",
+        ),
+        (
+            "thigh girth",
+            figure.girths_m(2, crotch_m, (hip_m + knee_m) / 2, ("left_thigh",)).max(),
+            "level, below the crotch, where it is largest",
+        ),
+        (
+            "calf girth",
+            figure.girths_m(2, knee_m, ankle_m, ("left_shank",)).max(),
+            "level, between knee and ankle, where it is largest",
+        ),
+        (
+            "upper arm girth",
+            figure.girth_m(1, (shoulder_m + elbow_m) / 2, ("left_upper_arm",)),
+            "across the bone, halfway from shoulder to elbow, not tensed",
+        ),
+        (
+            "forearm girth",
+            figure.girths_m(1, elbow_m, (elbow_m + wrist_m) / 2, ("left_forearm",)).max(),
+            "across the bone, below the elbow, where it is largest",
+        ),
+        (
+            "head girth",
+            figure.girths_m(2, neck_m + 0.3 * (head_top_m - neck_m), head_top_m, ("head",)).max(),
+            "level, over brows and back of the head, where it is largest",
+        ),
+    )
+
+
+class _Figure:
+    """A body in the rest pose, to be measured and cut across."""
+
+    def __init__(self, body: Body) -> None:
+        rest = np.zeros((1, N_DOF))
+        T_world_segment = segment_transforms(rest, body.offsets_m)[0]
+        self._joints_m = joint_positions(rest, body.offsets_m)[0]
+        self._vertices_m = [
+            v @ T[:3, :3].T + T[:3, 3] for v, T in zip(body.vertices_m, T_world_segment, strict=True)
+        ]
+        edges = [faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2) for faces in body.faces]
+        self._edges = [e[e[:, 0] < e[:, 1]] for e in edges]  # of the two directions of each the one
+
+    def joint_m(self, name: str) -> Floats:
+        """A joint's centre (3,)."""
+        return np.asarray(self._joints_m[JOINT_INDEX[name]], np.float64)
+
+    def bone_m(self, one: str, other: str) -> float:
+        """From a joint to another."""
+        return float(np.linalg.norm(self.joint_m(one) - self.joint_m(other)))
+
+    def up_the_trunk_m(self, share: float) -> float:
+        """The height so far up from the hip joints to the shoulder joints."""
+        hip_m, shoulder_m = self.joint_m("left_hip")[2], self.joint_m("left_shoulder")[2]
+        return float(hip_m + share * (shoulder_m - hip_m))
+
+    def extent_m(self, axis: int, *segments: str) -> tuple[float, float]:
+        """The lowest and highest coordinate of some segments, or of the whole body where none is named."""
+        chosen = [self._vertices_m[SEGMENT_INDEX[name]] for name in segments] or self._vertices_m
+        along = np.concatenate([vertices_m[:, axis] for vertices_m in chosen])
+        return float(along.min()), float(along.max())
+
+    def section_m(self, axis: int, at_m: float, segments: tuple[str, ...]) -> Floats:
+        """Points (N, 2) on the skin of some segments where a plane across an axis cuts them."""
+        points = []
+        for segment in (SEGMENT_INDEX[name] for name in segments):
+            one, other = self._vertices_m[segment][self._edges[segment]].transpose(1, 0, 2)
+            above, below = one[:, axis] - at_m, other[:, axis] - at_m
+            crosses = (above < 0) != (below < 0)
+            share = (above[crosses] / (above[crosses] - below[crosses]))[:, None]
+            points.append(one[crosses] + share * (other[crosses] - one[crosses]))
+        return np.delete(np.concatenate(points), axis, axis=1)
+
+    def breadth_m(self, height_m: float, segments: tuple[str, ...]) -> float:
+        """From side to side of some segments at a height; 0 where there is nothing."""
+        across = self.section_m(2, height_m, segments)[:, 1]
+        return float(np.ptp(across)) if across.size else 0.0
+
+    def girth_m(self, axis: int, at_m: float, segments: tuple[str, ...]) -> float:
+        """Length of a tape drawn tight around some segments, which spans hollows; 0 where nothing is."""
+        try:
+            return float(ConvexHull(self.section_m(axis, at_m, segments)).area)  # in the plane: the perimeter
+        except (QhullError, ValueError):  # nothing there, or a mere point
+            return 0.0
+
+    def girths_m(self, axis: int, start_m: float, end_m: float, segments: tuple[str, ...]) -> Floats:
+        """Girths (25,) at even steps from one place to another."""
+        places_m = np.linspace(start_m, end_m, _LEVELS)
+        return np.array([self.girth_m(axis, at_m, segments) for at_m in places_m])

@@ -1,0 +1,124 @@
+"""The picture of a fit: all cameras with the model over what they saw, before and after."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR, Grid, grid_for
+from services.mocap.types import Bytes, Floats, Mask
+
+_SCREEN_WIDTH_PX = 1920
+_NARROWEST_PX, _WIDEST_PX = 240, 480
+_HEADER_PX, _GAP_PX = 34, 10
+_MARGIN = 0.08
+"""Round the actor, as a share of the actor's height and width in the picture."""
+_MISSED_BGR, _BEYOND_BGR = (0, 235, 255), (255, 0, 255)
+_MISSED, _BEYOND = 4, 5
+# By the values of a segment mask, and these two.
+_COLOURS = np.array([(0, 0, 0), CENTRE_BGR, LEFT_BGR, RIGHT_BGR, _MISSED_BGR, _BEYOND_BGR], np.float64)
+_OPACITIES = np.array([0.0, 0.4, 0.4, 0.4, 0.9, 0.9])
+_WHITE_BGR, _BLACK_BGR = (255, 255, 255), (0, 0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one camera saw of the actor."""
+
+    camera: Camera
+    picture: Bytes
+    """(H, W, 3) undistorted."""
+    silhouette: Mask
+    """(H, W)"""
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """One state of the fit, as the cameras see it."""
+
+    title: str
+    segment_masks: Sequence[Bytes]
+    """Per camera (H, W): 0 = no model, 1 = centre, 2 = left limb, 3 = right limb."""
+    ious: Floats
+    """(C,) how far model and silhouette overlap in each camera."""
+
+
+def draw_fit(seen: Sequence[Seen], states: Sequence[Shown]) -> Bytes:
+    """The sheet (H, W, 3): for each state its title, and a tile for each camera, cut round the actor.
+
+    What the model leaves of a silhouette is yellow, what it covers beyond it magenta.
+    """
+    cameras = [one.camera for one in seen]
+    columns = grid_for(cameras, _WIDEST_PX).columns
+    grid = grid_for(cameras, int(np.clip(_SCREEN_WIDTH_PX / columns, _NARROWEST_PX, _WIDEST_PX)))
+    cuts = [
+        _cut(one.silhouette | np.any([state.segment_masks[c] > 0 for state in states], axis=0), grid)
+        for c, one in enumerate(seen)
+    ]
+    return np.vstack([_block(seen, state, cuts, grid) for state in states])[:-_GAP_PX]
+
+
+def _block(seen: Sequence[Seen], state: Shown, cuts: list[tuple[slice, slice]], grid: Grid) -> Bytes:
+    width_px, height_px = grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px
+    block: Bytes = np.zeros((_HEADER_PX + height_px + _GAP_PX, width_px, 3), np.uint8)
+    end = _write(block, state.title, (10, _HEADER_PX - 11), _WHITE_BGR)
+    for text, colour_bgr in (("missed", _MISSED_BGR), ("beyond", _BEYOND_BGR)):
+        end = _write(block, text, (end + 20, _HEADER_PX - 11), colour_bgr)
+    for c, one in enumerate(seen):
+        model, cut = state.segment_masks[c], cuts[c]
+        tile = _tile(one.picture[cut], one.silhouette[cut], model[cut], grid)
+        _write(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), _WHITE_BGR)
+        x, y = grid.tile_origin_px(c)
+        y += _HEADER_PX
+        block[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
+    return block
+
+
+def _tile(picture: Bytes, silhouette: Mask, model: Bytes, grid: Grid) -> Bytes:
+    """A tile: the picture with the model over it, and every differing pixel, however small, over both.
+
+    Where the shape is not the tile's, black bars fill the rest.
+    """
+    zoom = min(grid.tile_height_px / model.shape[0], grid.tile_width_px / model.shape[1])
+    size = (max(1, round(model.shape[1] * zoom)), max(1, round(model.shape[0] * zoom)))
+    shown = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR).astype(np.float64)
+    kinds = np.where(silhouette & (model == 0), _MISSED, np.where(silhouette | (model == 0), model, _BEYOND))
+    kinds = cv2.resize(kinds.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    opacity = _OPACITIES[kinds][..., None]
+    shown = (1.0 - opacity) * shown + opacity * _COLOURS[kinds]
+    tile: Bytes = np.zeros((grid.tile_height_px, grid.tile_width_px, 3), np.uint8)
+    y, x = (grid.tile_height_px - size[1]) // 2, (grid.tile_width_px - size[0]) // 2
+    tile[y : y + size[1], x : x + size[0]] = np.rint(shown)
+    return tile
+
+
+def _cut(shown: Mask, grid: Grid) -> tuple[slice, slice]:
+    """Rows and columns of a picture that hold all that is to be shown, in the shape of a tile if they can."""
+    rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
+    if not rows.size:
+        return slice(None), slice(None)
+    height_px = (1 + 2 * _MARGIN) * (rows[-1] - rows[0] + 1)
+    width_px = (1 + 2 * _MARGIN) * (columns[-1] - columns[0] + 1)
+    shape = grid.tile_height_px / grid.tile_width_px
+    height_px, width_px = max(height_px, shape * width_px), max(width_px, height_px / shape)
+    middles = (rows[0] + rows[-1]) / 2, (columns[0] + columns[-1]) / 2
+    return _span(middles[0], height_px, shown.shape[0]), _span(middles[1], width_px, shown.shape[1])
+
+
+def _span(middle: float, length: float, limit: int) -> slice:
+    """So many pixels about the middle, moved to lie within the picture."""
+    length = min(round(length), limit)
+    start = int(np.clip(round(middle - length / 2), 0, limit - length))
+    return slice(start, start + length)
+
+
+def _write(picture: Bytes, text: str, origin_px: tuple[int, int], colour_bgr: tuple[int, int, int]) -> int:
+    """Write with a shadow, from the left end of the base line on; returns the x where the text ends."""
+    x, y = origin_px
+    font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.55
+    cv2.putText(picture, text, (x + 1, y + 1), font, scale, _BLACK_BGR, 1, cv2.LINE_AA)
+    cv2.putText(picture, text, origin_px, font, scale, colour_bgr, 1, cv2.LINE_AA)
+    (width_px, _), _ = cv2.getTextSize(text, font, scale, 1)
+    return x + int(width_px)

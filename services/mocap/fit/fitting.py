@@ -1,0 +1,114 @@
+"""Fitting an actor and the poses of some frames to silhouettes, coarse to fine."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body import shape_space
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.kinematics import clip_to_limits
+from services.mocap.camera.rig import Rig
+from services.mocap.fit.contours import Contour, contours_of
+from services.mocap.fit.least_squares import Fitting
+from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State
+from services.mocap.fit.priors import Prior
+from services.mocap.fit.quality import FitQuality, quality_of
+from services.mocap.types import Bytes, Floats
+
+_CONTOUR_POINTS = 250
+"""Contour points of a view that are looked for on the model, at most."""
+_ROOT = tuple(range(6))
+_HEIGHT = shape_space.of_kind("height")
+_SKELETON = shape_space.of_kind("height", "bone")
+_EVERYTHING = shape_space.of_kind("height", "bone", "profile")
+
+_PLACING = (Stage(_HEIGHT, _ROOT, 20.0, 6), Stage(_HEIGHT, ALL_DOFS, 15.0, 10))
+"""The first frame: where, how tall, then the limbs."""
+_FOLLOWING = (Stage((), ALL_DOFS, 15.0, 6),)
+"""Every further frame, from the pose of the one before."""
+_SHAPING = (
+    Stage(_SKELETON, ALL_DOFS, 8.0, 8),
+    Stage(_EVERYTHING, ALL_DOFS, 5.0, 10),
+    Stage(_EVERYTHING, ALL_DOFS, 2.0, 10),
+)
+"""All frames together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted actor, its poses, and how well it covers the silhouettes before and after."""
+
+    actor: Actor
+    poses: Floats
+    """(F, 35)"""
+    before: FitQuality
+    after: FitQuality
+
+
+def fit_actor(
+    rig: Rig,
+    silhouettes: Bytes,
+    start: Actor,
+    poses: Floats,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Fit:
+    """Fit an actor and the poses of F frames to silhouettes (F, P, H, W), from an actor and poses near them.
+
+    poses: (F, 35), or (35,) for the first frame, from which those of the others are followed. progress is
+    called with the share done, 0 to 1. The result never has more energy than the start. Raises ValueError
+    where shapes do not go together.
+    """
+    n_frames, following = len(silhouettes), poses.ndim == 1
+    starts = np.tile(poses, (n_frames, 1)) if following else np.array(poses, np.float64)
+    if starts.shape != (n_frames, len(ALL_DOFS)):
+        raise ValueError(f"poses: expected ({n_frames}, {len(ALL_DOFS)}) or one pose, got {poses.shape}")
+    starts = clip_to_limits(starts)
+    contours = contours_of(rig, silhouettes, _CONTOUR_POINTS)
+    account = _Account(progress, n_frames)
+    state = _place(rig, contours, State(shape_space.vector_of(start), starts), following, account)
+    fitting = Fitting(rig, contours, Prior(state.poses))
+    for stage in _SHAPING:
+        state = fitting.run(state, stage, account.step_of(n_frames))
+    actor = shape_space.actor_of(shape_space.with_true_height(state.x))
+    before = quality_of(build_body(start), starts, rig, silhouettes)
+    after = quality_of(build_body(actor), state.poses, rig, silhouettes)
+    progress(1.0)
+    if after.energy_px.sum() > before.energy_px.sum():
+        return Fit(start, starts, before, before)
+    return Fit(actor, state.poses, before, after)
+
+
+def _place(
+    rig: Rig, contours: list[list[Contour]], state: State, following: bool, account: "_Account"
+) -> State:
+    """Height, and all poses, one frame after the other."""
+    poses = state.poses.copy()
+    x, pose = state.x, poses[0]
+    for f, views in enumerate(contours):
+        begun = pose[None] if following else poses[f : f + 1]
+        fitting, found = Fitting(rig, [views], Prior(begun)), State(x, begun)
+        for stage in _PLACING if f == 0 else _FOLLOWING:
+            found = fitting.run(found, stage, account.step_of(1))
+        x, pose = found.x, found.poses[0]
+        poses[f] = pose
+    return State(x, poses)
+
+
+class _Account:
+    """Counts steps, each as long as the frames it looks at, and reports the share that is done."""
+
+    def __init__(self, progress: Callable[[float], None], n_frames: int) -> None:
+        self._progress, self._done = progress, 0
+        placing = sum(stage.steps for stage in _PLACING)
+        following = sum(stage.steps for stage in _FOLLOWING) * (n_frames - 1)
+        self._total = placing + following + n_frames * sum(stage.steps for stage in _SHAPING)
+
+    def step_of(self, n_frames: int) -> Callable[[], None]:
+        """What to call at every step over some frames."""
+
+        def step() -> None:
+            self._progress(self._done / self._total)
+            self._done += n_frames
+
+        return step

@@ -1,0 +1,128 @@
+"""Damped least squares over one shape and many poses (Levenberg and Marquardt)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body import shape_space
+from services.mocap.body.actor import Body
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.backend import Backend
+from services.mocap.fit.contours import Contour
+from services.mocap.fit.jacobian import ShapeSlopes, jacobians
+from services.mocap.fit.matching import Matches, backend_for, match_frame
+from services.mocap.fit.normal_equations import Stage, State, System
+from services.mocap.fit.priors import Prior
+from services.mocap.types import Floats
+
+_PATIENCE, _GAIN = 4, 0.995
+"""A stage ends after so many steps without one that makes the least cost this many times as much."""
+_AVERAGED = 4
+_CAMERA_SLACK = 2.0
+"""Cameras whose middling residual is this many times that of the middling camera count less."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Matched:
+    """A state, its matches and its cost."""
+
+    state: State
+    matches: list[list[Matches]]
+    cost: float
+
+
+class Fitting:
+    """The least-squares problem of some frames: contours of F frames before a rig, and a prior."""
+
+    def __init__(self, rig: Rig, contours: list[list[Contour]], prior: Prior) -> None:
+        self._rig, self._contours, self._prior = rig, contours, prior
+        self._camera_weights = np.ones(rig.n_cameras)
+        self._drawn: tuple[Floats, Body, Backend] | None = None
+
+    def run(self, state: State, stage: Stage, on_step: Callable[[], None]) -> State:
+        """Go downhill from a state; on_step is called stage.steps times in all.
+
+        Every step changes what is matched with what, so that costs go up and down by a few hundredths in the
+        end: all steps are taken, and the last ones' mean is as good as any.
+        """
+        self._camera_weights = self._weigh_cameras(self._match(state))
+        current = best = self._matched(state, stage)
+        trail, since_best = [current], 0
+        for _ in range(stage.steps):
+            on_step()
+            if since_best >= _PATIENCE:
+                continue
+            slopes = ShapeSlopes.at(current.state.x, stage.parameters)
+            current = self._matched(self._linearise(current, slopes, stage).step(current.state, stage), stage)
+            trail.append(current)
+            since_best = 0 if current.cost < _GAIN * best.cost else since_best + 1
+            best = min(best, current, key=lambda matched: matched.cost)
+        last = [matched.state for matched in trail[-_AVERAGED:]]
+        mean = State(np.mean([s.x for s in last], axis=0), np.mean([s.poses for s in last], axis=0))
+        return min(best, self._matched(mean, stage), key=lambda matched: matched.cost).state
+
+    def _match(self, state: State) -> list[list[Matches]]:
+        body, backend = self._body_at(state.x)
+        return [
+            match_frame(body, backend, pose, self._rig, contours)
+            for pose, contours in zip(state.poses, self._contours, strict=True)
+        ]
+
+    def _body_at(self, x: Floats) -> tuple[Body, Backend]:
+        """The body of a shape vector and what draws it, which takes longer to make than to use."""
+        if self._drawn is None or not np.array_equal(self._drawn[0], x):
+            body = shape_space.body_of(x)
+            self._drawn = x.copy(), body, backend_for(body, self._rig)
+        return self._drawn[1:]
+
+    def _matched(self, state: State, stage: Stage) -> _Matched:
+        matches = self._match(state)
+        cost = self._prior.cost(state.x, state.poses, self._n_views)
+        for views in matches:
+            for view, camera_weight in zip(views, self._camera_weights, strict=True):
+                squares = (view.residuals_px / stage.cap_px) ** 2
+                cost += camera_weight * stage.cap_px**2 * float(view.lengths_px @ np.log1p(squares))
+        return _Matched(state, matches, cost)
+
+    def _weigh_cameras(self, matches: list[list[Matches]]) -> Floats:
+        """(C,) less for cameras whose silhouettes stay away from where the others want the model."""
+        per_camera = [
+            np.concatenate([np.abs(views[c].residuals_px) for views in matches])
+            for c in range(self._rig.n_cameras)
+        ]
+        middling = np.array([np.median(r) if len(r) else np.nan for r in per_camera])
+        typical = np.nanmedian(middling) if np.any(np.isfinite(middling)) else 1.0
+        excess = np.nan_to_num(middling, nan=0.0) / max(_CAMERA_SLACK * float(typical), 1e-6)
+        weights: Floats = 1.0 / np.maximum(excess, 1.0) ** 2
+        return weights
+
+    @property
+    def _n_views(self) -> int:
+        return len(self._contours) * self._rig.n_cameras
+
+    def _linearise(self, current: _Matched, slopes: ShapeSlopes, stage: Stage) -> System:
+        n_frames, d, s = len(self._contours), len(stage.dofs), len(stage.parameters)
+        prior = self._prior.quadratic(current.state.x, current.state.poses, self._n_views)
+        parameters, dofs = list(stage.parameters), list(stage.dofs)
+        system = System(
+            poses=np.tile(np.diag(prior.pose_diagonal[dofs]), (n_frames, 1, 1)),
+            cross=np.zeros((n_frames, d, s)),
+            shape=prior.shape[np.ix_(parameters, parameters)],
+            pose_slopes=prior.pose_slopes[:, dofs],
+            shape_slopes=prior.shape_slopes[parameters],
+        )
+        for f, views in enumerate(current.matches):
+            by_pose, by_shape = jacobians(slopes, current.state.poses[f], self._rig, views)
+            residuals_px = np.concatenate([view.residuals_px for view in views])
+            weights = np.concatenate(
+                [w * view.lengths_px for view, w in zip(views, self._camera_weights, strict=True)]
+            ) / (1.0 + (residuals_px / stage.cap_px) ** 2)
+            by_pose = by_pose[:, dofs]
+            weighted_pose, weighted_shape = by_pose * weights[:, None], by_shape * weights[:, None]
+            system.poses[f] += by_pose.T @ weighted_pose
+            system.cross[f] += weighted_pose.T @ by_shape
+            system.shape[...] += by_shape.T @ weighted_shape
+            system.pose_slopes[f] += weighted_pose.T @ residuals_px
+            system.shape_slopes[...] += weighted_shape.T @ residuals_px
+        return system

@@ -1,0 +1,100 @@
+"""One damped step of least squares over one shape and many poses, within their bounds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body import shape_space
+from services.mocap.body.kinematics import N_DOF, clip_to_limits
+from services.mocap.types import Floats
+
+ALL_DOFS: tuple[int, ...] = tuple(range(N_DOF))
+_DAMPING = 0.1
+"""Share of their diagonal by which the normal equations are strengthened (Levenberg, Marquardt)."""
+_WALL, _WALL_ROUNDS = 1e4, 4
+"""How stiff bounds are against the data, and how often a step is sought anew because of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What is fitted."""
+
+    x: Floats
+    """(len(PARAMETERS),) the shape vector."""
+    poses: Floats
+    """(F, 35)"""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One round of a fit from coarse to fine."""
+
+    parameters: tuple[int, ...]
+    """The shape parameters that vary."""
+    dofs: tuple[int, ...]
+    """The pose parameters that vary, in every frame."""
+    cap_px: float
+    """Residuals far beyond this, in working pixels, hardly count: the scale of a Cauchy loss."""
+    steps: int
+    """At most."""
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Normal equations in blocks: every frame's pose meets the shape, but no other pose."""
+
+    poses: Floats
+    """(F, d, d)"""
+    cross: Floats
+    """(F, d, s)"""
+    shape: Floats
+    """(s, s)"""
+    pose_slopes: Floats
+    """(F, d) half the cost's gradient."""
+    shape_slopes: Floats
+    """(s,)"""
+
+    def step(self, state: State, stage: Stage) -> State:
+        """The state after one damped step; what would go beyond a bound is held there, the rest makes up."""
+        parameters, dofs = list(stage.parameters), list(stage.dofs)
+        x, poses = state.x.copy(), state.poses.copy()
+        shape_walls, pose_walls = np.zeros(len(parameters)), np.zeros((len(poses), len(dofs)))
+        for _ in range(_WALL_ROUNDS):
+            to_shape_bound = x[parameters] - state.x[parameters]
+            to_pose_bound = poses[:, dofs] - state.poses[:, dofs]
+            shape_step, pose_steps = self._solve((shape_walls, to_shape_bound), (pose_walls, to_pose_bound))
+            x[parameters], poses[:, dofs] = (
+                state.x[parameters] + shape_step,
+                state.poses[:, dofs] + pose_steps,
+            )
+            held, held_poses = shape_space.clip_to_bounds(x), clip_to_limits(poses)
+            beyond, poses_beyond = held != x, held_poses != poses
+            x, poses = held, held_poses
+            shape_walls = np.maximum(shape_walls, _WALL * beyond[parameters])
+            pose_walls = np.maximum(pose_walls, _WALL * poses_beyond[:, dofs])
+            if not (beyond.any() or poses_beyond.any()):
+                break
+        return State(x, poses)
+
+    def _solve(
+        self, shape_walls: tuple[Floats, Floats], pose_walls: tuple[Floats, Floats]
+    ) -> tuple[Floats, Floats]:
+        """Shape step (s,) and pose steps (F, d): poses are eliminated, then put back.
+
+        Walls pull a step, with a strength, to a value.
+        """
+        diagonals = np.diagonal(self.poses, axis1=1, axis2=2)
+        strength = pose_walls[0] * diagonals
+        poses = self.poses + (_DAMPING * diagonals + strength)[:, :, None] * np.eye(diagonals.shape[1])
+        slopes = self.pose_slopes - strength * pose_walls[1]
+        diagonal = np.diag(self.shape)
+        strength = shape_walls[0] * diagonal
+        shape = self.shape + np.diag(_DAMPING * diagonal + strength)
+        solved = np.linalg.solve(poses, np.concatenate([self.cross, slopes[:, :, None]], axis=2))
+        onto_shape, onto_slopes = solved[:, :, :-1], solved[:, :, -1]
+        transposed = self.cross.transpose(0, 2, 1)
+        left = shape - (transposed @ onto_shape).sum(axis=0)
+        right = self.shape_slopes - strength * shape_walls[1]
+        right = right - (transposed @ onto_slopes[:, :, None]).sum(axis=0)[:, 0]
+        shape_step = -np.linalg.solve(left, right)
+        return shape_step, -onto_slopes - onto_shape @ shape_step

@@ -1,0 +1,67 @@
+"""What a fit knows before it has seen anything: people's proportions, and the pose it began with.
+
+Everything is weighed in the unit of the data's cost, square working pixels of distance times working
+pixels of outline: one standard deviation costs as much as _WEIGHT_PX3 in every view.
+"""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from services.mocap.body.shape_prior import COVARIANCE
+from services.mocap.body.skeleton import DOFS
+from services.mocap.types import Floats
+
+_WEIGHT_PX3 = 1.0
+_TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
+"""Of the pose from the one that was begun with: twists; head, hands and feet; all other joints."""
+_END_JOINTS = ("neck", "wrist", "ankle")
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """The prior's part of the normal equations."""
+
+    shape: Floats
+    """(S, S) over all shape parameters."""
+    shape_slopes: Floats
+    """(S,) half the gradient."""
+    pose_diagonal: Floats
+    """(35,) the same in every frame."""
+    pose_slopes: Floats
+    """(F, 35)"""
+
+
+class Prior:
+    """Pulls shapes to the generic one, and poses to those that were begun with."""
+
+    def __init__(self, poses: Floats) -> None:
+        """poses (F, 35): those begun with."""
+        self._poses = poses
+        self._pose_precision = np.array([_deviation(d) ** -2 for d in range(len(DOFS))])
+        self._shape_precision = np.asarray(np.linalg.inv(COVARIANCE), np.float64)
+
+    def cost(self, x: Floats, poses: Floats, n_views: int) -> float:
+        """What a shape vector and poses (F, 35) cost, seen in n_views."""
+        per_frame = float(((poses - self._poses) ** 2 @ self._pose_precision).sum()) / len(poses)
+        return _WEIGHT_PX3 * n_views * (float(x @ self._shape_precision @ x) + per_frame)
+
+    def quadratic(self, x: Floats, poses: Floats, n_views: int) -> Quadratic:
+        """The normal equations of that cost."""
+        weight, per_frame = _WEIGHT_PX3 * n_views, _WEIGHT_PX3 * n_views / len(poses)
+        return Quadratic(
+            shape=weight * self._shape_precision,
+            shape_slopes=weight * self._shape_precision @ x,
+            pose_diagonal=per_frame * self._pose_precision,
+            pose_slopes=per_frame * self._pose_precision * (poses - self._poses),
+        )
+
+
+def _deviation(dof: int) -> float:
+    role, joint = DOFS[dof].role, DOFS[dof].joint
+    if joint == "pelvis":
+        return inf
+    if role == "twist":
+        return _TWIST_DEVIATION_RAD
+    return _END_DEVIATION_RAD if joint.endswith(_END_JOINTS) else _ANGLE_DEVIATION_RAD

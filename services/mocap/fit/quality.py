@@ -1,0 +1,46 @@
+"""How well bodies cover silhouettes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body.actor import Body
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.picture import Region
+from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.types import Bytes, Floats
+
+
+@dataclass(frozen=True, eq=False)
+class FitQuality:
+    """How well a body in its poses covers the silhouettes."""
+
+    energy_px: Floats
+    """(F,) differing pixels of each frame, over all cameras."""
+    iou: Floats
+    """(F, C) pixels in both silhouettes over pixels in either; 1 where both are empty."""
+
+    @property
+    def mean_iou(self) -> float:
+        """Over all frames and cameras."""
+        return float(self.iou.mean())
+
+
+def quality_of(body: Body, poses: Floats, rig: Rig, silhouettes: Bytes) -> FitQuality:
+    """Compare a body in poses (F, 35) with the silhouettes (F, P, H, W)."""
+    backend = CpuBackend(body, rig)
+    drawn = backend.coverage(poses, ALL_SEGMENTS, Region.whole(rig))
+    backend.close()
+    outside = Region.whole(rig).outside(rig)
+    both = np.array([_counts(m & s & ~outside, rig) for m, s in zip(drawn, silhouettes, strict=True)])
+    either = np.array([_counts((m | s) & ~outside, rig) for m, s in zip(drawn, silhouettes, strict=True)])
+    iou = np.where(either > 0, both / np.maximum(either, 1), 1.0)
+    return FitQuality((either - both).sum(axis=1).astype(np.float64), iou)
+
+
+def _counts(planes: Bytes, rig: Rig) -> Floats:
+    """(C,) set pixels of each camera."""
+    counts: Floats = unpack(planes, rig.n_cameras).sum(axis=(1, 2)).astype(np.float64)
+    return counts

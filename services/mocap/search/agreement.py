@@ -1,0 +1,155 @@
+"""Do the cameras' silhouettes meet in space, and if not, which camera disagrees with the others?
+
+The visual hull of silhouettes that belong together fills each of them again when it is drawn. One wrongly
+calibrated camera carves away what the others see; without it, their hull fills their silhouettes.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from services.mocap.camera.rig import Rig
+from services.mocap.search.hull import MIN_CAMERAS, cube_about, look_up, meeting_point, pieces_of
+from services.mocap.types import Bytes, Floats, Ints, Mask
+
+WELL_FILLED = 0.9
+"""Of the silhouettes; where a hull fills less, it is tried without one camera or another."""
+AGREEING_SHARE = 0.7
+"""Of the silhouettes, that a hull has to fill: errors of segmentation leave more, wrong cameras less."""
+_VOXEL_M = 0.06
+_REACH_M = 2.4
+_MOST_LEFT_OUT = 2
+_DECISIVE = 0.1
+"""How much more one choice of cameras has to fill than every other one, to be blamed alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """What space looks like to some cameras that show somebody."""
+
+    cameras: tuple[int, ...]
+    odd: tuple[int, ...]
+    """Those of them that disagree with all others."""
+    filled: float
+    """The share of the others' silhouettes that their hull fills, on average."""
+    piece_shares: Floats
+    """(K,) how much of the silhouettes each connected piece of the hull fills alone, the largest first."""
+
+    @property
+    def agree(self) -> bool:
+        """Whether what is left once the odd cameras are out belongs together."""
+        return self.filled >= AGREEING_SHARE
+
+
+def find_agreement(rig: Rig, silhouettes: Mask, cameras: tuple[int, ...]) -> Agreement:
+    """Look for the fewest cameras without which the silhouettes (C, H, W) of the others meet in space.
+
+    cameras: those that show somebody, two or more. At least three others must agree for a camera to be odd.
+    Raises TakeError where the rays do not even come near to each other.
+    """
+    space = _Space(rig, silhouettes, cameras)
+    best = _Choice((), space.filled(cameras))
+    for n_odd in range(1, _MOST_LEFT_OUT + 1):
+        if best.filled >= WELL_FILLED or len(cameras) - n_odd <= MIN_CAMERAS:
+            break
+        choices = [_choice(space, cameras, odd) for odd in combinations(cameras, n_odd)]
+        choices.sort(key=lambda choice: -choice.filled)
+        if choices[0].filled >= max(WELL_FILLED, choices[1].filled + _DECISIVE):
+            best = choices[0]
+    kept = tuple(c for c in cameras if c not in best.odd)
+    return Agreement(cameras, best.odd, best.filled, space.piece_shares(kept))
+
+
+@dataclass(frozen=True)
+class _Choice:
+    odd: tuple[int, ...]
+    filled: float
+
+
+def _choice(space: "_Space", cameras: tuple[int, ...], odd: tuple[int, ...]) -> _Choice:
+    return _Choice(odd, space.filled(tuple(c for c in cameras if c not in odd)))
+
+
+class _Space:
+    """A cube of voxels, and for each which cameras would carve it away."""
+
+    def __init__(self, rig: Rig, silhouettes: Mask, cameras: tuple[int, ...]) -> None:
+        """Look all voxels up in all cameras' silhouettes (C, H, W), once."""
+        self._rig = rig
+        centre_m = meeting_point(rig, silhouettes, list(cameras))
+        self._points_m = cube_about(centre_m, _REACH_M, _VOXEL_M)
+        self._carves = np.zeros((rig.n_cameras, len(self._points_m)), bool)
+        self._holds = np.zeros_like(self._carves)
+        for c in cameras:
+            in_picture, on_actor = look_up(rig, silhouettes[c], c, self._points_m)
+            self._carves[c], self._holds[c] = in_picture & ~on_actor, in_picture
+        self._views = {c: _View.of(rig, silhouettes[c], c, centre_m) for c in cameras}
+
+    def filled(self, cameras: tuple[int, ...]) -> float:
+        """The share of some cameras' silhouettes that the hull of just these fills, on average."""
+        points_m = self._points_m[self._inside(cameras)]
+        return float(np.mean([self._views[c].share(self._views[c].draw(points_m)) for c in cameras]))
+
+    def piece_shares(self, cameras: tuple[int, ...]) -> Floats:
+        """The share of some cameras' silhouettes (K,) that each piece of their hull fills and no other does.
+
+        A camera in which the piece is hidden by others counts as none of it: so these are averages over the
+        half of the cameras that see most of the piece alone.
+        """
+        pieces: Ints = pieces_of(self._inside(cameras))
+        n_pieces = min(int(pieces.max(initial=0)), 3)  # beyond are crumbs
+        shares = np.zeros((n_pieces, len(cameras)))
+        for k, c in enumerate(cameras):
+            drawn = [self._views[c].draw(self._points_m[pieces == 1 + n]) for n in range(n_pieces)]
+            for n in range(n_pieces):
+                others = [drawn[m] for m in range(n_pieces) if m != n]
+                shares[n, k] = self._views[c].share(
+                    drawn[n] & ~np.any(others, axis=0) if others else drawn[n]
+                )
+        upper_half: Floats = np.sort(shares, axis=1)[:, len(cameras) // 2 :].mean(axis=1)
+        return upper_half
+
+    def _inside(self, cameras: tuple[int, ...]) -> Mask:
+        """The hull (N,) of some cameras, as carve has it."""
+        chosen = list(cameras)
+        held = 2 * self._holds[chosen].sum(axis=0) >= max(len(chosen), 2 * MIN_CAMERAS)
+        inside: Mask = held & ~self._carves[chosen].any(axis=0)
+        return inside
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A camera's silhouette so small that a voxel is about as large as a pixel."""
+
+    P_px_world: Floats
+    """(3, 4) to pixels of the small picture."""
+    silhouette: Mask
+    """(h, w)"""
+
+    @classmethod
+    def of(cls, rig: Rig, silhouette: Mask, camera: int, centre_m: Floats) -> "_View":
+        P = rig.P_px_world[camera]
+        depth_m = max(float(P[2] @ np.append(centre_m, 1.0)), 10 * _VOXEL_M)
+        scale = min(1.0, depth_m / (_VOXEL_M * float(np.linalg.norm(P[0, :3]))))
+        width, height = rig.sizes_px[camera]
+        size = max(1, round(width * scale)), max(1, round(height * scale))
+        small = cv2.resize(silhouette[:height, :width].astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        return cls(np.diag([size[0] / width, size[1] / height, 1.0]) @ P, small >= 0.5)
+
+    def draw(self, points_m: Floats) -> Mask:
+        """The picture (h, w) of voxels about points (N, 3)."""
+        height, width = self.silhouette.shape
+        homogeneous = points_m @ self.P_px_world[:, :3].T + self.P_px_world[:, 3]
+        homogeneous = homogeneous[homogeneous[:, 2] > _VOXEL_M]
+        pixel = np.rint(homogeneous[:, :2] / homogeneous[:, 2:]).astype(np.int64)
+        pixel = pixel[np.all((pixel >= 0) & (pixel < (width, height)), axis=1)]
+        drawn: Bytes = np.zeros((height, width), np.uint8)
+        drawn[pixel[:, 1], pixel[:, 0]] = 1
+        wide: Mask = cv2.dilate(drawn, np.ones((3, 3), np.uint8)) > 0
+        return wide
+
+    def share(self, drawn: Mask) -> float:
+        """How much of the silhouette a picture (h, w) covers."""
+        return float((drawn & self.silhouette).sum() / max(int(self.silhouette.sum()), 1))

@@ -1,0 +1,155 @@
+"""Can these silhouettes be tracked? Clear ends for first frames that cannot, before anything is searched."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.camera.rig import Rig
+from services.mocap.errors import TakeError
+from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
+from services.mocap.search.hull import MIN_CAMERAS
+from services.mocap.types import Floats, Mask
+
+_FULL_SHARE = 0.75
+"""Of a picture; a silhouette that covers more cannot be an actor's."""
+_EMPTY_SHARE = 0.0005
+"""Of a picture; less is noise: 38 pixels of 320x240."""
+_CUT_SHARE = 0.12
+"""How long a silhouette's contact with the picture's edge may be, against the root of its area.
+
+A hand at the edge stays below, two legs, a trunk or a head do not.
+"""
+_SECOND_SHARE = 0.12
+"""Of the silhouettes, which a second person fills alone; ghosts of the hull and crumbs fill hardly any."""
+_LEFT_OUT = ": it is left out while the first pose is looked for"
+
+
+@dataclass(frozen=True)
+class FirstLook:
+    """What can be said of a take's first frame before anything is searched."""
+
+    left_out: tuple[int, ...]
+    """Cameras whose silhouettes should not be believed."""
+    remarks: tuple[str, ...]
+    """A sentence for each of them, and for what is odd but can be tracked, for the user."""
+
+    def believed(self, silhouettes: Mask) -> Mask:
+        """A copy of silhouettes (…, C, H, W) with those left out empty, so that no hull is carved by them."""
+        believed = silhouettes.copy()
+        believed[..., list(self.left_out), :, :] = False
+        return believed
+
+    def weights(self, n_cameras: int) -> tuple[float, ...]:
+        """Weights for a search: 1 per camera, 0 for those left out; none where there are none of these."""
+        if not self.left_out:
+            return ()
+        return tuple(0.0 if c in self.left_out else 1.0 for c in range(n_cameras))
+
+
+def look_first(rig: Rig, silhouettes: Mask, names: Sequence[str] = ()) -> FirstLook:
+    """Check the silhouettes (C, H, W) of the first frame, before a pose is looked for.
+
+    names: of the cameras, for the sentences. Raises TakeError where nobody or more than one person is to be
+    seen, where most cameras cut the actor off, or where the silhouettes do not meet in space. A camera that
+    is empty, full or disagrees with the others is left out instead; so are several, as long as two are
+    left, or three to blame one of disagreeing.
+    """
+    names = list(names) or [f"camera {c + 1} of {rig.n_cameras}" for c in range(rig.n_cameras)]
+    shares = _foreground_shares(rig, silhouettes)
+    empty = tuple(c for c, share in enumerate(shares) if share < _EMPTY_SHARE)
+    full = tuple(c for c, share in enumerate(shares) if share > _FULL_SHARE)
+    usable = tuple(c for c in range(rig.n_cameras) if c not in empty and c not in full)
+    _check_counts(empty, full, usable, names)
+    _check_cut_off(rig, silhouettes, usable, names)
+    agreement = find_agreement(rig, silhouettes, usable)
+    _check_agreement(agreement)
+    left_out = (*empty, *full, *agreement.odd)
+    return FirstLook(left_out, tuple(_remarks(empty, full, agreement, names)))
+
+
+def _remarks(
+    empty: tuple[int, ...], full: tuple[int, ...], agreement: Agreement, names: Sequence[str]
+) -> list[str]:
+    remarks = [f"silhouettes: {names[c]} shows nobody in the first frame{_LEFT_OUT}" for c in empty]
+    remarks += [
+        f"silhouettes: {names[c]} is white nearly all over in the first frame{_LEFT_OUT}; check its "
+        "background or threshold"
+        for c in full
+    ]
+    remarks += [
+        f"calibration.toml: what {names[c]} sees does not meet in space with what the others see{_LEFT_OUT}; "
+        "check its calibration, its synchronisation and its silhouette"
+        for c in agreement.odd
+    ]
+    if agreement.filled < WELL_FILLED:
+        remarks.append(
+            f"calibration.toml: the cameras' silhouettes meet in space only in part, their hull fills "
+            f"{100 * agreement.filled:.0f}% of them: check calibration and synchronisation"
+        )
+    return remarks
+
+
+def _foreground_shares(rig: Rig, silhouettes: Mask) -> Floats:
+    """The share (C,) of each picture that is foreground."""
+    return np.array(
+        [
+            mask[:height, :width].mean()
+            for mask, (width, height) in zip(silhouettes, rig.sizes_px, strict=True)
+        ]
+    )
+
+
+def _check_counts(
+    empty: tuple[int, ...], full: tuple[int, ...], usable: tuple[int, ...], names: Sequence[str]
+) -> None:
+    n_cameras = len(names)
+    if len(usable) >= MIN_CAMERAS:
+        return
+    if full and len(full) >= len(empty):
+        raise TakeError(
+            f"silhouettes: {len(full)} of {n_cameras} cameras are white nearly all over in the first frame: "
+            "expected the actor white on black: check the background, or invert the pictures"
+        )
+    if len(empty) == n_cameras:
+        raise TakeError(
+            f"silhouettes: nobody is to be seen in the first frame of all {n_cameras} cameras: choose a "
+            "first frame in which the actor is in view, or check the background"
+        )
+    raise TakeError(
+        f"silhouettes: only {len(usable)} of {n_cameras} cameras show anybody in the first frame: expected "
+        f"{MIN_CAMERAS} or more: choose a first frame in which the actor is in view, or check the background"
+    )
+
+
+def _check_cut_off(rig: Rig, silhouettes: Mask, usable: tuple[int, ...], names: Sequence[str]) -> None:
+    cut = [c for c in usable if _is_cut_off(silhouettes[c], *rig.sizes_px[c])]
+    if 2 * len(cut) > len(usable):
+        raise TakeError(
+            f"silhouettes: {len(cut)} of {len(usable)} cameras ({', '.join(names[c] for c in cut)}) cut the "
+            "actor off at the edge of the first frame: choose a first frame that shows the whole actor"
+        )
+
+
+def _is_cut_off(silhouette: Mask, width: int, height: int) -> bool:
+    """Whether more than a hand reaches the edge of a picture."""
+    seen = silhouette[:height, :width]
+    contacts = [np.count_nonzero(edge) for edge in (seen[0], seen[-1], seen[:, 0], seen[:, -1])]
+    return bool(max(contacts) > _CUT_SHARE * np.sqrt(np.count_nonzero(seen)))
+
+
+def _check_agreement(agreement: Agreement) -> None:
+    if not agreement.agree:
+        who = "no camera or two alone are to blame"
+        if len(agreement.cameras) <= MIN_CAMERAS + 1:
+            who = f"of {len(agreement.cameras)} cameras none can be singled out"
+        raise TakeError(
+            "calibration.toml: the cameras' silhouettes do not meet in space, where their hull fills "
+            f"{100 * agreement.filled:.0f}% of them, and {who}: check that the calibration belongs to this "
+            "take and that the videos are synchronised"
+        )
+    if len(agreement.piece_shares) > 1 and agreement.piece_shares[1] > _SECOND_SHARE:
+        raise TakeError(
+            "silhouettes: two people, or the actor and something large, are to be seen in the first frame: "
+            "expected the actor alone: choose a first frame without the other one, or mask it out"
+        )

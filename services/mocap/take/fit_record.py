@@ -1,0 +1,79 @@
+"""What a fit leaves beside its actor.toml: names of its files, its record (fit.json), and its poses again."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from services.mocap.atomic import atomic_file
+from services.mocap.body.actor import Actor
+from services.mocap.errors import TakeError
+from services.mocap.take.settings import TakeSettings
+from services.mocap.take.tables import read_poses_csv
+from services.mocap.types import Floats
+
+FIT_FOLDER = "fit"
+"""In a take folder, and in a folder of results."""
+RECORD, POSES, MEASURES = "fit.json", "poses.csv", "measures.csv"
+OVERLAY, TURNTABLE = "overlay.png", "turntable.png"
+
+
+class FitRecord(BaseModel):
+    """What was fitted to what, and how well."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    actor: str = Field(pattern="^[0-9a-f]{64}$")
+    """Content hash of the actor that the poses belong to."""
+    first_frame: int = Field(ge=0)
+    end_frame: int = Field(ge=1)
+    """The frame after the last."""
+    hints: dict[str, Any]
+    """What take.toml said of the first pose (hints_of)."""
+    energy_before_px: list[float]
+    """Differing pixels of each frame, over all cameras: of the generic body in its first pose …"""
+    energy_after_px: list[float]
+    """… and of the fitted body in its fitted pose."""
+    iou_before: dict[str, float]
+    """By camera: how far model and silhouette overlap (intersection over union), mean over the frames."""
+    iou_after: dict[str, float]
+    seconds: dict[str, float]
+    """Wall time of each stage."""
+    warnings: list[str]
+
+
+def hints_of(settings: TakeSettings) -> dict[str, Any]:
+    """What take.toml says of the first pose, as a record keeps it."""
+    return settings.model_dump(include={"facing", "initial_pose"})
+
+
+def write_record(folder: Path, record: FitRecord) -> None:
+    """Write fit.json, whole or not at all."""
+    with atomic_file(folder / RECORD) as part:
+        part.write_text(record.model_dump_json(indent=2) + "\n", encoding="utf-8")
+
+
+def read_record(folder: Path) -> FitRecord | None:
+    """The record of a fit; None where there is none. Raises TakeError where it cannot be used."""
+    path = folder / RECORD
+    if not path.exists():
+        return None
+    try:
+        return FitRecord.model_validate_json(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValidationError):
+        raise TakeError(f"{path}: is not what xormocap fit writes: remove it or fit again") from None
+
+
+def fitted_pose(folder: Path, actor: Actor, settings: TakeSettings, frame: int) -> Floats | None:
+    """The pose (35,) of a frame that a fit found for this very actor; None where there is none.
+
+    Nor does a pose count that was found when take.toml said other things of the first one. Raises TakeError
+    where the files of the fit cannot be used.
+    """
+    record = read_record(folder)
+    if record is None or record.actor != actor.content_hash or record.hints != hints_of(settings):
+        return None
+    table = read_poses_csv(folder / POSES)
+    rows = np.flatnonzero(table.frames == frame)
+    return table.poses[rows[0]] if rows.size else None

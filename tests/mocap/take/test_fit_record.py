@@ -1,0 +1,71 @@
+"""fit.json vouches for the poses of a fit: for its own actor and what take.toml then said, no others."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.mocap.body.actor import Actor
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.errors import TakeError
+from services.mocap.take.fit_record import POSES, RECORD, FitRecord, fitted_pose, hints_of, write_record
+from services.mocap.take.settings import TakeSettings
+from services.mocap.take.tables import PoseTable, write_poses_csv
+
+ACTOR = Actor(height=1.8)
+POSE_TABLE = PoseTable(
+    np.arange(3, dtype=np.int32), np.arange(3) / 10, 0.01 * np.arange(3.0 * N_DOF).reshape(3, -1), np.ones(3)
+)
+
+
+def _settings(**fields: object) -> TakeSettings:
+    told = {"name": "t", "fps": 10.0, "units": "m", "up": "z", "frames": 9, **fields}
+    return TakeSettings.model_validate(told)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    record = FitRecord(
+        actor=ACTOR.content_hash,
+        first_frame=0,
+        end_frame=3,
+        hints=hints_of(_settings(facing=30.0)),
+        energy_before_px=[9.0, 9.0, 9.0],
+        energy_after_px=[1.0, 1.0, 1.0],
+        iou_before={"cam01": 0.5},
+        iou_after={"cam01": 0.9},
+        seconds={"all": 1.0},
+        warnings=[],
+    )
+    write_poses_csv(tmp_path / POSES, POSE_TABLE)
+    write_record(tmp_path, record)
+    return tmp_path
+
+
+@pytest.mark.parametrize("frame", range(3))
+def test_a_frames_pose_is_found(folder: Path, frame: int) -> None:
+    pose = fitted_pose(folder, ACTOR, _settings(facing=30.0), frame)
+    assert pose is not None
+    assert np.allclose(pose, POSE_TABLE.poses[frame], atol=1e-6)
+
+
+def test_none_for_other_frames_actors_and_hints(folder: Path, tmp_path: Path) -> None:
+    told = _settings(facing=30.0)
+    assert fitted_pose(folder, ACTOR, told, 3) is None
+    assert fitted_pose(folder, Actor(height=1.81), told, 0) is None
+    assert fitted_pose(folder, ACTOR, _settings(facing=210.0), 0) is None
+    assert fitted_pose(folder, ACTOR, _settings(facing=30.0, initial_pose={"root_z_m": 0.9}), 0) is None
+    assert fitted_pose(tmp_path / "nowhere", ACTOR, told, 0) is None
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1", '{"actor": "me"}'])
+def test_a_damaged_record_is_said(folder: Path, text: str) -> None:
+    (folder / RECORD).write_text(text)
+    with pytest.raises(TakeError, match=r"fit\.json: is not what xormocap fit writes"):
+        fitted_pose(folder, ACTOR, _settings(), 0)
+
+
+def test_missing_poses_are_said(folder: Path) -> None:
+    (folder / POSES).unlink()
+    with pytest.raises(TakeError, match=r"poses\.csv: is missing"):
+        fitted_pose(folder, ACTOR, _settings(facing=30.0), 0)

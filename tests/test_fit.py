@@ -1,0 +1,197 @@
+"""What `xormocap fit` does, with the fitting itself replaced: what it is given, and what comes of it."""
+
+import csv
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from services import cli, fit_show
+from services.fit import TakeFit, fit_take, init_frames
+from services.fit_files import write_fit
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.skeleton import DOFS
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.settings import EngineSettings
+from services.mocap.errors import TakeError
+from services.mocap.fit.fitting import Fit
+from services.mocap.fit.quality import quality_of
+from services.mocap.search.settings import SearchSettings
+from services.mocap.synth.take import write_synthetic_take
+from services.mocap.take.actor_file import read_actor, take_actor
+from services.mocap.take.fit_record import fitted_pose, read_record
+from services.mocap.take.folder import Take, open_take
+from services.mocap.take.settings import read_settings, write_settings
+from services.mocap.take.tables import read_poses_csv
+from services.mocap.types import Bytes, Floats, Mask
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.source import Segmenter, make_segmenter
+
+CPU, QUICK = EngineSettings(backend="cpu"), SearchSettings(max_passes=1)
+TALLER_M = 1.76543219
+FILES = {"actor.toml", "fit.json", "poses.csv", "measures.csv", "overlay.png", "turntable.png"}
+log = logging.getLogger("services.mocap.fit")
+
+
+def stretch(
+    rig: Rig, silhouettes: Bytes, start: Actor, poses: Floats, progress: Callable[[float], None]
+) -> Fit:
+    """In place of the fit: another height, all frames in the first pose."""
+    assert silhouettes.shape == (3, 1, *rig.shape_px)
+    log.warning("something odd about %s", "cam01")
+    progress(0.5)
+    actor, poses = Actor(height=TALLER_M), np.tile(poses, (len(silhouettes), 1))
+    before, after = (quality_of(build_body(body), poses, rig, silhouettes) for body in (start, actor))
+    return Fit(actor, poses, before, after)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A take whose first pose is said, so that it is found at once."""
+    folder = tmp_path_factory.mktemp("fit") / "walk"
+    write_synthetic_take(folder, n_frames=3, n_cameras=3)
+    settings = read_settings(folder / "take.toml")
+    pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
+    said = {dof.column: value for dof, value in zip(DOFS, pose.tolist(), strict=True)}
+    write_settings(folder / "take.toml", settings.model_copy(update={"initial_pose": said}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> TakeFit:
+    shown: list[tuple[str, float]] = []
+    take = open_take(folder)
+    found = fit_take(take, init_frames(take), CPU, QUICK, lambda *step: shown.append(step), stretch)
+    shares = [share for _, share in shown]
+    assert shares == sorted(shares)
+    assert 0.0 <= shares[0] < shares[-1] < 1.0
+    return found
+
+
+def test_the_first_frames_are_those_of_take_toml_or_as_asked(folder: Path) -> None:
+    take = open_take(folder)
+    assert init_frames(take) == range(3)
+    assert init_frames(take, 2) == range(2)
+    told = Take(folder, take.settings.model_copy(update={"init_frames": 1}), take.cameras, take.source)
+    assert init_frames(told) == range(1)
+    assert init_frames(told, 2) == range(2)
+
+
+def test_the_fit_starts_near_the_actor(found: TakeFit) -> None:
+    assert found.start == Actor(height=1.75)  # take.toml says so
+    assert found.fit.before.iou.mean() > 0.85
+    assert found.actor.height == 1.7654
+
+
+def test_warnings_are_kept_for_the_user(found: TakeFit) -> None:
+    assert "something odd about cam01" in found.warnings
+
+
+def test_all_files_are_written_and_belong_together(folder: Path, found: TakeFit, tmp_path: Path) -> None:
+    take, out = open_take(folder), tmp_path / "out"
+    for _ in range(2):  # a second fit takes the place of the first
+        write_fit(take, found, out)
+        assert {path.name for path in out.iterdir()} == FILES
+    actor = read_actor(out / "actor.toml")
+    assert actor == found.actor
+    for frame in range(3):
+        pose = fitted_pose(out, actor, take.settings, frame)
+        assert pose is not None
+        assert np.allclose(pose, found.fit.poses[frame], atol=1e-6)
+    record = read_record(out)
+    assert record is not None
+    assert record.iou_after.keys() == {"cam01", "cam02", "cam03"}
+    assert record.energy_before_px == found.fit.before.energy_px.tolist()
+
+
+def test_measures_and_pictures_can_be_read(folder: Path, found: TakeFit, tmp_path: Path) -> None:
+    write_fit(open_take(folder), found, tmp_path)
+    with (tmp_path / "measures.csv").open(newline="") as file:
+        rows = {row["measure"]: float(row["cm"]) for row in csv.DictReader(file)}
+    assert rows["height"] == pytest.approx(176.5, abs=0.3)
+    for name in ("overlay.png", "turntable.png"):
+        assert cv2.imread(str(tmp_path / name)).std() > 10
+
+
+@pytest.fixture
+def masks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Mask]:
+    """Camera -> the silhouette (H, W) that is seen in all frames in place of the one in its video."""
+    shown: dict[str, Mask] = {}
+
+    def segmenter(take: Take, camera: Camera, settings: SegmentationSettings) -> Segmenter:
+        real = make_segmenter(take, camera, settings)
+        if camera.name in shown:
+            monkeypatch.setattr(
+                real, "silhouettes", lambda start, stop: iter([shown[camera.name]] * (stop - start))
+            )
+        return real
+
+    monkeypatch.setattr("services.fit.make_segmenter", segmenter)
+    return shown
+
+
+def test_nobody_in_the_picture_is_said(folder: Path, masks: dict[str, Mask]) -> None:
+    take = open_take(folder)
+    for camera in take.cameras:
+        masks[camera.name] = np.zeros((camera.height_px, camera.width_px), bool)
+    with pytest.raises(TakeError, match="nobody"):
+        fit_take(take, range(3), CPU, QUICK, lambda *_: None, stretch)
+
+
+@pytest.mark.parametrize("value", [False, True], ids=["empty", "white"])
+def test_a_camera_that_makes_no_sense_is_left_out(
+    folder: Path, masks: dict[str, Mask], value: bool, tmp_path: Path
+) -> None:
+    take = open_take(folder)
+    odd = take.cameras[1]
+    masks[odd.name] = np.full((odd.height_px, odd.width_px), value)
+    found = fit_take(take, range(3), CPU, QUICK, lambda *_: None, stretch)
+    assert [camera.name for camera in found.cameras] == ["cam01", "cam03"]
+    assert any(odd.name in sentence for sentence in found.warnings)
+    assert found.fit.before.iou.mean() > 0.85
+    write_fit(take, found, tmp_path)
+    record = read_record(tmp_path)
+    assert record is not None
+    assert record.iou_after.keys() == {"cam01", "cam03"}
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, found: TakeFit) -> Callable[..., str]:
+    """`command(*arguments)`: what the command prints; the fit is the one that is there already."""
+    monkeypatch.setattr(fit_show, "fit_take", lambda *_: found)
+
+    def run(*arguments: object) -> str:
+        done = CliRunner().invoke(cli.app, ["fit", *map(str, arguments)], catch_exceptions=True)
+        return str(done.exception) if done.exception else done.output
+
+    return run
+
+
+def test_the_command_writes_into_the_take(folder: Path, found: TakeFit, command: Callable[..., str]) -> None:
+    said = command(folder)
+    assert take_actor(open_take(folder)) == found.actor
+    assert {path.name for path in (folder / "fit").iterdir()} == FILES
+    for word in ("height", "arm span", "chest girth", "IoU, cam01", "IoU, all cameras", "overlay.png"):
+        assert word in said
+    assert "was made or changed by hand" not in command(folder)
+
+
+def test_the_command_keeps_what_a_person_wrote(folder: Path, command: Callable[..., str]) -> None:
+    mine = "height = 1.78\n"
+    (folder / "actor.toml").write_text(mine)
+    assert "was made or changed by hand" in command(folder)
+    assert (folder / "actor.toml").read_text() == mine
+    command(folder, "--force")
+    assert (folder / "actor.toml").read_text() != mine
+
+
+def test_out_leaves_the_take_alone(folder: Path, command: Callable[..., str], tmp_path: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    command(folder, "--out", tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
