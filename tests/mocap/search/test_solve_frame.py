@@ -102,9 +102,13 @@ def test_the_search_begins_at_the_best_start(model: Model, truth: Floats, pictur
 def test_a_start_beyond_the_limits_is_moved_within(
     model: Model, standing: Poser, picture_of: PictureOf
 ) -> None:
-    truth = standing(shoulder_elevation=-60)  # straight knees and elbows lie at their limits
+    truth, bent = (
+        standing(shoulder_elevation=-60),
+        [DOF_INDEX["left_knee_flexion"], DOF_INDEX["right_elbow_flexion"]],
+    )
+    truth[bent] = LOWER[bent]
     beyond = truth.copy()
-    beyond[[DOF_INDEX["left_knee_flexion"], DOF_INDEX["right_elbow_flexion"]]] = -0.02
+    beyond[bent] -= 0.02
     found = solve_frame(model, picture_of(truth), beyond[None], QUICK, Pool(sabotage))
     assert np.all((found.pose >= LOWER) & (found.pose <= UPPER))
     assert found.energy_px == 0.0

@@ -61,20 +61,15 @@ def test_programs_that_draw_are_known_by_their_names(renderer: str, software: bo
 
 
 def test_closing_gives_the_context_back(device: GlDevice, resident_growth: Growth) -> None:
-    """A hundred devices that are closed take less than ten that stay open."""
+    """One that stays open holds about 3 MB: a hundred that are closed must not take a tenth of theirs."""
     device.close()
 
     def open_and_close(times: int) -> None:
         for _ in range(times):
             GlDevice().close()
 
-    kept: list[GlDevice] = []
     open_and_close(5)
-    closed_bytes = resident_growth(lambda: open_and_close(100))
-    open_bytes = resident_growth(lambda: kept.extend(GlDevice() for _ in range(10)))
-    for opened in kept:
-        opened.close()
-    assert closed_bytes < open_bytes
+    assert resident_growth(lambda: open_and_close(100)) < 30 << 20
 
 
 def test_no_such_egl_device(monkeypatch: pytest.MonkeyPatch) -> None:
