@@ -18,9 +18,11 @@ from proto.sockets import connect, make_socket, receive, wait
 from proto.streams import stream_endpoint
 from services.launcher import Launcher, ServiceFailedError, free_endpoint
 from services.mocap.atomic import atomic_file
+from services.mocap.body.actor import build_body
+from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
-from services.mocap.take.actor_file import read_actor
+from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
@@ -129,6 +131,7 @@ def track(
     earlier = {folder: _written_ns(folder) for folder in (out, partial_of(out))}
     try:
         with StopSignals() as stop, Launcher(logs) as launcher:
+            _thin(take, fitted, search)
             _start(launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search, fitted)
             started(launcher)
             _follow(launcher, endpoint, stop, show)
@@ -147,6 +150,13 @@ def track(
         shutil.rmtree(logs, ignore_errors=True)
         raise Interrupted(folder)
     raise ServiceFailedError(f"the run ended before its last frame; the logs are in {logs}")
+
+
+def _thin(take: Take, fitted: Path | None, search: SearchSettings) -> None:
+    """Thin the body here, if its actor is known, so that not every process does it at the same time."""
+    actor = take_actor(take) if fitted is None else read_actor(fitted / ACTOR)
+    if actor is not None and search.detail_px > 0:
+        levels_of(build_body(actor))
 
 
 def _add_fit(folder: Path, take: Take, fitted: Path | None) -> dict[str, Any]:
