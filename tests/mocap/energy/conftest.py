@@ -24,6 +24,7 @@ from services.mocap.types import Floats
 
 Look = Callable[..., Camera]
 REQUIRED = "XORMOCAP_REQUIRE_GL"
+Point = tuple[float, float, float]
 
 
 @pytest.fixture(scope="session")
@@ -201,3 +202,31 @@ def resident_growth() -> Callable[[Callable[[], object]], int]:
 def _resident_bytes() -> int:
     gc.collect()
     return int(psutil.Process().memory_info().rss)
+
+
+_VIEWPOINTS = [
+    pytest.param(((4.0, 0.5, 1.4), (0.0, 0.0, 0.9), 90.0), id="inside"),
+    pytest.param(((1.2, -0.8, 1.6), (0.5, 0.4, 0.9), 90.0), id="partly outside"),
+    pytest.param(((2.0, 0.0, 1.0), (4.0, 0.2, 1.0), 90.0), id="behind the camera"),
+    pytest.param(((0.35, 0.25, 1.1), (0.0, 0.0, 0.9), 60.0), id="about the near plane"),
+    pytest.param(((0.0, 0.02, 0.95), (1.0, 0.3, 0.9), 60.0), id="within the body"),
+    pytest.param(((0.9, 0.3, 0.4), (0.0, 0.0, 0.9), 20.0), id="wide angle"),
+    pytest.param(((40.0, 5.0, 3.0), (0.0, 0.0, 0.9), 90.0), id="a few pixels in all"),
+    pytest.param(((30.0, 5.0, 3.0), (0.0, 0.3, 1.3), 4000.0), id="long focal length"),
+    pytest.param(((0.35, 0.25, 1.1), (0.0, 0.0, 0.9), 4e6), id="coordinates at their limit"),
+]
+"""Where a camera stands and looks, in metres, and its focal length in pixels."""
+
+
+@pytest.fixture(params=_VIEWPOINTS)
+def viewpoint(request: pytest.FixtureRequest) -> tuple[Point, Point, float]:
+    """A camera anywhere: outside, inside and behind the body, up to where coordinates end."""
+    found: tuple[Point, Point, float] = request.param
+    return found
+
+
+@pytest.fixture(params=_VIEWPOINTS[:-1])
+def moderate_viewpoint(request: pytest.FixtureRequest) -> tuple[Point, Point, float]:
+    """The same, for rasterisers whose coordinates end sooner."""
+    found: tuple[Point, Point, float] = request.param
+    return found
