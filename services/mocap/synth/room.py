@@ -32,11 +32,11 @@ class Patch:
     """Side of square tiles, where it has any."""
 
 
-def room_patches(seed: int) -> tuple[Patch, ...]:
-    """The patches of one room; the floor is the first one."""
+def room_patches(seed: int, size: float = 1.0) -> tuple[Patch, ...]:
+    """The patches of one room; the floor is the first one, each side as long as usual times size."""
     rng = np.random.default_rng((seed, 1))
     tint = rng.uniform(0.94, 1.06, 3)
-    x, y = _HALF_X_M, _HALF_Y_M
+    x, y = size * _HALF_X_M, size * _HALF_Y_M
     floor = Patch(
         np.array([-x, -y, 0.0]), np.array([[2 * x, 0, 0], [0, 2 * y, 0]]), tint * (132, 142, 150), 0.13, 0.5
     )

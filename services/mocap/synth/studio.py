@@ -12,29 +12,37 @@ from services.mocap.camera.camera import Camera
 from services.mocap.types import Floats
 
 STAGE_RADIUS_M = 1.6
-"""Everything an actor does within this distance of the world's origin is in every picture, …"""
+"""Everything an actor does within this distance of the world's origin is in every picture, unless a studio is
+made larger, …"""
 STAGE_HEIGHT_M = 2.2
 """… up to this height: the raised hands of someone 1.75 m tall."""
 
 _MARGIN = 0.02  # of the picture's width, left free on every side of the stage
 
 
-def studio_cameras(n: int = 8, width_px: int = 320, height_px: int = 240) -> tuple[Camera, ...]:
+def studio_cameras(
+    n: int = 8,
+    width_px: int = 320,
+    height_px: int = 240,
+    stage_radius_m: float = STAGE_RADIUS_M,
+    stage_height_m: float = STAGE_HEIGHT_M,
+) -> tuple[Camera, ...]:
     """`n` pinhole cameras cam01, cam02, … (without lens distortion) in a ring, all seeing the whole stage.
 
-    They stand 3.8 to 4.4 m from the stage's vertical axis and 1.2 to 2.4 m high. Raises ValueError when
-    there is no camera or a picture is smaller than 32 pixels on a side.
+    They stand 3.8 to 4.4 m from the stage's vertical axis, farther away around a larger stage, and 1.2 to
+    2.4 m high. Raises ValueError when there is no camera or a picture is smaller than 32 pixels on a side.
     """
     if n < 1 or min(width_px, height_px) < 32:
         raise ValueError(
             f"studio: expected at least 1 camera of 32x32 pixels or more, got {n} of {width_px}x{height_px}"
         )
     rng = np.random.default_rng(2003)  # one studio, the same in every take
-    stage_world_m = _stage_rim_world_m()
+    stage_world_m = _stage_rim_world_m(stage_radius_m, stage_height_m)
     cameras = []
     for i in range(n):
         azimuth = 2 * pi * (i + 0.5 + rng.uniform(-0.15, 0.15)) / n
-        distance_m, height_m = rng.uniform(3.8, 4.4), rng.uniform(1.2, 2.4)
+        distance_m = rng.uniform(3.8, 4.4) * stage_radius_m / STAGE_RADIUS_M
+        height_m = rng.uniform(1.2, 2.4)
         centre_world_m = np.array([distance_m * np.cos(azimuth), distance_m * np.sin(azimuth), height_m])
         aim_z_m = _balancing_aim_z_m(centre_world_m, stage_world_m)
         R_camera_world = _looking_at(centre_world_m, np.array([0.0, 0.0, aim_z_m]))
@@ -58,11 +66,11 @@ def studio_cameras(n: int = 8, width_px: int = 320, height_px: int = 240) -> tup
     return tuple(cameras)
 
 
-def _stage_rim_world_m() -> Floats:
+def _stage_rim_world_m(radius_m: float, height_m: float) -> Floats:
     """(128, 3) points around the bottom and the top of the stage: its hull, near enough."""
     angle = np.linspace(0.0, 2 * pi, 64, endpoint=False)
-    rim = STAGE_RADIUS_M * np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.vstack([np.column_stack([rim, np.full(64, z)]) for z in (0.0, STAGE_HEIGHT_M)])
+    rim = radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.vstack([np.column_stack([rim, np.full(64, z)]) for z in (0.0, height_m)])
 
 
 def _balancing_aim_z_m(centre_world_m: Floats, stage_world_m: Floats) -> float:
