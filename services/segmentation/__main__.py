@@ -6,22 +6,22 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 import zmq
 
 from proto.framing import MalformedMessage
+from proto.keys import ClientKeys
+from proto.link import Line
 from proto.messages import Credit, Silhouettes, TakeEnd
-from proto.sockets import connect, make_socket, receive, send, wait
-from proto.streams import DEFAULT_ENDPOINT, stream_endpoint
+from proto.sockets import receive, send, wait
+from proto.streams import DEFAULT_ENDPOINT
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import pack
 from services.mocap.errors import UserError, nearest
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Bytes
-from services.process import StopRequest, run_service
+from services.process import KeysOption, StopRequest, keys_of_client, run_service
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.source import in_common_size, make_segmenter
+from services.segmentation.source import make_segmenter, packed
 
 _LOOK_S = 0.2
 _RESEND_S = 3.0
@@ -42,14 +42,14 @@ class Feed:
         """Bit-planes (P, H, W) of frames start to the take's end."""
         streams = [segmenter.silhouettes(start, self._end) for segmenter in self._segmenters]
         for masks in zip(*streams, strict=True):
-            yield pack(np.array([in_common_size(mask, self._width, self._height) for mask in masks]))
+            yield packed(masks, self._width, self._height)
 
 
 class Sender:
     """Sends frames as far as the coordinator's credit goes."""
 
-    def __init__(self, take: Take, cameras: list[int], feed: Feed, socket: "zmq.Socket[bytes]") -> None:
-        self._take, self._cameras, self._feed, self._socket = take, cameras, feed, socket
+    def __init__(self, take: Take, cameras: list[int], feed: Feed, line: Line) -> None:
+        self._take, self._cameras, self._feed, self._line = take, cameras, feed, line
         self._next = 0
         self._planes: Iterator[Bytes] | None = None
         self._unsent: Silhouettes | None = None
@@ -72,38 +72,39 @@ class Sender:
             self._unsent = Silhouettes(
                 take=self._take.settings.name, frame=self._next, cameras=self._cameras, planes=planes
             )
-        if not send(self._socket, self._unsent):
+        if not send(self._line.socket, self._unsent):
             return False
         self._next, self._unsent = self._next + 1, None
         self._advanced_s = time.monotonic()
         return True
 
 
-def serve(take_folder: Path, cameras: str, endpoint: str, stop: StopRequest) -> None:
+def serve(
+    take_folder: Path, cameras: str, endpoint: str, stop: StopRequest, keys: ClientKeys | None = None
+) -> None:
     """Send silhouettes until the take ends or a stop is asked for."""
     take = open_take(take_folder)
     chosen = _choose(take, cameras)
     feed = Feed(take, chosen, SegmentationSettings())
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    push, sub = make_socket(context, zmq.PUSH), make_socket(context, zmq.SUB)
-    connect(push, stream_endpoint(endpoint, "silhouettes"))
-    connect(sub, stream_endpoint(endpoint, "poses"))
-    sender = Sender(take, chosen, feed, push)
+    silhouettes = Line(context, endpoint, "silhouettes", keys)
+    poses = Line(context, endpoint, "poses", keys)
+    sender = Sender(take, chosen, feed, silhouettes)
     log.info("ready: %s from %s", ", ".join(take.cameras[c].name for c in chosen), take.source)
     try:
-        _send_all(take, sender, sub, stop)
+        _send_all(take, sender, silhouettes, poses, stop)
     finally:
-        push.close()
-        sub.close()
+        silhouettes.close()
+        poses.close()
         context.term()
 
 
-def _send_all(take: Take, sender: Sender, sub: "zmq.Socket[bytes]", stop: StopRequest) -> None:
+def _send_all(take: Take, sender: Sender, silhouettes: Line, poses: Line, stop: StopRequest) -> None:
     """Follow the coordinator's credit until it says that the take is over."""
     credit: Credit | None = None
     while not stop:
         try:
-            while (message := receive(sub)) is not None:
+            while (message := receive(poses.socket)) is not None:
                 if isinstance(message, TakeEnd) and message.take == take.settings.name:
                     return
                 if isinstance(message, Credit) and message.take == take.settings.name:
@@ -112,7 +113,9 @@ def _send_all(take: Take, sender: Sender, sub: "zmq.Socket[bytes]", stop: StopRe
         except MalformedMessage as error:
             log.warning("dropped a malformed message: %s", error)
         if credit is None or not sender.send_next(credit):
-            wait([sub], _LOOK_S)
+            wait([poses.socket], _LOOK_S)
+        silhouettes.tick()
+        poses.tick()
 
 
 def _choose(take: Take, names: str) -> list[int]:
@@ -129,9 +132,14 @@ def main(
     take: Annotated[Path, typer.Option(help="The take folder.")],
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     cameras: Annotated[str, typer.Option(help="Cameras to serve, with commas between; all by default.")] = "",
+    keys: KeysOption = None,
 ) -> None:
     """Make and send the silhouettes of a take's cameras."""
-    run_service("segmentation", lambda stop: serve(take, cameras, connect, stop))
+
+    def work(stop: StopRequest) -> None:
+        serve(take, cameras, connect, stop, keys_of_client(keys, "segmentation"))
+
+    run_service("segmentation", work)
 
 
 if __name__ == "__main__":

@@ -13,10 +13,22 @@ import numpy as np
 
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes, Ints, Mask
-from services.segmentation.cleanup import Levels, SegmentationSettings, settle_edges
+from services.segmentation.cleanup import SegmentationSettings, cleanup_in_place
+from services.segmentation.edges import settle_edges
+from services.segmentation.patches import extent
+from services.segmentation.pixels import (
+    MEAN_STEPS,
+    WHITENING_STEPS,
+    Levels,
+    Steps,
+    add_products,
+    drop_shadow,
+    mark_differences,
+    median_ratio,
+)
 
+_STRIDE_PX = 32
 _PRIOR_FRAMES = 10.0  # a pixel's own covariance counts as much as the picture's mean one after so many
-_SHADOW_SIGMAS = 3.0  # noise that may add to a shadow's turn of colour
 _GAUGE_PIXELS = 5000  # more would not make the estimate of the exposure better
 _GAUGE_LEVELS = (20.0, 245.0)  # darker pixels are noise, brighter ones may be clipped
 _PAIRS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))  # lower triangle of a (3, 3) matrix
@@ -47,10 +59,9 @@ class Gauge:
 
         The median holds as long as more than half of the picture shows the lit background.
         """
-        if self.places.size == 0:
+        if self.places.size == 0 or limit == 0:
             return 1.0
-        ratios = image_bgr.reshape(-1, 3)[self.places].sum(axis=1) / self.brightness
-        return float(np.clip(np.median(ratios), 1 - limit, 1 + limit))
+        return float(median_ratio(image_bgr.reshape(-1, 3), self.places, self.brightness, limit))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,15 +69,16 @@ class CleanPlate:
     """The empty scene as one camera sees it: colour and noise of every pixel. Made by `learn`."""
 
     settings: SegmentationSettings
-    mean: Levels
-    """(H, W, 3) BGR at the exposure of the plate's first frame."""
-    whitening: Levels
-    """(6, H, W) lower triangle of the matrix that turns differences in colour into standard deviations."""
-    direction: Levels
-    """(H, W, 3) unit BGR vector of the background's colour."""
+    mean: Steps
+    """(3, H, W) blue, green and red at the exposure of the plate's first frame, MEAN_STEPS a level."""
+    whitening: Steps
+    """(6, H, W) lower triangle of the matrix that turns differences in colour into standard deviations,
+    WHITENING_STEPS to one."""
     turn_noise: Levels
-    """(H, W) deviation of the noise across `direction`, in levels."""
+    """(H, W) deviation of the noise across the direction of the background's colour, in levels."""
     gauge: Gauge
+    channels: Bytes
+    """(3, H, W) room for the picture in work: blue, green and red."""
 
     @staticmethod
     def learn(frames: Iterable[Bytes], settings: SegmentationSettings) -> "CleanPlate":
@@ -80,61 +92,55 @@ class CleanPlate:
         for frame in frames:
             total.add(frame)
         mean, covariance = total.statistics(settings)
-        whitening = np.linalg.inv(np.linalg.cholesky(covariance))
-        direction = mean / np.maximum(np.linalg.norm(mean, axis=2, keepdims=True), 1)
-        along = np.einsum("hwi,hwij,hwj->hw", direction, covariance, direction)
-        across = np.trace(covariance, axis1=2, axis2=3) - along
         return CleanPlate(
             settings=settings,
-            mean=mean,
-            whitening=np.stack([whitening[..., i, j] for i, j in _PAIRS]),
-            direction=direction,
-            turn_noise=np.sqrt(across / 2),
-            gauge=Gauge.on(mean),
+            mean=np.rint(mean * MEAN_STEPS).clip(0, 255 * MEAN_STEPS).astype(np.int16),
+            whitening=np.rint(_whitening(covariance) * WHITENING_STEPS).clip(-32768, 32767).astype(np.int16),
+            turn_noise=_turn_noise(mean, covariance),
+            gauge=Gauge.on(np.moveaxis(mean, 0, 2)),
+            channels=np.empty(mean.shape, np.uint8),
         )
 
+    def silhouette(self, image_bgr: Bytes) -> Mask:
+        """The actor in an image (H, W, 3) BGR uint8: a mask (H, W) without cast shadow, specks and holes.
+
+        It depends on this image alone. Raises UserError where the image is not of the plate's size.
+        """
+        mask, spans, gain = self._marked(image_bgr)
+        settings = self.settings
+        top, bottom, left, right = extent(mask, spans, settings.speck_area_ppm * 1e-6 * mask.size)
+        silhouette = np.zeros(mask.shape, np.bool_)
+        if bottom == 0:
+            return silhouette
+        rim_px = settings.edge_width_permille * 1e-3 * mask.shape[1]
+        margin = 1 + round(3 * rim_px)
+        rows = slice(max(top - margin, 0), min(bottom + margin, mask.shape[0]))
+        columns = _in_full_strides(max(left - margin, 0), right + margin, mask.shape[1])
+        part = np.ascontiguousarray(mask[rows, columns])
+        corner_px = rows.start, columns.start
+        settle_edges(part, corner_px, self.channels, self.mean, gain, rim_px, settings.edge_misfit)
+        cleanup_in_place(part, mask.size, settings)
+        silhouette[rows, columns] = part
+        return silhouette
+
     def foreground(self, image_bgr: Bytes) -> Mask:
-        """What is actor in an image (H, W, 3) BGR uint8, its cast shadow left out: a mask (H, W).
+        """What differs from the plate and is no shadow, pixel by pixel: a mask (H, W), specks included."""
+        return self._marked(image_bgr)[0].view(np.bool_)
 
-        Single specks of noise are still in it; `cleanup` takes them out. Raises UserError where the
-        image is not of the plate's size.
-        """
-        _check_size(image_bgr, self.mean.shape, "image", "the clean plate")
-        gain = self.gauge.gain(image_bgr, self.settings.flicker_limit)
-        picture, background = image_bgr.astype(np.float32), np.minimum(self.mean * np.float32(gain), 255)
-        mask = self._differs(picture - background)
-        places = np.flatnonzero(mask).astype(np.int32)
-        mask.reshape(-1)[places[self._is_shadow(picture, background, places)]] = False
-        return settle_edges(mask, picture, background, self.settings)
-
-    def _differs(self, difference: Levels) -> Mask:
-        """Where a difference (H, W, 3) is too large for noise."""
-        blue, green, red = cv2.split(difference)
-        w = self.whitening
-        distance2 = (w[0] * blue) ** 2
-        distance2 += (w[1] * blue + w[2] * green) ** 2
-        distance2 += (w[3] * blue + w[4] * green + w[5] * red) ** 2
-        differs: Mask = distance2 > self.settings.distance_sigmas**2
-        return differs
-
-    def _is_shadow(self, picture: Levels, background: Levels, places: Ints) -> Mask:
-        """Which of the pixels (n,) are background in shadow: darker, not too dark, of the same colour.
-
-        The turn of colour is the angle between the BGR vectors. Hue itself is undefined on grey walls and
-        noisy near them, while a grey wall's vector is as well defined as any: navy before grey turns it by
-        tens of degrees, shadow by hardly any. Noise turns dark colours further than bright ones, so its
-        share is granted in levels, not in degrees.
-        """
-        colour = picture.reshape(-1, 3)[places]
-        direction = self.direction.reshape(-1, 3)[places]
-        along = np.einsum("nc,nc->n", colour, direction)
-        expected = np.einsum("nc,nc->n", background.reshape(-1, 3)[places], direction)
-        across = np.linalg.norm(colour - along[:, None] * direction, axis=1)
-        allowed = along * tan(radians(self.settings.shadow_angle_deg))
-        allowed += _SHADOW_SIGMAS * self.turn_noise.reshape(-1)[places]
-        darker = (along < expected) & (along >= self.settings.shadow_ratio_min * expected)
-        shadow: Mask = darker & (across <= allowed)
-        return shadow
+    def _marked(self, image_bgr: Bytes) -> tuple[Bytes, Ints, float]:
+        """The foreground (H, W), where its rows have to be looked at (H, 2), and the image's exposure."""
+        height, width = self.turn_noise.shape
+        _check_size(image_bgr, (height, width), "image", "the clean plate")
+        settings = self.settings
+        gain = self.gauge.gain(image_bgr, settings.flicker_limit)
+        whole = np.zeros((height, -(-width // 8) * 8), np.uint8)
+        cv2.split(image_bgr, list(self.channels))
+        mark_differences(self.channels, gain, self.mean, self.whitening, settings.distance_sigmas, whole)
+        spans = drop_shadow(
+            whole, whole.view(np.uint64), self.channels, gain, self.mean, self.turn_noise,
+            settings.shadow_ratio_min, tan(radians(settings.shadow_angle_deg)),
+        )  # fmt: skip
+        return whole[:, :width], spans, gain
 
 
 class _Sums:
@@ -149,36 +155,66 @@ class _Sums:
         if self._count == 0:
             self._first = frame.astype(np.float32)
             self._gauge = Gauge.on(self._first)
-            self._sum = np.zeros_like(self._first)
-            self._products = np.zeros((*self._first.shape, 3), np.float32)
+            self._sum = np.zeros((3, frame[..., 0].size), np.float32)
+            self._products = np.zeros((6, frame[..., 0].size), np.float32)
         _check_size(frame, self._first.shape, f"clean plate, frame {self._count}", "its first frame")
         # Differences from the first frame are small, which keeps sums in single precision exact enough.
-        difference = frame / np.float32(self._gauge.gain(frame, self._flicker_limit)) - self._first
-        self._sum += difference
-        self._products += difference[..., :, None] * difference[..., None, :]
+        scale = np.float32(1 / self._gauge.gain(frame, self._flicker_limit))
+        pixels, first = np.ascontiguousarray(frame).reshape(-1, 3), self._first.reshape(-1, 3)
+        add_products(pixels, scale, first, self._sum, self._products)
         self._count += 1
 
     def statistics(self, settings: SegmentationSettings) -> tuple[Levels, Levels]:
-        """Mean (H, W, 3), and covariance (H, W, 3, 3) of a new picture's difference from it."""
+        """Mean (3, H, W), and the lower triangle (6, H, W) of a new picture's covariance about it."""
         if self._count == 0:
             raise UserError("clean plate: no frames: expected one picture or more of the empty scene")
         shift, extra = self._sum / self._count, self._count - 1
-        outer = shift[..., :, None] * shift[..., None, :]
-        scatter = (self._products - self._count * outer).astype(np.float32, copy=False)
-        one = np.eye(3, dtype=np.float32)
+        outer = np.stack([shift[i] * shift[j] for i, j in _PAIRS])
+        scatter = self._products - self._count * outer
+        one = np.array([float(i == j) for i, j in _PAIRS], np.float32)[:, None]
         common = _typical(scatter) / extra if extra else one * settings.assumed_noise_levels**2
         covariance = (scatter + _PRIOR_FRAMES * common) / (extra + _PRIOR_FRAMES)
         covariance *= 1 + 1 / self._count  # the mean has noise of its own, which adds to the new picture's
         covariance += one * settings.noise_floor_levels**2
-        mean = self._first + shift
-        return mean.astype(np.float32, copy=False), covariance.astype(np.float32, copy=False)
+        height, width = self._first.shape[:2]
+        mean = np.moveaxis(self._first, 2, 0) + shift.reshape(3, height, width)
+        return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)
 
 
 def _typical(scatter: Levels) -> Levels:
-    """The mean scatter matrix (3, 3) of the pixels, without those where something moved in the plate."""
-    spread = np.trace(scatter, axis1=2, axis2=3)
-    typical: Levels = scatter[spread <= 4 * np.median(spread)].mean(axis=0)
+    """The mean scatter matrix (6, 1) of pixels (6, N), without those where something moved in the plate."""
+    spread = scatter[0] + scatter[2] + scatter[5]
+    typical: Levels = scatter[:, spread <= 4 * np.median(spread)].mean(axis=1, keepdims=True)
     return typical
+
+
+def _whitening(covariance: Levels) -> Levels:
+    """The inverse (6, H, W) of the Cholesky factor of a covariance (6, H, W), both lower triangles."""
+    bb, gb, gg, rb, rg, rr = covariance
+    l0 = np.sqrt(bb)
+    l1, l3 = gb / l0, rb / l0
+    l2 = np.sqrt(gg - l1 * l1)
+    l4 = (rg - l3 * l1) / l2
+    l5 = np.sqrt(rr - l3 * l3 - l4 * l4)
+    w1, w4 = -l1 / (l0 * l2), -l4 / (l2 * l5)
+    inverse: Levels = np.stack([1 / l0, w1, 1 / l2, -(l3 / l0 + l4 * w1) / l5, w4, 1 / l5])
+    return inverse
+
+
+def _turn_noise(mean: Levels, covariance: Levels) -> Levels:
+    """Deviation (H, W) of the noise across the direction of the colour, per axis."""
+    b, g, r = mean / np.maximum(np.linalg.norm(mean, axis=0), 1)
+    bb, gb, gg, rb, rg, rr = covariance
+    along = b * b * bb + g * g * gg + r * r * rr + 2 * (b * g * gb + b * r * rb + g * r * rg)
+    noise: Levels = np.sqrt(np.maximum(bb + gg + rr - along, 0) / 2)
+    return noise
+
+
+def _in_full_strides(begin: int, end: int, most: int) -> slice:
+    """At least the columns begin to end of a picture of most, as many as the compiled passes take at once."""
+    size = min(-(-(end - begin) // _STRIDE_PX) * _STRIDE_PX, most)
+    begin = min(begin, most - size)
+    return slice(begin, begin + size)
 
 
 def _check_size(image: Bytes, shape: tuple[int, ...], what: str, like: str) -> None:

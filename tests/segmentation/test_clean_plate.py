@@ -11,7 +11,7 @@ import pytest
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes, Floats, Mask
 from services.segmentation.clean_plate import CleanPlate
-from services.segmentation.cleanup import SegmentationSettings, cleanup
+from services.segmentation.cleanup import SegmentationSettings
 
 SETTINGS = SegmentationSettings()
 TAKE = Path(__file__).resolve().parents[2] / "../shared/data/takes/studio-a"
@@ -67,7 +67,7 @@ def iou(found: Mask, true: Mask) -> float:
 
 
 def silhouette(plate: CleanPlate, image: Bytes) -> Mask:
-    return cleanup(plate.foreground(image), plate.settings)
+    return plate.silhouette(image)
 
 
 @pytest.mark.parametrize("colour", COLOURS)
@@ -195,6 +195,29 @@ def test_invalid_sizes_are_refused_in_one_sentence(plate: CleanPlate) -> None:
 def test_an_empty_plate_is_refused() -> None:
     with pytest.raises(UserError, match=r"^clean plate: no frames: expected one picture or more"):
         CleanPlate.learn([], SETTINGS)
+
+
+@pytest.mark.parametrize("width", [WIDTH - 3, WIDTH - 31, 40])
+def test_any_width_will_do(width: int) -> None:
+    narrow = CleanPlate.learn([frame[:, :width] for frame in plate_frames(8)], SETTINGS)
+    actor = disc(14, (18, 100))
+    scene = wall()
+    scene[actor] = COLOURS["red"]
+    found = narrow.silhouette(exposed(scene, np.random.default_rng(3))[:, :width])
+    assert found.shape == (HEIGHT, width)
+    assert iou(found, actor[:, :width]) > 0.95
+
+
+def test_a_silhouette_depends_on_its_own_picture_alone(plate: CleanPlate) -> None:
+    rng = np.random.default_rng(13)
+    images = []
+    for radius in (70, 12, 40, 0):
+        scene = wall()
+        scene[disc(radius)] = COLOURS["navy"]
+        images.append(exposed(scene, rng, rng.uniform(0.9, 1.1)))
+    forwards = [silhouette(plate, image) for image in images]
+    backwards = [silhouette(plate, image) for image in images[::-1]][::-1]
+    assert all(np.array_equal(one, other) for one, other in zip(forwards, backwards, strict=True))
 
 
 def decode(path: Path, until: int) -> list[Bytes]:

@@ -9,13 +9,24 @@ from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 
 from services.mocap.types import Mask
-from services.segmentation.cleanup import Levels, SegmentationSettings, cleanup, settle_edges
+from services.segmentation import edges
+from services.segmentation.cleanup import SegmentationSettings, cleanup
+from services.segmentation.pixels import MEAN_STEPS, Levels
 
 SETTINGS = SegmentationSettings()
 SHAPE = (240, 320)
 # On the small masks below: specks under 6 px, holes under 4 px.
 COARSE = SegmentationSettings(speck_area_ppm=6e6 / (24 * 32), hole_area_ppm=4e6 / (24 * 32))
 SMALL_MASKS = arrays(np.bool_, (24, 32), elements=st.booleans())
+
+
+def settle_edges(mask: Mask, picture: Levels, background: Levels, settings: SegmentationSettings) -> Mask:
+    part = mask.astype(np.uint8)
+    channels = np.ascontiguousarray(np.moveaxis(np.rint(picture).clip(0, 255), 2, 0).astype(np.uint8))
+    mean = np.ascontiguousarray(np.rint(np.moveaxis(background, 2, 0) * MEAN_STEPS).astype(np.int16))
+    rim_px = settings.edge_width_permille * 1e-3 * mask.shape[1]
+    edges.settle_edges(part, (0, 0), channels, mean, 1.0, rim_px, settings.edge_misfit)
+    return part > 0
 
 
 def blank() -> Mask:
@@ -59,6 +70,29 @@ def test_no_speck_and_no_small_hole_is_left(mask: Mask) -> None:
     padded = np.pad(~cleaned, 1, constant_values=True)
     _, _, gaps, _ = cv2.connectedComponentsWithStats(padded.view(np.uint8), connectivity=4)
     assert np.all(gaps[1:, cv2.CC_STAT_AREA] >= 4)
+
+
+@given(SMALL_MASKS)
+def test_patches_are_those_that_opencv_finds(mask: Mask) -> None:
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
+    kept = (stats[:, cv2.CC_STAT_AREA] >= 6) & (np.arange(len(stats)) > 0)
+    solid = kept[labels]
+    # Ringed by background, all that reaches the border is one large patch.
+    padded = np.pad(~solid, 1, constant_values=True).view(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(padded, connectivity=4)
+    small = (stats[:, cv2.CC_STAT_AREA] < 4) & (np.arange(len(stats)) > 0)
+    assert np.array_equal(cleanup(mask, COARSE), solid | small[labels][1:-1, 1:-1])
+
+
+@given(SMALL_MASKS, st.integers(1, 5))
+def test_depths_are_distances_up_to_their_limit(mask: Mask, reach: int) -> None:
+    inside2, outside2 = edges._depths2(mask.astype(np.uint8), reach, np.float32(reach**2))
+    for found, here in ((inside2, mask), (outside2, ~mask)):
+        rows, columns = np.nonzero(~here)
+        y, x = np.indices(mask.shape)
+        away2 = (y[..., None] - rows) ** 2 + (x[..., None] - columns) ** 2
+        true2 = np.minimum(away2.min(axis=2, initial=reach**2), reach**2)
+        assert np.array_equal(found, true2)
 
 
 def test_the_mask_given_stays_as_it_is() -> None:

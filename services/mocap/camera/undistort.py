@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import Bytes, Ints, Mask
 
 
 class Undistorter:
@@ -23,6 +23,10 @@ class Undistorter:
             size_px = (camera.width_px, camera.height_px)
             # fixed-point maps: three times as quick, and exact to 1/32 pixel
             self._maps = make(camera.K, camera.distortion, np.eye(3), camera.K, size_px, cv2.CV_16SC2)
+            # which rows of a raw picture each new row takes from, first and last; likewise columns
+            whole_px = self._maps[0].astype(np.int32)
+            self._rows_of = whole_px[..., 1].min(axis=1), whole_px[..., 1].max(axis=1) + 1
+            self._columns_of = whole_px[..., 0].min(axis=0), whole_px[..., 0].max(axis=0) + 1
 
     def image(self, bgr: Bytes) -> Bytes:
         """(H, W, 3) picture, linearly interpolated; raises ValueError when it has not the camera's size."""
@@ -36,11 +40,24 @@ class Undistorter:
         self._check(silhouette)
         if self._maps is None:
             return silhouette
-        weight = cv2.remap(silhouette.astype(np.uint8) * 255, *self._maps, cv2.INTER_LINEAR)
-        return np.asarray(weight > 127)
+        undistorted: Mask = np.zeros(self._shape, np.bool_)
+        left, top, across, down = cv2.boundingRect(silhouette.view(np.uint8))
+        rows, columns = _taking(self._rows_of, top, down), _taking(self._columns_of, left, across)
+        if across and rows.stop and columns.stop:
+            whole, fraction = (part[rows, columns] for part in self._maps)
+            weight = cv2.remap(silhouette.astype(np.uint8) * 255, whole, fraction, cv2.INTER_LINEAR)
+            undistorted[rows, columns] = weight > 127
+        return undistorted
 
     def _check(self, picture: Bytes | Mask) -> None:
         if picture.shape[:2] != self._shape:
             raise ValueError(
                 f"{self._name}: expected a picture of (height, width) {self._shape}, got {picture.shape[:2]}"
             )
+
+
+def _taking(of: tuple[Ints, Ints], begin: int, size: int) -> slice:
+    """The rows or columns that take from some of a raw picture; slice(0, 0) where none does."""
+    first, last = of
+    taking = np.flatnonzero((first < begin + size) & (last >= begin))
+    return slice(int(taking[0]), int(taking[-1]) + 1) if taking.size else slice(0, 0)

@@ -1,0 +1,179 @@
+"""Which pixels of a silhouette's rim belong to the actor: those of which the actor covers more than half.
+
+A statistical test takes every pixel that differs at all, which makes silhouettes half a pixel too fat all
+round. A rim pixel mixes actor and background, and the colours on both sides of it tell in which shares.
+Rows go through the passes one after the other, so that what neighbourhoods are summed over stays in cache.
+"""
+
+from math import ceil
+from typing import TypeAlias
+
+import numba
+import numpy as np
+
+from services.mocap.types import Bytes, Floats
+from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
+
+_MIN_CONTRAST_LEVELS = 15.0  # below it, noise decides on which side of the middle a mixed pixel falls
+_MIN_PURITY = 1e-3
+_N_SUMS = 6
+
+_Sums: TypeAlias = tuple[float, float, float, float, float, float]
+
+
+def settle_edges(
+    part: Bytes,
+    corner_px: tuple[int, int],
+    channels: Bytes,
+    mean: Steps,
+    gain: float,
+    rim_px: float,
+    misfit: float,
+) -> None:
+    """Give each pixel of a mask's rim to whom more than half of it belongs, in place.
+
+    part (h, w): the part of the mask that is set, and a margin; corner_px: its first row and column.
+    channels: the picture (3, H, W); mean, gain: the background (3, H, W) in steps, and how much brighter
+    the picture is. Where no mix of the colours on both sides explains a pixel, off their line by more than
+    misfit, or the two sides look alike, the mask stands.
+    """
+    if rim_px > 0 and part.size > 0:
+        inside2, outside2 = _depths2(part, ceil(rim_px + 1), np.float32((rim_px + 1) ** 2))
+        level, rim, misfit_1 = (np.float32(value) for value in (gain / MEAN_STEPS, rim_px, misfit))
+        _settle(part, corner_px, inside2, outside2, channels, mean, level, rim, misfit_1)
+
+
+@numba.njit(cache=True, nogil=True)
+def _depths2(mask: Bytes, reach: int, most: np.float32) -> tuple[Levels, Levels]:
+    """Squared distances (H, W) of the pixels set to those not set, and the reverse; `most` if farther."""
+    height, width = mask.shape
+    along = _depths2_along_rows(mask, reach, most)
+    depths = along.copy()
+    for side in range(2):
+        for y in range(height):
+            for other in range(max(y - reach, 0), min(y + reach + 1, height)):
+                step2 = np.float32((other - y) ** 2)
+                for x in range(width):
+                    depths[side, y, x] = min(depths[side, y, x], along[side, other, x] + step2)
+    return depths[0], depths[1]
+
+
+@numba.njit(cache=True, nogil=True)
+def _depths2_along_rows(mask: Bytes, reach: int, most: np.float32) -> Levels:
+    """Squared distances (2, H, W) in each row, to what is not set and to what is."""
+    height, width = mask.shape
+    along = np.empty((2, height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            along[0, y, x] = most * mask[y, x]
+            along[1, y, x] = most - along[0, y, x]
+        for x in range(1, width):
+            if mask[y, x] == mask[y, x - 1]:
+                continue
+            to_left, to_right = mask[y, x], mask[y, x - 1]  # left of a step 1 it is far from 1, and so on
+            for k in range(1, reach + 1):
+                if x - k >= 0:
+                    along[to_left, y, x - k] = min(along[to_left, y, x - k], k * k)
+                if x + k <= width:
+                    along[to_right, y, x + k - 1] = min(along[to_right, y, x + k - 1], k * k)
+    return along
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _settle(
+    mask: Bytes, corner_px: tuple[int, int], inside2: Levels, outside2: Levels, channels: Bytes, mean: Steps,
+    level: np.float32, rim_px: np.float32, misfit: np.float32,
+) -> None:  # fmt: skip
+    """Settle a mask's rim by sums over square neighbourhoods."""
+    height, width = mask.shape
+    top, left = corner_px
+    reach = round(1.5 * rim_px)
+    size = 2 * reach + 1
+    ring = np.zeros((size + 1, _N_SUMS, width), np.float32)
+    columns = np.zeros((_N_SUMS, width))
+    rim2, near2 = rim_px * rim_px, max(np.float32(1.0), rim_px / 2) ** 2
+    for ahead in range(height + reach):
+        coming, leaving = ring[ahead % (size + 1)], ring[(ahead + 1) % (size + 1)]
+        if ahead < height:
+            _weigh(inside2[ahead], outside2[ahead], channels, mean, top + ahead, left, level, rim2, coming)
+        else:
+            coming[:] = 0
+        for k in range(_N_SUMS):
+            for x in range(width):
+                columns[k, x] += coming[k, x] - leaving[k, x]
+        y = ahead - reach
+        if y < 0:
+            continue
+        for x in range(width):
+            if inside2[y, x] > rim2 or outside2[y, x] > near2:
+                continue
+            near = _sums_near(columns, max(x - reach, 0), min(x + reach + 1, width))
+            if near[3] > _MIN_PURITY:
+                mask[y, x] = _side(mask[y, x], channels, mean, top + y, left + x, level, near, misfit)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _sums_near(columns: Floats, begin: int, end: int) -> _Sums:
+    """The sums of some columns (6, w), all six at a time: one alone would wait for itself."""
+    blue = green = red = purity = lit = seen = 0.0
+    for x in range(begin, end):
+        blue += columns[0, x]
+        green += columns[1, x]
+        red += columns[2, x]
+        purity += columns[3, x]
+        lit += columns[4, x]
+        seen += columns[5, x]
+    return blue, green, red, purity, lit, seen
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _weigh(
+    inside2: Levels, outside2: Levels, channels: Bytes, mean: Steps, y: int, left: int, level: np.float32,
+    rim2: np.float32, values: Levels,
+) -> None:  # fmt: skip
+    """What neighbourhoods are summed over (6, w), for one row (w,) of the part.
+
+    The actor's colour times its purity, the purity; beyond the rim, light of the background as it should
+    be and as it is seen.
+    """
+    # Loops that write one row each: the compiler then takes many pixels at a time.
+    white = np.float32(255)
+    for x in range(inside2.size):
+        # The deeper in the body, the purer its colour; where a limb is thin, its middle line must do.
+        values[3, x] = inside2[x] * inside2[x]
+        values[4, x] = 0
+        values[5, x] = 0
+    for c in range(3):
+        seen, plate = channels[c, y, left : left + inside2.size], mean[c, y, left : left + inside2.size]
+        for x in range(inside2.size):
+            values[c, x] = values[3, x] * seen[x]
+        for x in range(inside2.size):
+            expected = min(level * plate[x], white)
+            values[4, x] += expected * expected
+        for x in range(inside2.size):
+            values[5, x] += min(level * plate[x], white) * seen[x]
+    for x in range(inside2.size):
+        beyond = np.float32(outside2[x] > rim2)
+        values[4, x] *= beyond
+        values[5, x] *= beyond
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _side(
+    was: int, channels: Bytes, mean: Steps, y: int, x: int, level: np.float32, near: _Sums, misfit: np.float32
+) -> int:  # fmt: skip
+    """1 where a pixel is more than half the actor's, else 0; what it was where no mix explains its colour."""
+    # Beside the feet the floor lies in shadow: as dark at the rim as nearby beyond it.
+    one, white = np.float32(1), np.float32(255)
+    shade, share = np.float32((near[5] + 1) / (near[4] + 1)), np.float32(1 / near[3])
+    length2 = along = offset2 = np.float32(0)
+    for c in range(3):
+        behind = min(level * mean[c, y, x], white) * shade
+        span, offset = np.float32(near[c]) * share - behind, np.float32(channels[c, y, x]) - behind
+        length2 += span * span
+        along += offset * span
+        offset2 += offset * offset
+    off_line2 = offset2 - along * along / max(length2, one)
+    if length2 <= _MIN_CONTRAST_LEVELS**2 or off_line2 >= misfit * misfit * length2:
+        return was
+    return int(along + along > length2)
