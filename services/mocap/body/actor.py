@@ -2,64 +2,42 @@
 
 import hashlib
 import tomllib
-from dataclasses import dataclass
-from functools import cache, cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
 
+from services.mocap.body.body_mesh import BodyMesh, OwnMesh, generic_mesh
+from services.mocap.body.bones import BONES, bare, scales_across, stretched_offsets, trunk_widening
 from services.mocap.body.kinematics import N_DOF, segment_transforms
-from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along, smoothstep
-from services.mocap.body.shape import generic_segments
-from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_INDEX, SEGMENT_NAMES
+from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
+from services.mocap.body.shape import SegmentMesh
+from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENT_NAMES
 from services.mocap.types import Floats, Ints
 
 DEFAULT_HEIGHT_M = 1.72
 """Body height where neither the take nor an actor gives one: about the mean of adults."""
+MESH_FILE = "actor_mesh.npz"
+"""What the file of an own mesh is called, beside actor.toml."""
+_MIRROR = np.array([1.0, -1.0, 1.0])
 
 
-@dataclass(frozen=True)
-class Bone:
-    """A length that may differ between people, and what it stretches (left and right alike)."""
+class MeshName(BaseModel):
+    """How actor.toml names an own mesh."""
 
-    length_heights: float
-    """The generic body's length, in body heights."""
-    joints: dict[str, int]
-    """Joint (without its side) -> the axis of its offset from its parent that scales with this bone."""
-    segments: dict[str, str]
-    """Segment (without its side) -> the axes of its mesh that scale with this bone."""
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
-
-BONES: dict[str, Bone] = {
-    "hip_width": Bone(0.105, {"hip": 1}, {}),
-    "pelvis": Bone(0.075, {"waist": 2}, {"pelvis": "z"}),
-    "torso": Bone(0.248, {"neck": 2, "shoulder": 2}, {"torso": "z"}),
-    "shoulder_width": Bone(0.215, {"shoulder": 1}, {}),
-    "neck": Bone(0.058, {"head": 2}, {"neck": "z"}),
-    "head": Bone(0.094, {"head_top": 2}, {"head": "xyz"}),
-    "upper_arm": Bone(0.165, {"elbow": 1}, {"upper_arm": "y"}),
-    "forearm": Bone(0.152, {"wrist": 1}, {"forearm": "y"}),
-    "hand": Bone(0.108, {}, {"hand": "xyz"}),
-    "thigh": Bone(0.243, {"knee": 2}, {"thigh": "z"}),
-    "shank": Bone(0.242, {"ankle": 2}, {"shank": "z"}),
-    "foot": Bone(0.152, {}, {"foot": "xy"}),
-}
-"""The trunk's mesh widens too: at the shoulders and above with shoulder_width, at the hips and below by as
-much as the hip joints move, and smoothly from one to the other between."""
-
-_SHOULDERS = 0.280
-"""Height of the shoulder joints over the hips', in body heights."""
-_HIPS_SHARE = 0.536
-"""Share of the trunk's width at the hips that lies between the hip joints."""
-_TRUNK_OFFSETS = {"pelvis": 0.0, "torso": 0.075}
-"""The trunk's segments, and the height of their joints over the hips', in body heights."""
+    file: str = Field(pattern=r"^[^/\\]{1,100}$", description="the name of a file beside actor.toml")
+    sha256: str = Field(pattern="^[0-9a-f]{64}$", description="that file's SHA-256, 64 hexadecimal digits")
 
 
 class Actor(BaseModel):
     """The measures that make a body: its height and, where known, bone lengths and profiles."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
     height: float = Field(
         default=DEFAULT_HEIGHT_M, ge=0.5, le=2.5, description="the standing height in metres, from 0.5 to 2.5"
@@ -69,6 +47,8 @@ class Actor(BaseModel):
     """Bone -> metres, for those that differ from the generic proportions (names: BONES)."""
     profiles: dict[str, Profile] = Field(default={}, description="a table of segments with width and depth")
     """Segment (without its side) -> its outline's factors over the generic one at this height (SECTIONS)."""
+    mesh: OwnMesh | None = Field(default=None, description="a table with file and sha256 of an own mesh")
+    """A user's own mesh in place of the generic body; what is said above of that is then said of it."""
 
     @field_validator("bone_lengths")
     @classmethod
@@ -92,15 +72,27 @@ class Actor(BaseModel):
         profiles = {
             name: self.profiles[name].model_dump(mode="json") for name in SECTIONS if name in self.profiles
         }
-        tables = {"height": self.height, "bone_lengths": lengths, "profiles": profiles}
+        tables: dict[str, object] = {"height": self.height, "bone_lengths": lengths, "profiles": profiles}
+        if self.mesh is not None:
+            tables["mesh"] = self._mesh_name(self.mesh)
         if not profiles:
             del tables["profiles"]  # the text, and so the hash, of actors from before there were profiles
         return tomli_w.dumps(tables)
 
+    @field_serializer("mesh")
+    def _mesh_name(self, mesh: OwnMesh | None) -> dict[str, str] | None:
+        return None if mesh is None else {"file": MESH_FILE, "sha256": mesh.content_hash}
+
     @classmethod
-    def from_toml(cls, text: str) -> "Actor":
-        """Read the text of actor.toml; raises tomllib.TOMLDecodeError or pydantic.ValidationError."""
-        return cls.model_validate(tomllib.loads(text))
+    def from_toml(cls, text: str, mesh_of: "Callable[[MeshName], OwnMesh] | None" = None) -> "Actor":
+        """Read the text of actor.toml; mesh_of finds the mesh that it names, if it names one.
+
+        Raises tomllib.TOMLDecodeError, pydantic.ValidationError or what mesh_of raises.
+        """
+        tables = tomllib.loads(text)
+        if mesh_of is not None and "mesh" in tables:
+            tables["mesh"] = mesh_of(MeshName.model_validate(tables["mesh"]))
+        return cls.model_validate(tables)
 
     @property
     def content_hash(self) -> str:
@@ -119,6 +111,8 @@ class Body:
     faces: tuple[Ints, ...]
     """Per segment (F, 3), counter-clockwise seen from outside."""
     height_m: float
+    mesh: BodyMesh = field(default_factory=generic_mesh)
+    """What it was made from."""
 
     @cached_property
     def centres_m(self) -> Floats:
@@ -145,59 +139,40 @@ class Body:
         )
 
 
-def _bare(name: str) -> str:
-    """A joint's or segment's name without its side."""
-    return name.removeprefix("left_").removeprefix("right_")
-
-
 def build_body(actor: Actor) -> Body:
-    """The generic body scaled to an actor's height, along each bone to its length, across by profiles."""
+    """The generic body or an own mesh, scaled to height, along bones to their lengths, across by profiles."""
+    mesh = actor.mesh or generic_mesh()
+    lengths_m = {name: length * actor.height for name, length in mesh.lengths_heights.items()}
     ratios = {
         name: length_m / (BONES[name].length_heights * actor.height)
-        for name, length_m in actor.bone_lengths.items()
+        for name, length_m in (lengths_m | actor.bone_lengths).items()
     }
-    vertices_m: dict[str, Floats] = {}
-    for name, mesh in zip(SEGMENT_NAMES, generic_segments(), strict=True):
-        if name.startswith("right_"):
-            vertices_m[name] = vertices_m[name.replace("right", "left", 1)] * (1.0, -1.0, 1.0)
-        else:
-            vertices_m[name] = _shaped(_bare(name), mesh.vertices_heights, actor, ratios)
+    shaped_m: dict[SegmentMesh, Floats] = {}
+    vertices_m = []
+    for name, form in zip(SEGMENT_NAMES, mesh.left_forms, strict=True):
+        if form not in shaped_m:
+            shaped_m[form] = _shaped(bare(name), form, actor, ratios)
+        vertices_m.append(shaped_m[form] * _MIRROR if name.startswith("right_") else shaped_m[form])
     return Body(
-        offsets_m=_offsets_m(actor, ratios),
-        vertices_m=tuple(vertices_m[name] for name in SEGMENT_NAMES),
-        faces=tuple(mesh.faces for mesh in generic_segments()),
+        offsets_m=stretched_offsets(mesh.offsets_heights * actor.height, ratios),
+        vertices_m=tuple(vertices_m),
+        faces=mesh.faces,
         height_m=actor.height,
+        mesh=mesh,
     )
 
 
-def _offsets_m(actor: Actor, ratios: dict[str, float]) -> Floats:
-    """(17, 3) each joint relative to its parent; ratios: bone -> its length over the generic one."""
-    offsets_m = np.array([joint.offset_heights for joint in JOINTS]) * actor.height
-    for j, joint in enumerate(JOINTS):
-        for name, ratio in ratios.items():
-            if _bare(joint.name) in BONES[name].joints:
-                offsets_m[j, BONES[name].joints[_bare(joint.name)]] *= ratio
-    return offsets_m
+def mesh_named_in(text: str) -> str | None:
+    """The SHA-256 of the own mesh that the text of an actor.toml names, if any; raises as from_toml."""
+    mesh = tomllib.loads(text).get("mesh")
+    return None if mesh is None else MeshName.model_validate(mesh).sha256
 
 
-def _shaped(segment: str, vertices_heights: Floats, actor: Actor, ratios: dict[str, float]) -> Floats:
-    """(V, 3) a segment's vertices in metres, in its frame; segment without its side."""
-    scales = np.full(3, actor.height)
-    for name, ratio in ratios.items():
-        for axis in BONES[name].segments.get(segment, ""):
-            scales["xyz".index(axis)] *= ratio
-    vertices_m: Floats = vertices_heights * scales
+def _shaped(segment: str, form: SegmentMesh, actor: Actor, ratios: dict[str, float]) -> Floats:
+    """(V, 3) a segment's vertices in metres, in its frame, on the left; segment without its side."""
+    heights = form.vertices_heights
+    vertices_m: Floats = heights * (actor.height * scales_across(segment, ratios))
     for extent, axis in zip(("width", "depth"), SECTIONS[segment].axes[1:], strict=True):
-        vertices_m[:, "xyz".index(axis)] *= factors_along(segment, extent, actor.profiles)
-    if segment in _TRUNK_OFFSETS:
-        hips = 1.0 + _HIPS_SHARE * (ratios.get("hip_width", 1.0) - 1.0)
-        shoulders = ratios.get("shoulder_width", 1.0)
-        vertices_m[:, 1] *= hips + (shoulders - hips) * _shoulder_share(segment)
+        vertices_m[:, "xyz".index(axis)] *= factors_along(segment, extent, actor.profiles, form)
+    vertices_m[:, 1] *= trunk_widening(segment, heights[:, 2], ratios)
     return vertices_m
-
-
-@cache
-def _shoulder_share(segment: str) -> Floats:
-    """(V,) how much a vertex of the trunk widens with the shoulders: 0 at the hips, 1 at the shoulders."""
-    z: Floats = generic_segments()[SEGMENT_INDEX[segment]].vertices_heights[:, 2] + _TRUNK_OFFSETS[segment]
-    return smoothstep(z / _SHOULDERS)

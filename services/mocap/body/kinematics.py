@@ -15,18 +15,18 @@ from services.mocap.body.skeleton import (
 from services.mocap.types import Floats, Ints
 
 N_DOF = len(DOFS)
-_N_JOINTS = len(JOINTS)
-_SHIFT, _SWING, _TURN = range(3)
+N_JOINTS = len(JOINTS)
+SHIFT, SWING, TURN = range(3)
 _ROLES = {
-    "translation": _SHIFT, "swing": _SWING, "heading": _TURN, "lean": _TURN, "pitch": _TURN, "twist": _TURN,
+    "translation": SHIFT, "swing": SWING, "heading": TURN, "lean": TURN, "pitch": TURN, "twist": TURN,
 }  # fmt: skip
 
 # Compiled code takes these tables in as constants.
-_PARENT: Ints = np.array([-1 if j.parent is None else JOINT_INDEX[j.parent] for j in JOINTS], np.int32)
-_DOF_ROLE: Ints = np.array([_ROLES[dof.role] for dof in DOFS], np.int32)
-_DOF_AXIS: Floats = np.array([dof.axis for dof in DOFS])
-_DOF_RANGE: Ints = np.array([dof_range(j.name) for j in JOINTS], np.int32)
-_ALL_JOINTS: Ints = np.arange(_N_JOINTS, dtype=np.int32)
+PARENT: Ints = np.array([-1 if j.parent is None else JOINT_INDEX[j.parent] for j in JOINTS], np.int32)
+DOF_ROLE: Ints = np.array([_ROLES[dof.role] for dof in DOFS], np.int32)
+DOF_AXIS: Floats = np.array([dof.axis for dof in DOFS])
+DOF_RANGE: Ints = np.array([dof_range(j.name) for j in JOINTS], np.int32)
+_ALL_JOINTS: Ints = np.arange(N_JOINTS, dtype=np.int32)
 SEGMENT_JOINTS: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()], np.int32)
 """(16,) the joint that carries each segment."""
 
@@ -34,12 +34,12 @@ SEGMENT_JOINTS: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()]
 def moving_joints(dofs: tuple[int, ...], segments: tuple[int, ...]) -> Ints:
     """The joints, parents first, that parameters move and that carry segments or lead to ones that do."""
     moved, leading = set[int](), set[int]()
-    for j in range(_N_JOINTS):
-        first, last = _DOF_RANGE[j]
-        if _PARENT[j] in moved or any(first <= d < last for d in dofs):
+    for j in range(N_JOINTS):
+        first, last = DOF_RANGE[j]
+        if PARENT[j] in moved or any(first <= d < last for d in dofs):
             moved.add(j)
-    for j in reversed(range(_N_JOINTS)):
-        if j in SEGMENT_JOINTS[list(segments)] or j in {_PARENT[k] for k in leading}:
+    for j in reversed(range(N_JOINTS)):
+        if j in SEGMENT_JOINTS[list(segments)] or j in {PARENT[k] for k in leading}:
             leading.add(j)
     return np.array(sorted(moved & leading), np.int32)
 
@@ -59,7 +59,7 @@ def joint_transforms(poses: Floats, offsets_m: Floats) -> Floats:
     poses = np.array(poses, np.float64, order="C")
     if poses.ndim != 2 or poses.shape[1] != N_DOF:
         raise ValueError(f"poses: expected shape (N, {N_DOF}), got {poses.shape}")
-    T_world_joint = np.empty((len(poses), _N_JOINTS, 4, 4))
+    T_world_joint = np.empty((len(poses), N_JOINTS, 4, 4))
     _joint_transforms(poses, offsets_m, _ALL_JOINTS, T_world_joint)
     return T_world_joint
 
@@ -75,7 +75,7 @@ def joint_positions(poses: Floats, offsets_m: Floats) -> Floats:
 
 
 @numba.njit(cache=True, nogil=True)
-def _rotation(x: float, y: float, z: float, R: Floats) -> None:
+def rotation_of(x: float, y: float, z: float, R: Floats) -> None:
     """Rodrigues' formula: R (3, 3) of a rotation vector."""
     angle = np.sqrt(x * x + y * y + z * z)
     if angle < 1e-9:
@@ -98,17 +98,17 @@ def _multiply(A: Floats, B: Floats, out: Floats) -> None:
 @numba.njit(cache=True, nogil=True)
 def _local_rotation(pose: Floats, joint: int, R: Floats, turn: Floats, product: Floats) -> None:
     """A joint's rotation R (3, 3) against its parent; turn and product (3, 3) are scratch."""
-    first, last = _DOF_RANGE[joint]
+    first, last = DOF_RANGE[joint]
     swing = np.zeros(3)
     for d in range(first, last):
-        if _DOF_ROLE[d] == _SWING:
+        if DOF_ROLE[d] == SWING:
             for i in range(3):
-                swing[i] += pose[d] * _DOF_AXIS[d, i]
-    _rotation(swing[0], swing[1], swing[2], R)
+                swing[i] += pose[d] * DOF_AXIS[d, i]
+    rotation_of(swing[0], swing[1], swing[2], R)
     for d in range(first, last):
-        if _DOF_ROLE[d] == _TURN:
-            x, y, z = _DOF_AXIS[d]
-            _rotation(pose[d] * x, pose[d] * y, pose[d] * z, turn)
+        if DOF_ROLE[d] == TURN:
+            x, y, z = DOF_AXIS[d]
+            rotation_of(pose[d] * x, pose[d] * y, pose[d] * z, turn)
             _multiply(R, turn, product)
             R[:] = product
 
@@ -124,12 +124,12 @@ def place_joints(pose: Floats, offsets_m: Floats, joints: Ints, T_world_joint: F
         T = T_world_joint[j]
         T[3, 0], T[3, 1], T[3, 2], T[3, 3] = 0.0, 0.0, 0.0, 1.0
         _local_rotation(pose, j, R_parent_joint, turn, product)
-        if _PARENT[j] < 0:
+        if PARENT[j] < 0:
             T[:3, :3] = R_parent_joint
             for i in range(3):
                 T[i, 3] = offsets_m[j, i] + pose[i]
             continue
-        T_parent = T_world_joint[_PARENT[j]]
+        T_parent = T_world_joint[PARENT[j]]
         _multiply(T_parent, R_parent_joint, T)
         for i in range(3):
             T[i, 3] = (

@@ -8,19 +8,22 @@ where two thighs come out of one pelvis, each takes on something of the other, s
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 from scipy.special import comb
 
-from services.mocap.body.shape import generic_segments
+from services.mocap.body.bones import smoothstep
+from services.mocap.body.shape import SegmentMesh, generic_segments
 from services.mocap.body.skeleton import SEGMENT_INDEX
 from services.mocap.types import Floats, Ints
 
 FACTOR_RANGE = (0.3, 3.0)
 """Factors that an actor may have; people lie well within."""
 MOST_CONTROLS = 6
+_FORMS_KEPT = 128
+"""Forms of segments of which is remembered how profiles act on them."""
 
 
 class Profile(BaseModel):
@@ -107,36 +110,41 @@ def bezier_weights(positions: Floats, n_controls: int) -> Floats:
     return weights
 
 
-def factors_along(segment: str, extent: str, profiles: dict[str, Profile]) -> Floats | float:
+def factors_along(
+    segment: str, extent: str, profiles: dict[str, Profile], form: SegmentMesh | None = None
+) -> Floats | float:
     """Factor of every vertex (V,) of a segment (without its side), or 1 where no profile touches it.
 
-    extent: "width" or "depth". All are exactly 1 where all controls are.
+    extent: "width" or "depth". form: the segment on the left, the generic one by default. All factors are
+    exactly 1 where all controls are.
     """
+    form = form or _generic(segment)
     own = _controls(segment, extent, profiles)
-    factors: Floats | float = 1.0 if own is None else _blend(segment, own)
+    factors: Floats | float = 1.0 if own is None else _blend(_weights(form, segment, len(own)), own)
     for neighbour, at, end in ((_CONTINUED.get(segment), 0, -1), (_CONTINUES.get(segment), 1, 0)):
         controls = None if neighbour is None else _controls(neighbour, extent, profiles)
         if controls is not None:
-            beyond, weights = _beyond(segment, at, len(controls))
-            factors = np.broadcast_to(factors, (len(_positions(segment)),)).copy()
+            beyond, weights = _beyond(form, segment, at, len(controls))
+            factors = np.broadcast_to(factors, (len(form.vertices_heights),)).copy()
             factors[beyond] *= (1.0 + weights @ (controls - 1.0)) / controls[end]
     if (segment, extent) == ("pelvis", "depth"):
-        return factors * _into_thighs(profiles)
-    return factors * _haunches(profiles) if (segment, extent) == ("thigh", "width") else factors
+        return factors * _into_thighs(form, profiles)
+    return factors * _haunches(form, profiles) if (segment, extent) == ("thigh", "width") else factors
 
 
-def _into_thighs(profiles: dict[str, Profile]) -> Floats:
+def _into_thighs(form: SegmentMesh, profiles: dict[str, Profile]) -> Floats:
     """What to multiply the pelvis' depths by, so that thighs of another depth come out without a step."""
     pelvis, thigh = (_nearest_factor(segment, "depth", profiles) for segment in ("pelvis", "thigh"))
-    share = smoothstep(_positions("pelvis") / _CROTCH_POSITION)
+    share = smoothstep(_positions(form, "pelvis") / _CROTCH_POSITION)
     depths: Floats = 1.0 + share * (thigh / pelvis - 1.0)
     return depths
 
 
-def _haunches(profiles: dict[str, Profile]) -> Floats:
+def _haunches(form: SegmentMesh, profiles: dict[str, Profile]) -> Floats:
     """What to multiply the thigh's widths by, so that its outer side goes on in the pelvis' outline."""
     pelvis, thigh = (_nearest_factor(segment, "width", profiles) for segment in ("pelvis", "thigh"))
-    share = smoothstep(1.0 - _positions("thigh") / _HAUNCH_POSITION) * _is_outer_thigh()
+    outer = form.vertices_heights[:, 1] > 0.0  # of the hip joint
+    share = smoothstep(1.0 - _positions(form, "thigh") / _HAUNCH_POSITION) * outer
     widths: Floats = 1.0 + share * (pelvis**_HAUNCH_POWER / thigh - 1.0)
     return widths
 
@@ -147,54 +155,40 @@ def _nearest_factor(segment: str, extent: str, profiles: dict[str, Profile]) -> 
     return 1.0 if controls is None else float(controls[0])
 
 
-@cache
-def _is_outer_thigh() -> Floats:
-    """(V,) 1 for the vertices on the outer side of the hip joint, 0 for the others."""
-    outer: Floats = (_vertices_heights("thigh")[:, 1] > 0.0).astype(np.float64)
-    return outer
-
-
-def smoothstep(t: Floats) -> Floats:
-    """0 below 0, 1 above 1, and smoothly from one to the other between."""
-    within: Floats = np.clip(t, 0.0, 1.0)
-    return within * within * (3.0 - 2.0 * within)
-
-
 def _controls(segment: str, extent: str, profiles: dict[str, Profile]) -> Floats | None:
     return np.array(getattr(profiles[segment], extent)) if segment in profiles else None
 
 
-def _blend(segment: str, controls: Floats) -> Floats:
+def _blend(weights: Floats, controls: Floats) -> Floats:
     # Differences from 1, so that rounding leaves the generic body as it is.
-    factors: Floats = 1.0 + _weights(segment, len(controls)) @ (controls - 1.0)
+    factors: Floats = 1.0 + weights @ (controls - 1.0)
     return factors
 
 
-def _vertices_heights(segment: str) -> Floats:
-    """(V, 3) of the generic segment, on the left where there are two."""
-    index = SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]
-    return generic_segments()[index].vertices_heights
+def _generic(segment: str) -> SegmentMesh:
+    """The generic segment, on the left where there are two."""
+    return generic_segments()[SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]]
 
 
-@cache
-def _positions(segment: str) -> Floats:
+@lru_cache(_FORMS_KEPT)
+def _positions(form: SegmentMesh, segment: str) -> Floats:
     """(V,) where along the bone the vertices lie: 0 at its first control point, 1 at its last."""
     section = SECTIONS[segment]
-    along = _vertices_heights(segment)[:, "xyz".index(section.axes[0])]
+    along = form.vertices_heights[:, "xyz".index(section.axes[0])]
     positions: Floats = (along - section.start) / (section.end - section.start)
     return positions
 
 
-@cache
-def _weights(segment: str, n_controls: int) -> Floats:
-    return bezier_weights(_positions(segment), n_controls)
+@lru_cache(_FORMS_KEPT)
+def _weights(form: SegmentMesh, segment: str, n_controls: int) -> Floats:
+    return bezier_weights(_positions(form, segment), n_controls)
 
 
-@cache
-def _beyond(segment: str, at: int, n_controls: int) -> tuple[Ints, Floats]:
+@lru_cache(_FORMS_KEPT)
+def _beyond(form: SegmentMesh, segment: str, at: int, n_controls: int) -> tuple[Ints, Floats]:
     """The vertices beyond an end (0 near, 1 far), and their weights in the neighbour's profile there."""
     neighbour = SECTIONS[(_CONTINUED, _CONTINUES)[at][segment]]
-    section, positions = SECTIONS[segment], _positions(segment)
+    section, positions = SECTIONS[segment], _positions(form, segment)
     beyond = np.flatnonzero(positions > 1.0 if at else positions < 0.0).astype(np.int32)
     length_ratio = (section.end - section.start) / (neighbour.end - neighbour.start)
     across_the_end = (positions[beyond] - at) * length_ratio

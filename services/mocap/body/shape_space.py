@@ -13,7 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from services.mocap.body.actor import BONES, DEFAULT_HEIGHT_M, Actor, Body, build_body
+from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, build_body
+from services.mocap.body.body_mesh import OwnMesh, generic_mesh
+from services.mocap.body.bones import BONES
 from services.mocap.body.profiles import Profile, bezier_weights
 from services.mocap.types import Floats
 
@@ -40,14 +42,14 @@ _BONES = {
     "pelvis": (0.08, 0.65, 1.5),
     "torso": (0.05, 0.70, 1.45),
     "shoulder_width": (0.06, 0.70, 1.45),
-    "neck": (0.10, 0.60, 1.7),
+    "neck": (0.08, 0.60, 1.7),
     "head": (0.05, 0.70, 1.6),
     "upper_arm": (0.05, 0.70, 1.45),
-    "forearm": (0.05, 0.70, 1.45),
-    "hand": (0.06, 0.70, 1.5),
+    "forearm": (0.045, 0.70, 1.45),
+    "hand": (0.045, 0.70, 1.5),
     "thigh": (0.05, 0.70, 1.45),
     "shank": (0.05, 0.70, 1.45),
-    "foot": (0.06, 0.70, 1.5),
+    "foot": (0.045, 0.70, 1.5),
 }
 _PROFILES = {
     "trunk_width_hip": (0.10, 0.6, 1.7),
@@ -163,31 +165,38 @@ def clip_to_bounds(x: Floats) -> Floats:
     return np.clip(x, LOWER, UPPER)
 
 
-def actor_of(x: Floats) -> Actor:
-    """The actor of a shape vector (len(PARAMETERS),) within the bounds."""
+def actor_of(x: Floats, mesh: OwnMesh | None = None) -> Actor:
+    """The actor of a shape vector (len(PARAMETERS),) within the bounds.
+
+    mesh: whose factors the shape holds, where that is not the generic body.
+    """
     factors = dict(zip(INDEX, np.exp(x).tolist(), strict=True))
+    lengths_heights = (mesh or generic_mesh()).lengths_heights
     height_m = DEFAULT_HEIGHT_M * factors["height"]
     return Actor(
         height=height_m,
-        bone_lengths={name: bone.length_heights * height_m * factors[name] for name, bone in BONES.items()},
+        bone_lengths={name: lengths_heights[name] * height_m * factors[name] for name in BONES},
         profiles={
             segment: Profile(
                 width=tuple(factors[name] for name in width), depth=tuple(factors[name] for name in depth)
             )
             for segment, (width, depth) in _CONTROLS.items()
         },
+        mesh=mesh,
     )
 
 
 def vector_of(actor: Actor) -> Floats:
     """The shape vector (len(PARAMETERS),) of an actor, or the nearest to it that the space holds.
 
-    Profiles with other numbers of controls are approximated; controls that the space shares are averaged.
+    Zero is the actor's own mesh, where there is one. Profiles with other numbers of controls are
+    approximated; controls that the space shares are averaged.
     """
+    lengths_heights = (actor.mesh or generic_mesh()).lengths_heights
     votes: dict[str, list[float]] = {name: [] for name in INDEX}
     votes["height"].append(actor.height / DEFAULT_HEIGHT_M)
     for name, length_m in actor.bone_lengths.items():
-        votes[name].append(length_m / (BONES[name].length_heights * actor.height))
+        votes[name].append(length_m / (lengths_heights[name] * actor.height))
     for segment, profile in actor.profiles.items():
         for names, factors in zip(_CONTROLS[segment], (profile.width, profile.depth), strict=True):
             for name, factor in zip(names, _resampled(np.array(factors), len(names)), strict=True):
@@ -205,19 +214,19 @@ def _resampled(controls: Floats, n_controls: int) -> Floats:
     return np.clip(np.asarray(nearest, np.float64), controls.min(), controls.max())
 
 
-def with_true_height(x: Floats) -> Floats:
+def with_true_height(x: Floats, mesh: OwnMesh | None = None) -> Floats:
     """The shape vector of the same body, to a millimetre or two, whose height is how tall it stands.
 
     A fit may find a tall actor with short bones and slim profiles; what is written for people to read should
     name the height that a measuring rod shows. Within the bounds.
     """
-    body = body_of(x)
+    body = body_of(x, mesh)
     return clip_to_bounds(x + np.log(body.standing_height_m / body.height_m) * _RESTATED)
 
 
-def body_of(x: Floats) -> Body:
+def body_of(x: Floats, mesh: OwnMesh | None = None) -> Body:
     """The body of a shape vector (len(PARAMETERS),)."""
-    return build_body(actor_of(x))
+    return build_body(actor_of(x, mesh))
 
 
 def vertices_of(x: Floats) -> list[Floats]:

@@ -1,10 +1,12 @@
 """actor.toml: the fitted actor in a take folder, and how one is put there."""
 
+import hashlib
 import os
 from pathlib import Path
 
 from services.mocap.atomic import atomic_file
-from services.mocap.body.actor import Actor
+from services.mocap.body.actor import MESH_FILE, Actor, MeshName
+from services.mocap.body.body_mesh import MeshContentError, OwnMesh
 from services.mocap.body.profiles import Profile
 from services.mocap.errors import TakeError, UserError, load_toml, validated
 from services.mocap.take import layout
@@ -23,7 +25,31 @@ def take_actor(take: Take) -> Actor | None:
 
 def read_actor(path: Path) -> Actor:
     """The actor of a file; raises TakeError where it is missing or cannot be used."""
-    return validated(Actor, load_toml(path, TakeError), f"{path}: ", TakeError)
+    tables = load_toml(path, TakeError)
+    if "mesh" in tables:
+        tables["mesh"] = _read_mesh(path, tables["mesh"])
+    return validated(Actor, tables, f"{path}: ", TakeError)
+
+
+def _read_mesh(actor_toml: Path, named: object) -> OwnMesh:
+    """The own mesh that lies beside an actor.toml, which names it."""
+    if not isinstance(named, dict):
+        raise TakeError(f"{actor_toml}: mesh: expected a table with file and sha256")
+    name = validated(MeshName, named, f"{actor_toml}: mesh.", TakeError)
+    path = actor_toml.with_name(name.file)
+    try:
+        content = path.read_bytes()
+        if hashlib.sha256(content).hexdigest() != name.sha256:
+            raise TakeError(
+                f"{path}: is not the mesh that {actor_toml.name} names: put that back or run fit --mesh anew"
+            )
+        return OwnMesh.from_bytes(content)
+    except OSError:
+        raise TakeError(
+            f"{path}: is missing: expected the mesh that {actor_toml.name} names: put it back or fit anew"
+        ) from None
+    except MeshContentError as error:
+        raise TakeError(f"{path}: {error}: run xormocap fit --mesh anew") from None
 
 
 def rounded(actor: Actor) -> Actor:
@@ -38,15 +64,20 @@ def rounded(actor: Actor) -> Actor:
             )
             for name, profile in actor.profiles.items()
         },
+        mesh=actor.mesh,
     )
 
 
 def write_actor(path: Path, actor: Actor, origin: str) -> None:
-    """Write a fitted actor, whole or not at all; origin: what it was fitted to, in words."""
+    """Write a fitted actor, whole or not at all, after its mesh; origin: what it was fitted to, in words."""
+    if actor.mesh is not None:
+        with atomic_file(path.with_name(MESH_FILE)) as part:
+            part.write_bytes(actor.mesh.content)
+    measured_by = "the generic body" if actor.mesh is None else MESH_FILE
     head = (
         f"# The actor, fitted by xormocap to {origin}.",
         "# height and bone_lengths: metres. profiles: width and depth of each segment, from its near to its",
-        "# far end, as factors on those of the generic body of this height.",
+        f"# far end, as factors on those of {measured_by} at this height.",
         "# The hash is that of the numbers: as long as it is right, xormocap fit may replace this file.",
         f"{_HASH}{actor.content_hash}",
     )

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.mocap.body.actor import BONES, Actor, build_body
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.bones import BONES
 from services.mocap.body.profiles import (
     FACTOR_RANGE,
     MOST_CONTROLS,

@@ -8,7 +8,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.mocap.body.actor import BONES, DEFAULT_HEIGHT_M, Actor, build_body
+from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, build_body
+from services.mocap.body.bones import BONES
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.profiles import SECTIONS, Profile
 from services.mocap.body.shape import generic_segments

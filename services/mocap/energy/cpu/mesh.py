@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
+from services.mocap.body.surface import Level, closed_edges
 from services.mocap.energy.cpu.arrays import Indices, Singles
-from services.mocap.energy.detail.surface import Level, closed_edges
 from services.mocap.types import Floats, Ints
 
 BLOCK = 32

@@ -62,7 +62,7 @@ def draw(
     extent[0], extent[1] = height_px, 0
     for s in segments:
         T_world_segment = T_world_joint[SEGMENT_JOINTS[s]]
-        _compose(P_px_world, T_world_segment, M)
+        compose(P_px_world, T_world_segment, M)
         seen_as = look(T_world_segment, M, lens, spheres_m[s], width_px, height_px, eye)
         if seen_as == HIDDEN:
             continue
@@ -98,7 +98,7 @@ def _coarsest(errors_m: Floats, s: int, allowed_m: float) -> int:
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _compose(P: Floats, T: Floats, M: Floats) -> None:
+def compose(P: Floats, T: Floats, M: Floats) -> None:
     """Write the product of P (3, 4) and T (4, 4) into M (3, 4)."""
     for i in range(3):
         for j in range(4):

@@ -13,7 +13,7 @@ import numpy as np
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import Body
 from services.mocap.body.skeleton import SEGMENT_NAMES
-from services.mocap.energy.detail.surface import Level
+from services.mocap.body.surface import Level
 from services.mocap.energy.detail.thinning import ERRORS_M, thinned_levels
 from services.mocap.errors import UserError
 

@@ -12,10 +12,10 @@ from threading import Lock
 import fast_simplification
 import numpy as np
 
+from services.mocap.body.surface import FEWEST_FACES, Level, is_closed
 from services.mocap.energy.detail.area import keep_area, normals_and_area
 from services.mocap.energy.detail.bound import farthest_bound
 from services.mocap.energy.detail.distance import Tree, farthest_point, tree_of
-from services.mocap.energy.detail.surface import FEWEST_FACES, Level, is_closed
 from services.mocap.types import Floats, Ints
 
 ERRORS_M = (0.0015, 0.003, 0.006, 0.012)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
+from services.mocap.body.surface import closed_edges
 from services.mocap.energy.cpu.mesh import sphere_of
-from services.mocap.energy.detail.surface import closed_edges
 from services.mocap.energy.gl.device import GROUP, MAX_GROUPS, GlDevice, GlUnavailableError
 
 _VERTEX_BYTES, _EDGE_BYTES = 3 * 8, 4 * 4

@@ -1,0 +1,176 @@
+"""What an actor's body is made from: 16 closed meshes about a skeleton, the generic body's or a user's own.
+
+Whatever its own proportions, a mesh is kept stretched to the generic bones, so that one set of rules shapes
+them all; how long its bones are stands beside it. An own mesh is named by the SHA-256 of its file.
+"""
+
+import hashlib
+import io
+import zipfile
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.mocap.body.bones import BONES
+from services.mocap.body.shape import SegmentMesh, generic_segments
+from services.mocap.body.skeleton import JOINTS, SEGMENT_NAMES
+from services.mocap.body.surface import is_closed
+from services.mocap.types import Floats, Ints
+
+_FORMAT = 1
+_MOST_BYTES = 48 * 1024 * 1024
+_RATIO_RANGE = (0.2, 5.0)
+"""Lengths of bones over the generic ones, and the size of everything in body heights, that are believed."""
+_MIRROR = np.array([1.0, -1.0, 1.0])
+
+
+class MeshContentError(ValueError):
+    """Bytes that are no mesh of a body; the text says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMesh:
+    """The surface of a body one height tall, in the rest pose."""
+
+    segments: tuple[SegmentMesh, ...]
+    """In the order of SEGMENT_NAMES, stretched to the generic bones; only the width of the trunk, and what
+    bones do not stretch, is the mesh's own."""
+    offsets_heights: Floats
+    """(17, 3) each joint relative to its parent, likewise."""
+    lengths_heights: dict[str, float]
+    """How long each bone really is (names: BONES), in body heights."""
+
+    @cached_property
+    def faces(self) -> tuple[Ints, ...]:
+        """Per segment (F, 3)."""
+        return tuple(segment.faces for segment in self.segments)
+
+    @cached_property
+    def left_forms(self) -> tuple[SegmentMesh, ...]:
+        """Every segment as if it were on the left; the left one itself where both sides are alike."""
+        left = {segment.name: segment for segment in self.segments}
+        forms = []
+        for segment in self.segments:
+            twin = left.get(segment.name.replace("right_", "left_", 1), segment)
+            mirrored = segment if twin is segment else _mirrored(segment, twin.name)
+            alike = np.array_equal(mirrored.vertices_heights, twin.vertices_heights)
+            forms.append(twin if alike else mirrored)
+        return tuple(forms)
+
+
+def _mirrored(segment: SegmentMesh, name: str) -> SegmentMesh:
+    return SegmentMesh(name, segment.vertices_heights * _MIRROR, segment.faces[:, ::-1])
+
+
+@cache
+def generic_mesh() -> BodyMesh:
+    """The mesh of a neutral adult."""
+    offsets_heights = np.array([joint.offset_heights for joint in JOINTS])
+    lengths_heights = {name: bone.length_heights for name, bone in BONES.items()}
+    return BodyMesh(generic_segments(), offsets_heights, lengths_heights)
+
+
+@dataclass(frozen=True, eq=False)
+class OwnMesh(BodyMesh):
+    """A user's mesh; two with the same content are the same."""
+
+    content: bytes
+    """The file that holds it."""
+
+    @cached_property
+    def content_hash(self) -> str:
+        """SHA-256 of the file, which names the mesh in actor.toml and on the wire."""
+        return hashlib.sha256(self.content).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, OwnMesh) and other.content == self.content
+
+    def __hash__(self) -> int:
+        return hash(self.content)
+
+    @classmethod
+    def of(cls, mesh: BodyMesh) -> "OwnMesh":
+        """Give a mesh the file that holds it."""
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer,
+            format=np.array(_FORMAT, np.int32),
+            offsets_heights=mesh.offsets_heights,
+            lengths_heights=np.array([mesh.lengths_heights[name] for name in BONES]),
+            n_vertices=np.array([len(s.vertices_heights) for s in mesh.segments], np.int32),
+            n_faces=np.array([len(s.faces) for s in mesh.segments], np.int32),
+            vertices_heights=np.concatenate([s.vertices_heights for s in mesh.segments]).astype(np.float32),
+            faces=np.concatenate([s.faces for s in mesh.segments]).astype(np.int32),
+        )
+        return cls.from_bytes(buffer.getvalue())
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> "OwnMesh":
+        """Read the file; raises MeshContentError where it is not one."""
+        arrays = _arrays(content)
+        offsets_heights, lengths = arrays["offsets_heights"].astype(np.float64), arrays["lengths_heights"]
+        vertices = np.split(arrays["vertices_heights"], np.cumsum(arrays["n_vertices"])[:-1])
+        faces = np.split(arrays["faces"], np.cumsum(arrays["n_faces"])[:-1])
+        segments = [
+            _segment(name, v.astype(np.float64), f.astype(np.int32))
+            for name, v, f in zip(SEGMENT_NAMES, vertices, faces, strict=True)
+        ]
+        lengths_heights = dict(zip(BONES, lengths.tolist(), strict=True))
+        for name, length in lengths_heights.items():
+            low, high = (factor * BONES[name].length_heights for factor in _RATIO_RANGE)
+            if not low <= length <= high:
+                raise MeshContentError(f"its bone {name} is {length:.3f} body heights long")
+        return cls(tuple(segments), offsets_heights, lengths_heights, content)
+
+
+_SHAPES: dict[str, tuple[str, tuple[int, ...]]] = {
+    "format": ("i4", ()),
+    "offsets_heights": ("f8", (len(JOINTS), 3)),
+    "lengths_heights": ("f8", (len(BONES),)),
+    "n_vertices": ("i4", (len(SEGMENT_NAMES),)),
+    "n_faces": ("i4", (len(SEGMENT_NAMES),)),
+    "vertices_heights": ("f4", (-1, 3)),
+    "faces": ("i4", (-1, 3)),
+}
+"""The arrays of the file: type and shape, -1 for any number."""
+
+
+def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
+    """The arrays of a file, whose types, shapes and sums are right."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > _MOST_BYTES:
+                raise MeshContentError("it is too large")
+        with np.load(io.BytesIO(content), allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in _SHAPES}
+    except (OSError, EOFError, ValueError, LookupError, zipfile.BadZipFile) as error:
+        if isinstance(error, MeshContentError):
+            raise
+        raise MeshContentError("it is not a file that xormocap wrote") from None
+    for name, (dtype, shape) in _SHAPES.items():
+        array = arrays[name]
+        fits = len(array.shape) == len(shape) and all(
+            b in (-1, a) for a, b in zip(array.shape, shape, strict=True)
+        )
+        if array.dtype != np.dtype(dtype).newbyteorder("<") or not fits:
+            raise MeshContentError(f"{name} is not what xormocap writes")
+        if array.dtype.kind == "f" and not np.all(np.abs(array) < _RATIO_RANGE[1]):
+            raise MeshContentError(f"{name} holds a number that cannot be")
+    for counts, rows in (("n_vertices", "vertices_heights"), ("n_faces", "faces")):
+        if arrays[counts].min() < 0 or int(arrays[counts].sum(dtype=np.int64)) != len(arrays[rows]):
+            raise MeshContentError(f"{counts} and {rows} do not go together")
+    if int(arrays["format"]) != _FORMAT:
+        raise MeshContentError("it is of another version of xormocap: import the mesh again")
+    return arrays
+
+
+def _segment(name: str, vertices_heights: Floats, faces: Ints) -> SegmentMesh:
+    if len(faces) == 0 or faces.min() < 0 or faces.max() >= len(vertices_heights):
+        raise MeshContentError(f"the faces of its {name} name vertices that are not there")
+    if not is_closed(faces):
+        raise MeshContentError(f"its {name} is not closed")
+    vertices_heights.flags.writeable = faces.flags.writeable = False
+    return SegmentMesh(name, vertices_heights, faces)

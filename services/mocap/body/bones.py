@@ -1,0 +1,91 @@
+"""The table of bones: lengths that may differ between people, and what each stretches."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body.skeleton import JOINTS
+from services.mocap.types import Floats
+
+
+@dataclass(frozen=True)
+class Bone:
+    """A length that may differ between people, and what it stretches (left and right alike)."""
+
+    length_heights: float
+    """The generic body's length, in body heights."""
+    joints: dict[str, int]
+    """Joint (without its side) -> the axis of its offset from its parent that scales with this bone."""
+    segments: dict[str, str]
+    """Segment (without its side) -> the axes of its mesh that scale with this bone."""
+
+
+BONES: dict[str, Bone] = {
+    "hip_width": Bone(0.105, {"hip": 1}, {}),
+    "pelvis": Bone(0.075, {"waist": 2}, {"pelvis": "z"}),
+    "torso": Bone(0.248, {"neck": 2, "shoulder": 2}, {"torso": "z"}),
+    "shoulder_width": Bone(0.215, {"shoulder": 1}, {}),
+    "neck": Bone(0.058, {"head": 2}, {"neck": "z"}),
+    "head": Bone(0.094, {"head_top": 2}, {"head": "xyz"}),
+    "upper_arm": Bone(0.165, {"elbow": 1}, {"upper_arm": "y"}),
+    "forearm": Bone(0.152, {"wrist": 1}, {"forearm": "y"}),
+    "hand": Bone(0.108, {}, {"hand": "xyz"}),
+    "thigh": Bone(0.243, {"knee": 2}, {"thigh": "z"}),
+    "shank": Bone(0.242, {"ankle": 2}, {"shank": "z"}),
+    "foot": Bone(0.152, {}, {"foot": "xy"}),
+}
+"""The trunk's mesh widens too: at the shoulders and above with shoulder_width, at the hips and below by as
+much as the hip joints move, and smoothly from one to the other between."""
+
+_SHOULDERS = 0.280
+"""Height of the shoulder joints over the hips', in body heights."""
+_HIPS_SHARE = 0.536
+"""Share of the trunk's width at the hips that lies between the hip joints."""
+_TRUNK_OFFSETS = {"pelvis": 0.0, "torso": 0.075}
+"""The trunk's segments, and the height of their joints over the hips', in body heights."""
+
+
+def scales_across(segment: str, ratios: dict[str, float]) -> Floats:
+    """(3,) by how much a segment (without its side) is stretched along its frame's axes.
+
+    ratios: bone -> its length over the generic one; those left out are 1.
+    """
+    scales = np.ones(3)
+    for name, ratio in ratios.items():
+        for axis in BONES[name].segments.get(segment, ""):
+            scales["xyz".index(axis)] *= ratio
+    return scales
+
+
+def stretched_offsets(offsets: Floats, ratios: dict[str, float]) -> Floats:
+    """(17, 3) joints relative to their parents, stretched along the bones by ratios."""
+    stretched = offsets.copy()
+    for j, joint in enumerate(JOINTS):
+        for name, ratio in ratios.items():
+            if bare(joint.name) in BONES[name].joints:
+                stretched[j, BONES[name].joints[bare(joint.name)]] *= ratio
+    return stretched
+
+
+def trunk_widening(segment: str, z_heights: Floats, ratios: dict[str, float]) -> Floats | float:
+    """(V,) by how much the trunk is wider at heights (V,), in body heights in the segment's frame.
+
+    1 for other segments.
+    """
+    if segment not in _TRUNK_OFFSETS:
+        return 1.0
+    hips = 1.0 + _HIPS_SHARE * (ratios.get("hip_width", 1.0) - 1.0)
+    share = smoothstep((z_heights + _TRUNK_OFFSETS[segment]) / _SHOULDERS)
+    widening: Floats = hips + (ratios.get("shoulder_width", 1.0) - hips) * share
+    return widening
+
+
+def smoothstep(t: Floats) -> Floats:
+    """0 below 0, 1 above 1, and smoothly from one to the other between."""
+    within: Floats = np.clip(t, 0.0, 1.0)
+    return within * within * (3.0 - 2.0 * within)
+
+
+def bare(name: str) -> str:
+    """A joint's or segment's name without its side."""
+    return name.removeprefix("left_").removeprefix("right_")

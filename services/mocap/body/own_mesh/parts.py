@@ -1,0 +1,162 @@
+"""A body in 16 parts, each named as one of our segments; joints are where neighbouring parts meet."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+
+from services.mocap.body.humanoid_names import matched_joints
+from services.mocap.body.own_mesh.character import Character, Piece, welded
+from services.mocap.body.own_mesh.gltf import Gltf
+from services.mocap.body.skeleton import SEGMENT_JOINT, SEGMENT_NAMES, SIDES
+from services.mocap.errors import UserError
+from services.mocap.types import Floats, Ints, Mask
+
+_TOUCHING = 0.003
+"""Parts touch where they are nearer than this, in heights of the body, or as near as they come and this."""
+_FARTHEST = 0.06
+"""Parts that are nowhere nearer than this are not of one body."""
+_MEETINGS: dict[str, tuple[str, str]] = {
+    "neck": ("torso", "neck"),
+    "head": ("neck", "head"),
+    **{
+        f"{side}_{joint}": (near if near in ("torso", "pelvis") else f"{side}_{near}", f"{side}_{far}")
+        for side in SIDES
+        for joint, near, far in (
+            ("shoulder", "torso", "upper_arm"),
+            ("elbow", "upper_arm", "forearm"),
+            ("wrist", "forearm", "hand"),
+            ("hip", "pelvis", "thigh"),
+            ("knee", "thigh", "shank"),
+            ("ankle", "shank", "foot"),
+        )
+    },
+}
+"""Joint -> the parts that meet there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A named part of a file."""
+
+    name: str
+    vertices: Floats
+    """(V, 3)"""
+    faces: Ints
+    """(F, 3)"""
+    pivot: Floats | None = None
+    """(3,) what it turns about, where the file says so."""
+
+
+def load_parts(path: Path) -> list[Part]:
+    """The objects or groups of an .obj file, or the one nameless part of a .ply file."""
+    try:
+        if path.suffix.lower() == ".obj":
+            return _parts_of_obj(path.read_text(encoding="utf-8", errors="replace"))
+        mesh = trimesh.load_mesh(path, process=False)
+        return [Part("", np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32))]
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}): expected a mesh") from None
+    except Exception:  # trimesh's readers raise whatever a broken file makes them run into
+        raise UserError(f"{path}: is damaged or not a mesh: export it again, best as .glb") from None
+
+
+def _parts_of_obj(text: str) -> list[Part]:
+    """By object where there are several, else by group; trimesh names neither."""
+    parts: dict[str, list[str]] = {}
+    lines = [line for line in text.splitlines() if line[:2] in ("v ", "f ", "o ", "g ")]
+    key = "o" if len({line for line in lines if line[0] == "o"}) > 1 else "g"
+    vertices = [line for line in lines if line[0] == "v"]
+    name = ""
+    for line in lines:
+        if line[0] == key:
+            name = line[2:].strip()
+        elif line[0] == "f":
+            parts.setdefault(name, []).append(line)
+    # A header of all vertices before each part's faces keeps their numbers right, even counted backwards.
+    return [_part(name, "\n".join([*vertices, *faces])) for name, faces in parts.items()]
+
+
+def _part(name: str, text: str) -> Part:
+    mesh = trimesh.load_mesh(trimesh.util.wrap_as_stream(text), file_type="obj", process=False)
+    return Part(name, np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32))
+
+
+def parts_of_gltf(gltf: Gltf) -> list[Part]:
+    """Every node's mesh in the scene; one whose nodes stand all in one place says nothing of pivots."""
+    parts = []
+    for node in gltf.nodes:
+        for primitive in gltf.meshes[node.mesh] if node.mesh is not None else ():
+            name = node.name if matched_joints([node.name]) else gltf.mesh_names[node.mesh or 0]
+            T = node.T_world_node
+            faces = primitive.faces if np.linalg.det(T[:3, :3]) > 0 else primitive.faces[:, ::-1]
+            parts.append(Part(name, primitive.vertices @ T[:3, :3].T + T[:3, 3], faces, T[:3, 3]))
+    pivots = {tuple(np.round(part.pivot, 6)) for part in parts if part.pivot is not None}
+    if len(pivots) < len(SEGMENT_NAMES):
+        return [Part(part.name, part.vertices, part.faces) for part in parts]
+    return parts
+
+
+def character_of_parts(path: Path, parts: list[Part]) -> Character:
+    """The character of named parts; raises UserError where one is missing."""
+    by_segment = _by_segment(path, parts)
+    height = float(np.ptp(np.concatenate([p.vertices for p in by_segment.values()]), axis=0).max())
+    joints = {joint: _joint(path, joint, by_segment, height) for joint in _MEETINGS}
+    pieces = {}
+    for segment, part in by_segment.items():
+        vertices, faces, _ = welded(part.vertices, part.faces)
+        pieces[segment] = Piece(vertices, faces, np.zeros(len(vertices), bool))
+    return Character(joints, pieces)
+
+
+def _by_segment(path: Path, parts: list[Part]) -> dict[str, Part]:
+    """Parts of one name, such as one per material, are one."""
+    names = list(dict.fromkeys(part.name for part in parts if len(part.faces)))
+    named = matched_joints(names)
+    if len(named) < len(SEGMENT_NAMES) // 4:
+        raise UserError(
+            f"{path}: has neither bones nor parts with human names: expected a skinned character (.glb) with "
+            f"bones such as LeftArm, or 16 objects or groups named {', '.join(SEGMENT_NAMES)}"
+        )
+    missing = [segment for segment in SEGMENT_NAMES if SEGMENT_JOINT[segment] not in named]
+    if missing:
+        raise UserError(f"{path}: has no part named {', '.join(missing)}: expected all 16 segments of a body")
+    found = {}
+    for segment in SEGMENT_NAMES:
+        own = [part for part in parts if part.name == named[SEGMENT_JOINT[segment]]]
+        starts = np.cumsum([0, *(len(part.vertices) for part in own)])
+        faces = [part.faces + np.int32(start) for part, start in zip(own, starts[:-1], strict=True)]
+        vertices = np.concatenate([part.vertices for part in own])
+        found[segment] = Part(segment, vertices, np.concatenate(faces), own[0].pivot)
+    return found
+
+
+def _joint(path: Path, joint: str, parts: dict[str, Part], height: float) -> Floats:
+    """Where two parts touch: the middle of what they have near each other."""
+    near, far = (parts[name] for name in _MEETINGS[joint])
+    if far.pivot is not None:
+        return far.pivot
+    one, other = (trimesh.Trimesh(*welded(p.vertices, p.faces)[:2], process=False) for p in (near, far))
+    (one_off, one_inside), (other_off, other_inside) = _off(one, other), _off(other, one)
+    least = float(other_off.min())
+    if least > _FARTHEST * height:
+        names = " and ".join(_MEETINGS[joint])
+        raise UserError(f"{path}: {names} do not touch: expected parts that are in place, as of one body")
+    reach = least + _TOUCHING * height
+    shared = np.concatenate(
+        [
+            one.vertices[(one_off <= reach) | one_inside],
+            other.vertices[(other_off <= reach) | other_inside],
+        ]
+    )
+    middle: Floats = (shared.min(axis=0) + shared.max(axis=0)) / 2
+    return middle
+
+
+def _off(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> tuple[Floats, Mask]:
+    """(V,) how far a mesh's vertices are off another's, and which of them are inside it, by its normals."""
+    distance, nearest = cKDTree(other.vertices).query(mesh.vertices)
+    towards = mesh.vertices - other.vertices[nearest]
+    return distance, np.einsum("vi,vi->v", towards, other.vertex_normals[nearest]) < 0.0

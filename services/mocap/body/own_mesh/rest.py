@@ -1,0 +1,173 @@
+"""Bringing a character into our skeleton's rest pose, and to the proportions that all meshes are kept in."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from services.mocap.body.body_mesh import BodyMesh
+from services.mocap.body.bones import BONES, bare, scales_across, stretched_offsets, trunk_widening
+from services.mocap.body.own_mesh.character import Character, Piece
+from services.mocap.body.shape import SegmentMesh
+from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_JOINT, SEGMENT_NAMES, SIDES
+from services.mocap.errors import UserError
+from services.mocap.types import Floats
+
+_WAIST_SHARE = BONES["pelvis"].length_heights / (
+    BONES["pelvis"].length_heights + BONES["torso"].length_heights
+)
+"""Where the waist is on the way from the hips to the neck."""
+_HEAD_TOP_FORWARD = 0.010
+_SNAP_COS = np.cos(np.radians(25.0))
+"""An axis of the file that is nearer than this to the body's own is taken for it: people lean a little."""
+_RATIO_RANGE = (0.25, 4.0)
+"""Bones over those of the generic body: what lies beyond is no human, or a bone that is misnamed."""
+
+
+def in_rest_pose(character: Character) -> Character:
+    """The character upright, facing x, in a T pose with straight limbs; the hips' middle is the origin."""
+    R = _into_body_axes(character.joints)
+    at = {name: R @ position for name, position in character.joints.items()}
+    middle = (at["left_hip"] + at["right_hip"]) / 2
+    at = {name: position - middle for name, position in at.items()}
+    turned: dict[str, Floats] = {name: np.eye(3) for name in SEGMENT_NAMES}
+    joints = {name: at[name] for name in ("neck", "head")} | {"pelvis": np.zeros(3)}
+    joints["waist"] = _WAIST_SHARE * at["neck"]
+    pieces = {name: _moved(piece, R, middle) for name, piece in character.pieces.items()}
+    for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
+        for limb, along in ((_ARM, (0.0, sign, 0.0)), (_LEG, (0.0, 0.0, -1.0))):
+            _straighten(side, limb, np.array(along), at, joints, turned)
+        turned[f"{side}_foot"] = _toes_forward(pieces[f"{side}_foot"].vertices - at[f"{side}_ankle"])
+    at |= {"pelvis": joints["pelvis"], "waist": joints["waist"]}
+    placed = {}
+    for name, piece in pieces.items():
+        joint = SEGMENT_JOINT[name]
+        vertices = (piece.vertices - at[joint]) @ turned[name].T + joints[joint]
+        placed[name] = Piece(vertices, piece.faces, piece.cut)
+    return Character(joints, placed)
+
+
+_ARM = (("shoulder", "upper_arm"), ("elbow", "forearm"), ("wrist", "hand"))
+_LEG = (("hip", "thigh"), ("knee", "shank"), ("ankle", "foot"))
+
+
+def _straighten(
+    side: str,
+    limb: tuple[tuple[str, str], ...],
+    along: Floats,
+    at: dict[str, Floats],
+    joints: dict[str, Floats],
+    turned: dict[str, Floats],
+) -> None:
+    """Put a limb's joints in a row along a direction, and turn its segments by the shortest way with them."""
+    R = np.eye(3)
+    joints[f"{side}_{limb[0][0]}"] = at[f"{side}_{limb[0][0]}"]
+    for (joint, segment), (following, _) in pairwise(limb):
+        bone = at[f"{side}_{following}"] - at[f"{side}_{joint}"]
+        R = np.asarray(Rotation.align_vectors(along[None], (R @ bone)[None])[0].as_matrix()) @ R
+        turned[f"{side}_{segment}"] = R
+        joints[f"{side}_{following}"] = joints[f"{side}_{joint}"] + np.linalg.norm(bone) * along
+    turned[f"{side}_{limb[-1][1]}"] = R  # a hand goes on straight; feet get their own
+
+
+def _toes_forward(foot: Floats) -> Floats:
+    """(3, 3) the turn about z, so that it stands as it stood, that makes a foot (V, 3) point forward."""
+    farthest = np.argsort(np.linalg.norm(foot[:, :2], axis=1))[-max(len(foot) // 20, 1) :]
+    toes = foot[farthest, :2].mean(axis=0)
+    return np.asarray(Rotation.from_euler("z", -np.arctan2(toes[1], toes[0])).as_matrix(), np.float64)
+
+
+def _moved(piece: Piece, R: Floats, middle: Floats) -> Piece:
+    return Piece(piece.vertices @ R.T - middle, piece.faces, piece.cut)
+
+
+def _into_body_axes(joints: dict[str, Floats]) -> Floats:
+    """(3, 3) from the file's axes to ours: told by where head, hips, left and right are, whatever is up."""
+    hips = (joints["left_hip"] + joints["right_hip"]) / 2
+    up = _snapped(joints["head"] - hips)
+    across = sum((joints[f"left_{j}"] - joints[f"right_{j}"] for j in ("shoulder", "hip")), np.zeros(3))
+    left = _snapped(across - (across @ up) * up)
+    return np.array([np.cross(left, up), left, up])
+
+
+def _snapped(direction: Floats) -> Floats:
+    """The unit vector of a direction, or the axis next to it."""
+    unit: Floats = direction / max(float(np.linalg.norm(direction)), 1e-12)
+    axis = int(np.abs(unit).argmax())
+    return np.sign(unit[axis]) * np.eye(3)[axis] if abs(unit[axis]) > _SNAP_COS else unit
+
+
+def body_mesh(character: Character, where: str) -> BodyMesh:
+    """The mesh of a character in the rest pose whose pieces are closed; where: the file, for complaints."""
+    pieces, joints = character.pieces, dict(character.joints)
+    bottom = min(float(piece.vertices[:, 2].min()) for piece in pieces.values())
+    top = float(pieces["head"].vertices[:, 2].max())
+    height = top - bottom
+    joints["head_top"] = joints["head"] + (_HEAD_TOP_FORWARD * height, 0.0, 0.0)
+    joints["head_top"][2] = top
+    offsets = np.array(
+        [joints[j.name] - (joints[j.parent] if j.parent else joints["pelvis"]) for j in JOINTS]
+    ) / max(height, 1e-12)
+    offsets = _symmetric(offsets)
+    vertices = {
+        name: (piece.vertices - joints[SEGMENT_JOINT[name]]) / max(height, 1e-12)
+        for name, piece in pieces.items()
+    }
+    lengths = _lengths(offsets, vertices)
+    _check(lengths, where)
+    ratios = {name: length / BONES[name].length_heights for name, length in lengths.items()}
+    inverse = {name: 1.0 / ratio for name, ratio in ratios.items()}
+    segments = []
+    for name in SEGMENT_NAMES:
+        stretched = vertices[name] * scales_across(bare(name), inverse)
+        stretched[:, 1] /= trunk_widening(bare(name), stretched[:, 2], ratios)
+        segments.append(SegmentMesh(name, stretched, pieces[name].faces))
+    return BodyMesh(tuple(segments), stretched_offsets(offsets, inverse), lengths)
+
+
+def _symmetric(offsets: Floats) -> Floats:
+    """(17, 3) with left and right joints the mean of both sides."""
+    both = offsets.copy()
+    for j, joint in enumerate(JOINTS):
+        if joint.name.startswith("left_"):
+            other = JOINT_INDEX[joint.name.replace("left", "right", 1)]
+            both[j] = (offsets[j] + offsets[other] * (1.0, -1.0, 1.0)) / 2
+            both[other] = both[j] * (1.0, -1.0, 1.0)
+    return both
+
+
+def _lengths(offsets: Floats, vertices: dict[str, Floats]) -> dict[str, float]:
+    """How long the bones are, for offsets (17, 3) and segments in their frames."""
+
+    def mean_of_sides(segment: str, length: Callable[[Floats], float]) -> float:
+        return float(np.mean([length(vertices[f"{side}_{segment}"]) for side in SIDES]))
+
+    def offset(joint: str, axis: int) -> float:
+        return float(abs(offsets[JOINT_INDEX[joint], axis]))
+
+    return {
+        "hip_width": 2.0 * offset("left_hip", 1),
+        "pelvis": offset("waist", 2),
+        "torso": offset("neck", 2),
+        "shoulder_width": 2.0 * offset("left_shoulder", 1),
+        "neck": offset("head", 2),
+        "head": offset("head_top", 2),
+        "upper_arm": offset("left_elbow", 1),
+        "forearm": offset("left_wrist", 1),
+        "hand": mean_of_sides("hand", lambda v: float(np.abs(v[:, 1]).max())),
+        "thigh": offset("left_knee", 2),
+        "shank": offset("left_ankle", 2),
+        "foot": mean_of_sides("foot", lambda v: float(np.ptp(v[:, 0]))),
+    }
+
+
+def _check(lengths: dict[str, float], where: str) -> None:
+    low, high = _RATIO_RANGE
+    for name, length in lengths.items():
+        ratio = length / BONES[name].length_heights
+        if not low <= ratio <= high:
+            raise UserError(
+                f"{where}: its {name.replace('_', ' ')} is {ratio:.2f} times as long as a person's of that "
+                "height: expected a whole human body whose parts or bones are named rightly"
+            )
