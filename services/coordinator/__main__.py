@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from proto.auth import Admission
 from proto.streams import DEFAULT_ENDPOINT
 from services.coordinator.session import Plan, Session
 from services.mocap.energy.engine import check_cost, open_engine
@@ -19,11 +20,14 @@ from services.mocap.take.layout import ACTOR
 from services.process import (
     DEFAULT_ENGINE,
     BackendOption,
+    KeysOption,
+    SearchOption,
     SetOption,
     SettingsOption,
     StopRequest,
     ThreadsOption,
     engine_settings,
+    on_hangup,
     run_service,
 )
 
@@ -41,23 +45,28 @@ def main(
     recorders: Annotated[int, typer.Option(min=0, help="Recorders to wait for before the first frame.")] = 0,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
+    preset: SearchOption = "default",
     changes: SetOption = None,
     settings: SettingsOption = None,
     fitted: Annotated[
         Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
     ] = None,
+    keys: KeysOption = None,
 ) -> None:
     """Track a take with the limb workers that are there."""
 
     def serve(stop: StopRequest) -> None:
+        admission = None if keys is None else Admission(keys)
+        if admission is not None:
+            on_hangup(admission.ask_again)
         opened = open_take(take)
         engine_choice = engine_settings(backend, threads)
-        search = search_settings(changes or [], settings, len(opened.cameras))
+        search = search_settings(changes or [], settings, len(opened.cameras), preset)
         check_cost(engine_choice, search.cost)
         plan = _plan(opened, frame_range(frames, opened), search, fitted)
         with open_engine(engine_choice) as engine:
             log.info("%s", engine)
-            session = Session(plan, engine, bind, stop)
+            session = Session(plan, engine, bind, stop, admission)
             session.await_clients(workers, recorders, _CLIENTS_S)
             session.run()
 

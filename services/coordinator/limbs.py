@@ -1,5 +1,6 @@
 """The limbs of a pass given to the workers; what no worker is free for, the coordinator solves itself."""
 
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -7,8 +8,9 @@ import numpy as np
 from proto.messages import MAX_SHARDS, LimbResult, LimbTask
 from services.coordinator.dispatch import Dispatcher
 from services.mocap.search.chains import LIMBS, LimbName
-from services.mocap.search.frame import LimbJob
-from services.mocap.search.solve import Model, Solution, solve_limb
+from services.mocap.search.jobs import LimbJob
+from services.mocap.search.model import Model
+from services.mocap.search.solve import Solution, solve_limb
 
 
 class RemoteLimbs:
@@ -28,7 +30,7 @@ class RemoteLimbs:
         """See LimbPool.start. More workers than limbs share the limbs' grids evenly."""
         self._pump(0.0)
         self._jobs = {job.limb: job for job in jobs}
-        shards = min(max(1, self._dispatcher.n_workers // len(jobs)), MAX_SHARDS)
+        shards = min(max(1, self._dispatcher.n_workers // max(len(jobs), 1)), MAX_SHARDS)
         self._dispatcher.submit([self._task(job, k, shards) for job in jobs for k in range(shards)])
 
     def _task(self, job: LimbJob, shard: int, shards: int) -> LimbTask:
@@ -47,7 +49,7 @@ class RemoteLimbs:
             window=job.window.silhouettes,
         )
 
-    def finish(self) -> Iterator[Solution]:
+    def finish(self) -> Iterator[tuple[LimbName, Solution]]:
         """See LimbPool.finish. Of a limb's shards the one of least energy counts, the first of equals."""
         results: list[LimbResult] = []
         while self._dispatcher.pending:
@@ -62,17 +64,22 @@ class RemoteLimbs:
         for name in self._jobs:
             shards = [result for result in results if result.limb == name]
             evaluations = sum(result.evaluations for result in shards)
-            yield Solution(LIMBS[name].dofs, shards[0].values, shards[0].energy_px, evaluations)
+            seconds = max(result.seconds for result in shards)
+            yield (
+                name,
+                Solution(LIMBS[name].dofs, shards[0].values, shards[0].energy_px, evaluations, seconds),
+            )
 
     def _solve_here(self, task: LimbTask) -> LimbResult:
         job = self._jobs[task.limb]
         shard = (task.shard, task.shards)
+        began_s = time.perf_counter()
         found = solve_limb(self._model, job.limb, job.window, job.pose, job.settings, shard)
         return LimbResult(
             **task.model_dump(include={"take", "frame", "pass_index", "limb", "shard", "shards"}),
             energy_px=found.energy_px,
             evaluations=found.evaluations,
-            seconds=0.0,
+            seconds=time.perf_counter() - began_s,
             backend=self._model.backend.name,
             values=np.asarray(found.values),
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
@@ -14,12 +15,14 @@ from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
-from services.mocap.search.frame import FrameSolution, LimbPool, solve_frame
+from services.mocap.search.found import FrameSolution
+from services.mocap.search.frame import solve_frame
 from services.mocap.search.height import HEIGHT_RANGE_M, fit_height
 from services.mocap.search.hull import Hull, carve
+from services.mocap.search.jobs import LimbPool
+from services.mocap.search.model import Model
 from services.mocap.search.plausibility import FirstLook, look_first
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Bytes, Floats
 
@@ -101,13 +104,15 @@ def first_guess(
     pool: Callable[[Model, Actor], LimbPool],
     engine: Engine,
     settings: SearchSettings,
+    mesh: OwnMesh | None = None,
 ) -> Opening:
     """The first frame's pose, with the actor or else with the generic body, from its hull and its picture.
 
-    That body is as tall as take.toml says, or else as the visual hull is. Other arguments as solve_opening's.
+    That body is as tall as take.toml says, or else as the visual hull is; a mesh takes the place of it. Other
+    arguments as solve_opening's.
     Raises TakeError where nobody can be so tall.
     """
-    actor = actor or Actor(height=round(hints.actor_height or _plausible_height_m(hull), 3))
+    actor = actor or Actor(height=round(hints.actor_height or _plausible_height_m(hull), 3), mesh=mesh)
     if not _LOWEST_HULL <= hull.height_m / actor.height <= _HIGHEST_HULL:
         log.warning(
             "the visual hull of the first frame is %.2f m high for an actor of %.2f m: check the scale "

@@ -7,18 +7,19 @@ from typing import Literal
 
 import numpy as np
 
+from proto.auth import Admission
 from proto.messages import Blob, Credit, Pose, Silhouettes, TakeEnd, TakeInfo
 from services.coordinator.assembly import FrameAssembler
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.opening import Opening, solve_opening
 from services.coordinator.switchboard import Switchboard
+from services.coordinator.tracker import Tracker
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
-from services.mocap.energy.picture import Picture
-from services.mocap.search.frame import FrameSolution, extrapolated, solve_frame
+from services.mocap.search.found import FrameSolution
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Bytes, Floats
@@ -51,12 +52,19 @@ class Plan:
 class Session:
     """Tracks one take; sockets belong to the switchboard, the energy to the engine."""
 
-    def __init__(self, plan: Plan, engine: Engine, endpoint: str, stop: StopRequest) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        engine: Engine,
+        endpoint: str,
+        stop: StopRequest,
+        admission: Admission | None = None,
+    ) -> None:
         self._plan, self._engine, self._stop = plan, engine, stop
         self._name = plan.take.settings.name
         self._rig = Rig.of(plan.take.cameras)
         self._assembler = FrameAssembler(self._name, self._rig, plan.frames.start, plan.frames.stop)
-        self._board = Switchboard(endpoint, self._take_in)
+        self._board = Switchboard(endpoint, self._take_in, admission)
         self._published_s = time.perf_counter()
         self._solved_end = plan.frames.start
         self._recorders = 0
@@ -117,16 +125,13 @@ class Session:
         self._announce(opening)
         self._publish(self._plan.frames.start, opening.solution)
         model, limbs = opening.model, self._pool(opening.model, opening.actor)
-        poses = [opening.solution.pose]
+        tracker = Tracker(model, self._plan.settings, limbs, opening.solution)
         for frame in self._plan.frames[1:]:
             silhouettes = self._next_frame()
             if silhouettes is None:
                 return
             limbs.frame = frame
-            picture = Picture.whole(self._rig, silhouettes)
-            solution = solve_frame(model, picture, extrapolated(poses[-2:]), self._plan.settings, limbs)
-            self._publish(frame, solution)
-            poses = [*poses[-1:], solution.pose]
+            self._publish(frame, tracker.solve(silhouettes))
 
     def _hints(self) -> TakeSettings:
         """take.toml; what it says of frame 0 is left out when another one comes first."""
@@ -156,8 +161,10 @@ class Session:
 
     def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
         """The workers, told what they need to know of an actor."""
-        self._board.offer(_blob(actor.content_hash, "actor", actor.to_toml()))
-        self._board.offer(_blob(self._rig.content_hash, "rig", self._rig.to_json()))
+        self._board.offer(_blob(actor.content_hash, "actor", actor.to_toml().encode()))
+        self._board.offer(_blob(self._rig.content_hash, "rig", self._rig.to_json().encode()))
+        if actor.mesh is not None:
+            self._board.offer(_blob(actor.mesh.content_hash, "mesh", actor.mesh.content))
         limbs = RemoteLimbs(model, self._name, actor.content_hash, self._board.dispatcher, self._board.pump)
         limbs.frame = self._plan.frames.start
         return limbs
@@ -194,7 +201,9 @@ class Session:
                 retries=dispatcher.retries,
                 backend=self._engine.name,
                 worker_backends=dict(dispatcher.helped),
-                seconds={**solution.seconds, "frame": whole_s},
+                seconds={**solution.seconds, **solution.limb_seconds, "frame": whole_s},
+                confidence=solution.confidence,
+                distrusted=solution.distrusted,
                 pose=solution.pose,
             )
         )
@@ -209,5 +218,5 @@ class Session:
             self._board.pump(_LOOK_S)
 
 
-def _blob(content_hash: str, kind: Literal["actor", "rig"], text: str) -> Blob:
-    return Blob(hash=content_hash, kind=kind, content=np.frombuffer(text.encode(), np.uint8))
+def _blob(content_hash: str, kind: Literal["actor", "rig", "mesh"], content: bytes) -> Blob:
+    return Blob(hash=content_hash, kind=kind, content=np.frombuffer(content, np.uint8))

@@ -1,13 +1,11 @@
-"""The coordinator's three sockets, and what comes in on them brought to whom it concerns."""
+"""What comes in at the coordinator's ports brought to whom it concerns, and what goes out."""
 
 import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import zmq
-
-from proto.framing import MalformedMessage
+from proto.auth import Admission
 from proto.messages import (
     Beat,
     Blob,
@@ -24,9 +22,9 @@ from proto.messages import (
     TakeEnd,
     TakeInfo,
 )
-from proto.sockets import bind, make_socket, receive, receive_from, send, wait
-from proto.streams import STREAMS, StreamName, stream_endpoint
+from proto.streams import StreamName
 from services.coordinator.dispatch import Dispatcher, Identity
+from services.coordinator.ports import Ports
 
 log = logging.getLogger(__name__)
 
@@ -44,20 +42,17 @@ class _Recorder:
 
 
 class Switchboard:
-    """Owns the sockets; every call returns quickly except for the wait that `pump` is told."""
+    """Owns the ports; every call returns quickly except for the wait that `pump` is told."""
 
-    def __init__(self, endpoint: str, on_silhouettes: Callable[[Silhouettes], None]) -> None:
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._sockets = {
-            name: make_socket(self._context, stream.coordinator) for name, stream in STREAMS.items()
-        }
-        self._sockets["poses"].set(
-            zmq.SNDHWM, 1000
-        )  # poses are small, and a recorder asks again for what it missed
-        for name, socket in self._sockets.items():
-            bind(socket, stream_endpoint(endpoint, name))
+    def __init__(
+        self,
+        endpoint: str,
+        on_silhouettes: Callable[[Silhouettes], None],
+        admission: Admission | None = None,
+    ) -> None:
+        self._ports = Ports(endpoint, admission)
         self._on_silhouettes = on_silhouettes
-        self.dispatcher = Dispatcher(self._send_task_message, time.monotonic)
+        self.dispatcher = Dispatcher(self._ports.send, time.monotonic)
         self._blobs: dict[str, Blob] = {}
         self._recorders: dict[Identity, _Recorder] = {}
         self._take_info: TakeInfo | None = None
@@ -65,7 +60,6 @@ class Switchboard:
         self._end: TakeEnd | None = None
         self._credit: Credit | None = None
         self._credit_sent_s = 0.0
-        self._malformed = 0
         self.recorders_heard_s = 0.0
         """When a recorder last asked for or confirmed something, or the take ended."""
 
@@ -80,14 +74,14 @@ class Switchboard:
         return {
             "retries": dispatcher.retries,
             "results_dropped": dispatcher.dropped,
-            "malformed": self._malformed,
+            **self._ports.counts(),
         }
 
     def recorded_up_to(self, end_frame: int, recorders: int) -> bool:
         """Whether so many recorders have all frames before end_frame, and no other lacks any."""
         behind = [i for i, recorder in self._recorders.items() if recorder.end_frame < end_frame]
         for identity in behind:
-            if not self._send_task_message(identity, Beat()):
+            if not self._ports.send(identity, Beat()):
                 log.warning("lost %s", self._recorders.pop(identity).name)
         done = [recorder for recorder in self._recorders.values() if recorder.end_frame >= end_frame]
         return len(done) >= recorders and len(done) == len(self._recorders)
@@ -99,16 +93,16 @@ class Switchboard:
     def announce(self, info: TakeInfo) -> None:
         """Tell recorders, present and to come, about the take."""
         self._take_info = info
-        self._publish(info)
+        self._ports.publish(info)
         for identity in self._recorders:
             self._tell_take(identity)
 
     def _tell_take(self, identity: Identity) -> None:
         """Send a recorder what it needs to write results, lest it has to ask a coordinator that is gone."""
         if self._take_info is not None:
-            self._send_task_message(identity, self._take_info)
+            self._ports.send(identity, self._take_info)
             for content in (self._take_info.actor, self._take_info.rig):
-                self._send_task_message(identity, self._blobs[content])
+                self._ports.send(identity, self._blobs[content])
 
     def give_credit(self, credit: Credit) -> None:
         """Let segmentation go on."""
@@ -118,66 +112,56 @@ class Switchboard:
     def publish(self, pose: Pose) -> None:
         """Send a solved frame to all who listen, and keep it for recorders that missed it."""
         self._poses[pose.frame] = pose
-        self._publish(pose)
+        self._ports.publish(pose)
 
     def end(self, message: TakeEnd) -> None:
         """Say that no pose will follow."""
         self._end, self.recorders_heard_s = message, time.monotonic()
-        self._publish(message)
+        self._ports.publish(message)
         for identity in self._recorders:
-            self._send_task_message(identity, message)
-
-    def _publish(self, message: Message) -> None:
-        send(self._sockets["poses"], message)
+            self._ports.send(identity, message)
 
     def _publish_credit(self) -> None:
         self._credit_sent_s = time.monotonic()
         if self._credit is not None:
-            self._publish(self._credit)
+            self._ports.publish(self._credit)
 
     def _repeat(self) -> None:
         """Publish once more what those who joined late have missed."""
         self._publish_credit()
         for message in (self._take_info, self._end):
             if message is not None:
-                self._publish(message)
-
-    def _send_task_message(self, identity: Identity, message: Message) -> bool:
-        return send(self._sockets["tasks"], message, identity)
+                self._ports.publish(message)
 
     def pump(self, timeout_s: float) -> None:
         """Wait up to timeout_s for a message, then act on all that have come."""
         if time.monotonic() - self._credit_sent_s > _PUBLISH_S:
             self._repeat()
-        tasks, silhouettes = self._sockets["tasks"], self._sockets["silhouettes"]
-        wait([tasks, silhouettes], timeout_s)
+        self._ports.wait(timeout_s)
         for _ in range(_MOST_AT_ONCE):
             if not self._take_one("silhouettes") and not self._take_one("tasks"):
                 break
 
     def _take_one(self, stream: StreamName) -> bool:
         """Act on one waiting message of a stream; False if there was none."""
-        try:
-            if stream == "silhouettes":
-                message = receive(self._sockets[stream])
-                if isinstance(message, Silhouettes):
-                    self._on_silhouettes(message)
-                return message is not None
-            arrived = receive_from(self._sockets[stream])
-            if arrived is not None:
-                self._act(*arrived)
-            return arrived is not None
-        except MalformedMessage as error:
-            self._malformed += 1
-            log.warning("dropped a malformed message: %s", error)
-            return True
+        arrived = self._ports.receive(stream)
+        if arrived is None:
+            return False
+        identity, message = arrived
+        if stream == "tasks":
+            self._act(identity, message)
+        elif isinstance(message, Silhouettes):
+            self._on_silhouettes(message)
+        else:
+            self._ports.drop(message)
+        return True
 
     def _act(self, identity: Identity, message: Message) -> None:
         if isinstance(message, Hello):
             self._welcome(identity, message)
         elif isinstance(message, Beat):
             if self.dispatcher.heard(identity) or identity in self._recorders:
-                self._send_task_message(identity, Beat())
+                self._ports.send(identity, Beat())
         elif isinstance(message, LimbResult | LimbRefusal):
             self.dispatcher.heard(identity)
             self.dispatcher.finished(identity, message)
@@ -188,37 +172,40 @@ class Switchboard:
             self._send_poses(identity, message)
         elif isinstance(message, Recorded):
             self.recorders_heard_s = time.monotonic()
-            # One whose connection was made anew has another identity, and need not have registered again yet.
-            self._recorders.setdefault(identity, _Recorder("a recorder")).end_frame = message.end_frame
+            if identity not in self._recorders:  # its connection was made anew, and it has not registered yet
+                self._add_recorder(identity, "a recorder")
+            self._recorders[identity].end_frame = message.end_frame
         else:
-            self._malformed += 1
-            log.warning("dropped a message that is not for a coordinator: %s", message.type)
+            self._ports.drop(message)
 
     def _welcome(self, identity: Identity, hello: Hello) -> None:
         log.info("%s says hello", hello.name)
-        self._send_task_message(identity, Beat())
+        self._ports.send(identity, Beat())
         if hello.role == "limb_worker":
             self.dispatcher.heard(identity, hello)
             return
         self._recorders = {i: known for i, known in self._recorders.items() if known.name != hello.name}
-        self._recorders[identity] = _Recorder(hello.name)
+        self._add_recorder(identity, hello.name)
         self._tell_take(identity)
         if self._end is not None:
-            self._send_task_message(identity, self._end)
+            self._ports.send(identity, self._end)
+
+    def _add_recorder(self, identity: Identity, name: str) -> None:
+        """Note a recorder, and forget those that are gone, lest there be ever more."""
+        here = {i: known for i, known in self._recorders.items() if self._ports.send(i, Beat())}
+        self._recorders = here | {identity: _Recorder(name)}
 
     def _send_blob(self, identity: Identity, request: BlobRequest) -> None:
         if request.hash in self._blobs:
-            self._send_task_message(identity, self._blobs[request.hash])
+            self._ports.send(identity, self._blobs[request.hash])
         else:
             log.warning("unknown content %s was asked for", request.hash[:8])
 
     def _send_poses(self, identity: Identity, request: PoseRequest) -> None:
         for frame in range(request.first_frame, min(request.end_frame, request.first_frame + _MOST_AT_ONCE)):
-            if frame in self._poses and not self._send_task_message(identity, self._poses[frame]):
+            if frame in self._poses and not self._ports.send(identity, self._poses[frame]):
                 break  # its queue is full; it asks again
 
     def close(self) -> None:
         """Close the sockets, letting what was sent go out."""
-        for socket in self._sockets.values():
-            socket.close()
-        self._context.term()
+        self._ports.close()

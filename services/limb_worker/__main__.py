@@ -7,6 +7,7 @@ import typer
 import zmq
 
 from proto.framing import MalformedMessage
+from proto.keys import ClientKeys
 from proto.link import Link
 from proto.messages import Blob, BlobRequest, Hello, LimbTask, Message
 from proto.sockets import wait
@@ -17,10 +18,12 @@ from services.mocap.search.warm_up import warm_up
 from services.process import (
     DEFAULT_ENGINE,
     BackendOption,
+    KeysOption,
     StopRequest,
     ThreadsOption,
     client_name,
     engine_settings,
+    keys_of_client,
     run_service,
 )
 
@@ -43,14 +46,20 @@ class Worker:
         """Act on one message."""
         if isinstance(message, LimbTask):
             self._waiting = [*self._waiting, message][-_TASKS_HELD:]
-            for content in self._solver.missing(message):
-                self._link.send(BlobRequest(hash=content))
+            self._ask_for(message)
         elif isinstance(message, Blob):
             try:
                 self._solver.store(message)
             except UnusableBlobError as error:
                 log.warning("unusable content: %s", error)
+            if message.kind == "actor":  # it may name a mesh
+                for task in self._waiting:
+                    self._ask_for(task)
         self._solve_ready()
+
+    def _ask_for(self, task: LimbTask) -> None:
+        for content in self._solver.missing(task):
+            self._link.send(BlobRequest(hash=content))
 
     def _solve_ready(self) -> None:
         ready = [task for task in self._waiting if not self._solver.missing(task)]
@@ -59,13 +68,13 @@ class Worker:
             self._link.send(self._solver.solve(task))
 
 
-def serve(endpoint: str, engine: Engine, stop: StopRequest) -> None:
+def serve(endpoint: str, engine: Engine, stop: StopRequest, keys: ClientKeys | None = None) -> None:
     """Solve limb tasks until asked to stop."""
     warm_up(engine)
     log.info("%s", engine)
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     hello = Hello(role="limb_worker", name=client_name("limb_worker"), backend=engine.name)
-    link = Link(context, endpoint, hello)
+    link = Link(context, endpoint, hello, keys)
     worker = Worker(link, engine)
     log.info("ready, coordinator at %s", endpoint)
     while not stop:
@@ -84,12 +93,14 @@ def main(
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
+    keys: KeysOption = None,
 ) -> None:
     """Solve limb tasks for a coordinator until stopped."""
 
     def start(stop: StopRequest) -> None:
+        own_keys = keys_of_client(keys, "limb_worker")
         with open_engine(engine_settings(backend, threads)) as engine:
-            serve(connect, engine, stop)
+            serve(connect, engine, stop, own_keys)
 
     run_service("limb_worker", start)
 

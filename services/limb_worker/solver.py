@@ -8,12 +8,14 @@ from typing import TypeVar
 import numpy as np
 
 from proto.messages import Blob, LimbRefusal, LimbResult, LimbTask
-from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.actor import Actor, build_body, mesh_named_in
+from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture, Region
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model, solve_limb
+from services.mocap.search.solve import solve_limb
 
 _MODELS_KEPT = 4
 """Pairs of actor and rig; a worker may serve several takes in turn."""
@@ -29,18 +31,25 @@ class UnusableBlobError(Exception):
 
 
 class LimbSolver:
-    """Solves limb tasks; keeps actors, rigs and what was built from them, and nothing else."""
+    """Solves limb tasks; keeps actors, meshes, rigs and what was built from them, and nothing else."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._actors: OrderedDict[str, Actor] = OrderedDict()
         self._rigs: OrderedDict[str, Rig] = OrderedDict()
+        self._waiting: OrderedDict[str, tuple[str, str]] = (
+            OrderedDict()
+        )  # texts of actors without their meshes
+        self._meshes: OrderedDict[str, OwnMesh] = OrderedDict()
         self._models: OrderedDict[tuple[str, str], Model] = OrderedDict()
 
     def missing(self, task: LimbTask) -> list[str]:
         """Hashes of the content that a task names and that is not here."""
-        missing_actor = [] if task.actor in self._actors else [task.actor]
-        return missing_actor + ([] if task.rig in self._rigs else [task.rig])
+        missing_rig = [] if task.rig in self._rigs else [task.rig]
+        if task.actor in self._actors:
+            return missing_rig
+        _, wanted = self._waiting.get(task.actor, ("", task.actor))
+        return [wanted, *missing_rig]
 
     def store(self, blob: Blob) -> None:
         """Keep content; raises UnusableBlobError where it is damaged or not what it is called."""
@@ -48,13 +57,30 @@ class LimbSolver:
         if hashlib.sha256(content).hexdigest() != blob.hash:
             raise UnusableBlobError(f"{blob.kind} {blob.hash[:8]}: damaged: its hash is another one")
         try:
-            text = content.decode()
-            if blob.kind == "actor":
-                _keep(self._actors, blob.hash, Actor.from_toml(text))
+            if blob.kind == "mesh":
+                _keep(self._meshes, blob.hash, OwnMesh.from_bytes(content))
+                self._complete(blob.hash)
+            elif blob.kind == "actor":
+                self._store_actor(blob.hash, content.decode())
             else:
-                _keep(self._rigs, blob.hash, Rig.from_json(text))
+                _keep(self._rigs, blob.hash, Rig.from_json(content.decode()))
         except (ValueError, RecursionError) as error:  # TOML's reader recurses into nested arrays
             raise UnusableBlobError(f"{blob.kind} {blob.hash[:8]}: {error}") from None
+
+    def _store_actor(self, name: str, text: str) -> None:
+        """Keep an actor, or its text until its mesh is here."""
+        mesh = mesh_named_in(text)
+        if mesh is None or mesh in self._meshes:
+            _keep(self._actors, name, Actor.from_toml(text, lambda named: self._meshes[named.sha256]))
+        else:
+            _keep(self._waiting, name, (text, mesh))
+
+    def _complete(self, mesh: str) -> None:
+        """Keep the actors that waited for a mesh."""
+        ready = [(name, text) for name, (text, wanted) in self._waiting.items() if wanted == mesh]
+        for name, text in ready:
+            del self._waiting[name]
+            self._store_actor(name, text)
 
     def solve(self, task: LimbTask) -> LimbResult | LimbRefusal:
         """Solve a task none of whose content is missing; one that makes no sense is refused."""

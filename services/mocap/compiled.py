@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 _SOURCES = Path(__file__).parent
-_COMPILED = ("body", "energy", "synth")
+_COMPILED = ("body", "energy", "search", "synth", "../segmentation")
 """Packages with compiled code in them, and with the tables that it takes in as constants."""
 _KEPT = _SOURCES / "__pycache__"
 
@@ -19,9 +19,11 @@ _KEPT = _SOURCES / "__pycache__"
 def compiled_folder() -> Path:
     """The folder for the sources as they are now."""
     digest = hashlib.sha256()
-    for path in sorted(path for package in _COMPILED for path in (_SOURCES / package).rglob("*.py")):
-        digest.update(f"{path.relative_to(_SOURCES).as_posix()}\0{path.stat().st_size}\0".encode())
-        digest.update(path.read_bytes())
+    for package in _COMPILED:
+        for path in sorted((_SOURCES / package).rglob("*.py")):
+            name = path.relative_to(_SOURCES / package).as_posix()
+            digest.update(f"{package}/{name}\0{path.stat().st_size}\0".encode())
+            digest.update(path.read_bytes())
     return _KEPT / f"compiled-{digest.hexdigest()[:16]}"
 
 

@@ -18,9 +18,10 @@ from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.chains import ALL_SEGMENTS
-from services.mocap.search.frame import LocalLimbs, solve_frame
+from services.mocap.search.frame import solve_frame
+from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model
 from services.mocap.synth.studio import studio_cameras
 
 ACTOR, RIG = Actor(height=1.75), Rig.of(studio_cameras(4))

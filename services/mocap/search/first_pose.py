@@ -10,10 +10,13 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.energy.bitplanes import pack
 from services.mocap.energy.picture import Picture
-from services.mocap.search.frame import FrameSolution, LimbPool, limb_jobs, solve_frame
+from services.mocap.search.found import FrameSolution
+from services.mocap.search.frame import solve_frame
 from services.mocap.search.hull import Hull
+from services.mocap.search.jobs import LimbPool, limb_jobs
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model, whole_body_energy
+from services.mocap.search.solve import whole_body_energy
 from services.mocap.types import Floats
 
 _HEADINGS = 16
@@ -95,7 +98,7 @@ def _first_look(
     """
     limbs.start(limb_jobs(model, picture, start, settings.widened(), first_pass))
     pose = start
-    for limb in limbs.finish():
+    for _, limb in limbs.finish():
         pose = limb.applied_to(pose)
     one_pass = settings.model_copy(update={"max_passes": 1})
     return solve_frame(model, picture, np.stack([start, pose]), one_pass, limbs, first_pass + 1)

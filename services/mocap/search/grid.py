@@ -1,5 +1,7 @@
 """Regular sampling of a neighbourhood, to find the right valley before going downhill."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from services.mocap.energy.backend import Energy
@@ -25,3 +27,21 @@ def best_of(energy: Energy, points: Floats) -> Minimum:
     energies = energy(points)
     best = int(np.argmin(energies))
     return Minimum(points[best], float(energies[best]), len(points))
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """Points (N, d) and their energies (N,)."""
+
+    points: Floats
+    energies: Floats
+
+    def best_apart(self, n: int, steps: Floats) -> list[Floats]:
+        """At most n points of least energy, each farther than steps (d,) from those before in a parameter."""
+        chosen: list[Floats] = []
+        for k in np.argsort(self.energies, kind="stable"):
+            if len(chosen) == n:
+                break
+            if all(np.any(np.abs(self.points[k] - other) > steps) for other in chosen):
+                chosen.append(self.points[k])
+        return chosen

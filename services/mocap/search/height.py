@@ -8,10 +8,11 @@ from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
-from services.mocap.search.frame import LimbPool, solve_frame
+from services.mocap.search.frame import solve_frame
+from services.mocap.search.jobs import LimbPool
 from services.mocap.search.line import minimise_line
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model
 from services.mocap.types import Floats
 
 HEIGHT_RANGE_M = (0.7, 2.4)

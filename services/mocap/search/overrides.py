@@ -7,17 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from services.mocap.errors import UserError, in_short, load_toml, validated
-from services.mocap.search.settings import SearchSettings
+from services.mocap.search.settings import PRESETS, Preset, SearchSettings
 
 
-def search_settings(assignments: Sequence[str], file: Path | None, n_cameras: int) -> SearchSettings:
-    """The defaults, changed by a TOML file and then by assignments NAME=VALUE, of which the last one wins.
+def search_settings(
+    assignments: Sequence[str], file: Path | None, n_cameras: int, preset: Preset = "default"
+) -> SearchSettings:
+    """A preset, changed by a TOML file and then by assignments NAME=VALUE, of which the last one wins.
 
     VALUE is written as in TOML; n_cameras are those of the take. Raises UserError for what cannot be.
     """
     said = {} if file is None else load_toml(file, UserError)
+    base = PRESETS[preset].model_dump(exclude_defaults=True)
     validated(SearchSettings, said, f"{file}: ", UserError)
-    settings = validated(SearchSettings, said | dict(map(_parsed, assignments)), "--set ", UserError)
+    settings = validated(SearchSettings, base | said | dict(map(_parsed, assignments)), "--set ", UserError)
     n_weights = len(settings.camera_weights)
     if n_weights not in (0, n_cameras):
         raise UserError(

@@ -1,7 +1,7 @@
 """Every setting of the search, in one place."""
 
 from collections.abc import Mapping
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
@@ -26,6 +26,28 @@ class SearchSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
+    method: Literal["contours", "paper"] = Field(default="contours", description='"contours" or "paper"')
+    """How poses are found: contours aligns the whole body with the silhouettes' outlines and searches limbs
+    where that leaves something over; paper goes downhill on XOR, torso, limbs and head in turn."""
+    search_limbs: Literal["in doubt", "always"] = Field(
+        default="in doubt", description='"in doubt" or "always"'
+    )
+    """When contours searches limbs by XOR: those that something differs near, or all in every frame."""
+    contour_steps: int = Field(default=8, ge=2, le=100, description="a whole number from 2 to 100")
+    """Steps of an alignment with the contours."""
+    contour_reach_px: int = Field(default=16, ge=2, le=64, description="a whole number from 2 to 64")
+    """How far from the body its contour is looked for, in pixels of a picture 320 wide."""
+    steadiness: float = Field(default=5.0, ge=0, le=1e6, description="a number from 0 to 1000000")
+    """How firmly parameters that the contours do not tell are held where they are expected: what a radian or
+    a metre off costs against a pixel squared on a pixel of contour."""
+    doubt_px: float = Field(default=30.0, ge=0, le=10000, description="a number from 0 to 10000")
+    """A limb is in doubt when about so many pixels more than usual differ near it, by more than the rim, of
+    pictures 320 wide in eight cameras."""
+    windows: bool = Field(default=True, description="true or false")
+    """Limbs, head, hands and feet are searched in windows, the torso at half resolution; false: all in whole
+    pictures."""
+    prerender: bool = Field(default=True, description="true or false")
+    """Only what moves is drawn, and the rest masked; false: the whole body at every evaluation."""
     max_passes: int = Field(default=3, ge=1, le=20, description="a whole number from 1 to 20")
     """Rounds of torso, limbs and head over one frame, at most."""
     pass_tolerance: float = Field(default=0.01, ge=0, lt=1, description=_SHARE)
@@ -87,5 +109,14 @@ class SearchSettings(BaseModel):
 
     def widened(self) -> "SearchSettings":
         """For a first pose, when the limbs may be anywhere."""
-        wide = {"max_passes": 4, "arm_grid": (9, 7, 3, 5), "leg_grid": (7, 5, 3, 7), "grid_step_rad": 0.3}
-        return self.model_copy(update=wide)
+        wide = {"arm_grid": (9, 7, 3, 5), "leg_grid": (7, 5, 3, 7), "grid_step_rad": 0.3}
+        return self.model_copy(update={**wide, "max_passes": 4, "search_limbs": "always"})
+
+
+Preset: TypeAlias = Literal["default", "paper", "plain"]
+PRESETS: dict[Preset, SearchSettings] = {
+    "default": SearchSettings(),
+    "paper": SearchSettings(method="paper"),
+    "plain": SearchSettings(method="paper", windows=False, prerender=False),
+}
+"""The searches by name, as `--search` takes them: what --set and --settings change is changed from these."""

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
-from services.mocap.body.skeleton import DOFS, LOWER, UPPER
-from services.mocap.camera.rig import Rig
-from services.mocap.energy.backend import Backend, Energy, Problem
+from services.mocap.body.skeleton import DOFS
+from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import (
@@ -22,20 +20,14 @@ from services.mocap.search.chains import (
     window_origins_px,
     window_size_px,
 )
-from services.mocap.search.compensation import limbs_staying
 from services.mocap.search.descent import Box, Minimum, descend
-from services.mocap.search.grid import best_of, grid_points
+from services.mocap.search.grid import Tried, best_of, grid_points
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
-
-@dataclass(frozen=True, eq=False)
-class Model:
-    """What every sub-problem needs to know: the body, the cameras, and a backend made for both."""
-
-    body: Body
-    rig: Rig
-    backend: Backend
+_STARTS = 4
+"""Points of a grid from which a limb is aligned with the contours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +39,8 @@ class Solution:
     """(d,)"""
     energy_px: float
     evaluations: int
+    seconds: float = 0.0
+    """What finding them took, where somebody looked at the clock."""
 
     def applied_to(self, pose: Floats) -> Floats:
         """The pose (35,) with this chain's parameters replaced."""
@@ -61,25 +55,17 @@ def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, 
     return model.backend.energy(problem)
 
 
-def solve_torso(model: Model, halved: Picture, pose: Floats, settings: SearchSettings) -> Solution:
-    """Find the root from a pose by going downhill, at half resolution.
+def solve_torso(model: Model, coarse: Picture, pose: Floats, settings: SearchSettings) -> Solution:
+    """Find the root from a pose by going downhill, the whole body moving with it.
 
-    The whole body moves with the root, as in the paper, and in further directions the torso alone, the limbs
-    making up for it. Without these a torso that is turned wrongly is held fast by limbs that fit.
+    coarse: whole pictures, at half resolution in the paper (section 4.2).
     """
-    energy = whole_body_energy(model, halved, pose, settings.cost, settings.detail_px)
-    box = Box(LOWER, UPPER)
-    start = best_of(energy, np.clip(pose, box.lower, box.upper)[None])
-    rigid = np.eye(N_DOF)[list(TORSO.dofs)] * _steps(TORSO, settings)[:, None]
-    directions = np.concatenate([rigid, limbs_staying(start.values, rigid, model.body)])
-    found = _descend(energy, start, box, directions, settings)
-    return Solution(tuple(range(N_DOF)), found.values, found.energy_px, found.evaluations)
+    return _descend_stage(model, TORSO, coarse, pose, settings)
 
 
 def solve_head(model: Model, whole: Picture, pose: Floats, settings: SearchSettings) -> Solution:
     """Find the head's turn by going downhill in its window."""
-    window = stage_window(model, HEAD, whole, pose)
-    return _descend_stage(model, HEAD, window, pose, settings)
+    return _descend_stage(model, HEAD, _looked_at(model, HEAD, whole, pose, settings), pose, settings)
 
 
 def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, margin_px: int = 0) -> Picture:
@@ -92,7 +78,23 @@ def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, mar
     return picture.window(origins_px, size_px, size_px)
 
 
-def _without_margin(window: Picture, margin_px: int) -> Picture:
+def _looked_at(
+    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
+) -> Picture:
+    return stage_window(model, stage, picture, pose) if settings.windows else picture
+
+
+def limb_picture(
+    model: Model, name: LimbName, whole: Picture, pose: Floats, settings: SearchSettings
+) -> Picture:
+    """What of a whole picture a limb's search needs to see: windows, and the cost's margin around them."""
+    if not settings.windows:
+        return whole
+    return stage_window(model, LIMBS[name].main, whole, pose, settings.cost.margin_px)
+
+
+def _without_margin(window: Picture, settings: SearchSettings) -> Picture:
+    margin_px = settings.cost.margin_px if settings.windows else 0
     region = window.region
     width_px, height_px = region.width_px - 2 * margin_px, region.height_px - 2 * margin_px
     return window.window(region.origin_px + np.int32(margin_px), width_px, height_px)
@@ -101,35 +103,62 @@ def _without_margin(window: Picture, margin_px: int) -> Picture:
 def solve_limb(
     model: Model,
     name: LimbName,
-    window: Picture,
+    seen: Picture,
     pose: Floats,
     settings: SearchSettings,
     shard: tuple[int, int] = (0, 1),
 ) -> Solution:
-    """Find a limb in its window: grid search over ball and hinge, downhill, then its hand or foot.
+    """Find a limb: grid search over ball and hinge, then downhill by the settings' method.
 
-    window: the input in the limb's window and in the cost's margin around it, nothing pre-rendered. shard (k,
-    n): search the start and only every n-th grid point, from the k-th on, so that n workers share a limb and
-    none returns worse than the start. A pose beyond the joint limits is moved to them first.
+    seen: what limb_picture cut out, nothing pre-rendered. shard (k, n): search the start and only every n-th
+    grid point, from the k-th on, so that n workers share a limb and none returns worse than the start. A pose
+    beyond the joint limits is moved to them first.
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
-    window = _without_margin(settings.cost.priced(window), settings.cost.margin_px)
-    energy, start, box = _prepare(model, limb.main, window, pose, settings)
+    seen = _without_margin(settings.cost.priced(seen), settings)
+    energy, start, box = _prepare(model, limb.main, seen, pose, settings)
     points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
-    best, axes = best_of(energy, points), _axes(limb.main, settings)
-    main = _solution(limb.main, _descend(energy, best, box, axes, settings))
+    if settings.method == "contours":
+        return _align_limb(model, limb, seen, pose, settings, Tried(points, energy(points)))
+    return _descend_limb(model, limb, seen, pose, settings, best_of(energy, points))
+
+
+def _descend_limb(
+    model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, best: Minimum
+) -> Solution:
+    """From the best point of the grid downhill on XOR, then the hand or foot (the paper, section 3)."""
+    energy, _, box = _prepare(model, limb.main, seen, pose, settings)
+    main = _solution(limb.main, _descend(energy, best, box, _axes(limb.main, settings), settings))
     found = main.applied_to(pose)
-    extremity = _descend_stage(
-        model, limb.extremity, stage_window(model, limb.extremity, window, found), found, settings
-    )
+    window = _looked_at(model, limb.extremity, seen, found, settings)
+    extremity = _descend_stage(model, limb.extremity, window, found, settings)
     return Solution(
         limb.dofs,
         np.concatenate([main.values, extremity.values]),
         main.energy_px,
         main.evaluations + extremity.evaluations,
     )
+
+
+def _align_limb(
+    model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, tried: Tried
+) -> Solution:
+    """From the best points of the grid that are no neighbours along the contours; the best by XOR."""
+    whole_limb = Stage(limb.dofs, limb.main.segments, limb.main.window_px)
+    energy, start, _ = _prepare(model, whole_limb, seen, pose, settings)
+    aligner = model.aligner(settings)
+    candidates = [start]
+    for point in tried.best_apart(_STARTS, 1.5 * _grid_steps(limb.main, settings)):
+        begun = pose.copy()
+        begun[list(limb.main.dofs)] = point
+        aligned = aligner.align(seen, begun, settings, limb.dofs, limb.main.segments)
+        candidates += [begun[list(limb.dofs)], aligned.pose[list(limb.dofs)]]
+    found = best_of(energy, np.array(candidates))
+    steps = (len(candidates) - 1) // 2 * settings.contour_steps
+    evaluations = len(tried.points) + found.evaluations + steps
+    return Solution(limb.dofs, found.values, found.energy_px, evaluations)
 
 
 def _grid_counts(limb: Limb, settings: SearchSettings) -> tuple[int, ...]:
@@ -145,11 +174,12 @@ def _prepare(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> tuple[Energy, Floats, Box]:
     """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits."""
-    cost, detail_px = settings.cost, settings.detail_px
-    if stage.others:
-        drawn = model.backend.coverage(pose[None], stage.others, picture.region, detail_px)
-        picture = picture.ignoring(drawn[0])
-    energy = model.backend.energy(Problem(pose, stage.dofs, stage.segments, picture, cost, detail_px))
+    cost, detail_px, drawn = settings.cost, settings.detail_px, ALL_SEGMENTS
+    if stage.others and settings.prerender:
+        drawn = stage.segments
+        others = model.backend.coverage(pose[None], stage.others, picture.region, detail_px)
+        picture = picture.ignoring(others[0])
+    energy = model.backend.energy(Problem(pose, stage.dofs, drawn, picture, cost, detail_px))
     box = Box(*stage.limits())
     return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
 
@@ -184,8 +214,12 @@ def _descend_stage(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> Solution:
     energy, start, box = _prepare(model, stage, picture, pose, settings)
-    start_at = best_of(energy, start[None])
-    return _solution(stage, _descend(energy, start_at, box, _axes(stage, settings), settings))
+    return _descended(energy, stage, start, box, settings)
+
+
+def _descended(energy: Energy, stage: Stage, start: Floats, box: Box, settings: SearchSettings) -> Solution:
+    found = _descend(energy, best_of(energy, start[None]), box, _axes(stage, settings), settings)
+    return _solution(stage, found)
 
 
 def _solution(stage: Stage, minimum: Minimum) -> Solution:

@@ -9,9 +9,10 @@ from services.mocap.compiled import forget_other_code
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.frame import LocalLimbs, solve_frame
+from services.mocap.search.frame import solve_frame
+from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model
 
 
 def warm_up(engine: Engine) -> None:

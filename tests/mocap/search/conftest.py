@@ -13,7 +13,7 @@ from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SEGMENTS
-from services.mocap.search.solve import Model
+from services.mocap.search.model import Model
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Bytes, Floats
 

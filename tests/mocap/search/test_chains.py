@@ -22,7 +22,7 @@ from services.mocap.search.chains import (
     window_origins_px,
     window_size_px,
 )
-from services.mocap.search.solve import Model
+from services.mocap.search.model import Model
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Floats
 

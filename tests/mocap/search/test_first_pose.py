@@ -10,10 +10,11 @@ from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
-from services.mocap.search.frame import FrameSolution, LimbJob, LocalLimbs
+from services.mocap.search.found import FrameSolution
 from services.mocap.search.hull import Hull, carve
+from services.mocap.search.jobs import LimbJob, LocalLimbs
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model
 from services.mocap.types import Floats
 
 Poser = Callable[..., Floats]

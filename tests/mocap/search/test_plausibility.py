@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.errors import TakeError
+from services.mocap.search.model import Model
 from services.mocap.search.plausibility import FirstLook, look_first
-from services.mocap.search.solve import Model
 from services.mocap.types import Bytes, Floats, Mask
 
 Poser = Callable[..., Floats]

@@ -13,16 +13,20 @@ from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, TORSO, LimbName
+from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Model, Solution, solve_head, solve_limb, solve_torso, stage_window
+from services.mocap.search.solve import Solution, solve_head, solve_limb, solve_torso, stage_window
 from services.mocap.types import Floats
 
 Poser = Callable[..., Floats]
 PictureOf = Callable[[Floats], Picture]
 Errors = Callable[[Floats, Floats], Floats]
 QUICK = SearchSettings(arm_grid=(3, 3, 1, 3), leg_grid=(3, 1, 1, 3), descent_rounds=2)
-FULL_MESH = SearchSettings(detail_px=0)
-COSTLY = SearchSettings(detail_px=1.5, distance_cap_px=8, camera_weights=(2.0,) + (1.0,) * 7, camera_cap=0.5)
+PAPER = SearchSettings(method="paper")
+FULL_MESH = SearchSettings(method="paper", detail_px=0)
+COSTLY = SearchSettings(
+    method="paper", detail_px=1.5, distance_cap_px=8, camera_weights=(2.0,) + (1.0,) * 7, camera_cap=0.5
+)
 
 
 def disturbed(pose: Floats, dofs: tuple[int, ...], seed: int, by_rad: float = 0.2) -> Floats:
@@ -77,7 +81,7 @@ def test_a_disturbed_limb_is_found_again(
 
 
 @pytest.mark.parametrize("name", LIMBS)
-@pytest.mark.parametrize("search", [FULL_MESH, SearchSettings(), COSTLY], ids=["full", "usual", "costly"])
+@pytest.mark.parametrize("search", [FULL_MESH, PAPER, COSTLY], ids=["full", "usual", "costly"])
 def test_a_limb_costs_what_it_says(
     model: Model, truth: Floats, picture_of: PictureOf, name: LimbName, search: SearchSettings
 ) -> None:

@@ -1,0 +1,127 @@
+"""The coordinator's three sockets: who is heard and who is told something, where keys say so."""
+
+import logging
+from collections import OrderedDict
+
+import zmq
+
+from proto.auth import Admission, Doorkeeper
+from proto.framing import MalformedMessage, decode
+from proto.messages import Message
+from proto.sockets import bind, cut_all, make_socket, send, take, wait
+from proto.streams import STREAMS, StreamName, stream_endpoint
+
+log = logging.getLogger(__name__)
+
+_SENDERS_KEPT = 4096
+"""Clients whose keys are remembered, those that spoke last; where there are keys, others are sent nothing."""
+_MOST_DROPPED = 64
+
+
+class Ports:
+    """Opens the streams where an endpoint says; nothing waits but `wait`.
+
+    With an admission, messages of clients that are not on its list are counted and dropped unread, and such
+    clients are sent nothing. Raises OpenBindError or AddressError.
+    """
+
+    def __init__(self, endpoint: str, admission: Admission | None = None) -> None:
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._admission = admission
+        self._doorkeeper = None if admission is None else Doorkeeper(self._context, admission)
+        self._sockets = {
+            name: make_socket(self._context, stream.coordinator) for name, stream in STREAMS.items()
+        }
+        self._sockets["poses"].set(
+            zmq.SNDHWM, 1000
+        )  # poses are small, and a recorder asks again for what it missed
+        self._addresses = self._listen(endpoint)
+        self._revocations = 0
+        self._keys: OrderedDict[bytes, bytes] = OrderedDict()
+        self._malformed = self._unwelcome = 0
+
+    def _listen(self, endpoint: str) -> dict[StreamName, str]:
+        """Open all streams; returns where they listen."""
+        if self._doorkeeper is not None:
+            for name, socket in self._sockets.items():
+                self._doorkeeper.watch(name, socket)
+        keys = None if self._admission is None else self._admission.keys
+        addresses = {
+            name: bind(socket, stream_endpoint(endpoint, name), keys)
+            for name, socket in self._sockets.items()
+        }
+        if self._doorkeeper is not None:
+            self._doorkeeper.start()
+        return addresses
+
+    def counts(self) -> dict[str, int]:
+        """What was dropped and refused."""
+        refused = self._doorkeeper.refused.total() if self._doorkeeper else 0
+        return {"malformed": self._malformed, "unwelcome": self._unwelcome, "handshakes_failed": refused}
+
+    def publish(self, message: Message) -> None:
+        """Send to all who listen to poses."""
+        self._cut_revoked()
+        send(self._sockets["poses"], message)
+
+    def _cut_revoked(self) -> None:
+        """Cut off all that listen to poses when somebody may no longer; the others are back in a moment.
+
+        Nothing else tells who listens. What they missed meanwhile is published again or asked for.
+        """
+        if self._admission is not None and self._revocations != self._admission.revocations:
+            self._revocations = self._admission.revocations
+            cut_all(self._sockets["poses"], self._addresses["poses"])
+
+    def send(self, identity: bytes, message: Message) -> bool:
+        """Send on the tasks stream; False where the peer is gone, or may no longer be there."""
+        if self._admission is not None and not self._admission.admits(self._keys.get(identity)):
+            return False
+        return send(self._sockets["tasks"], message, identity)
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when a message is waiting, at the latest after timeout_s."""
+        self._cut_revoked()
+        wait([self._sockets["tasks"], self._sockets["silhouettes"]], timeout_s)
+
+    def receive(self, stream: StreamName) -> tuple[bytes, Message] | None:
+        """The next message of a stream and, on tasks, its sender's identity; None when none is left.
+
+        Also after so many that had to be dropped that others should have their turn.
+        """
+        for _ in range(_MOST_DROPPED):
+            envelope = take(self._sockets[stream])
+            if envelope is None:
+                break
+            if self._admission is not None and not self._admission.admits(envelope.key):
+                self._unwelcome += 1
+                continue
+            frames = envelope.frames
+            identity = frames.pop(0) if stream == "tasks" else b""
+            if envelope.key is not None and identity:
+                self._remember(identity, envelope.key)
+            try:
+                return identity, decode(frames)
+            except MalformedMessage as error:
+                self._malformed += 1
+                log.warning("dropped a malformed message: %s", error)
+        return None
+
+    def drop(self, message: Message) -> None:
+        """Count a message that a coordinator has no use for."""
+        self._malformed += 1
+        log.warning("dropped a message that is not for a coordinator: %s", message.type)
+
+    def _remember(self, identity: bytes, key: bytes) -> None:
+        self._keys[identity] = key
+        self._keys.move_to_end(identity)
+        if len(self._keys) > _SENDERS_KEPT:
+            self._keys.popitem(last=False)
+
+    def close(self) -> None:
+        """Close the sockets, letting what was sent go out."""
+        if self._doorkeeper is not None:
+            self._doorkeeper.close()
+        for socket in self._sockets.values():
+            socket.close()
+        self._context.term()

@@ -1,0 +1,84 @@
+"""One actor followed from frame to frame, lost, and found again."""
+
+import logging
+
+from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.picture import Picture
+from services.mocap.errors import TakeError
+from services.mocap.search.doubt import PARTS, Trust
+from services.mocap.search.first_pose import find_first_pose
+from services.mocap.search.found import FrameSolution
+from services.mocap.search.frame import extrapolated, solve_frame
+from services.mocap.search.hull import carve
+from services.mocap.search.jobs import LimbPool
+from services.mocap.search.model import Model
+from services.mocap.search.plausibility import look_first
+from services.mocap.search.settings import SearchSettings
+from services.mocap.types import Bytes, Floats
+
+log = logging.getLogger(__name__)
+
+_HULL_HEIGHTS = (0.4, 1.5)
+"""Height of the visual hull over the actor's, from crouching to arms raised."""
+_LONGEST_WAIT = 16
+"""Frames between two tries to find a lost actor, at most."""
+
+
+class Tracker:
+    """Solves frame after frame, each from those before; finds the actor anew after a loss."""
+
+    def __init__(self, model: Model, settings: SearchSettings, limbs: LimbPool, first: FrameSolution) -> None:
+        self._model, self._settings, self._limbs = model, settings, limbs
+        self._trust = Trust(model.rig, settings.doubt_px)
+        self._poses: list[Floats] = [first.pose]
+        self._lost_frames = self._tries = self._wait = 0
+
+    def solve(self, silhouettes: Bytes) -> FrameSolution:
+        """Find the pose in the next frame's silhouettes (P, H, W).
+
+        While the actor is lost, the pose is the last that was found, and no part of it is to be trusted.
+        """
+        picture = Picture.whole(self._model.rig, silhouettes)
+        solution = solve_frame(
+            self._model, picture, self._starts(), self._settings, self._limbs, trust=self._trust
+        )
+        if "torso" not in solution.distrusted:
+            self._keep(solution)
+            return solution
+        self._lost_frames += 1
+        if self._lost_frames == 1:
+            log.warning("the actor is lost: poses stay as they were until somebody is in view again")
+        found = self._find_again(picture, silhouettes)
+        if found is not None:
+            log.info("the actor was found again after %d frames", self._lost_frames)
+            self._poses = []
+            self._keep(found)
+            return found
+        solution.pose, solution.distrusted = self._poses[-1].copy(), list(PARTS)
+        solution.confidence = dict.fromkeys(PARTS, 0.0)
+        return solution
+
+    def _starts(self) -> Floats:
+        return extrapolated(self._poses[-2:]) if not self._lost_frames else self._poses[-1][None]
+
+    def _keep(self, solution: FrameSolution) -> None:
+        self._poses = [*self._poses[-1:], solution.pose]
+        self._lost_frames = self._tries = self._wait = 0
+
+    def _find_again(self, picture: Picture, silhouettes: Bytes) -> FrameSolution | None:
+        """A first pose of this frame, if somebody is to be seen whole; tried with longer and longer waits."""
+        if self._wait:
+            self._wait -= 1
+            return None
+        model, masks = self._model, unpack(silhouettes, self._model.rig.n_cameras)
+        try:
+            hull = carve(model.rig, look_first(model.rig, masks).believed(masks))
+        except TakeError:  # nobody there, or more than one person, or at the pictures' edges: cheap to see
+            return None
+        low, high = _HULL_HEIGHTS
+        if not low <= hull.height_m / model.body.height_m <= high:
+            return None
+        self._tries += 1
+        self._wait = min(2**self._tries, _LONGEST_WAIT)
+        first = find_first_pose(model, picture, hull, self._limbs, self._settings)
+        return None if "torso" in first.solution.distrusted else first.solution

@@ -1,0 +1,123 @@
+"""Aligning a body with the input's silhouettes by their contours.
+
+The rim of the model, where its surface turns away from a camera, is to lie on the input's contour. Points of
+the rim look along their normals for the contour that faces the same way, Gauss-Newton moves the pose, and so
+again with shorter reach and less patience for outliers (a form of articulated ICP on silhouettes: Rosenhahn,
+Brox, Weickert, IJCV 73(3), 2007). Nothing is drawn but the model's silhouettes, which tell hidden rims.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_DOF, N_JOINTS
+from services.mocap.body.skeleton import DOFS, LOWER, SEGMENT_NAMES, UPPER
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.cpu.collecting import empty_canvas
+from services.mocap.energy.cpu.facing import lenses_of
+from services.mocap.energy.cpu.mesh import FlatMesh
+from services.mocap.energy.cpu.outline import scratch_for
+from services.mocap.energy.detail.cache import levels_of
+from services.mocap.energy.picture import Picture, Region
+from services.mocap.search.alignment.pulls import SHARES
+from services.mocap.search.alignment.rim_mesh import RimMesh
+from services.mocap.search.alignment.solving import follow
+from services.mocap.search.chains import ALL_SEGMENTS, REFERENCE_WIDTH_PX
+from services.mocap.search.settings import SearchSettings
+from services.mocap.types import Floats, Ints
+
+_FIRST_CAP_PX, _LAST_CAP_PX = 6.0, 1.5
+"""Contours farther off than this count as outliers, in the first step and in the last."""
+_LAST_REACH = 0.375
+"""Of the reach, in the last step."""
+_FIRST_DAMPING, _LAST_DAMPING = 0.05, 0.01
+_EVERY = 3
+"""Of so many rim points one is taken, until the last steps."""
+_FULL_STEPS = 2
+_LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
+"""How far a step goes at most, in metres and radians."""
+_ALL_JOINTS = np.arange(N_JOINTS, dtype=np.int32)
+_EVERYTHING = np.array(ALL_SEGMENTS, np.int32)
+_LIMITS = np.array([LOWER, UPPER])
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """Where an alignment ended."""
+
+    pose: Floats
+    """(35,)"""
+    prior_cost: float
+    """What being off the expected pose counts, in pixels squared times pixels of contour."""
+    rim_px: Floats
+    """(16, 3) per segment, summed over the cameras: the length of its rim that shows, what of it lies on a
+    contour, and what found none in reach."""
+
+
+class Aligner:
+    """Aligns one body before one camera rig; not to be called by several threads at once."""
+
+    def __init__(self, body: Body, rig: Rig, *, thinned: bool = True) -> None:
+        """Thinned: with levels of detail, which take about a second to make of a new body."""
+        levels = levels_of(body) if thinned else [[] for _ in SEGMENT_NAMES]
+        mesh = FlatMesh.of(body, levels)
+        self._offsets_m, self._rig = body.offsets_m, rig
+        self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
+        self._rim = (*RimMesh.of(body, levels),)
+        n_edges = self._rim[0].shape[1]
+        self._edges = (np.zeros(n_edges, np.uint8), np.zeros(n_edges + 1, np.uint32))
+        self._scale = rig.shape_px[1] / REFERENCE_WIDTH_PX
+
+    def align(
+        self,
+        picture: Picture,
+        pose: Floats,
+        settings: SearchSettings,
+        dofs: tuple[int, ...] = tuple(range(N_DOF)),
+        segments: tuple[int, ...] = ALL_SEGMENTS,
+    ) -> Aligned:
+        """Move parameters of a pose (35,) so that segments' rims lie on the contours of a picture.
+
+        The picture is at full resolution: whole ones, or windows. A rim outside of it does not count.
+        """
+        free, prior = np.zeros(N_DOF), np.zeros((3, N_DOF))
+        free[list(dofs)] = 1.0
+        prior[0], prior[1], prior[2] = pose, settings.steadiness, _LONGEST
+        moved, account, rim_px = pose.copy(), np.zeros(2), np.zeros((len(SEGMENT_NAMES), SHARES))
+        region = picture.region
+        P_px_world = region.projections(self._rig)
+        lenses = lenses_of(P_px_world, region.width_px, region.height_px)
+        canvas = empty_canvas(region.height_px, region.width_px)
+        drawing = (_EVERYTHING, self._mesh, self._scratch, (P_px_world, lenses), canvas)
+        views = (
+            P_px_world,
+            np.ascontiguousarray(lenses[:, 12:]),
+            self._weights(settings),
+            self._sizes_px(region),
+        )
+        rims = (np.array(segments, np.int32), self._rim, views, self._edges)
+        planes = np.array(picture.silhouettes)  # to Numba one that is read-only is of another type
+        follow(
+            moved, self._offsets_m, _ALL_JOINTS, planes, drawing, settings.detail_px, rims,
+            self._stages(settings), free, prior, _LIMITS, account, rim_px,
+        )  # fmt: skip
+        return Aligned(moved, float(account[1]), rim_px)
+
+    def _weights(self, settings: SearchSettings) -> Floats:
+        return np.array(settings.camera_weights or (1.0,) * self._rig.n_cameras, np.float64)
+
+    def _sizes_px(self, region: Region) -> Ints:
+        """(C, 2) how much of the region each camera's picture fills."""
+        window = np.array([region.width_px, region.height_px])
+        sizes_px: Ints = np.minimum(self._rig.sizes_px - region.origin_px, window).astype(np.int32)
+        return sizes_px
+
+    def _stages(self, settings: SearchSettings) -> Floats:
+        """(K, 4) as follow takes them: from far to near."""
+        share = np.linspace(0.0, 1.0, settings.contour_steps)
+        reach_px = settings.contour_reach_px * self._scale * (1.0 + (_LAST_REACH - 1.0) * share)
+        cap_px = self._scale * _FIRST_CAP_PX * (_LAST_CAP_PX / _FIRST_CAP_PX) ** share
+        damping = _FIRST_DAMPING * (_LAST_DAMPING / _FIRST_DAMPING) ** share
+        every = np.where(np.arange(settings.contour_steps) < settings.contour_steps - _FULL_STEPS, _EVERY, 1)
+        return np.column_stack([np.ceil(reach_px), cap_px, damping, every])

@@ -1,0 +1,73 @@
+"""Compiled search in the input for the contour that a point of the rim belongs to."""
+
+from math import floor, nan
+
+import numba
+
+from services.mocap.types import Bytes
+
+_FINE_PX = 0.5
+"""Steps in which the contour is looked for between two pixels that differ."""
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def distance_to_contour(
+    silhouettes: Bytes, camera: int, x: float, y: float, nx: float, ny: float, reach_px: int
+) -> float:
+    """How far along a normal the input's contour is that faces the same way; negative: against it.
+
+    silhouettes: bit-planes (P, H, W). (x, y) in pixels; (nx, ny) a unit vector that points off the model.
+    The nearest place where the input ends in the normal's direction, up to reach_px away either way; NaN
+    where there is none. Contours run where the silhouette, interpolated bilinearly, is a half.
+    """
+    plane, bit = camera >> 3, camera & 7
+    before = _is_set(silhouettes, plane, bit, x, y)
+    ahead, behind = before, before
+    for step in range(1, reach_px + 1):
+        onward = _is_set(silhouettes, plane, bit, x + step * nx, y + step * ny)
+        if ahead and not onward:
+            return _refined(silhouettes, plane, bit, x, y, nx, ny, step - 1.0)
+        ahead = onward
+        back = _is_set(silhouettes, plane, bit, x - step * nx, y - step * ny)
+        if back and not behind:
+            return _refined(silhouettes, plane, bit, x, y, nx, ny, -step * 1.0)
+        behind = back
+    return nan
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _is_set(planes: Bytes, plane: int, bit: int, x: float, y: float) -> bool:
+    """The pixel at (x, y); off the picture everything is as at its edge."""
+    column = min(max(int(x + 0.5), 0), planes.shape[2] - 1)
+    row = min(max(int(y + 0.5), 0), planes.shape[1] - 1)
+    return bool((planes[plane, row, column] >> bit) & 1)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _refined(
+    planes: Bytes, plane: int, bit: int, x: float, y: float, nx: float, ny: float, low: float
+) -> float:
+    """Where between low - 1/2 and low + 3/2 the interpolated silhouette falls through a half."""
+    t, before = low - _FINE_PX, 1.0
+    value = _interpolated(planes, plane, bit, x + t * nx, y + t * ny)
+    if value < 0.5:
+        return t
+    for _ in range(4):
+        before, t = value, t + _FINE_PX
+        value = _interpolated(planes, plane, bit, x + t * nx, y + t * ny)
+        if value < 0.5:
+            return t - _FINE_PX * (0.5 - value) / (before - value)
+    return t
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _interpolated(planes: Bytes, plane: int, bit: int, x: float, y: float) -> float:
+    left, top = floor(x), floor(y)
+    right_share, low_share = x - left, y - top
+    column = min(max(int(left), 0), planes.shape[2] - 2)
+    row = min(max(int(top), 0), planes.shape[1] - 2)
+    a, b = (planes[plane, row, column] >> bit) & 1, (planes[plane, row, column + 1] >> bit) & 1
+    c, d = (planes[plane, row + 1, column] >> bit) & 1, (planes[plane, row + 1, column + 1] >> bit) & 1
+    upper = (1.0 - right_share) * a + right_share * b
+    lower = (1.0 - right_share) * c + right_share * d
+    return float((1.0 - low_share) * upper + low_share * lower)

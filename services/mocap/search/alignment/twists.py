@@ -1,0 +1,89 @@
+"""How points of the body move when a parameter changes: the world's twist of every parameter."""
+
+import numba
+import numpy as np
+
+from services.mocap.body.kinematics import (
+    DOF_AXIS,
+    DOF_RANGE,
+    DOF_ROLE,
+    N_JOINTS,
+    PARENT,
+    SHIFT,
+    SWING,
+    rotation_of,
+)
+from services.mocap.body.skeleton import DOFS, JOINT_INDEX
+from services.mocap.types import Floats, Mask
+
+TWIST_SIZE = 6
+"""An angular velocity, then the velocity of the point that is at the world's origin."""
+
+
+@numba.njit(cache=True, nogil=True)
+def place_twists(pose: Floats, T_world_joint: Floats, twists: Floats) -> None:
+    """Write every parameter's twist into twists (35, 6).
+
+    pose (35,) and the transforms (17, 4, 4) that place_joints made of it. A point X of a segment that the
+    parameter d moves has the velocity a x X + b for twists[d] = (a, b), in metres (per metre or radian).
+    """
+    R, turn, swing, axis = np.eye(3), np.empty((3, 3)), np.zeros(3), np.zeros(3)
+    for j in range(N_JOINTS):
+        first, last = DOF_RANGE[j]
+        if first == last:
+            continue
+        R[:] = np.eye(3) if PARENT[j] < 0 else T_world_joint[PARENT[j], :3, :3]
+        origin = T_world_joint[j, :3, 3]
+        swing[:] = 0.0
+        for d in range(first, last):
+            if DOF_ROLE[d] == SWING:
+                swing += pose[d] * DOF_AXIS[d]
+        for d in range(first, last):
+            if DOF_ROLE[d] == SHIFT:
+                twists[d, :3], twists[d, 3:] = 0.0, DOF_AXIS[d]
+            elif DOF_ROLE[d] == SWING:
+                _swing_axis(swing, DOF_AXIS[d], axis)
+                _write(R, axis, origin, twists[d])
+        rotation_of(swing[0], swing[1], swing[2], turn)
+        R[:] = R @ turn
+        for d in range(first, last):
+            if DOF_ROLE[d] != SHIFT and DOF_ROLE[d] != SWING:
+                _write(R, DOF_AXIS[d], origin, twists[d])
+                x, y, z = pose[d] * DOF_AXIS[d]
+                rotation_of(x, y, z, turn)
+                R[:] = R @ turn
+
+
+@numba.njit(cache=True, nogil=True)
+def _swing_axis(swing: Floats, axis: Floats, out: Floats) -> None:
+    """The axis about which a swing turns on when its component along axis grows: J(swing) axis.
+
+    J is the left Jacobian of the rotations (Barfoot, State Estimation for Robotics, 2017, section 7.1.5).
+    """
+    angle = np.sqrt((swing * swing).sum())
+    if angle < 1e-6:
+        a, b = 0.5, 1.0 / 6.0
+    else:
+        a, b = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    once = np.cross(swing, axis)
+    out[:] = axis + a * once + b * np.cross(swing, once)
+
+
+@numba.njit(cache=True, nogil=True)
+def _write(R: Floats, axis: Floats, origin_world_m: Floats, twist: Floats) -> None:
+    turned = R @ axis
+    twist[:3] = turned
+    twist[3:] = np.cross(origin_world_m, turned)
+
+
+def moved_by() -> Mask:
+    """(17, 17): whether a turn of the first joint moves the second, itself included."""
+    moved = np.eye(N_JOINTS, dtype=np.bool_)
+    for j in range(N_JOINTS):  # parents precede children
+        if PARENT[j] >= 0:
+            moved[:, j] |= moved[:, PARENT[j]]
+    return moved
+
+
+DOF_JOINT = np.array([JOINT_INDEX[dof.joint] for dof in DOFS], np.int32)
+"""(35,) the joint that each parameter turns or shifts."""

@@ -1,0 +1,50 @@
+"""What solving a frame gives, and how long its stages took."""
+
+import time
+from dataclasses import dataclass, field
+
+from services.mocap.search.chains import LimbName
+from services.mocap.search.doubt import Part
+from services.mocap.search.solve import Solution
+from services.mocap.types import Floats
+
+
+@dataclass(eq=False)
+class FrameSolution:
+    """A frame's pose and what finding it took."""
+
+    pose: Floats
+    """(35,)"""
+    energy_px: float
+    """Differing pixels of the whole body's full mesh in the whole pictures, over all cameras, whatever was
+    minimised."""
+    passes: int = 0
+    evaluations: int = 0
+    """Of the energy; steps of an alignment count as well, since each draws the whole body once."""
+    seconds: dict[str, float] = field(default_factory=lambda: {"torso": 0.0, "head": 0.0, "limbs": 0.0})
+    """Wall time per stage; limbs: from after the head until the last limb was there. By the contours torso is
+    the alignment of the whole body."""
+    limb_seconds: dict[str, float] = field(default_factory=dict)
+    """What solving each limb took where it was done, over all passes."""
+    confidence: dict[Part, float] = field(default_factory=dict)
+    """0 to 1: the share of each part's visible rim that lies on a contour, where it was looked at."""
+    distrusted: list[Part] = field(default_factory=list)
+    """Parts whose pose is likely to be wrong; the torso stands for the whole body."""
+
+    def note_limb(self, name: LimbName, solution: Solution) -> None:
+        """Book what a limb took."""
+        self.evaluations += solution.evaluations
+        self.limb_seconds[name] = self.limb_seconds.get(name, 0.0) + solution.seconds
+
+
+class Clock:
+    """Books the time since the last booking to a stage."""
+
+    def __init__(self, seconds: dict[str, float]) -> None:
+        self._seconds, self._last = seconds, time.perf_counter()
+
+    def book(self, stage: str) -> None:
+        """The time since then went into a stage."""
+        now = time.perf_counter()
+        self._seconds[stage] = self._seconds.get(stage, 0.0) + now - self._last
+        self._last = now

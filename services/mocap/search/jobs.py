@@ -1,0 +1,70 @@
+"""The limbs of a pass as jobs that others can take over."""
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from services.mocap.energy.picture import Picture
+from services.mocap.search.chains import LIMBS, LimbName
+from services.mocap.search.model import Model
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.solve import Solution, limb_picture, solve_limb
+from services.mocap.types import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class LimbJob:
+    """One limb of one pass, ready to be solved anywhere."""
+
+    pass_index: int
+    limb: LimbName
+    window: Picture
+    pose: Floats
+    settings: SearchSettings
+
+
+class LimbPool(Protocol):
+    """Something that solves limbs while the caller does other work."""
+
+    def start(self, jobs: list[LimbJob]) -> None:
+        """Take over the jobs of one pass."""
+        ...
+
+    def finish(self) -> Iterable[tuple[LimbName, Solution]]:
+        """Wait for the solutions of all started jobs, by limb, in any order."""
+        ...
+
+
+class LocalLimbs:
+    """Solves limbs in this process, one after the other."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._jobs: list[LimbJob] = []
+
+    def start(self, jobs: list[LimbJob]) -> None:
+        """See LimbPool.start."""
+        self._jobs = jobs
+
+    def finish(self) -> Iterator[tuple[LimbName, Solution]]:
+        """See LimbPool.finish."""
+        for job in self._jobs:
+            began_s = time.perf_counter()
+            found = solve_limb(self._model, job.limb, job.window, job.pose, job.settings)
+            yield job.limb, replace(found, seconds=time.perf_counter() - began_s)
+
+
+def limb_jobs(
+    model: Model,
+    whole: Picture,
+    pose: Floats,
+    settings: SearchSettings,
+    pass_index: int,
+    limbs: Iterable[LimbName] = tuple(LIMBS),
+) -> list[LimbJob]:
+    """Limbs of a pass, each with its part of the input and the cost's margin around it."""
+    return [
+        LimbJob(pass_index, name, limb_picture(model, name, whole, pose, settings), pose, settings)
+        for name in limbs
+    ]

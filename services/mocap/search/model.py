@@ -1,0 +1,31 @@
+"""What every sub-problem needs to know."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from services.mocap.body.actor import Body
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.backend import Backend
+from services.mocap.search.alignment.aligner import Aligner
+from services.mocap.search.settings import SearchSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The body, the cameras, and a backend made for both."""
+
+    body: Body
+    rig: Rig
+    backend: Backend
+
+    def aligner(self, settings: SearchSettings) -> Aligner:
+        """What aligns the body with contours, by full meshes where the settings allow no detail to go."""
+        return self._thinned if settings.detail_px > 0 else self._full
+
+    @cached_property
+    def _thinned(self) -> Aligner:
+        return Aligner(self.body, self.rig)
+
+    @cached_property
+    def _full(self) -> Aligner:
+        return Aligner(self.body, self.rig, thinned=False)

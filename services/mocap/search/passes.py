@@ -1,0 +1,74 @@
+"""The paper's way through a frame: passes of torso, limbs and head until the energy stops falling."""
+
+from services.mocap.energy.cost import Cost
+from services.mocap.energy.picture import Picture
+from services.mocap.search.found import Clock, FrameSolution
+from services.mocap.search.jobs import LimbPool, limb_jobs
+from services.mocap.search.model import Model
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.solve import solve_head, solve_torso, whole_body_energy
+from services.mocap.types import Floats
+
+
+def solve_by_passes(
+    model: Model, whole: Picture, starts: Floats, settings: SearchSettings, limbs: LimbPool, first_pass: int
+) -> FrameSolution:
+    """Find the pose of one frame, beginning at the best of the start poses (N, 35) within the limits.
+
+    The paper, section 3: torso, then every limb with its hand or foot and the head, repeated until converged.
+    The result is the best pose seen at the end of a pass, by the cost and the level of detail of the search;
+    starts count as seen. first_pass: see solve_frame.
+    """
+    whole = settings.cost.priced(whole)
+    energy = whole_body_energy(model, whole, starts[0], settings.cost, settings.detail_px)
+    energies = energy(starts)
+    best = FrameSolution(
+        starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts)
+    )
+    coarse, pose = settings.cost.priced(whole.halved()) if settings.windows else whole, best.pose
+    for pass_index in range(first_pass, first_pass + settings.max_passes):
+        before = best.energy_px
+        pose = _one_pass(model, whole, coarse, pose, settings, limbs, pass_index, best)
+        energy_px = float(energy(pose[None])[0])
+        best.passes, best.evaluations = best.passes + 1, best.evaluations + 1
+        if energy_px < best.energy_px:
+            best.pose, best.energy_px = pose, energy_px
+        if before - energy_px <= settings.pass_tolerance * before:
+            break
+    _report_plainly(model, whole, settings, best)
+    return best
+
+
+def _report_plainly(model: Model, whole: Picture, settings: SearchSettings, found: FrameSolution) -> None:
+    """Where another energy was minimised, report plain XOR of the full mesh all the same."""
+    if (settings.cost, settings.detail_px) != (Cost(), 0.0):
+        energy = whole_body_energy(model, whole, found.pose, Cost(), 0.0)
+        found.energy_px = float(energy(found.pose[None])[0])
+        found.evaluations += 1
+
+
+def _one_pass(
+    model: Model,
+    whole: Picture,
+    coarse: Picture,
+    pose: Floats,
+    settings: SearchSettings,
+    limbs: LimbPool,
+    pass_index: int,
+    account: FrameSolution,
+) -> Floats:
+    """Torso, then limbs and head at the same time; returns the new pose and books times and evaluations."""
+    clock = Clock(account.seconds)
+    torso = solve_torso(model, coarse, pose, settings)
+    pose = torso.applied_to(pose)
+    clock.book("torso")
+    limbs.start(limb_jobs(model, whole, pose, settings, pass_index))
+    head = solve_head(model, whole, pose, settings)
+    pose = head.applied_to(pose)
+    clock.book("head")
+    account.evaluations += torso.evaluations + head.evaluations
+    for name, limb in limbs.finish():
+        pose = limb.applied_to(pose)
+        account.note_limb(name, limb)
+    clock.book("limbs")
+    return pose

@@ -1,0 +1,122 @@
+"""An alignment brings a body back to where its silhouettes were drawn, and moves nothing else."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.picture import Picture, Region
+from services.mocap.search.alignment.aligner import Aligner
+from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
+from services.mocap.search.model import Model
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.solve import limb_picture
+from services.mocap.synth.studio import studio_cameras
+from services.mocap.types import Bytes, Floats
+
+SETTINGS = SearchSettings()
+Maker = Callable[..., Floats]
+BENT = {"shoulder_elevation": -50.0, "elbow_flexion": 40.0, "knee_flexion": 30.0, "hip_flexion": 25.0}
+
+
+def _nearby(pose: Floats, seed: int) -> Floats:
+    """A few centimetres and degrees away."""
+    rng = np.random.default_rng(seed)
+    off = rng.normal(0, 0.05, N_DOF)
+    off[:3] = rng.normal(0, 0.03, 3)
+    return np.clip(pose + off, LOWER, UPPER)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_it_finds_back(
+    model: Model,
+    standing: Maker,
+    picture_of: Callable[[Floats], Picture],
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+    seed: int,
+) -> None:
+    truth = standing(**BENT)
+    start = _nearby(truth, seed)
+    found = model.aligner(SETTINGS).align(picture_of(truth), start, SETTINGS)
+    assert joint_errors_mm(start, truth).mean() > 25
+    assert joint_errors_mm(found.pose, truth).mean() < 5
+    assert joint_errors_mm(found.pose, truth).max() < 25
+    assert np.all((found.pose >= LOWER) & (found.pose <= UPPER))
+    shown, on, lost = found.rim_px.sum(axis=0)
+    assert on > 0.95 * shown
+    assert lost < 0.02 * shown
+
+
+def test_the_full_meshes_do_as_well(
+    model: Model,
+    standing: Maker,
+    picture_of: Callable[[Floats], Picture],
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    truth, full = standing(**BENT), SearchSettings(detail_px=0.0)
+    found = model.aligner(full).align(picture_of(truth), _nearby(truth, 1), full)
+    assert joint_errors_mm(found.pose, truth).mean() < 5
+
+
+def test_a_limb_is_aligned_in_its_window_and_nothing_else_moves(
+    model: Model,
+    standing: Maker,
+    picture_of: Callable[[Floats], Picture],
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    truth, limb = standing(**BENT), LIMBS["left_arm"]
+    start = truth.copy()
+    start[list(limb.main.dofs)] += 0.12
+    window = limb_picture(model, "left_arm", picture_of(truth), start, SETTINGS)
+    found = model.aligner(SETTINGS).align(window, start, SETTINGS, limb.dofs, limb.main.segments).pose
+    others = [d for d in range(N_DOF) if d not in limb.dofs]
+    np.testing.assert_array_equal(found[others], start[others])
+    assert joint_errors_mm(found, truth).max() < 12
+
+
+def test_a_camera_of_no_weight_has_no_say(
+    model: Model, standing: Maker, silhouettes_of: Callable[[Floats], Bytes]
+) -> None:
+    truth = standing(**BENT)
+    weights = tuple(0.0 if c == 2 else 1.0 for c in range(model.rig.n_cameras))
+    settings = SearchSettings(camera_weights=weights)
+    clean, soiled = silhouettes_of(truth), silhouettes_of(truth)
+    soiled ^= np.random.default_rng(0).integers(0, 2, soiled.shape, np.uint8) << 2
+    a, b = (
+        model.aligner(settings).align(Picture.whole(model.rig, planes), _nearby(truth, 0), settings)
+        for planes in (clean, soiled)
+    )
+    np.testing.assert_array_equal(a.pose, b.pose)
+
+
+def test_what_nothing_tells_stays_as_it_was(model: Model, standing: Maker) -> None:
+    start = standing(**BENT)
+    blank = Picture.whole(model.rig, np.zeros((1, *model.rig.shape_px), np.uint8))
+    found = model.aligner(SETTINGS).align(blank, start, SETTINGS)
+    np.testing.assert_array_equal(found.pose, start)
+    assert found.prior_cost == 0.0
+
+
+def test_a_joint_at_its_limit_stays_there(
+    model: Model, standing: Maker, picture_of: Callable[[Floats], Picture]
+) -> None:
+    truth = standing(shoulder_elevation=-50.0, elbow_flexion=0.0)
+    beyond = truth.copy()
+    elbow = DOF_INDEX["left_elbow_flexion"]
+    beyond[elbow] = np.radians(-12)  # what the limits do not allow, drawn all the same
+    found = model.aligner(SETTINGS).align(picture_of(beyond), truth, SETTINGS).pose
+    assert found[elbow] == LOWER[elbow]
+
+
+@pytest.mark.parametrize("n_cameras", [4, 12])
+def test_any_number_of_cameras(n_cameras: int, standing: Maker) -> None:
+    body, rig = build_body(Actor(height=1.75)), Rig.of(studio_cameras(n_cameras))
+    truth = standing(**BENT)
+    drawn = CpuBackend(body, rig).coverage(truth[None], ALL_SEGMENTS, Region.whole(rig))[0]
+    found = Aligner(body, rig).align(Picture.whole(rig, drawn), _nearby(truth, 3), SETTINGS).pose
+    np.testing.assert_allclose(found[:6], truth[:6], atol=0.03)
