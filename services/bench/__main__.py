@@ -2,19 +2,29 @@
 
 import json
 import os
+import shlex
+import signal
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
+from services.bench import accuracy as accuracies
+from services.bench import actors as actor_fits
+from services.bench import segmentation as silhouettes
+from services.bench import table2 as frame_times
 from services.bench.contestants import Contestants, Name
-from services.bench.machine import this_machine
+from services.bench.machine import Machine, this_machine
+from services.bench.people import Variety
 from services.bench.problems import Setup
 from services.bench.table1 import Row, as_table, measure
+from services.mocap.errors import UserError
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="Measure, beside the paper's numbers.")
 
@@ -36,12 +46,9 @@ class Cameras(StrEnum):
 
 
 _FILE_COLUMNS = 120
+Found = TypeVar("Found")
+_SEQUENCES = tuple(frame_times.SEQUENCES)
 _COUNTS = [int(count) for count in Cameras if count is not Cameras.ALL]
-
-
-@app.callback()
-def _commands() -> None:
-    """Keep `table1` a subcommand, since others come beside it."""
 
 
 def _writable(path: Path | None) -> Path | None:
@@ -51,6 +58,21 @@ def _writable(path: Path | None) -> Path | None:
     if path is not None and (path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK)):
         raise typer.BadParameter(f"{path} cannot be written: name another file")
     return path
+
+
+JsonOption: TypeAlias = Annotated[
+    Path | None, typer.Option("--json", callback=_writable, help="Write the figures here as well.")
+]
+TakesArgument: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[TAKE]...",
+        help="Take folders, or basic, dance, walk: made once and kept; by default basic and dance.",
+    ),
+]
+FramesOption: TypeAlias = Annotated[
+    str, typer.Option(help="Only frames A up to but not including B, as A:B.")
+]
 
 
 @app.command()
@@ -65,9 +87,7 @@ def table1(
         list[Cameras] | None, typer.Option("--cameras", help="How many; may be repeated; else all.")
     ] = None,
     repeats: Annotated[int, typer.Option(min=1, help="Figures are medians over so many turns.")] = 5,
-    json_path: Annotated[
-        Path | None, typer.Option("--json", callback=_writable, help="Write the figures here as well.")
-    ] = None,
+    json_path: JsonOption = None,
 ) -> None:
     """Energy evaluations per second by window, plain and pre-rendered (the paper's table 1)."""
     console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
@@ -85,9 +105,128 @@ def table1(
     for reason in contestants.reasons:
         console.print(reason, markup=False)
     contestants.close()
-    if json_path is not None:
+    _write_json(json_path, machine, rows)
+
+
+@app.command()
+def table2(
+    takes: TakesArgument = None,
+    frames: FramesOption = ":",
+    all_frames: Annotated[
+        bool, typer.Option("--all-frames", help="Let the slow ways solve all frames, too.")
+    ] = False,
+    ways: Annotated[
+        list[str] | None,
+        typer.Option("--way", help="Only ways whose name holds this, such as default; may be repeated."),
+    ] = None,
+    json_path: JsonOption = None,
+) -> None:
+    """Seconds per frame: plain XOR, the paper's ways and the default (the paper's table 2)."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows = this_machine(), list[frame_times.Row]()
+    console.print(str(machine), highlight=False)
+    chosen = [way for way in frame_times.WAYS if not ways or any(part in way.name for part in ways)]
+    for take in takes or list(_SEQUENCES):
+        with console.status(take) as status:
+            for found in _going_on(frame_times.measure(take, frames, chosen, all_frames), take, console):
+                if isinstance(found, str):
+                    console.print(found, markup=False, soft_wrap=True)
+                else:
+                    rows.append(found)
+                    status.update(f"{take}: {found.way} took {found.seconds_per_frame:.3f} s per frame")
+    _finish(console, frame_times.as_tables(rows), json_path, machine, rows)
+
+
+@app.command()
+def accuracy(
+    takes: TakesArgument = None,
+    frames: FramesOption = ":",
+    noise: Annotated[
+        bool, typer.Option("--noise", help="Also with half of the cameras, and with bad silhouettes.")
+    ] = False,
+    workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 4,
+    options: Annotated[
+        str, typer.Option("--track", help="Further options of xormocap track, such as '--set max_passes=5'.")
+    ] = "",
+    json_path: JsonOption = None,
+) -> None:
+    """Joint errors, overlap of silhouettes, lost limbs and marks of tracked takes."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows, words = this_machine(), list[accuracies.Row](), tuple(shlex.split(options))
+    console.print(str(machine), highlight=False)
+    for take in takes or list(_SEQUENCES):
+        with console.status(take) as status:
+            for row in _going_on(accuracies.measure(take, frames, workers, words, noise), take, console):
+                rows.append(row)
+                status.update(f"{take}: {row.variant}: done")
+    _finish(console, [accuracies.as_table(rows, workers)], json_path, machine, rows)
+
+
+@app.command()
+def actors(
+    people: Annotated[
+        int, typer.Option(min=1, max=1000, help="How many random people of each variety.")
+    ] = 20,
+    varieties: Annotated[
+        list[Variety] | None,
+        typer.Option("--variety", help="How much they differ; may be repeated; else as adults do."),
+    ] = None,
+    frames: Annotated[int, typer.Option(min=1, max=100, help="Frames that each fit looks at.")] = 10,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, other people.")] = 0,
+    json_path: JsonOption = None,
+) -> None:
+    """Height, bones and heading of random people, fitted to noisy silhouettes as xormocap fit does."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows = this_machine(), list[actor_fits.Row]()
+    console.print(str(machine), highlight=False)
+    for variety in varieties or [Variety.POPULATION]:
+        with console.status(f"{variety}: 0 of {people} people") as status:
+            for row in actor_fits.measure(variety, range(people), frames, seed):
+                rows.append(row)
+                status.update(f"{variety}: {row.number + 1} of {people} people")
+    _finish(console, actor_fits.as_tables(rows), json_path, machine, rows)
+
+
+@app.command()
+def segmentation(
+    takes: TakesArgument = None,
+    json_path: JsonOption = None,
+) -> None:
+    """Milliseconds per picture by stage, and overlap with exact silhouettes, of takes with clean plates."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows = this_machine(), list[silhouettes.Row]()
+    console.print(str(machine), highlight=False)
+    for take in takes or list(_SEQUENCES):
+        with console.status(take) as status:
+            for row in _going_on(silhouettes.measure(take), take, console):
+                rows.append(row)
+                status.update(f"{take}: {row.camera}: done")
+    _finish(console, [silhouettes.as_table(rows)], json_path, machine, rows)
+
+
+def _going_on(measured: Iterator[Found], take: str, console: Console) -> Iterator[Found]:
+    """What is measured on a take; an error of the user's is said, and ends this take only."""
+    try:
+        yield from measured
+    except UserError as error:
+        console.print(f"{take}: is left out: {error}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _finish(
+    console: Console, tables: list[Table], path: Path | None, machine: Machine, rows: Sequence[Any]
+) -> None:
+    """Show and write what was measured; ends with 1 where that is nothing."""
+    if not rows:
+        raise typer.Exit(1)
+    for table in tables:
+        console.print(table)
+    _write_json(path, machine, rows)
+
+
+def _write_json(path: Path | None, machine: Machine, rows: Sequence[Any]) -> None:
+    if path is not None:
         content = {"machine": asdict(machine), "rows": [asdict(row) for row in rows]}
-        json_path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _setups(sizes: list[Size], cameras: list[Cameras]) -> list[Setup]:
@@ -97,4 +236,5 @@ def _setups(sizes: list[Size], cameras: list[Cameras]) -> list[Setup]:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # unwinds, so that what is being tracked ends too
     app()

@@ -9,12 +9,24 @@ import typer
 import zmq
 
 from proto.framing import MalformedMessage
-from proto.link import Link
+from proto.keys import ClientKeys
+from proto.link import Line, Link
 from proto.messages import Blob, BlobRequest, Hello, Message, Pose, PoseRequest, Recorded, TakeEnd, TakeInfo
-from proto.sockets import connect, make_socket, receive, wait
-from proto.streams import DEFAULT_ENDPOINT, stream_endpoint
+from proto.sockets import receive, wait
+from proto.streams import DEFAULT_ENDPOINT
+from services.mocap.motion.settings import OutputSettings
 from services.mocap.take.folder import open_take
-from services.process import StopRequest, client_name, run_service
+from services.process import (
+    DEFAULT_OUTPUT,
+    CutoffOption,
+    KeysOption,
+    SmoothOption,
+    StopRequest,
+    client_name,
+    keys_of_client,
+    output_settings,
+    run_service,
+)
 from services.recorder.collection import Collection
 from services.recorder.result_folder import check_out
 from services.recorder.results import write_results
@@ -30,26 +42,26 @@ log = logging.getLogger(__name__)
 class Listener:
     """Listens to poses and asks for what is missing until the take is complete."""
 
-    def __init__(self, take: str, endpoint: str) -> None:
+    def __init__(self, take: str, endpoint: str, keys: ClientKeys | None = None) -> None:
         self._take = take
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._sub = make_socket(self._context, zmq.SUB)
-        connect(self._sub, stream_endpoint(endpoint, "poses"))
+        self._poses = Line(self._context, endpoint, "poses", keys)
         hello = Hello(role="recorder", name=client_name("recorder"), backend="")
-        self._link = Link(self._context, endpoint, hello)
+        self._link = Link(self._context, endpoint, hello, keys)
         self._asked_s = 0.0
         self.collection = Collection()
 
     def listen(self) -> None:
         """Wait for messages a moment, take them in, and ask for what is missing."""
-        wait([self._sub, self._link.socket], _LOOK_S)
+        wait([self._poses.socket, self._link.socket], _LOOK_S)
         try:
-            while (message := receive(self._sub)) is not None:
+            while (message := receive(self._poses.socket)) is not None:
                 self._take_in(message)
             while (message := self._link.receive()) is not None:
                 self._take_in(message)
         except MalformedMessage as error:
             log.warning("dropped a malformed message: %s", error)
+        self._poses.tick()
         self._link.tick()
         self._ask()
 
@@ -75,11 +87,19 @@ class Listener:
     def close(self) -> None:
         """Close the sockets, letting what was sent go out."""
         self._link.close()
-        self._sub.close()
+        self._poses.close()
         self._context.term()
 
 
-def serve(take_folder: Path, out: Path, endpoint: str, stop: StopRequest, overlay: bool) -> None:
+def serve(
+    take_folder: Path,
+    out: Path,
+    endpoint: str,
+    stop: StopRequest,
+    overlay: bool,
+    output: OutputSettings,
+    keys: ClientKeys | None = None,
+) -> None:
     """Listen until the take is over, then write its results.
 
     After a stop the coordinator has a moment to end the take; then what is there is written. A second stop
@@ -87,7 +107,7 @@ def serve(take_folder: Path, out: Path, endpoint: str, stop: StopRequest, overla
     """
     take = open_take(take_folder)
     check_out(out)
-    listener = Listener(take.settings.name, endpoint)
+    listener = Listener(take.settings.name, endpoint, keys)
     log.info("ready, coordinator at %s", endpoint)
     stopped_s: float | None = None
     while not listener.collection.complete:
@@ -100,7 +120,7 @@ def serve(take_folder: Path, out: Path, endpoint: str, stop: StopRequest, overla
         listener.confirm()
     listener.close()
     if listener.collection.poses:  # else the coordinator says why
-        write_results(out, take, listener.collection, overlay=overlay, hurry=lambda: stop.count > 1)
+        write_results(out, take, listener.collection, output, overlay=overlay, hurry=lambda: stop.count > 1)
 
 
 def main(
@@ -108,9 +128,17 @@ def main(
     out: Annotated[Path, typer.Option(help="Where the results go.")],
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
+    smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
+    cutoff_hz: CutoffOption = None,
+    keys: KeysOption = None,
 ) -> None:
     """Record a take's poses and write its results."""
-    run_service("recorder", lambda stop: serve(take, out, connect, stop, overlay))
+
+    def work(stop: StopRequest) -> None:
+        own_keys = keys_of_client(keys, "recorder")
+        serve(take, out, connect, stop, overlay, output_settings(smooth, cutoff_hz), own_keys)
+
+    run_service("recorder", work)
 
 
 if __name__ == "__main__":

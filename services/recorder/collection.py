@@ -5,6 +5,8 @@ from contextlib import suppress
 from itertools import count, takewhile
 
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
+from services.mocap.body.actor import Actor, mesh_named_in
+from services.mocap.body.body_mesh import OwnMesh
 
 
 class Collection:
@@ -16,6 +18,7 @@ class Collection:
         self._end: int | None = None
         self._is_empty = False
         self._blobs: dict[str, str] = {}
+        self._meshes: dict[str, bytes] = {}
 
     def add(self, message: TakeInfo | Pose | TakeEnd | Blob) -> None:
         """Take in a message; repeated, foreign and damaged ones change nothing."""
@@ -31,7 +34,11 @@ class Collection:
     def _add_blob(self, blob: Blob) -> None:
         """Keep content that is wanted and whole; what is not is asked for again."""
         content = blob.content.tobytes()
-        if blob.hash in self.missing_blobs() and hashlib.sha256(content).hexdigest() == blob.hash:
+        if blob.hash not in self.missing_blobs() or hashlib.sha256(content).hexdigest() != blob.hash:
+            return
+        if blob.kind == "mesh":
+            self._meshes[blob.hash] = content
+        else:
             with suppress(UnicodeDecodeError):
                 self._blobs[blob.hash] = content.decode()
 
@@ -43,7 +50,16 @@ class Collection:
         """Hashes of the content still needed."""
         if self.info is None:
             return []
-        return [name for name in (self.info.actor, self.info.rig) if name not in self._blobs]
+        missing = [name for name in (self.info.actor, self.info.rig) if name not in self._blobs]
+        mesh = None if self.info.actor in missing else mesh_named_in(self._blobs[self.info.actor])
+        return missing if mesh is None or mesh in self._meshes else [*missing, mesh]
+
+    def actor(self) -> Actor:
+        """The actor of the take, whose content has arrived."""
+        if self.info is None:
+            raise ValueError("the take has not been announced")
+        text = self._blobs[self.info.actor]
+        return Actor.from_toml(text, lambda named: OwnMesh.from_bytes(self._meshes[named.sha256]))
 
     def missing_frames(self) -> tuple[int, int] | None:
         """The first gap in the frames, as a range; up to the latest pose or, once known, the take's end."""

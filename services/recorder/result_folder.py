@@ -8,13 +8,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from services.mocap.atomic import atomic_folder
+from services.mocap.body.actor import MESH_FILE
 from services.mocap.errors import UserError
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.layout import ACTOR
 
 POSES, JOINTS, MOTION = "poses.csv", "joints.csv", "motion.bvh"
+POSES_SMOOTH = "poses_smooth.csv"
 OVERLAY, RUN_JSON, LOGS = "overlay.mp4", "run.json", "logs"
-_KNOWN = {POSES, JOINTS, MOTION, ACTOR, OVERLAY, RUN_JSON, LOGS, FIT_FOLDER}
+_KNOWN = {POSES, POSES_SMOOTH, JOINTS, MOTION, ACTOR, MESH_FILE, OVERLAY, RUN_JSON, LOGS, FIT_FOLDER}
 
 
 def check_out(folder: Path) -> None:

@@ -2,51 +2,78 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.actor import MESH_FILE, build_body
 from services.mocap.errors import UserError
 from services.mocap.export.bvh import write_bvh
+from services.mocap.motion.settings import OutputSettings
+from services.mocap.motion.smoothing import smoothed
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import PoseTable, reference_joints, write_joints_csv, write_poses_csv
 from services.mocap.take.world import to_take_world
 from services.mocap.types import Ints
 from services.recorder.collection import Collection
+from services.recorder.marks import distrusted_values, marks_of
 from services.recorder.overlay import write_overlay
-from services.recorder.result_folder import JOINTS, MOTION, OVERLAY, POSES, RUN_JSON, results_into
-from services.recorder.run_report import write_run_json
+from services.recorder.result_folder import (
+    JOINTS,
+    MOTION,
+    OVERLAY,
+    POSES,
+    POSES_SMOOTH,
+    RUN_JSON,
+    results_into,
+)
+from services.recorder.run_report import Motion, write_run_json
 
 log = logging.getLogger(__name__)
 
 
 def write_results(
-    out: Path, take: Take, collection: Collection, *, overlay: bool, hurry: Callable[[], bool]
+    out: Path,
+    take: Take,
+    collection: Collection,
+    output: OutputSettings,
+    *,
+    overlay: bool,
+    hurry: Callable[[], bool],
 ) -> None:
     """Write poses.csv, joints.csv, motion.bvh, actor.toml, overlay.mp4 and run.json for what was recorded.
 
-    Older results are replaced once the new ones are there, unless these lack frames (see results_into).
-    hurry: asked at every frame of the overlay, which is left out when it says so. Raises UserError where
-    there is nothing to write.
+    Where output smooths, poses.csv and the overlay still show what was tracked; joints.csv, motion.bvh and a
+    poses_smooth.csv hold the smoothed motion. Older results are replaced once the new ones are there, unless
+    these lack frames (see results_into). hurry: asked at every frame of the overlay, which is left out when
+    it says so. Raises UserError where there is nothing to write.
     """
     info, recorded = collection.info, collection.recorded()
     if info is None or not recorded or collection.missing_blobs():
         raise UserError("no results: the coordinator was gone before it told of the take")
-    actor = Actor.from_toml(collection.blob(info.actor))
+    actor = collection.actor()
     body = build_body(actor)
+    frames: Ints = np.array([message.frame for message in recorded], np.int32)
+    times_s = np.array([message.time_s for message in recorded])
+    energies_px = np.array([message.energy_px for message in recorded])
     poses = np.array([message.pose for message in recorded])
-    joints_world_m = reference_joints(poses, body.offsets_m)
+    marks = marks_of(recorded)
+    shown = smoothed(poses, info.fps, output, distrusted_values(marks))
+    joints_world_m = reference_joints(shown, body.offsets_m)
     with results_into(out, complete=len(recorded) == info.end_frame - info.first_frame) as part:
-        frames: Ints = np.array([message.frame for message in recorded], np.int32)
-        times_s = np.array([message.time_s for message in recorded])
-        energies_px = np.array([message.energy_px for message in recorded])
-        write_poses_csv(part / POSES, PoseTable(frames, times_s, poses, energies_px))
+        table = PoseTable(frames, times_s, poses, energies_px, marks=marks)
+        write_poses_csv(part / POSES, table)
+        if output.smooth != "none":
+            write_poses_csv(part / POSES_SMOOTH, replace(table, poses=shown))
         write_joints_csv(part / JOINTS, frames, times_s, to_take_world(joints_world_m, take.settings.up))
-        write_bvh(part / MOTION, poses, body.offsets_m, info.fps)
+        write_bvh(part / MOTION, shown, body.offsets_m, info.fps)
         (part / ACTOR).write_text(actor.to_toml())
+        if actor.mesh is not None:
+            (part / MESH_FILE).write_bytes(actor.mesh.content)
         if overlay:
             log.info("drawing the overlay")
             write_overlay(part / OVERLAY, take, body, recorded, hurry)
-        write_run_json(part / RUN_JSON, take, info, actor, recorded, joints_world_m)
+        motion = Motion(output, reference_joints(poses, body.offsets_m), joints_world_m, marks)
+        write_run_json(part / RUN_JSON, take, info, actor, recorded, motion)

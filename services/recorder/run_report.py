@@ -3,6 +3,7 @@
 import json
 import platform
 from collections import Counter
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -12,19 +13,37 @@ import numpy as np
 from proto.messages import PROTOCOL_VERSION, Pose, TakeInfo
 from services.mocap.body.actor import Actor
 from services.mocap.export.report import joint_errors
+from services.mocap.motion.settings import OutputSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import REFERENCE_JOINTS_CSV
+from services.mocap.take.marks import PARTS, Marks
 from services.mocap.take.tables import read_joints_csv
 from services.mocap.take.world import from_take_world
 from services.mocap.types import Floats
+from services.recorder.result_folder import JOINTS, MOTION, POSES_SMOOTH
 
 _LIBRARIES = ("moderngl", "numpy", "numba", "opencv-contrib-python-headless", "pyzmq", "scipy")
 
+_LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
+"""Stages that five machines would go through side by side, where a coordinator books them one by one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What was made of the recorded poses."""
+
+    output: OutputSettings
+    tracked_world_m: Floats
+    """(N, 15, 3) joints as they were tracked."""
+    written_world_m: Floats
+    """(N, 15, 3) joints as joints.csv has them, smoothed where that was asked for."""
+    marks: Marks
+
 
 def write_run_json(
-    path: Path, take: Take, info: TakeInfo, actor: Actor, recorded: list[Pose], joints_world_m: Floats
+    path: Path, take: Take, info: TakeInfo, actor: Actor, recorded: list[Pose], motion: Motion
 ) -> None:
-    """Write the report; joints_world_m (N, 15, 3) are those of the recorded poses."""
+    """Write the report of the recorded poses (N), and of the motion that was made of them."""
     report: dict[str, Any] = {
         "take": {"name": info.take, "folder": str(take.folder), "frames": len(recorded), "fps": info.fps},
         "versions": {
@@ -34,6 +53,7 @@ def write_run_json(
             **{name: version(name) for name in _LIBRARIES},
         },
         "settings": _settings(info, recorded),
+        "output": _output(motion.output),
         "units": {"length": "m", "angle": "rad", "energy": "px", "time": "s", "bvh_length": "m"},
         "actor": actor.model_dump(),
         "speed": _speed(recorded),
@@ -41,10 +61,15 @@ def write_run_json(
             "median": float(np.median([message.energy_px for message in recorded])),
             "largest": max(message.energy_px for message in recorded),
         },
+        "trust": _trust(motion.marks),
     }
-    accuracy = _accuracy(take, recorded, joints_world_m)
-    if accuracy is not None:
-        report["accuracy"] = accuracy
+    of_motion = {"accuracy": motion.written_world_m}
+    if motion.output.smooth != "none":
+        of_motion["accuracy_before_smoothing"] = motion.tracked_world_m
+    for name, joints_world_m in of_motion.items():
+        accuracy = _accuracy(take, recorded, joints_world_m)
+        if accuracy is not None:
+            report[name] = accuracy
     path.write_text(json.dumps(report, indent=2) + "\n")
 
 
@@ -60,17 +85,44 @@ def _settings(info: TakeInfo, recorded: list[Pose]) -> dict[str, Any]:
     }
 
 
+def _output(output: OutputSettings) -> dict[str, Any]:
+    """What was smoothed, and how."""
+    if output.smooth == "none":
+        return {"smooth": output.smooth}
+    return {"smooth": output.smooth, "cutoff_hz": output.hz, "smoothed": [POSES_SMOOTH, JOINTS, MOTION]}
+
+
 def _speed(recorded: list[Pose]) -> dict[str, Any]:
     """Times of the frames after the first, whose pose has to be found from nothing."""
     steady = recorded[1:] or recorded
-    seconds = {name: [message.seconds[name] for message in steady] for name in steady[0].seconds}
-    return {
+    stages = sorted({name for message in steady for name in message.seconds})
+    seconds = {name: np.array([message.seconds.get(name, 0.0) for message in steady]) for name in stages}
+    speed = {
         "workers": recorded[-1].workers,
         "retries": recorded[-1].retries,
-        "frames_per_s": len(steady) / sum(seconds["frame"]),
+        "frames_per_s": float(1.0 / seconds["frame"].mean()),
         "evaluations_per_frame": float(np.mean([message.evaluations for message in steady])),
         "first_frame_s": recorded[0].seconds["frame"],
+        "mean_s": {name: float(values.mean()) for name, values in seconds.items()},
         "median_s": {name: float(np.median(values)) for name, values in seconds.items()},
+    }
+    if all(name in seconds for name in (*_LIMBS, "torso", "head")):
+        slowest_limb = np.max([seconds[name] for name in _LIMBS], axis=0)
+        speed["critical_path_s"] = float((seconds["torso"] + slowest_limb + seconds["head"]).mean())
+    return speed
+
+
+def _trust(marks: Marks) -> dict[str, Any]:
+    """In how many frames which part must not be trusted; what was never judged has no confidence."""
+    judged = {
+        part: float(np.nanmin(values))
+        for part, values in zip(PARTS, marks.confidence.T, strict=True)
+        if not np.isnan(values).all()
+    }
+    return {
+        "distrusted_frames": marks.distrusted_frames,
+        "distrusted_frames_by_part": marks.distrusted_by_part,
+        "lowest_confidence": judged,
     }
 
 
@@ -93,6 +145,7 @@ def _accuracy(take: Take, recorded: list[Pose], joints_world_m: Floats) -> dict[
         "median_mm": errors.median_mm,
         "p95_mm": errors.p95_mm,
         "mean_by_joint_mm": errors.mean_by_joint_mm,
+        "frames_with_lost_limbs": len({row for row, _ in errors.lost_limbs}),
         "lost_limbs": [
             {"frame": recorded[ours[row]].frame, "joint": joint} for row, joint in errors.lost_limbs
         ],

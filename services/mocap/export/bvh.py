@@ -15,6 +15,7 @@ from services.mocap.atomic import atomic_file
 from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, JOINTS
 from services.mocap.camera.camera import R_ZUP_YUP
+from services.mocap.motion.root import nearest_angles
 from services.mocap.types import Floats
 
 _UNITS_PER_METRE = {"m": 1.0, "cm": 100.0}
@@ -29,9 +30,6 @@ _TOES_PER_SHANK: Floats = np.array([0.110, 0.0, -0.040]) / 0.242
 
 _TIPS = ("left_wrist", "left_ankle", "right_wrist", "right_ankle")
 _TIP_INDEX = {name: len(JOINT_NAMES) + i for i, name in enumerate(_TIPS)} | {"head": JOINT_INDEX["head_top"]}
-
-_GIMBAL_LOCK = 1e-7
-"""Below this cosine of the middle angle only the sum or difference of the outer ones can be told."""
 
 
 def write_bvh(
@@ -78,22 +76,8 @@ def _continuous_angles_rad(R: Floats) -> Floats:
     angles = angles.reshape(n_frames, n_joints, 3)
     previous = np.zeros((n_joints, 3))
     for frame in range(n_frames):
-        previous = angles[frame] = _nearest_angles(angles[frame], previous)
+        previous = angles[frame] = nearest_angles(angles[frame], previous)
     return angles
-
-
-def _nearest_angles(angles: Floats, previous: Floats) -> Floats:
-    """Of all angles (J, 3) that make the same rotations, those nearest to the previous ones."""
-    z, x, y = angles.T
-    # In gimbal lock z + y (x = 90°) or z - y (x = -90°) is all that counts: keep y where it was.
-    y_shift = np.where(np.abs(np.cos(x)) < _GIMBAL_LOCK, previous[:, 2] - y, 0.0)
-    angles = np.column_stack([z - np.sign(x) * y_shift, x, y + y_shift])
-    # Going over the pole (x past 90°, as a knee does) turns z and y by half a turn.
-    candidates = np.stack([angles, np.pi + angles * [1.0, -1.0, 1.0]])
-    candidates += 2 * np.pi * np.round((previous - candidates) / (2 * np.pi))
-    over_the_pole = np.argmin(np.sum((candidates - previous) ** 2, axis=-1), axis=0)
-    nearest: Floats = candidates[over_the_pole, np.arange(len(angles))]
-    return nearest
 
 
 def _children(name: str) -> list[str]:

@@ -1,0 +1,76 @@
+"""Smoothing of poses for output: without delay for recorded takes, and causally as it is done live.
+
+The root's turn is smoothed as a rotation, everything else parameter by parameter, and the joint limits hold
+afterwards as before.
+"""
+
+import numpy as np
+from scipy.interpolate import make_smoothing_spline
+from scipy.spatial.transform import Rotation
+
+from services.mocap.body.kinematics import N_DOF, clip_to_limits
+from services.mocap.motion.one_euro import OneEuro
+from services.mocap.motion.root import ROOT_TURN, root_angles, root_rotations
+from services.mocap.motion.settings import OutputSettings
+from services.mocap.types import Floats, Mask
+
+_FEWEST = 5
+"""Poses that a smoothing spline needs."""
+_DISTRUSTED_WEIGHT = 1e-4
+"""What a value that should not be trusted counts, against 1. It lowers the cutoff to a tenth, so that gaps of
+some frames are bridged and long ones, of seconds, keep a hold."""
+
+
+def smoothed(poses: Floats, fps: float, settings: OutputSettings, distrusted: Mask | None = None) -> Floats:
+    """Poses (N, 35) of consecutive frames as the settings want them; N >= 1.
+
+    distrusted: (N, 35) values that should not be trusted; rts bridges them from both sides.
+    """
+    if settings.smooth == "none":
+        return poses.copy()
+    if settings.smooth == "rts":
+        return rts(poses, fps, settings.hz, distrusted)
+    one_euro = OneEuro(settings.hz)
+    return np.array([one_euro(pose, frame / fps) for frame, pose in enumerate(poses)])
+
+
+def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = None) -> Floats:
+    """Poses (N, 35) without what is faster than cutoff_hz, where half of the amplitude passes; nothing lags.
+
+    This is the Rauch-Tung-Striebel smoother of a body whose velocities wander at random. It is computed as
+    the cubic smoothing spline, which is the same estimate: see Wahba 1978, and Weinert, Byrd and Sidhu 1980.
+    Its gain at a frequency f is 1 / (1 + (f / cutoff)^4), that of a second-order Butterworth filter run
+    forward and back, but it needs no margin at the ends and leaves no ringing.
+    """
+    if len(poses) < _FEWEST:
+        return poses.copy()
+    values = np.column_stack([poses, _without_flips(root_rotations(poses).as_quat())])
+    weights = np.ones(values.shape)
+    if distrusted is not None:
+        turn = distrusted[:, ROOT_TURN].any(axis=1, keepdims=True)
+        weights[np.column_stack([distrusted, np.repeat(turn, 4, axis=1)])] = _DISTRUSTED_WEIGHT
+    found = _spline(values, weights, fps, cutoff_hz)
+    result = found[:, :N_DOF]
+    turned = Rotation.from_quat(found[:, N_DOF:])
+    result[:, ROOT_TURN] = root_angles(turned, near=poses[:, ROOT_TURN])
+    return clip_to_limits(result)
+
+
+def _spline(values: Floats, weights: Floats, fps: float, cutoff_hz: float) -> Floats:
+    """Smooth (N, k) values with weights (N, k) over time; columns of like weights go together."""
+    times_s = np.arange(len(values)) / fps
+    roughness = fps / (2 * np.pi * cutoff_hz) ** 4  # what the spline's squared acceleration costs
+    found = np.empty_like(values)
+    kinds, kind_of_column = np.unique(weights, axis=1, return_inverse=True)
+    for kind, weight in enumerate(kinds.T):
+        columns = kind_of_column.ravel() == kind
+        found[:, columns] = make_smoothing_spline(times_s, values[:, columns], weight, roughness)(times_s)
+    return found
+
+
+def _without_flips(quaternions: Floats) -> Floats:
+    """Quaternions (N, 4), each on the same side as the one before: q and -q turn alike."""
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+    signs = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
+    aligned: Floats = quaternions * np.concatenate([[1.0], signs])[:, None]
+    return aligned

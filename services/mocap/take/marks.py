@@ -1,0 +1,79 @@
+"""Marks: which parts of the body should not be trusted in a frame, and how sure the tracker was of each."""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from services.mocap.take.csv_columns import Columns
+from services.mocap.types import Floats, Mask
+
+Part: TypeAlias = Literal["torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"]
+PARTS: tuple[Part, ...] = get_args(Part)
+"""The parts that are judged, in the order of every (…, 6) array; the torso stands for the whole body."""
+DISTRUSTED = "distrusted"
+_CONFIDENCE_COLUMNS = tuple(f"confidence_{part}" for part in PARTS)
+MARK_COLUMNS = (DISTRUSTED, *_CONFIDENCE_COLUMNS)
+"""The columns of poses.csv that hold marks."""
+_SEPARATOR = ";"
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Of N frames."""
+
+    confidence: Floats
+    """(N, 6) from 0 to 1; NaN where a part was not judged."""
+    distrusted: Mask
+    """(N, 6) parts that should not be trusted."""
+
+    @property
+    def distrusted_frames(self) -> int:
+        """In how many frames any part should not be trusted."""
+        return int(self.distrusted.any(axis=1).sum())
+
+    @property
+    def distrusted_by_part(self) -> dict[str, int]:
+        """In how many frames each part should not be trusted."""
+        return dict(zip(PARTS, self.distrusted.sum(axis=0).tolist(), strict=True))
+
+
+def mark_cells(marks: Marks) -> dict[str, list[str]]:
+    """The columns (N,) of a table; a part that was not judged leaves its cell empty."""
+    names = [_SEPARATOR.join(np.array(PARTS)[row]) for row in marks.distrusted]
+    confidence = {
+        column: ["" if np.isnan(value) else f"{value:.3f}" for value in values]
+        for column, values in zip(_CONFIDENCE_COLUMNS, marks.confidence.T, strict=True)
+    }
+    return {DISTRUSTED: names, **confidence}
+
+
+def read_marks(columns: Columns) -> Marks | None:
+    """The marks of a table; None where it has no column of them, as older ones. Raises TakeError."""
+    if not any(name in columns.cells for name in MARK_COLUMNS):
+        return None
+    confidence = [_confidence(columns, name) for name in _CONFIDENCE_COLUMNS]
+    return Marks(np.column_stack(confidence), _distrusted(columns))
+
+
+def _confidence(columns: Columns, name: str) -> Floats:
+    if name not in columns.cells:
+        return np.full(len(columns.lines), np.nan)
+    values = columns.numbers(name, blanks=True)
+    outside = (values < 0) | (values > 1)  # false for NaN
+    if outside.any():
+        row = int(outside.argmax())
+        raise columns.error(name, columns.lines[row], "a number from 0 to 1", columns.cells[name][row])
+    return values
+
+
+def _distrusted(columns: Columns) -> Mask:
+    distrusted: Mask = np.zeros((len(columns.lines), len(PARTS)), bool)
+    cells = columns.cells.get(DISTRUSTED, ())
+    for row, cell in enumerate(cells):
+        for name in filter(None, cell.split(_SEPARATOR)):
+            if name not in PARTS:
+                expected = f"some of {', '.join(PARTS)}, joined by {_SEPARATOR}"
+                raise columns.error(DISTRUSTED, columns.lines[row], expected, cell)
+            distrusted[row, PARTS.index(name)] = True
+    return distrusted

@@ -1,0 +1,75 @@
+"""Random people of the bench: what they are, and that a fit finds two of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from services.bench.actors import BONES, Row, as_tables, measure
+from services.bench.people import Stance, Variety, somebody
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.picture import Region
+from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.synth.studio import studio_cameras
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig.of(studio_cameras(8))
+
+
+@pytest.mark.parametrize("variety", Variety)
+@pytest.mark.parametrize("stance", Stance)
+def test_people_stand_on_the_floor_in_all_pictures(rig: Rig, variety: Variety, stance: Stance) -> None:
+    for seed in range(2):
+        person = somebody(rig, variety, stance, 2, seed)
+        assert 1.49 < person.body.standing_height_m < 2.01
+        for pose in person.poses:
+            assert person.body.lowest_point_m(pose) == pytest.approx(0.0, abs=1e-9)
+        exact = unpack(
+            CpuBackend(person.body, rig).coverage(person.poses, ALL_SEGMENTS, Region.whole(rig))[0],
+            rig.n_cameras,
+        )
+        seen = unpack(person.silhouettes[0], rig.n_cameras)
+        assert not exact[:, [0, -1]].any()
+        assert not exact[:, :, [0, -1]].any()
+        both, either = (exact & seen).sum(axis=(1, 2)), (exact | seen).sum(axis=(1, 2))
+        assert np.all(both > 0.9 * either)  # they are noisy, and still silhouettes of that person
+        assert np.all(both < either)
+
+
+def test_a_seed_makes_the_same_person_and_another_one_does_not(rig: Rig) -> None:
+    one, again, other = (somebody(rig, Variety.POPULATION, Stance.RELAXED, 1, seed) for seed in (1, 1, 2))
+    assert np.array_equal(one.silhouettes, again.silhouettes)
+    assert np.array_equal(one.x, again.x)
+    assert not np.array_equal(one.x, other.x)
+
+
+def test_a_fit_finds_people() -> None:
+    rows = list(measure(Variety.POPULATION, (0, 2), 2, seed=0))
+    assert [row.stance for row in rows] == [Stance.A_POSE, Stance.RELAXED]
+    for row in rows:
+        assert abs(row.height_cm) < 1.0
+        assert abs(row.heading_deg) < 10.0
+        assert np.median([abs(row.bones_percent[bone]) for bone in BONES]) < 3.0
+        assert abs(row.bones_percent[row.worst_bone]) < 10.0
+        assert row.iou > 0.9
+
+
+def test_what_was_asked_for_is_counted() -> None:
+    bones = dict.fromkeys([*BONES, "pelvis", "torso"], 1.0)
+    good = Row(
+        Variety.POPULATION, 0, "male", Stance.A_POSE, 1.8, 0.4, bones | {"pelvis": 9.0}, 2.0, 5.0, 0.95, 9.0
+    )
+    assert good.is_found
+    assert good.faces_right
+    assert not replace(good, height_cm=-1.1).is_found
+    assert not replace(good, bones_percent=bones | {"hand": -5.1}).is_found
+    assert replace(good, bones_percent=bones | {"hand": -5.1}).worst_bone == "hand"
+    assert not replace(good, heading_deg=-178.0).faces_right
+    tables = as_tables([good, replace(good, number=1, heading_deg=170.0)])
+    assert [list(table.columns[1].cells) for table in tables if "asked" in str(table.title)] == [
+        ["2 of 2", "2 of 2", "1 of 2"]
+    ]

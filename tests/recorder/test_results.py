@@ -1,0 +1,155 @@
+"""What a recorder writes, without processes: marks, raw and smoothed motion, and the report of both."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from proto.messages import Blob, Pose, TakeEnd, TakeInfo
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.motion.settings import OutputSettings
+from services.mocap.motion.smoothing import smoothed
+from services.mocap.synth.motion import walk
+from services.mocap.take.folder import open_take
+from services.mocap.take.tables import read_joints_csv, read_poses_csv, reference_joints, write_joints_csv
+from services.mocap.types import Floats
+from services.recorder.collection import Collection
+from services.recorder.marks import distrusted_values, marks_of
+from services.recorder.results import write_results
+
+N, FPS = 12, 10.0
+ACTOR = Actor(height=1.7)
+
+
+@pytest.fixture(scope="module")
+def truth() -> Floats:
+    return walk(N, FPS, build_body(ACTOR))
+
+
+@pytest.fixture(scope="module")
+def noisy(truth: Floats) -> Floats:
+    poses: Floats = truth + np.random.default_rng(0).normal(0, 0.01, truth.shape)
+    return poses
+
+
+def blob(text: str, kind: Any) -> Blob:
+    content = text.encode()
+    return Blob(hash=hashlib.sha256(content).hexdigest(), kind=kind, content=np.frombuffer(content, np.uint8))
+
+
+def recorded(poses: Floats, **changed: dict[int, Any]) -> list[Pose]:
+    """Messages of the poses; changed: fields by frame."""
+    seconds = {"torso": 0.02, "head": 0.01, "limbs": 0.05, "frame": 0.1}
+    counts = {"passes": 1, "evaluations": 7, "workers": 0, "retries": 0}
+    same = {"take": "walk", "energy_px": 100.0, "backend": "cpu", "worker_backends": {}, **counts}
+    messages = []
+    for frame, pose in enumerate(poses):
+        own = {name: values[frame] for name, values in changed.items() if frame in values}
+        fields = {"frame": frame, "time_s": frame / FPS, "seconds": seconds, "pose": pose, **same, **own}
+        messages.append(Pose(**fields))
+    return messages
+
+
+def results(folder: Path, take: Path, messages: list[Pose], output: OutputSettings) -> dict[str, Any]:
+    """Write into folder; returns run.json."""
+    actor, rig = blob(ACTOR.to_toml(), "actor"), blob("{}", "rig")
+    info = TakeInfo(
+        take="walk", fps=FPS, first_frame=0, end_frame=N, actor=actor.hash, rig=rig.hash, backend="cpu",
+        backend_reason="asked for", threads=1, search={},
+    )  # fmt: skip
+    collection = Collection()
+    for message in (info, actor, rig, *messages, TakeEnd(take="walk", first_frame=0, end_frame=N)):
+        collection.add(message)
+    assert collection.complete
+    write_results(folder, open_take(take), collection, output, overlay=False, hurry=lambda: False)
+    report: dict[str, Any] = json.loads((folder / "run.json").read_text())
+    return report
+
+
+@pytest.fixture
+def take(small_take, truth: Floats) -> Path:
+    folder: Path = small_take(frames=N, source="silhouettes")
+    joints_m = reference_joints(truth, build_body(ACTOR).offsets_m)
+    frames = np.arange(N, dtype=np.int32)
+    write_joints_csv(folder / "reference" / "joints.csv", frames, frames / FPS, joints_m)
+    return folder
+
+
+def test_what_was_tracked_is_kept_beside_what_is_smoothed(take: Path, noisy: Floats, tmp_path: Path) -> None:
+    output = OutputSettings(smooth="rts", cutoff_hz=1.5)
+    report = results(tmp_path / "out", take, recorded(noisy), output)
+    raw, smooth = (read_poses_csv(tmp_path / "out" / name) for name in ("poses.csv", "poses_smooth.csv"))
+    np.testing.assert_allclose(raw.poses, noisy, atol=1e-6)
+    expected = smoothed(noisy, FPS, output)
+    np.testing.assert_allclose(smooth.poses, expected, atol=1e-6)
+    joints_m = reference_joints(expected, build_body(ACTOR).offsets_m)
+    np.testing.assert_allclose(
+        read_joints_csv(tmp_path / "out" / "joints.csv").joints_take_m, joints_m, atol=1e-5
+    )
+    assert report["output"]["smooth"] == "rts"
+    assert report["output"]["cutoff_hz"] == 1.5
+    assert set(report["output"]["smoothed"]) == {"poses_smooth.csv", "joints.csv", "motion.bvh"}
+    assert report["accuracy"]["mean_mm"] != report["accuracy_before_smoothing"]["mean_mm"]
+    assert report["accuracy_before_smoothing"]["mean_mm"] > 1
+
+
+def test_without_smoothing_there_is_one_motion(take: Path, noisy: Floats, tmp_path: Path) -> None:
+    report = results(tmp_path / "out", take, recorded(noisy), OutputSettings(smooth="none"))
+    assert not (tmp_path / "out" / "poses_smooth.csv").exists()
+    assert report["output"] == {"smooth": "none"}
+    assert "accuracy_before_smoothing" not in report
+    joints_m = reference_joints(noisy, build_body(ACTOR).offsets_m)
+    np.testing.assert_allclose(
+        read_joints_csv(tmp_path / "out" / "joints.csv").joints_take_m, joints_m, atol=1e-5
+    )
+
+
+def test_marks_reach_the_table_the_report_and_the_smoother(take: Path, truth: Floats, tmp_path: Path) -> None:
+    wrong = truth.copy()
+    arm = [9, 10, 12]
+    wrong[5:7, arm] += 0.5
+    confidence = {frame: {"torso": 0.9, "left_arm": 0.1 if frame in (5, 6) else 0.8} for frame in range(N)}
+    messages = recorded(wrong, distrusted={5: ["left_arm"], 6: ["left_arm"]}, confidence=confidence)
+    report = results(tmp_path / "out", take, messages, OutputSettings(smooth="rts"))
+    marks = read_poses_csv(tmp_path / "out" / "poses.csv").marks
+    assert marks is not None
+    assert marks.distrusted_by_part["left_arm"] == marks.distrusted_frames == 2
+    np.testing.assert_allclose(marks.confidence[5, :3], [0.9, np.nan, 0.1])
+    trust = report["trust"]
+    assert trust["distrusted_frames"] == trust["distrusted_frames_by_part"]["left_arm"] == 2
+    assert sum(trust["distrusted_frames_by_part"].values()) == 2
+    assert trust["lowest_confidence"] == {"torso": 0.9, "left_arm": 0.1}
+    smooth = read_poses_csv(tmp_path / "out" / "poses_smooth.csv").poses
+    assert np.abs(smooth[5:7, arm] - truth[5:7, arm]).max() < 0.1
+    assert report["accuracy"]["mean_mm"] < 0.5 * report["accuracy_before_smoothing"]["mean_mm"]
+
+
+def test_nobody_judged() -> None:
+    marks = marks_of(recorded(np.zeros((2, 35))))
+    assert np.isnan(marks.confidence).all()
+    assert not marks.distrusted.any()
+    assert not distrusted_values(marks).any()
+
+
+def test_a_torso_that_is_wrong_takes_all_with_it_and_a_limb_only_itself() -> None:
+    messages = recorded(np.zeros((3, 35)), distrusted={0: ["torso"], 2: ["right_leg", "head"]})
+    values = distrusted_values(marks_of(messages))
+    assert values[0].all()
+    assert not values[1].any()
+    assert np.flatnonzero(values[2]).tolist() == [6, 7, 8, *range(29, 35)]
+
+
+def test_the_critical_path_is_told_where_every_limb_is(take: Path, truth: Floats, tmp_path: Path) -> None:
+    plain = results(tmp_path / "plain", take, recorded(truth), OutputSettings())
+    assert "critical_path_s" not in plain["speed"]
+    assert plain["speed"]["frames_per_s"] == pytest.approx(10)
+    limbs = [{"left_arm": 0.01, "right_arm": 0.02, "left_leg": 0.005, "right_leg": 0.001}] * N
+    limbs[3] = {**limbs[3], "left_leg": 0.13}
+    stages = {"torso": 0.02, "head": 0.01, "limbs": 0.05, "frame": 0.1}
+    seconds = {frame: {**stages, **limbs[frame]} for frame in range(N)}
+    speed = results(tmp_path / "limbs", take, recorded(truth, seconds=seconds), OutputSettings())["speed"]
+    assert speed["critical_path_s"] == pytest.approx(0.02 + 0.01 + (0.02 * (N - 2) + 0.13) / (N - 1))
+    assert speed["mean_s"]["left_leg"] > speed["median_s"]["left_leg"] == pytest.approx(0.005)
