@@ -11,6 +11,8 @@ from proto.messages import MESSAGES, PROTOCOL_VERSION, Array, Message, arrays_of
 
 MAX_HEADER_BYTES = 64 * 1024
 MAX_FRAME_BYTES = 64 * 1024 * 1024
+MAX_ENTRIES = 1000
+"""Of any list or map in a header: checking tens of thousands would take a receiver's time."""
 _LONGEST_NAME = 60
 
 
@@ -55,6 +57,9 @@ def decode(frames: list[bytes]) -> Message:
         if field in header:
             raise MalformedMessage(f"{name}.{field}: belongs in a frame of its own, not in the header")
         header[field] = _decode_array(f"{name}.{field}", spec, shape, frame)
+    for field in message_type.model_fields:  # a default serves whoever builds a message, not the wire
+        if field not in header:
+            raise MalformedMessage(f"{name}.{field}: Field required")
     try:
         return message_type.model_validate(header)
     except ValidationError as error:
@@ -72,8 +77,12 @@ def _decode_header(frames: list[bytes]) -> dict[str, Any]:
     if not frames or len(frames[0]) > MAX_HEADER_BYTES:
         raise MalformedMessage("no header, or one that is too long")
     try:
-        header = msgpack.unpackb(frames[0], strict_map_key=True)
-    except (ValueError, msgpack.exceptions.UnpackException, RecursionError):
+        header = msgpack.unpackb(
+            frames[0], strict_map_key=True, max_array_len=MAX_ENTRIES, max_map_len=MAX_ENTRIES
+        )
+    except (ValueError, msgpack.exceptions.UnpackException, RecursionError) as error:
+        if "exceeds max_" in str(error):
+            raise MalformedMessage(f"header holds a list or map of more than {MAX_ENTRIES} entries") from None
         raise MalformedMessage("header is not msgpack") from None
     if not isinstance(header, dict) or not all(isinstance(key, str) for key in header):
         raise MalformedMessage("header is not a map with names as keys")

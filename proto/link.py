@@ -1,31 +1,144 @@
-"""A client's side of the tasks stream: says hello, beats, and registers again after a loss."""
+"""A client's side of a stream: opened anew where that helps, and one sentence where nothing helps.
 
+On the tasks stream it also says hello, beats, and registers again after a loss.
+"""
+
+import logging
 import time
 
 import zmq
+from zmq.utils.monitor import recv_monitor_message
 
+from proto.keys import ClientKeys
 from proto.messages import Beat, Hello, Message
 from proto.sockets import connect, make_socket, receive, send
-from proto.streams import stream_endpoint
+from proto.streams import STREAMS, StreamName, stream_endpoint
+
+log = logging.getLogger(__name__)
 
 BEAT_S = 1.0
 LIVENESS_S = 10.0
 """Silence after which the coordinator counts as lost; outlasts its longest step between two looks."""
 _FIRST_RETRY_S, _LAST_RETRY_S = 1.0, 32.0
+_SAY_FAILED_S, _SAY_SILENT_S = 3.0, 15.0
+"""How long handshakes must have failed, or nobody answered, before that is told."""
+_EVENTS = (
+    zmq.EVENT_HANDSHAKE_SUCCEEDED
+    | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+    | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+    | zmq.EVENT_HANDSHAKE_FAILED_AUTH
+)
+_FINAL = (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_AUTH)
+"""After these libzmq does not try again."""
+
+Context = zmq.Context[zmq.Socket[bytes]]
 
 
-class Link:
-    """A DEALER that keeps itself registered with the coordinator."""
+class Line:
+    """A client's socket of one stream that does not give up.
 
-    def __init__(self, context: "zmq.Context[zmq.Socket[bytes]]", endpoint: str, hello: Hello) -> None:
-        self._context, self._hello = context, hello
-        self._endpoint = stream_endpoint(endpoint, "tasks")
+    `socket` may be another one after each `tick`.
+    """
+
+    def __init__(
+        self, context: Context, endpoint: str, stream: StreamName, keys: ClientKeys | None = None
+    ) -> None:
+        self._context, self._stream, self._keys = context, stream, keys
+        self._endpoint = stream_endpoint(endpoint, stream)
         self._retry_s = _FIRST_RETRY_S
+        self._failure: int | None = None
+        self._is_told = False
+        self._down_s: float | None = time.monotonic()
         self._open()
 
     def _open(self) -> None:
-        self.socket = make_socket(self._context, zmq.DEALER)
-        connect(self.socket, self._endpoint)
+        self.socket = make_socket(self._context, STREAMS[self._stream].client)
+        self._monitor = self.socket.get_monitor_socket(_EVENTS)
+        self._opened_s = time.monotonic()
+        self._greetings = 0
+        self._is_dead = False
+        connect(self.socket, self._endpoint, self._keys)
+
+    def reopen(self) -> None:
+        """Let go of the socket and what it has not sent, and open another."""
+        self._close(linger_ms=0)
+        self._open()
+
+    def tick(self) -> bool:
+        """Look after the connection; True when there is another one, to which nothing has been said yet."""
+        is_anew, now = self._read_events(), time.monotonic()
+        if self._is_dead and now - self._opened_s > self._retry_s:
+            self._retry_s = min(self._retry_s * 2, _LAST_RETRY_S)
+            self.reopen()
+            is_anew = True
+        if self._down_s is not None and not self._is_told:
+            patience_s = _SAY_SILENT_S if self._failure is None else _SAY_FAILED_S
+            if now - self._down_s > patience_s:
+                self._is_told = True
+                log.warning("%s", self._sentence())
+        return is_anew
+
+    def _read_events(self) -> bool:
+        """Take note of handshakes; True when one came after the socket's first."""
+        is_anew = False
+        while self._monitor.poll(0):
+            event = recv_monitor_message(self._monitor)["event"]
+            if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+                self._greetings += 1
+                is_anew = self._greetings > 1
+                self._down_s, self._failure, self._is_told = None, None, False
+                self._retry_s = _FIRST_RETRY_S
+            elif event & _EVENTS:
+                self._failure, self._is_dead = event, event in _FINAL
+                self._down_s = self._down_s or time.monotonic()
+        return is_anew
+
+    def _sentence(self) -> str:
+        """What is probably wrong."""
+        if self._failure is None:
+            return f"{self._endpoint}: nobody answers: is the coordinator running, and is this its address?"
+        if self._failure == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+            return (
+                f"{self._endpoint}: the coordinator refuses this service's key: it was revoked or never put "
+                "on the list of clients, or the coordinator has not read that again yet (SIGHUP)"
+            )
+        if self._keys is None:
+            return f"{self._endpoint}: the handshake failed: the coordinator wants keys: give --keys DIR"
+        if self._failure == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
+            return (
+                f"{self._endpoint}: the handshake failed: the coordinator has no keys: start it with --keys"
+            )
+        return (
+            f"{self._endpoint}: the handshake failed: server.key beside this service's keys is probably not "
+            "this coordinator's"
+        )
+
+    def close(self) -> None:
+        """Close the socket, letting what was sent go out."""
+        self._close(linger_ms=None)
+
+    def _close(self, linger_ms: int | None) -> None:
+        self.socket.disable_monitor()
+        self._monitor.close(linger=0)
+        self.socket.close(linger=linger_ms)
+
+
+class Link:
+    """A DEALER on the tasks stream that keeps itself registered with the coordinator."""
+
+    def __init__(self, context: Context, endpoint: str, hello: Hello, keys: ClientKeys | None = None) -> None:
+        self._hello = hello
+        self._line = Line(context, endpoint, "tasks", keys)
+        self._retry_s = _FIRST_RETRY_S
+        self._register()
+
+    @property
+    def socket(self) -> "zmq.Socket[bytes]":
+        """The present socket, to wait for messages."""
+        return self._line.socket
+
+    def _register(self) -> None:
+        """Say hello to whoever is there now."""
         self._heard = self._sent = time.monotonic()
         self._answered = False
         send(self.socket, self._hello)
@@ -46,15 +159,17 @@ class Link:
 
     def tick(self) -> None:
         """Beat when it is time, and register anew when the coordinator has long been silent."""
+        if self._line.tick():
+            self._register()
         now = time.monotonic()
         patience_s = LIVENESS_S if self._answered else self._retry_s
         if now - self._heard > patience_s:
             self._retry_s = min(self._retry_s * 2, _LAST_RETRY_S)
-            self.socket.close(linger=0)  # or its unsent hello would reach a coordinator that comes back
-            self._open()
+            self._line.reopen()  # the old socket's unsent hello would reach a coordinator that comes back
+            self._register()
         elif now - self._sent > BEAT_S:
             self.send(Beat())
 
     def close(self) -> None:
         """Close the socket, letting what was sent go out."""
-        self.socket.close()
+        self._line.close()

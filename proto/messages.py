@@ -23,6 +23,8 @@ Scalar: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Whole: TypeAlias = Annotated[int, Field(ge=-(2**31), lt=2**31)]
 _Number: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 _Text: TypeAlias = Annotated[str, Field(max_length=200)]
+Part: TypeAlias = Literal["torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"]
+Share: TypeAlias = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Setting: TypeAlias = bool | _Whole | _Number | _Text | list[_Whole] | list[_Number]
 Settings: TypeAlias = Annotated[dict[Name, Setting], Field(max_length=100)]
 
@@ -155,10 +157,10 @@ class Blob(Message):
     type: ClassVar[str] = "blob"
     hash: Hash
     """SHA-256 of the content's bytes, in lower-case hexadecimal."""
-    kind: Literal["actor", "rig"]
-    """What the content is."""
+    kind: Literal["actor", "rig", "mesh"]
+    """What the content is; a mesh is named by an actor that has its own."""
     content: Annotated[NDArray[np.uint8], Array("uint8", ("n",))]
-    """UTF-8 text: actor.toml, or the rig as JSON."""
+    """UTF-8 text: actor.toml, or the rig as JSON; or an own mesh: the bytes of actor_mesh.npz."""
 
 
 class Silhouettes(Message):
@@ -239,6 +241,10 @@ class Pose(Message):
     """Limb results that counted and came from workers since the take began, by their energy backend."""
     seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
     """Wall time in seconds per stage: torso, head, limbs; frame: since the frame before was published."""
+    confidence: Annotated[dict[Part, Share], Field(max_length=6)] = Field(default_factory=dict)
+    """How far each part may be trusted in this frame, from 0 to 1; a part that is left out was not judged."""
+    distrusted: Annotated[list[Part], Field(max_length=6)] = Field(default_factory=list)
+    """Parts that must not be trusted in this frame, none twice; the torso stands for the whole body."""
     pose: Annotated[NDArray[np.float64], Array("float64", (35,))]
     """The body's 35 parameters, in metres and radians, in the z-up world."""
 

@@ -1,11 +1,15 @@
 """Sockets as this project uses them: small queues, short linger, dead peers noticed, loopback by default."""
 
 import ipaddress
+import time
+from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 import zmq
 
-from proto.framing import MAX_FRAME_BYTES, decode, encode
+from proto.auth import ZAP_DOMAIN
+from proto.framing import MAX_FRAME_BYTES, MAX_HEADER_BYTES, decode, encode
+from proto.keys import ClientKeys, ServerKeys
 from proto.messages import Message
 from proto.streams import AddressError
 
@@ -15,15 +19,35 @@ _SMALL_QUEUE_MESSAGES = 10_000
 """High-water mark of all else that is received: beats, poses, results. It must never be reached: libzmq stops
 reading for a full queue, so that pings go unanswered and a peer that is only busy loses its connection, and
 once that is made anew it aborts the process (libzmq issues 3937 and 4767)."""
+MAX_REPLY_BYTES = 2 * MAX_HEADER_BYTES
+"""The longest frame that a ROUTER takes: nothing large travels towards the coordinator on the tasks stream,
+and its queue is long."""
+_CURVE_BYTES = 64
+"""More than encryption adds to a frame; libzmq holds the whole against its limit."""
 LINGER_MS = 500
 PING_INTERVAL_MS = 500
 PING_TIMEOUT_MS = 2500
 """libzmq pings from its own thread, so a peer that is busy still answers and one that hangs does not."""
 _RECONNECT_MS, _RECONNECT_MAX_MS = 100, 4000
+_REBIND_TRIES, _REBIND_S = 200, 0.005
 
 
 class OpenBindError(AddressError):
     """A socket was asked to listen beyond this machine without keys."""
+
+
+class OpenConnectError(AddressError):
+    """A socket was asked to connect beyond this machine without keys."""
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """What arrived, before anything of it is believed."""
+
+    frames: list[bytes]
+    """On a ROUTER the first is the sender's identity."""
+    key: bytes | None
+    """The sender's public key in Z85, which the handshake has proved; None where there are no keys."""
 
 
 def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.Socket[bytes]":
@@ -32,7 +56,8 @@ def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.So
     socket.setsockopt(zmq.SNDHWM, QUEUE_MESSAGES)
     socket.setsockopt(zmq.RCVHWM, QUEUE_MESSAGES if kind == zmq.PULL else _SMALL_QUEUE_MESSAGES)
     socket.setsockopt(zmq.LINGER, LINGER_MS)
-    socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
+    longest = MAX_REPLY_BYTES if kind == zmq.ROUTER else MAX_FRAME_BYTES
+    socket.setsockopt(zmq.MAXMSGSIZE, longest + _CURVE_BYTES)
     socket.setsockopt(zmq.HEARTBEAT_IVL, PING_INTERVAL_MS)
     socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, PING_TIMEOUT_MS)
     socket.setsockopt(zmq.HEARTBEAT_TTL, PING_TIMEOUT_MS)
@@ -45,15 +70,21 @@ def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.So
     return socket
 
 
-def bind(socket: "zmq.Socket[bytes]", endpoint: str) -> str:
-    """Bind to tcp://host:port and return the real endpoint, the port known; beyond loopback is refused.
+def bind(socket: "zmq.Socket[bytes]", endpoint: str, keys: ServerKeys | None = None) -> str:
+    """Bind to tcp://host:port and return the real endpoint, the port known; beyond loopback only with keys.
 
-    Raises OpenBindError, or AddressError where the address is taken or not this machine's.
+    With keys nobody comes in unless a Doorkeeper of the context says so. Raises OpenBindError, or
+    AddressError where the address is taken or not this machine's.
     """
-    host = urlsplit(endpoint.replace("*", "0")).hostname or ""
-    if not _is_loopback(host):
+    if keys is not None:
+        socket.setsockopt(zmq.CURVE_SERVER, 1)
+        socket.setsockopt(zmq.CURVE_SECRETKEY, keys.secret)
+        socket.setsockopt(zmq.ZAP_DOMAIN, ZAP_DOMAIN)
+        socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
+    elif not _is_loopback(_host(endpoint)):
         raise OpenBindError(
-            f"{endpoint}: listening beyond this machine would let anyone in; bind to tcp://127.0.0.1:PORT"
+            f"{endpoint}: listening beyond this machine without keys would let anyone in: make keys with "
+            "xormocap keys new DIR and give --keys DIR, or bind to tcp://127.0.0.1:PORT"
         )
     _allow_ipv6(socket, endpoint)
     try:
@@ -63,10 +94,42 @@ def bind(socket: "zmq.Socket[bytes]", endpoint: str) -> str:
     return socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
 
-def connect(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
-    """Connect to tcp://host:port, now or once somebody listens there."""
+def connect(socket: "zmq.Socket[bytes]", endpoint: str, keys: ClientKeys | None = None) -> None:
+    """Connect to tcp://host:port, now or once somebody listens there; beyond loopback only with keys.
+
+    Raises OpenConnectError.
+    """
+    if keys is not None:
+        socket.setsockopt(zmq.CURVE_PUBLICKEY, keys.public)
+        socket.setsockopt(zmq.CURVE_SECRETKEY, keys.secret)
+        socket.setsockopt(zmq.CURVE_SERVERKEY, keys.server)
+    elif not _is_loopback(_host(endpoint)):
+        raise OpenConnectError(
+            f"{endpoint}: connecting beyond this machine needs keys: give --keys DIR, the folder that "
+            "xormocap keys made for this service where the coordinator runs"
+        )
     _allow_ipv6(socket, endpoint)
     socket.connect(endpoint)
+
+
+def cut_all(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
+    """Cut every connection of a socket that listens at a real endpoint; who may come in connects anew.
+
+    libzmq's connections end with the listener that took them in, and only all at once.
+    """
+    socket.unbind(endpoint)
+    for _ in range(_REBIND_TRIES):
+        try:
+            socket.bind(endpoint)
+        except zmq.ZMQError:  # its own thread has not yet let go of the port
+            time.sleep(_REBIND_S)
+        else:
+            return
+    raise AddressError(f"{endpoint}: cannot listen there any longer: choose another address")
+
+
+def _host(endpoint: str) -> str:
+    return urlsplit(endpoint.replace("*", "0")).hostname or ""
 
 
 def _allow_ipv6(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
@@ -95,21 +158,36 @@ def send(socket: "zmq.Socket[bytes]", message: Message, to: bytes | None = None)
     return True
 
 
-def receive(socket: "zmq.Socket[bytes]") -> Message | None:
-    """Take one waiting message, or None if there is none; raises MalformedMessage."""
+def take(socket: "zmq.Socket[bytes]") -> Envelope | None:
+    """Take one waiting message as it is, with its sender's key, or None if there is none."""
     try:
-        return decode(socket.recv_multipart(flags=zmq.DONTWAIT))
+        first = socket.recv(flags=zmq.DONTWAIT, copy=False)
     except zmq.Again:
         return None
+    frames, key = [first.bytes], _sender_key(first)
+    while socket.getsockopt(zmq.RCVMORE):
+        frames.append(socket.recv())
+    return Envelope(frames, key)
+
+
+def _sender_key(frame: zmq.Frame) -> bytes | None:
+    try:
+        user = frame.get("User-Id")
+    except zmq.ZMQError:  # the property is only there where a Doorkeeper has set it
+        return None
+    return str(user).encode() or None
+
+
+def receive(socket: "zmq.Socket[bytes]") -> Message | None:
+    """Take one waiting message, or None if there is none; raises MalformedMessage."""
+    envelope = take(socket)
+    return None if envelope is None else decode(envelope.frames)
 
 
 def receive_from(socket: "zmq.Socket[bytes]") -> tuple[bytes, Message] | None:
     """Take one waiting message and its sender's identity from a ROUTER; raises MalformedMessage."""
-    try:
-        identity, *frames = socket.recv_multipart(flags=zmq.DONTWAIT)
-    except zmq.Again:
-        return None
-    return identity, decode(frames)
+    envelope = take(socket)
+    return None if envelope is None else (envelope.frames[0], decode(envelope.frames[1:]))
 
 
 def wait(sockets: "list[zmq.Socket[bytes]]", timeout_s: float) -> None:

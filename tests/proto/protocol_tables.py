@@ -31,6 +31,8 @@ def _range(schema: dict[str, Any], low: str, high: str) -> str:
 
 
 def _number(schema: dict[str, Any]) -> str:
+    if "minimum" in schema and "maximum" in schema:
+        return f"float, {schema['minimum']:g} to {schema['maximum']:g}"
     parts = ["float"]
     parts += ["at least {}".format(schema["minimum"])] if "minimum" in schema else []
     parts += ["more than {}".format(schema["exclusiveMinimum"])] if "exclusiveMinimum" in schema else []
@@ -58,7 +60,10 @@ def in_words(schema: dict[str, Any]) -> str:
     if schema["type"] == "array":
         return f"array of {_range(schema, 'minItems', 'maxItems')}: {in_words(schema['items'])}"
     if schema["type"] == "object":
-        keys, values = _string(schema["propertyNames"]), in_words(schema["additionalProperties"])
+        keys, values = (
+            in_words({"type": "string", **schema["propertyNames"]}),
+            in_words(schema["additionalProperties"]),
+        )
         return f"map of at most {schema['maxProperties']}: {keys} → {values}"
     if schema["type"] == "boolean":
         return "boolean"
@@ -139,7 +144,9 @@ def numbers_table() -> str:
     """Every limit and time that an integrator has to know."""
     rows = [
         _row("header, at most", f"{framing.MAX_HEADER_BYTES} bytes"),
+        _row("entries of a list or map in a header, at most", framing.MAX_ENTRIES),
         _row("array frame, at most", f"{framing.MAX_FRAME_BYTES} bytes"),
+        _row("any frame to the coordinator on `tasks`, at most", f"{sockets.MAX_REPLY_BYTES} bytes"),
         _row("messages queued for sending, per peer", sockets.QUEUE_MESSAGES),
         _row("silhouettes queued by the coordinator, per peer", sockets.QUEUE_MESSAGES),
         _row("ZMTP ping, every", f"{sockets.PING_INTERVAL_MS} ms"),

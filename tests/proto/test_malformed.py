@@ -15,6 +15,7 @@ from proto.messages import MESSAGES, Credit, Message, Pose, Silhouettes
 
 Header = dict[str, Any]
 _LONGEST_REASON = 300
+_CROWDED = "header holds a list or map of more than 1000 entries"
 _BAD_SIZE = "silhouettes.planes: a size is not a whole number in range"
 
 
@@ -65,7 +66,10 @@ def silhouettes_with(**changed: Any) -> list[bytes]:
         ([msgpack.packb({1: 1})], "header is not msgpack"),
         ([b"\x81\xa1v\x91" + b"\x91" * 5000 + b"\x01"], "header is not msgpack"),
         ([b"\x81\xa1v\xdb\xff\xff\xff\xff"], "header is not msgpack"),
-        ([b"\x81\xa1v\xdd\xff\xff\xff\xff"], "header is not msgpack"),
+        ([b"\x81\xa1v\xdd\xff\xff\xff\xff"], _CROWDED),
+        ([msgpack.packb({"v": 2, "x": [0] * 1001})], _CROWDED),
+        ([msgpack.packb({str(k): 0 for k in range(1001)})], _CROWDED),
+        ([msgpack.packb({"v": 2, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
         ([b"\x81\xa1v\xd5\xff\x00\x00"], "header is not msgpack"),
         ([b"\x81\xa1v\xa1\xff"], "header is not msgpack"),
         ([msgpack.packb({"v": 2, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
@@ -142,6 +146,26 @@ def test_numbers_that_are_not_finite(number: float) -> None:
         assert reason_for(changed).startswith(f"pose.{field}: ")
     in_map = with_header(lambda header: header.update(seconds={"torso": number}), whole)
     assert reason_for(in_map).startswith("pose.seconds.torso: ")
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"confidence": {"torso": 1.01}}, "pose.confidence.torso: Input should be less than or equal to 1"),
+        ({"confidence": {"tail": 0.5}}, "pose.confidence.tail.[key]: "),
+        ({"distrusted": ["tail"]}, "pose.distrusted.0: "),
+        ({"distrusted": ["head"] * 7}, "pose.distrusted: List should have at most 6 items"),
+    ],
+)
+def test_marks_of_parts_that_are_none(changed: Header, reason: str) -> None:
+    frames = with_header(lambda header: header.update(changed), pose_frames(bytes(280)))
+    assert reason_for(frames).startswith(reason)
+
+
+@pytest.mark.parametrize("field", ["confidence", "distrusted"])
+def test_what_has_a_default_is_needed_on_the_wire_all_the_same(field: str) -> None:
+    frames = with_header(lambda header: header.pop(field), pose_frames(bytes(280)))
+    assert reason_for(frames) == f"pose.{field}: Field required"
 
 
 def test_letters_stand_for_one_size() -> None:

@@ -37,7 +37,7 @@ def _numbers(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
     low = schema.get("exclusiveMinimum", schema.get("minimum"))
     return st.floats(
         min_value=low,
-        max_value=schema.get("exclusiveMaximum"),
+        max_value=schema.get("exclusiveMaximum", schema.get("maximum")),
         exclude_min="exclusiveMinimum" in schema,
         exclude_max="exclusiveMaximum" in schema,
         allow_nan=False,
@@ -53,7 +53,8 @@ def _strings(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
 
 
 def _objects(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
-    keys, values = _strings(schema["propertyNames"]), values_of(schema["additionalProperties"])
+    keys = values_of({"type": "string", **schema["propertyNames"]})
+    values = values_of(schema["additionalProperties"])
     return st.dictionaries(keys, values, max_size=min(schema["maxProperties"], _MOST_ITEMS))
 
 

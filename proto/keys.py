@@ -1,0 +1,125 @@
+"""CURVE keys as they lie in folders: the coordinator's own, a client's own, and the list of who may come in.
+
+    KEYS/coordinator/   server.key_secret, server.key, clients/NAME.key: the list; its removal revokes NAME
+    KEYS/NAME/          client.key_secret, client.key, server.key: all that this client needs
+
+Files are zmq.auth certificates. Every folder serves alone, on a host of its own; KEYS as a whole does on one
+host.
+"""
+
+import logging
+import stat
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from zmq.auth import load_certificate
+from zmq.utils import z85
+
+log = logging.getLogger(__name__)
+
+COORDINATOR = "coordinator"
+"""The folder of the coordinator's keys in a folder of keys; no client may have that name."""
+SERVER, CLIENT = "server", "client"
+"""Names of certificates."""
+CLIENTS = "clients"
+"""The folder of the public keys of those that may come in."""
+PUBLIC, SECRET = ".key", ".key_secret"
+_KEY_CHARACTERS = 40
+
+
+class KeysError(ValueError):
+    """Keys that are missing or cannot be used; the text says which file, and how to mend it."""
+
+
+@dataclass(frozen=True)
+class ServerKeys:
+    """What a coordinator needs to listen."""
+
+    public: bytes
+    secret: bytes = field(repr=False)
+    """Keys in Z85, 40 characters, here and below."""
+    clients: Path
+    """The folder of the public keys of those that may come in."""
+
+
+@dataclass(frozen=True)
+class ClientKeys:
+    """What a client needs to connect."""
+
+    public: bytes
+    secret: bytes = field(repr=False)
+    server: bytes
+    """The coordinator's public key: no other one is talked to."""
+
+
+def server_keys(folder: Path) -> ServerKeys:
+    """The coordinator's keys in a folder of theirs, or in one of all keys; raises KeysError."""
+    own = _own_folder(folder, COORDINATOR, SERVER)
+    public, secret = _pair(own / f"{SERVER}{SECRET}")
+    if not (own / CLIENTS).is_dir():
+        raise KeysError(f"{own / CLIENTS}: is missing: expected a folder with the public key of every client")
+    return ServerKeys(public, secret, own / CLIENTS)
+
+
+def client_keys(folder: Path, role: str) -> ClientKeys:
+    """A client's keys in a folder of theirs, or in one of all keys by the role's name; raises KeysError."""
+    own = _own_folder(folder, role, CLIENT)
+    public, secret = _pair(own / f"{CLIENT}{SECRET}")
+    return ClientKeys(public, secret, read_public(own / f"{SERVER}{PUBLIC}"))
+
+
+def allowed_clients(folder: Path) -> dict[bytes, str]:
+    """Names of those that may come in, by public key; a file that holds none lets nobody in, and is told."""
+    names: dict[bytes, str] = {}
+    for path in sorted(folder.glob(f"*{PUBLIC}")):
+        try:
+            names[read_public(path)] = path.name.removesuffix(PUBLIC)
+        except KeysError as error:
+            log.warning("nobody comes in by it: %s", error)
+    return names
+
+
+def read_public(path: Path) -> bytes:
+    """The public key of a certificate; raises KeysError."""
+    return _read(path)[0]
+
+
+def _own_folder(folder: Path, name: str, certificate: str) -> Path:
+    """Where a certificate's secret is: in the folder itself, or in the one of that name in it."""
+    for own in (folder, folder / name):
+        if (own / f"{certificate}{SECRET}").exists():
+            return own
+    wanted = f"{certificate}{SECRET}, there or in {name}/"
+    raise KeysError(f"{folder}: expected keys, {wanted}: make them with xormocap keys new {folder}")
+
+
+def _pair(path: Path) -> tuple[bytes, bytes]:
+    public, secret = _read(path)
+    if secret is None:
+        raise KeysError(f"{path}: holds no secret key: make keys with xormocap keys new DIR")
+    if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        log.warning("%s: others on this machine can read it: chmod 600 makes it private", path)
+    return public, secret
+
+
+def _read(path: Path) -> tuple[bytes, bytes | None]:
+    """The keys of a certificate, public and secret."""
+    try:
+        public, secret = load_certificate(path)
+    except OSError as error:
+        reason = error.strerror or "it is missing"
+        raise KeysError(f"{path}: cannot be read ({reason}): expected a certificate") from None
+    except (ValueError, IndexError):
+        raise KeysError(f"{path}: holds no public key: expected a certificate") from None
+    for key in (public, secret):
+        if key is not None and not _is_key(key):
+            raise KeysError(f"{path}: holds a damaged key: expected {_KEY_CHARACTERS} characters of Z85")
+    return public, secret
+
+
+def _is_key(key: bytes) -> bool:
+    try:
+        return len(key) == _KEY_CHARACTERS and z85.encode(z85.decode(key)) == key
+    except (KeyError, struct.error):  # of characters that Z85 lacks, of a number too large
+        return False

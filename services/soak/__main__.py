@@ -1,0 +1,91 @@
+"""The command line of the long runs."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from services.launcher import ServiceFailedError
+from services.soak import fuzz as decoder
+from services.soak import siege
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Look long and hard for what breaks.",
+)
+_MOST_GROWTH_MIB = 32.0
+"""What an allocator may keep; a message of every thousand that stayed would be more."""
+_console = Console(highlight=False)
+
+
+@app.callback()
+def _commands() -> None:
+    """Keep `fuzz` a subcommand, since others come beside it."""
+
+
+@app.command()
+def fuzz(
+    inputs: Annotated[int, typer.Option(min=10, help="Inputs for the decoder.")] = 1_000_000,
+    live: Annotated[
+        int, typer.Option(min=0, help="Messages for a worker's and a coordinator's sockets; 0: none.")
+    ] = 50_000,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Repeats a run; else another one each time.")
+    ] = None,
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write the counts here as well.")] = None,
+) -> None:
+    """Hostile messages: nothing may crash, grow or change a pose, and everything is counted."""
+    chosen = int(np.random.default_rng().integers(2**31)) if seed is None else seed
+    _console.print(f"--seed {chosen}")
+    try:
+        with Progress(console=Console(stderr=True)) as bar:
+            task = bar.add_task("decoding", total=inputs)
+            report = decoder.fuzz_decoder(chosen, inputs, lambda done: bar.update(task, completed=done))
+        _show_decoder(report)
+        besieged = siege.besiege(chosen, live) if live else None
+    except (decoder.BrokenDecoderError, siege.BrokenServiceError, ServiceFailedError) as error:
+        _console.print(f"broken: {error}", style="red", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
+    if besieged is not None:
+        _show_siege(besieged)
+    if json_path is not None:
+        content = {"decoder": report.as_json(), "siege": besieged and besieged.as_json()}
+        json_path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    grown = {"decoder": report.growth_mib} | (besieged.growth_mib if besieged else {})
+    if max(grown.values()) > _MOST_GROWTH_MIB:
+        _console.print(f"broken: memory grew, in MiB: {grown}", style="red")
+        raise typer.Exit(1)
+
+
+def _show_decoder(report: decoder.Report) -> None:
+    table = Table("kind", "understood", "malformed", box=None)
+    for kind in sorted({*report.understood, *report.malformed}):
+        table.add_row(kind, f"{report.understood[kind]}", f"{report.malformed[kind]}")
+    table.add_row("all", f"{report.understood.total()}", f"{report.malformed.total()}")
+    _console.print(table)
+    memory = " ".join(f"{mib:.0f}" for mib in report.rss_mib)
+    _console.print(
+        f"{report.inputs} inputs in {report.seconds:.0f} s, the slowest {1000 * report.slowest_s:.1f} ms; "
+        f"memory after each tenth, MiB: {memory}"
+    )
+
+
+def _show_siege(report: siege.Report) -> None:
+    sent = ", ".join(f"{count} to {target}" for target, count in report.sent.items())
+    grown = ", ".join(f"{name} {mib:+.1f}" for name, mib in report.growth_mib.items())
+    _console.print(
+        f"live: {sent}, in {report.seconds:.0f} s; poses as in a quiet run; memory grew by, MiB: {grown}; "
+        f"the coordinator counted {report.counted}",
+        soft_wrap=True,
+    )
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,84 @@
+"""One well-formed message of every type, for hostile ones to be made from."""
+
+import numpy as np
+
+from proto.framing import encode
+from proto.messages import (
+    MESSAGES,
+    Beat,
+    Blob,
+    BlobRequest,
+    Credit,
+    Hello,
+    LimbRefusal,
+    LimbResult,
+    LimbTask,
+    Message,
+    Pose,
+    PoseRequest,
+    Recorded,
+    Silhouettes,
+    TakeEnd,
+    TakeInfo,
+)
+from services.mocap.search.settings import SearchSettings
+
+_CAMERAS = 8
+_HASH = "0" * 64
+_PASS = 1_000_003
+"""No task of a real run has it."""
+
+
+def _of_limbs(take: str, frame: int) -> list[Message]:
+    ids = {"take": take, "frame": frame, "pass_index": _PASS, "limb": "left_arm", "shard": 0, "shards": 1}
+    measured = {"energy_px": 120.5, "evaluations": 900, "seconds": 0.05, "backend": "cpu"}
+    task = LimbTask.model_validate(
+        ids
+        | {
+            "actor": _HASH,
+            "rig": _HASH,
+            "search": SearchSettings().to_wire(),
+            "pose": np.zeros(35),
+            "origin_px": np.zeros((_CAMERAS, 2), np.int32),
+            "window": np.zeros((1, 16, 16), np.uint8),
+        }
+    )
+    result = LimbResult.model_validate(ids | measured | {"values": np.zeros(7)})
+    return [task, result, LimbRefusal.model_validate(ids | {"reason": "cannot"})]
+
+
+def _of_takes(take: str, frame: int) -> list[Message]:
+    info = {"fps": 15.0, "first_frame": 0, "end_frame": 9, "actor": _HASH, "rig": _HASH, "backend": "cpu"}
+    info |= {"backend_reason": "no GPU", "threads": 1, "search": SearchSettings().to_wire()}
+    solved: dict[str, object] = {
+        "frame": frame,
+        "time_s": 0.5,
+        "energy_px": 900.0,
+        "passes": 2,
+        "evaluations": 9000,
+        "workers": 4,
+    }
+    solved |= {"retries": 0, "backend": "cpu", "worker_backends": {"cpu": 8}, "seconds": {"torso": 0.1}}
+    return [
+        Silhouettes(take=take, frame=frame, cameras=[0, 1], planes=np.ones((1, 12, 16), np.uint8)),
+        Credit(take=take, next_frame=frame, end_frame=frame + 8),
+        TakeInfo.model_validate({"take": take} | info),
+        Pose.model_validate({"take": take} | solved | {"pose": np.zeros(35)}),
+        TakeEnd(take=take, first_frame=0, end_frame=frame),
+    ]
+
+
+def specimens(take: str, frame: int) -> dict[str, list[bytes]]:
+    """The frames of a message of every type, about a take and a frame of it."""
+    others: list[Message] = [
+        Hello(role="limb_worker", name="limb_worker@somewhere:1", backend="cpu"),
+        Beat(),
+        BlobRequest(hash=_HASH),
+        Blob(hash=_HASH, kind="rig", content=np.frombuffer(b"{}", np.uint8)),
+        PoseRequest(first_frame=0, end_frame=frame),
+        Recorded(end_frame=frame),
+    ]
+    messages = [*_of_limbs(take, frame), *_of_takes(take, frame), *others]
+    made = {message.type: [bytes(part) for part in encode(message)] for message in messages}
+    assert made.keys() == MESSAGES.keys()  # noqa: S101  (a new type belongs in here)
+    return made
