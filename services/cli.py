@@ -16,10 +16,15 @@ from services import doctor as machine
 from services.fit import init_frames
 from services.fit_files import origin_of
 from services.fit_show import fit_with_bar, show_fit
+from services.health import main as ask_health
+from services.keys import app as keys_app
 from services.launcher import ServiceFailedError
+from services.mocap.body.body_mesh import OwnMesh
+from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.energy.engine import check_cost
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
+from services.mocap.motion.settings import OutputSettings
 from services.mocap.search.overrides import search_settings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.take import write_synthetic_take
@@ -30,13 +35,18 @@ from services.mocap.take.frame_range import frame_range
 from services.mocap.take.layout import ACTOR
 from services.process import (
     DEFAULT_ENGINE,
+    DEFAULT_OUTPUT,
     EXIT_STOPPED,
     EXIT_USER_ERROR,
     BackendOption,
+    CutoffOption,
+    SearchOption,
     SetOption,
     SettingsOption,
+    SmoothOption,
     ThreadsOption,
     engine_settings,
+    output_settings,
 )
 from services.recorder.result_folder import check_out
 from services.segmentation.files import write_silhouettes
@@ -50,6 +60,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Markerless motion capture from silhouettes of calibrated cameras.",
 )
+app.add_typer(keys_app, name="keys")
 out_console, err_console = Console(), Console(stderr=True)
 _STATE_WORDS = {
     machine.State.OK: "[green]ok[/]",
@@ -57,6 +68,10 @@ _STATE_WORDS = {
     machine.State.MISSING: "[red]missing[/]",
 }
 
+MeshOption = Annotated[
+    Path | None,
+    typer.Option(help="Fit this mesh: a skinned character (.glb) or 16 named parts (.obj, .glb)."),
+]
 TakeFolder = Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")]
 
 
@@ -69,6 +84,7 @@ def track(
     overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
+    preset: SearchOption = "default",
     changes: SetOption = None,
     settings: SettingsOption = None,
     fit_first: Annotated[
@@ -78,24 +94,44 @@ def track(
     fitted: Annotated[
         Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
     ] = None,
+    mesh: MeshOption = None,
+    smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
+    cutoff_hz: CutoffOption = None,
 ) -> None:
     """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
-    engine = engine_settings(backend, threads)
+    engine, output = engine_settings(backend, threads), output_settings(smooth, cutoff_hz)
     opened = open_take(take)
-    asked, search = frame_range(frames, opened), search_settings(changes or [], settings, len(opened.cameras))
+    asked = frame_range(frames, opened)
+    search = search_settings(changes or [], settings, len(opened.cameras), preset)
     check_cost(engine, search.cost)
     folder = out or Path("results") / take.resolve().name
     check_out(folder)
     warnings: list[str] = []
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        if fitted is None and fit_first and take_actor(opened) is None:
-            fitted = Path(temporary)
-            found = fit_with_bar(opened, init_frames(opened), engine, search, fitted, err_console)
-            kept = f"{take}: has no actor.toml: fitted one for this run; xormocap fit {take} puts one there"
-            warnings += [kept, *found.warnings]
-        report = _track(opened, folder, workers, asked, overlay, engine, search, fitted, warnings)
+        if mesh is not None and (fitted is not None or not fit_first):
+            raise UserError("--mesh: is fitted first: leave out --fitted and --no-fit, or leave out --mesh")
+        if mesh is not None or (fitted is None and fit_first and take_actor(opened) is None):
+            fitted, own = Path(temporary), _import(mesh, warnings)
+            found = fit_with_bar(opened, init_frames(opened), engine, search, fitted, err_console, own)
+            warnings += [_why_fitted(take, mesh), *found.warnings]
+        report = _track(opened, folder, workers, asked, overlay, engine, search, fitted, output, warnings)
     _warn(warnings)
     _summarise(report, folder)
+
+
+def _import(mesh: Path | None, warnings: list[str]) -> OwnMesh | None:
+    """The own mesh of a file, if one was given; adds to the warnings."""
+    if mesh is None:
+        return None
+    imported = import_mesh(mesh)
+    warnings += imported.remarks
+    return imported.mesh
+
+
+def _why_fitted(take: Path, mesh: Path | None) -> str:
+    if mesh is None:
+        return f"{take}: has no actor.toml: fitted one for this run; xormocap fit {take} puts one there"
+    return f"{mesh}: was fitted for this run; xormocap fit {take} --mesh {mesh} keeps it in the take"
 
 
 def _track(
@@ -107,6 +143,7 @@ def _track(
     engine: EngineSettings,
     search: SearchSettings,
     fitted: Path | None,
+    output: OutputSettings,
     warnings: list[str],
 ) -> dict[str, Any]:
     """Track with a progress bar; returns run.json, adds to the warnings."""
@@ -142,6 +179,7 @@ def _track(
                 search=search,
                 show=show,
                 fitted=fitted,
+                output=output,
                 warn=warnings.append,
             )
         except Interrupted as stopped:
@@ -172,6 +210,8 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
             "joint error", f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"
         )
         table.add_row("lost limbs", f"{len(accuracy['lost_limbs'])}")
+    if report["trust"]["lowest_confidence"]:  # else nothing was judged
+        table.add_row("frames not to be trusted", f"{report['trust']['distrusted_frames']}")
     table.add_row("results", escape(str(folder)))
     out_console.print(table)
 
@@ -186,6 +226,7 @@ def fit(
         int | None, typer.Option(min=1, help="How many of the first frames; init_frames by default.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an actor.toml made by hand.")] = False,
+    mesh: MeshOption = None,
     backend: BackendOption = DEFAULT_ENGINE.backend,
 ) -> None:
     """Fit the actor's shape and first poses to a take's first frames, and show how well that went."""
@@ -194,35 +235,57 @@ def fit(
     check_place(actor_toml, force)
     folder = out or take / FIT_FOLDER
     engine, search = engine_settings(backend, DEFAULT_ENGINE.threads), SearchSettings()
-    found = fit_with_bar(opened, init_frames(opened, frames), engine, search, folder, err_console)
+    warnings: list[str] = []
+    own = _import(mesh, warnings)
+    found = fit_with_bar(opened, init_frames(opened, frames), engine, search, folder, err_console, own)
     if out is None:
         write_actor(actor_toml, found.actor, origin_of(opened, found))
-    _warn(found.warnings)
+    _warn([*warnings, *found.warnings])
     show_fit(found, opened, folder, out_console)
 
 
 @app.command()
 def synth(
     out: Annotated[Path, typer.Argument(help="The take folder to make.")],
-    frames: Annotated[int, typer.Option(help="How many frames.")] = 60,
+    motion: Annotated[
+        str, typer.Option(help="walk, basic (slow), dance (fast), or a BVH file.", metavar="MOTION")
+    ] = "walk",
+    frames: Annotated[
+        int | None,
+        typer.Option(
+            help="How many frames; 4 s of walk, 26.7 s of basic and dance, all of a file by default."
+        ),
+    ] = None,
+    start: Annotated[float, typer.Option(help="Seconds of a BVH file to leave out at its beginning.")] = 0.0,
     fps: Annotated[float, typer.Option(help="Frames per second.")] = 15.0,
     height: Annotated[float, typer.Option(help="The actor's height in metres.")] = 1.75,
     cameras: Annotated[int, typer.Option(help="How many cameras.")] = 8,
-    seed: Annotated[int, typer.Option(help="Another number gives another room and other noise.")] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Another number gives another room, noise, and variant of basic and dance.")
+    ] = 0,
 ) -> None:
-    """Make a synthetic take with known poses: an actor who walks, raises the arms and turns."""
+    """Make a synthetic take with known poses: an actor who moves before a ring of cameras."""
     with Progress(console=err_console) as bar:
         task = bar.add_task("drawing", total=frames)
-        write_synthetic_take(
+
+        def show(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+
+        made = write_synthetic_take(
             out,
+            motion=motion,
             n_frames=frames,
+            start_s=start,
             fps=fps,
             seed=seed,
             height_m=height,
             n_cameras=cameras,
-            progress=lambda done, _: bar.update(task, completed=done),
+            progress=show,
         )
-    out_console.print(f"{out}: {frames} frames of {cameras} cameras", markup=False, highlight=False)
+    words = f"{out}: {len(made.poses)} frames of {cameras} cameras"
+    if made.joint_error_m is not None:
+        words += f", joints {1e3 * made.joint_error_m:.1f} mm from the file's in the mean"
+    out_console.print(words, markup=False, highlight=False)
 
 
 @app.command()
@@ -250,6 +313,12 @@ def doctor() -> None:
     out_console.print(table)
     if any(check.state is machine.State.MISSING for check in checks):
         sys.exit(1)
+
+
+@app.command()
+def health() -> None:
+    """Ask the service whose socket XORMOCAP_HEALTH names whether it works, as a container's probe does."""
+    ask_health()
 
 
 def _fail(sentence: str, code: int) -> NoReturn:

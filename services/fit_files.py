@@ -60,7 +60,12 @@ def _overlay(take: Take, found: TakeFit) -> Bytes:
     """The first frame of all cameras, before and after."""
     states = []
     for title, actor, pose, quality in (
-        ("before: generic body", found.start, found.first_pose, found.fit.before),
+        (
+            f"before: {'generic body' if found.start.mesh is None else 'own mesh'}",
+            found.start,
+            found.first_pose,
+            found.fit.before,
+        ),
         ("after: fitted body", found.actor, found.fit.poses[0], found.fit.after),
     ):
         painter = ModelPainter(build_body(actor), found.cameras)

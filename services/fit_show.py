@@ -9,6 +9,7 @@ from rich.table import Table
 
 from services.fit import TakeFit, fit_take
 from services.fit_files import write_fit
+from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.fit_record import OVERLAY, TURNTABLE
@@ -26,6 +27,7 @@ def fit_with_bar(
     search: SearchSettings,
     folder: Path,
     console: Console,
+    mesh: OwnMesh | None = None,
 ) -> TakeFit:
     """Fit the actor to some frames and write what was found into a folder, as fit_take and write_fit do."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
@@ -36,7 +38,7 @@ def fit_with_bar(
         def show(stage: str, share: float) -> None:
             bar.update(task, completed=share, description=stage)
 
-        found = fit_take(take, frames, alone, search, show)
+        found = fit_take(take, frames, alone, search, show, mesh=mesh)
         bar.update(task, description="drawing")
         write_fit(take, found, folder)
         show("fitted", 1.0)

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Self
 
 from services.mocap.errors import UserError
-from services.process import EXIT_STOPPED, EXIT_USER_ERROR, PARENT_VARIABLE
+from services.process import EXIT_STOPPED, EXIT_USER_ERROR, KEYS_VARIABLE, PARENT_VARIABLE
 
 log = logging.getLogger(__name__)
 
@@ -91,7 +91,7 @@ class Launcher:
                 stdin=subprocess.DEVNULL,
                 stdout=log_file,
                 stderr=log_file,
-                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+                env={**_without_keys(os.environ), PARENT_VARIABLE: str(os.getpid())},
                 start_new_session=True,  # Ctrl-C reaches the launcher only, which ends the run in order
             )
 
@@ -156,6 +156,11 @@ class Launcher:
             left_s = began + patience_s(SERVICES[running.name]) - time.monotonic()
             with suppress(subprocess.TimeoutExpired):
                 running.process.wait(max(left_s, 0.01))
+
+
+def _without_keys(environment: Mapping[str, str]) -> dict[str, str]:
+    """What is meant for services beyond this machine is not for those on its loopback."""
+    return {name: value for name, value in environment.items() if name != KEYS_VARIABLE}
 
 
 def free_endpoint() -> str:

@@ -5,6 +5,7 @@ import os
 import signal
 import socket
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
@@ -12,11 +13,14 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from proto.keys import ClientKeys, KeysError, client_keys
 from proto.streams import AddressError
+from services.health import answering
 from services.mocap.energy.settings import MOST_THREADS, Choice, EngineSettings
 from services.mocap.errors import UserError, validated
+from services.mocap.motion.settings import OutputSettings, Smoother
 from services.mocap.search.overrides import as_assignments
-from services.mocap.search.settings import SearchSettings
+from services.mocap.search.settings import Preset, SearchSettings
 
 PARENT_VARIABLE = "XORMOCAP_PARENT"
 """Process id of a launcher; a service whose parent is no longer that one stops, so that none is orphaned."""
@@ -27,6 +31,7 @@ EXIT_STOPPED = 143
 
 
 DEFAULT_ENGINE = EngineSettings()
+DEFAULT_OUTPUT = OutputSettings()
 BackendOption: TypeAlias = Annotated[
     Choice,
     typer.Option(
@@ -43,6 +48,14 @@ ThreadsOption: TypeAlias = Annotated[
         help="Threads of the cpu backend in each process that evaluates; 0: one per core.",
     ),
 ]
+SearchOption: TypeAlias = Annotated[
+    Preset,
+    typer.Option(
+        "--search",
+        help="default: the whole body by its contours, limbs in doubt by XOR; paper: passes of torso, limbs "
+        "and head by XOR, as published; plain: the same without windows and pre-rendering.",
+    ),
+]
 SetOption: TypeAlias = Annotated[
     list[str] | None,
     typer.Option(
@@ -55,6 +68,43 @@ SettingsOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         "--settings", metavar="FILE", help="A TOML file with settings of the search; --set outweighs it."
+    ),
+]
+SmoothOption: TypeAlias = Annotated[
+    Smoother,
+    typer.Option(
+        help="Smooth joints.csv and motion.bvh: rts looks both ways, one-euro back only, as live; "
+        "poses.csv stays as it was tracked.",
+    ),
+]
+CutoffOption: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        metavar="HZ", help="How fast a motion smoothing lets by, in hertz; --smooth chooses by default."
+    ),
+]
+
+
+def output_settings(smooth: Smoother, cutoff_hz: float | None) -> OutputSettings:
+    """What the two options say; raises UserError where that cannot be."""
+    fields = {"smooth": smooth, "cutoff_hz": cutoff_hz}
+    return validated(OutputSettings, fields, "options of smoothing: ", UserError)
+
+
+def output_arguments(settings: OutputSettings) -> tuple[str, ...]:
+    """The two options for another process."""
+    cutoff = () if settings.cutoff_hz is None else ("--cutoff-hz", str(settings.cutoff_hz))
+    return ("--smooth", settings.smooth, *cutoff)
+
+
+KEYS_VARIABLE = "XORMOCAP_KEYS"
+KeysOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--keys",
+        metavar="DIR",
+        envvar=KEYS_VARIABLE,
+        help="The folder with this service's keys, made by xormocap keys; needed beyond this machine.",
     ),
 ]
 
@@ -81,6 +131,8 @@ class StopRequest:
     def __init__(self) -> None:
         self.count = 0
         """Signals so far; whoever asks twice wants it at once."""
+        self.looked_s: float | None = None
+        """When the service last looked (time.monotonic), as its loop does in every round."""
         self._parent = int(os.environ.get(PARENT_VARIABLE, "0"))
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._ask)
@@ -89,7 +141,38 @@ class StopRequest:
         self.count += 1
 
     def __bool__(self) -> bool:
+        self.looked_s = time.monotonic()
         return self.count > 0 or (self._parent != 0 and os.getppid() != self._parent)
+
+
+def keys_of_client(folder: Path | None, role: str) -> ClientKeys | None:
+    """What the option --keys leads to, for a client; raises KeysError where there are none."""
+    return None if folder is None else client_keys(folder, role)
+
+
+def on_hangup(act: Callable[[], None]) -> None:
+    """Call a function at every SIGHUP, from a signal handler: it must be short."""
+    signal.signal(signal.SIGHUP, lambda *_: act())
+
+
+class SparingLog(logging.Filter):
+    """Lets no line of the program fill a log, whatever a hostile sender makes it say how often."""
+
+    def __init__(self, most: int = 100, period_s: float = 60.0) -> None:
+        super().__init__()
+        self._most, self._period_s = most, period_s
+        self._seen: dict[tuple[str, int], tuple[float, int]] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a record is one of the first of its kind in a while; its kind is the program's line."""
+        kind, now = (record.pathname, record.lineno), time.monotonic()
+        began_s, count = self._seen.get(kind, (now, 0))
+        if now - began_s > self._period_s:
+            if count > self._most:
+                record.msg = f"{record.msg} (and {count - self._most} of that kind that were not shown)"
+            began_s, count = now, 0
+        self._seen[kind] = began_s, count + 1
+        return count < self._most
 
 
 def client_name(role: str) -> str:
@@ -107,9 +190,12 @@ def run_service(name: str, main: Callable[[StopRequest], None]) -> None:
     logging.basicConfig(
         stream=sys.stderr, level=logging.INFO, format=f"%(asctime)s {name} %(levelname)s %(message)s"
     )
+    for handler in logging.getLogger().handlers:
+        handler.addFilter(SparingLog())
     try:
-        main(stop)
-    except (UserError, AddressError) as error:
+        with answering(name, lambda: stop.looked_s):
+            main(stop)
+    except (UserError, AddressError, KeysError) as error:
         print(error, file=sys.stderr)  # noqa: T201  (the one sentence that a launcher shows)
         sys.exit(EXIT_USER_ERROR)
     except Exception as error:

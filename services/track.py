@@ -21,12 +21,13 @@ from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.settings import EngineSettings
+from services.mocap.motion.settings import OutputSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
-from services.process import engine_arguments, search_arguments
+from services.process import DEFAULT_OUTPUT, engine_arguments, output_arguments, search_arguments
 from services.recorder.result_folder import LOGS, RUN_JSON, partial_of
 
 _LOOK_S = 0.2
@@ -116,6 +117,7 @@ def track(
     search: SearchSettings,
     show: Callable[[Progress], None],
     fitted: Path | None = None,
+    output: OutputSettings = DEFAULT_OUTPUT,
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any]:
@@ -123,6 +125,7 @@ def track(
 
     engine: for the coordinator and every worker; search: for the coordinator, whose tasks carry it. fitted: a
     folder of xormocap fit, whose actor and poses take the place of the take's; out/fit gets a copy of it.
+    output: how the recorder makes results of the poses.
     run.json tells of the fit that the actor comes from. warn is called with each warning of the coordinator's
     at the end; started once with the launcher when all processes run. Raises UserError; ServiceFailedError,
     after which the logs stay; or Interrupted, once a stop was asked for and what was done by then is written.
@@ -132,7 +135,9 @@ def track(
     try:
         with StopSignals() as stop, Launcher(logs) as launcher:
             _thin(take, fitted, search)
-            _start(launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search, fitted)
+            _start(
+                launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search, fitted, output
+            )
             started(launcher)
             _follow(launcher, endpoint, stop, show)
             for sentence in launcher.warnings("coordinator"):
@@ -192,6 +197,7 @@ def _start(
     engine: EngineSettings,
     search: SearchSettings,
     fitted: Path | None,
+    output: OutputSettings,
 ) -> None:
     """Start all processes of a run."""
     asked = f"{frames.start}:{frames.stop}"
@@ -204,7 +210,8 @@ def _start(
     launcher.start("limb_worker", *connect, *energy, copies=workers)
     launcher.start("segmentation", *source, *connect)
     drawing = "--overlay" if overlay else "--no-overlay"
-    launcher.start("recorder", *source, *connect, "--out", str(out), drawing)
+    results = ("--out", str(out), drawing, *output_arguments(output))
+    launcher.start("recorder", *source, *connect, *results)
 
 
 def _follow(launcher: Launcher, endpoint: str, stop: StopSignals, show: Callable[[Progress], None]) -> None:

@@ -163,7 +163,7 @@ def test_a_camera_that_makes_no_sense_is_left_out(
 @pytest.fixture
 def command(monkeypatch: pytest.MonkeyPatch, found: TakeFit) -> Callable[..., str]:
     """`command(*arguments)`: what the command prints; the fit is the one that is there already."""
-    monkeypatch.setattr(fit_show, "fit_take", lambda *_: found)
+    monkeypatch.setattr(fit_show, "fit_take", lambda *_, **__: found)
 
     def run(*arguments: object) -> str:
         done = CliRunner().invoke(cli.app, ["fit", *map(str, arguments)], catch_exceptions=True)

@@ -18,10 +18,13 @@ COMMAND = (
     "services.fit",
     "services.fit_files",
     "services.fit_show",
+    "services.keys",
+    "services.bench",
+    "services.soak",
 )
 """The command starts the services and may use what they are made of."""
 WORLDLY = {
-    *("zmq", "socket", "socketserver", "ssl", "http", "urllib", "asyncio"),
+    *("zmq", "socket", "socketserver", "ssl", "http", "urllib.request", "asyncio"),
     *("subprocess", "multiprocessing", "concurrent.futures.ProcessPoolExecutor", "signal"),
 }
 """Sockets, processes and what acts on a whole process: not in the library."""
@@ -53,7 +56,7 @@ IMPORTS: dict[str, set[str]] = {**dict(read_modules("services")), **dict(read_mo
 SERVICES = sorted(
     f"services.{folder.name}"
     for folder in (ROOT / "services").iterdir()
-    if (folder / "__init__.py").is_file() and folder.name != "mocap"
+    if (folder / "__init__.py").is_file() and folder.name not in ("mocap", "bench", "soak")
 )
 
 

@@ -1,5 +1,7 @@
 """Options that the command hands on to its processes in the same words, and what they refuse."""
 
+import logging
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from services.process import (
     BackendOption,
     SetOption,
     SettingsOption,
+    SparingLog,
     ThreadsOption,
     engine_arguments,
     engine_settings,
@@ -94,3 +97,18 @@ def test_numbers_that_are_none_are_refused(threads: Any) -> None:
         UserError, match=r"^options of the energy: threads: expected a number of 0 to 1024, found"
     ):
         engine_settings("cpu", threads)
+
+
+def test_a_log_is_not_filled_by_one_line_of_the_program(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.handler.addFilter(sparing := SparingLog(most=3, period_s=0.05))
+    log = logging.getLogger("test")
+    for _ in range(2):
+        for k in range(1000):
+            log.warning("dropped %d", k)
+        log.warning("something else")
+        time.sleep(0.06)
+    caplog.handler.removeFilter(sparing)
+    assert caplog.messages.count("something else") == 2
+    shown = [message for message in caplog.messages if message.startswith("dropped")]
+    assert 6 <= len(shown) < 100
+    assert any("that were not shown)" in message for message in shown)

@@ -16,7 +16,10 @@ from services.mocap.take.tables import read_joints_csv, read_poses_csv
 
 pytestmark = pytest.mark.timeout(280)
 
-RESULTS = {"poses.csv", "joints.csv", "motion.bvh", "actor.toml", "overlay.mp4", "run.json", "logs"}
+RESULTS = {
+    *("poses.csv", "poses_smooth.csv", "joints.csv", "motion.bvh"),
+    *("actor.toml", "overlay.mp4", "run.json", "logs"),
+}
 
 
 def _report(result: Path) -> dict:
@@ -89,9 +92,11 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
     energy = ("--backend", "cpu", "--threads", "2")
     search = ("--settings", file, "--set", "detail_px=0", "--set", "arm_grid=[3, 3, 1, 3]")
     common = ("--workers", "1", "--frames", "0:1", "--no-overlay")
-    done = xormocap("track", known_take, "--out", out, *common, *energy, *search)
+    smoothing = ("--smooth", "one-euro", "--cutoff-hz", "2.5")
+    done = xormocap("track", known_take, "--out", out, *common, *energy, *search, *smoothing)
     assert done.returncode == 0, done.stderr
-    settings = _report(out)["settings"]
+    settings, output = _report(out)["settings"], _report(out)["output"]
+    assert (output["smooth"], output["cutoff_hz"]) == ("one-euro", 2.5)
     chosen = {name: settings[name] for name in ("backend", "backend_reason", "threads")}
     assert chosen == {"backend": "cpu", "backend_reason": "asked for", "threads": 2}
     assert SearchSettings.from_wire(settings["search"]) == SearchSettings(

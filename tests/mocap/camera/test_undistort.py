@@ -118,3 +118,15 @@ def test_nothing_is_seen_past_the_raw_pictures_border() -> None:
 def test_a_picture_of_another_size_is_refused(camera: Camera) -> None:
     with pytest.raises(ValueError, match=r"cam01: expected a picture of \(height, width\) \(240, 320\)"):
         Undistorter(camera).image(np.zeros((320, 240, 3), np.uint8))
+
+
+@pytest.mark.parametrize("camera", LENSES.values(), ids=LENSES)
+@given(st.integers(-30, 350), st.integers(-30, 270), st.integers(0, 90))
+def test_a_silhouette_comes_out_as_if_the_whole_picture_were_undistorted(
+    camera: Camera, x_px: int, y_px: int, radius_px: int
+) -> None:
+    disc = np.zeros((camera.height_px, camera.width_px), np.uint8)
+    cv2.circle(disc, (x_px, y_px), radius_px, 255, cv2.FILLED)
+    undistorter = Undistorter(camera)
+    whole = undistorter.image(np.repeat(disc[..., None], 3, axis=2))[..., 0] > 127
+    assert np.array_equal(undistorter.mask(disc > 0), whole)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.surface import Level
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.detail.bound import farthest_bound
 from services.mocap.energy.detail.distance import farthest_point, tree_of
-from services.mocap.energy.detail.surface import Level
 from services.mocap.energy.detail.thinning import ERRORS_M, thinned_levels
 from services.mocap.energy.picture import Region
 from services.mocap.types import Floats, Ints, Mask

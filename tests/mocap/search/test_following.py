@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.picture import Picture
 from services.mocap.search.doubt import Trust
@@ -48,6 +49,17 @@ def test_an_arm_that_jumped_is_found(
     assert joint_errors_mm(found.pose, truth).max() < 30
     assert found.distrusted == []
     assert set(found.limb_seconds) >= {parameter.split("_")[0] + "_arm"}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_legs_that_slip_onto_each_other_are_parted(
+    model: Model, standing: Maker, picture_of: Callable[[Floats], Picture], joint_errors_mm: Errors, seed: int
+) -> None:
+    truth = standing(shoulder_elevation=-50, elbow_flexion=40, knee_flexion=30, hip_flexion=25)
+    start = clip_to_limits(truth + np.random.default_rng(seed).normal(0, 0.06, N_DOF))
+    found = solve_frame(model, picture_of(truth), start[None], SearchSettings(), LocalLimbs(model))
+    assert joint_errors_mm(found.pose, truth).mean() < 6
+    assert joint_errors_mm(found.pose, truth).max() < 40
 
 
 def test_what_no_pose_explains_is_marked(

@@ -21,7 +21,8 @@ from services.mocap.types import Bytes, Floats
 
 SETTINGS = SearchSettings()
 Maker = Callable[..., Floats]
-BENT = {"shoulder_elevation": -50.0, "elbow_flexion": 40.0, "knee_flexion": 30.0, "hip_flexion": 25.0}
+BENT = {"shoulder_elevation": -50.0, "elbow_flexion": 40.0, "hip_flexion": 25.0, "hip_abduction": 12.0}
+"""Legs apart: where they touch, a leg may slip onto the other, which is for the search of limbs to mend."""
 
 
 def _nearby(pose: Floats, seed: int) -> Floats:
