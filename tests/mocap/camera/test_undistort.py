@@ -32,7 +32,8 @@ WALL_M: Floats = np.array([[x, y, 0.0] for x in (-0.9, 0.0, 0.8) for y in (-0.5,
 
 def raw_pixels(camera: Camera, points_world_m: Floats) -> Floats:
     """OpenCV's own projection through the lens."""
-    rotation, _ = cv2.Rodrigues(camera.R_camera_world)
+    # cv2.Rodrigues loses tiny angles on the way from a matrix.
+    rotation = Rotation.from_matrix(camera.R_camera_world).as_rotvec()
     project = cv2.fisheye.projectPoints if camera.fisheye else cv2.projectPoints
     args = (rotation, camera.t_camera_world_m, camera.K, camera.distortion)
     return np.asarray(project(points_world_m[:, None], *args)[0], np.float64).reshape(-1, 2)
