@@ -40,8 +40,8 @@ _LEARNT = 3.0
 """Parts that differ by more than this times what is allowed are not remembered as usual."""
 _LONGEST_REST = 8
 """Frames between two searches of a part at most."""
-_LOST_SHARE = 0.25
-"""The torso is in doubt when more than this share of the input's pixels differ."""
+_LOST_SHARE = 0.1
+"""The torso is in doubt when more pixels differ than this share of the input's."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Differences:
     nearest_px: dict[Part, int]
     """Pixels that are nearer to each part than to any other."""
     share: float
-    """All differing pixels, rims too, over the input's."""
+    """All of these pixels over the input's."""
 
 
 def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> Differences:
@@ -61,11 +61,11 @@ def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> D
     counted = ~whole.ignored
     missing, surplus = whole.silhouettes & ~covered & counted, covered & ~whole.silhouettes & counted
     thick = _inner(missing) | _inner(surplus)
-    share = count_bits(missing | surplus) / max(whole.n_foreground, 1)
     px: dict[Part, int] = dict.fromkeys(PARTS, 0)
-    if not thick.any():
-        return Differences(px, px.copy(), share)
     px["torso"] = count_bits(thick)
+    share = px["torso"] / max(whole.n_foreground, 1)
+    if not px["torso"]:
+        return Differences(px, px.copy(), share)
     for part, stage in PART_STAGES.items():
         px[part] = _within(thick, model, stage, pose)
     return Differences(px, _by_nearest(thick, model, pose), share)
