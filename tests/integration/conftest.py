@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from busy import BUSY
 
 from services.mocap.body.actor import Actor
 from services.mocap.body.skeleton import DOF_INDEX, DOFS
@@ -69,6 +70,6 @@ def xormocap() -> Command:
 def tracked(synthetic_take: Path, xormocap: Command, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of an undisturbed run with four limb workers."""
     out = tmp_path_factory.mktemp("tracked") / "result"
-    done = xormocap("track", synthetic_take, "--out", out, "--frames", FRAMES)
+    done = xormocap("track", synthetic_take, "--out", out, "--frames", FRAMES, *BUSY)
     assert done.returncode == 0, done.stderr
     return out

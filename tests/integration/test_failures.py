@@ -76,7 +76,7 @@ class Run:
                 frames=range(FRAMES),
                 overlay=self._overlay,
                 engine=EngineSettings(),
-                search=SearchSettings(),
+                search=SearchSettings(method="paper"),  # every frame has work for every worker
                 show=self._show,
                 started=self._started,
             )
@@ -194,7 +194,7 @@ def test_two_stops_while_results_are_written_lose_nothing(quick_take: Path, tmp_
 @pytest.fixture
 def command(quick_take: Path, tmp_path: Path) -> Iterator["subprocess.Popen[str]"]:
     """The command as a process of its own, once its services run."""
-    arguments = ["track", str(quick_take), "--out", str(tmp_path / "out")]
+    arguments = ["track", str(quick_take), "--search", "paper", "--out", str(tmp_path / "out")]
     process = subprocess.Popen(
         [sys.executable, "-m", "services.cli", *arguments], stderr=subprocess.PIPE, text=True
     )

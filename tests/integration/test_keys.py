@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from busy import BUSY
 
 from services.launcher import Launcher, free_endpoint
 
@@ -35,7 +36,7 @@ class Run:
 
     def start_all(self, workers: int, frames: str = _SOME) -> Callable[[], str]:
         """Coordinator, segmentation and recorder; returns what reads the coordinator's log."""
-        expected = ("--frames", frames, "--workers", workers, "--recorders", 1)
+        expected = ("--frames", frames, "--workers", workers, "--recorders", 1, *BUSY)
         log = self.start("coordinator", *self._take, "--bind", self.endpoint, *expected)
         self.start("segmentation", *self._take, "--connect", self.endpoint)
         self.start("recorder", *self._take, "--connect", self.endpoint, "--out", self.out, "--no-overlay")

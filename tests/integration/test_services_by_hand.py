@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 import pytest
+from busy import BUSY
 
 from services.launcher import Launcher, free_endpoint
 
@@ -20,7 +21,9 @@ def test_two_camera_groups_and_late_workers_give_the_same_poses(
         launcher.start("recorder", *take, *connect, "--out", str(out), "--no-overlay")
         launcher.start("segmentation", *take, *connect, "--cameras", "cam04,cam01")
         launcher.start("segmentation", *take, *connect, "--cameras", "cam02,cam03,cam05")
-        launcher.start("coordinator", *take, "--bind", endpoint, "--frames", "14:17", "--recorders", "1")
+        launcher.start(
+            "coordinator", *take, "--bind", endpoint, "--frames", "14:17", "--recorders", "1", *BUSY
+        )
         launcher.start("limb_worker", *connect, copies=2)
         deadline_s = time.monotonic() + 120
         while not launcher.has_ended("recorder") and time.monotonic() < deadline_s:

@@ -8,6 +8,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from busy import BUSY
 
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor
@@ -78,7 +79,7 @@ def test_without_workers_the_poses_are_the_same(
 ) -> None:
     out = tmp_path / "alone"
     done = xormocap(
-        "track", synthetic_take, "--out", out, "--frames", "14:17", "--workers", 0, "--no-overlay"
+        "track", synthetic_take, "--out", out, "--frames", "14:17", "--workers", 0, "--no-overlay", *BUSY
     )
     assert done.returncode == 0, done.stderr
     assert not (out / "overlay.mp4").exists()
@@ -90,7 +91,16 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
     out, file = tmp_path / "out", tmp_path / "search.toml"
     file.write_text("max_passes = 1\ndetail_px = 2\ncamera_weights = [1, 1, 1, 1, 0.5]\n")
     energy = ("--backend", "cpu", "--threads", "2")
-    search = ("--settings", file, "--set", "detail_px=0", "--set", "arm_grid=[3, 3, 1, 3]")
+    search = (
+        "--search",
+        "paper",
+        "--settings",
+        file,
+        "--set",
+        "detail_px=0",
+        "--set",
+        "arm_grid=[3, 3, 1, 3]",
+    )
     common = ("--workers", "1", "--frames", "0:1", "--no-overlay")
     smoothing = ("--smooth", "one-euro", "--cutoff-hz", "2.5")
     done = xormocap("track", known_take, "--out", out, *common, *energy, *search, *smoothing)
@@ -100,7 +110,11 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
     chosen = {name: settings[name] for name in ("backend", "backend_reason", "threads")}
     assert chosen == {"backend": "cpu", "backend_reason": "asked for", "threads": 2}
     assert SearchSettings.from_wire(settings["search"]) == SearchSettings(
-        max_passes=1, detail_px=0, arm_grid=(3, 3, 1, 3), camera_weights=(1, 1, 1, 1, 0.5)
+        method="paper",
+        max_passes=1,
+        detail_px=0,
+        arm_grid=(3, 3, 1, 3),
+        camera_weights=(1, 1, 1, 1, 0.5),
     )
     assert settings["worker_limbs_by_backend"]["cpu"] > 0
     logs = [(out / "logs" / f"{name}.log").read_text() for name in ("coordinator-0", "limb_worker-1")]
@@ -108,7 +122,7 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
 
 
 def test_the_gpus_way_finds_the_poses_of_the_cpus(known_take: Path, xormocap, tmp_path: Path) -> None:
-    common = ("--workers", "1", "--frames", "0:2", "--no-overlay", "--set", "detail_px=0")
+    common = ("--workers", "1", "--frames", "0:2", "--no-overlay", "--set", "detail_px=0", *BUSY)
     poses = {}
     for backend in ("cpu", "gl"):
         out = tmp_path / backend
