@@ -11,6 +11,7 @@ import numpy as np
 
 from services.coordinator.opening import Opening, first_guess
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.measures import Measure, measure
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
@@ -19,8 +20,8 @@ from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.fit.fitting import Fit, fit_actor
-from services.mocap.search.frame import LocalLimbs
 from services.mocap.search.hull import carve
+from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import rounded
@@ -75,11 +76,13 @@ def fit_take(
     search: SearchSettings,
     show: Show,
     fitter: Fitter = fit_actor,
+    mesh: OwnMesh | None = None,
 ) -> TakeFit:
     """Fit the actor of a checked take to some of its frames, which begin with the first.
 
-    engine and search: for the first pose. Cameras whose silhouettes in the first frame make no sense are left
-    out, with a warning. Raises TakeError where there is nobody, or more than one, or hardly a camera is left.
+    engine and search: for the first pose. mesh: what is fitted in place of the generic body. Cameras whose
+    silhouettes in the first frame make no sense are left out, with a warning. Raises TakeError where there is
+    nobody, or more than one, or hardly a camera is left.
     """
     clock = _Clock(show)
     with _warnings() as warnings:
@@ -87,7 +90,8 @@ def fit_take(
             cameras, silhouettes = _silhouettes(take, frames, progress)
         rig = Rig.of(cameras)
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
-            guess = _guess(rig, silhouettes[0], take.settings, opened, _without(search, take, cameras))
+            told = _without(search, take, cameras)
+            guess = guess_first_pose(rig, silhouettes[0], take.settings, opened, told, mesh)
         with clock.stage("fitting the actor") as progress:
             fit = fitter(rig, silhouettes, guess.actor, guess.solution.pose, progress)
     actor = rounded(fit.actor)
@@ -133,13 +137,23 @@ def _without(search: SearchSettings, take: Take, left: tuple[Camera, ...]) -> Se
     return search.model_copy(update={"camera_weights": weights})
 
 
-def _guess(
-    rig: Rig, silhouettes: Bytes, hints: TakeSettings, engine: Engine, search: SearchSettings
+def guess_first_pose(
+    rig: Rig,
+    silhouettes: Bytes,
+    hints: TakeSettings,
+    engine: Engine,
+    search: SearchSettings,
+    mesh: OwnMesh | None = None,
 ) -> Opening:
-    """The generic body, and its pose in the first frame with silhouettes (P, H, W)."""
+    """The generic body or the mesh, and its pose in the first frame with silhouettes (P, H, W).
+
+    The model's backend is closed. Raises TakeError where nobody can be so tall.
+    """
     hull = carve(rig, unpack(silhouettes, rig.n_cameras))
     picture = Picture.whole(rig, silhouettes)
-    guess = first_guess(hull, picture, rig, None, hints, lambda model, _: LocalLimbs(model), engine, search)
+    guess = first_guess(
+        hull, picture, rig, None, hints, lambda model, _: LocalLimbs(model), engine, search, mesh
+    )
     guess.model.backend.close()
     return guess
 

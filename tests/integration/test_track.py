@@ -57,7 +57,7 @@ def test_four_workers_did_the_limbs(tracked: Path) -> None:
 def test_the_report_says_what_evaluated_the_energy(tracked: Path) -> None:
     settings = _report(tracked)["settings"]
     assert settings["threads"] == 1
-    assert SearchSettings.from_wire(settings["search"]) == SearchSettings()
+    assert SearchSettings.from_wire(settings["search"]) == SearchSettings(search_limbs="always")
     assert settings["backend_reason"]
     assert settings["frames_by_backend"] == {settings["backend"]: 6}
     assert set(settings["worker_limbs_by_backend"]) == {settings["backend"]}

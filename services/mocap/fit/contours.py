@@ -1,4 +1,4 @@
-"""The input's contours: points between pixels, each with the direction that leads off the actor."""
+"""Outlines of silhouettes: points between pixels, each with the direction that leads off the actor."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,13 @@ WORKING_WIDTH_PX = 320
 BORDER_PX = 2.0
 """This near to a picture's border, in pixels of the camera, an outline may be the picture's end."""
 _NORMAL_REACH_PX = 1.5
-"""Silhouettes are blurred by this standard deviation to see which way their outline faces."""
+"""Silhouettes are blurred by this standard deviation to see where their outline is and which way it faces."""
+_FARTHEST_PX = 1.0
+"""Smoothing moves no point of an outline farther."""
+_LEAST_STEEP = 0.02
+"""Flatter places of the blurred silhouette, per pixel, do not tell where a half of it is; edges have 0.27."""
+_ROOM_PX = 8
+"""About the actor when a picture is cut down to what is looked at: more than normals reach."""
 _TURN_PX = 12.0
 """Two outline points that face the same way count as this much nearer than two at right angles, over √2."""
 
@@ -25,7 +31,7 @@ class Contour:
     """One camera's outline of the actor in one frame."""
 
     points_px: Floats
-    """(N, 2) half-way between a pixel centre on the actor and its neighbour off it."""
+    """(N, 2) one for each pixel on the actor and neighbour off it, smoothed."""
     normals: Floats
     """(N, 2) unit vectors that point off the actor."""
     chosen: Ints
@@ -38,13 +44,21 @@ class Contour:
     @classmethod
     def of(cls, silhouette: Mask, scale: float, n_chosen: int) -> "Contour":
         """The outline of a picture (H, W), which has `scale` pixels per working pixel."""
-        points_px = _between_pixels(silhouette)
-        normals = _normals(silhouette, points_px)
-        steps = np.linspace(0, max(len(points_px) - 1, 0), min(n_chosen, len(points_px)))
-        chosen = np.rint(steps).astype(np.int32)
+        points_px, normals = outline_of(silhouette)
+        chosen = evenly(len(points_px), n_chosen)
         features = features_of(points_px, normals, scale)
-        # Slanted lines run between neighbours of both kinds: on the whole 4 / π times per pixel of length.
-        return cls(points_px, normals, chosen, cKDTree(features), len(points_px) * np.pi / 4 / scale)
+        return cls(points_px, normals, chosen, cKDTree(features), outline_length_px(len(points_px), scale))
+
+
+def evenly(n_points: int, at_most: int) -> Ints:
+    """Indices of at most so many of some points, evenly spread."""
+    return np.rint(np.linspace(0, max(n_points - 1, 0), min(at_most, n_points))).astype(np.int32)
+
+
+def outline_length_px(n_points: int, scale: float) -> float:
+    """The length of an outline of so many points, in working pixels."""
+    # Slanted lines run between neighbours of both kinds: on the whole 4 / π times per pixel of length.
+    return n_points * float(np.pi) / 4 / scale
 
 
 def features_of(points_px: Floats, normals: Floats, scale: float) -> Floats:
@@ -70,6 +84,20 @@ def contours_of(rig: Rig, silhouettes: Bytes, n_chosen: int) -> list[list[Contou
     ]
 
 
+def outline_of(silhouette: Mask) -> tuple[Floats, Floats]:
+    """(N, 2) points, one for each pixel on the actor and neighbour off it, and unit normals (N, 2)."""
+    filled = np.flatnonzero(silhouette.any(axis=0)), np.flatnonzero(silhouette.any(axis=1))
+    if filled[0].size == 0:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    low = np.array([max(int(where[0]) - _ROOM_PX, 0) for where in filled])
+    high = [int(where[-1]) + _ROOM_PX + 1 for where in filled]
+    part = silhouette[low[1] : high[1], low[0] : high[0]]
+    points_px = _between_pixels(part)
+    kept = off_border(points_px + low, np.array(silhouette.shape[::-1], np.int32))
+    smooth_px, normals = _smooth(part, points_px[kept])
+    return smooth_px + low, normals
+
+
 def off_border(points_px: Floats, size_px: Ints) -> Mask:
     """Which points (N, 2) lie well within a picture of a width and height (2,)."""
     inside: Mask = np.all((points_px >= BORDER_PX) & (points_px <= size_px - 1 - BORDER_PX), axis=1)
@@ -77,20 +105,27 @@ def off_border(points_px: Floats, size_px: Ints) -> Mask:
 
 
 def _between_pixels(silhouette: Mask) -> Floats:
-    """(N, 2) midpoints of neighbours of which one is on the actor, away from the picture's border."""
+    """(N, 2) midpoints of neighbours of which one is on the actor."""
     y, x = np.nonzero(silhouette[:, 1:] != silhouette[:, :-1])
     beside = np.column_stack([x + 0.5, y])
     y, x = np.nonzero(silhouette[1:] != silhouette[:-1])
-    points_px = np.vstack([beside, np.column_stack([x, y + 0.5])]).astype(np.float64)
-    height, width = silhouette.shape
-    return points_px[off_border(points_px, np.array([width, height], np.int32))]
+    return np.vstack([beside, np.column_stack([x, y + 0.5])]).astype(np.float64)
 
 
-def _normals(silhouette: Mask, points_px: Floats) -> Floats:
+def _smooth(silhouette: Mask, points_px: Floats) -> tuple[Floats, Floats]:
+    """Points (N, 2) between pixels moved to where the blurred silhouette is one half, and its normals there.
+
+    Without that, outlines a tenth of a pixel apart would be the same but for a pixel here and there, and what
+    lies nearest would hardly tell that they differ.
+    """
     blurred = cv2.GaussianBlur(silhouette.astype(np.float32), (0, 0), _NORMAL_REACH_PX)
-    slopes = [cv2.Sobel(blurred, cv2.CV_32F, *order, ksize=3) for order in ((1, 0), (0, 1))]
+    slopes = [cv2.Sobel(blurred, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for order in ((1, 0), (0, 1))]
     low, high = np.floor(points_px).astype(np.int64), np.ceil(points_px).astype(np.int64)
-    normals = -np.stack([slope[low[:, 1], low[:, 0]] + slope[high[:, 1], high[:, 0]] for slope in slopes], 1)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    unit: Floats = (normals / np.maximum(lengths, 1e-9)).astype(np.float64)
-    return unit
+    values, *gradient = (
+        (picture[low[:, 1], low[:, 0]] + picture[high[:, 1], high[:, 0]]).astype(np.float64) / 2
+        for picture in (blurred, *slopes)
+    )
+    steepness = np.hypot(*gradient)
+    normals = -np.column_stack(gradient) / np.maximum(steepness, 1e-9)[:, None]
+    shifts_px = np.clip((values - 0.5) / np.maximum(steepness, _LEAST_STEEP), -_FARTHEST_PX, _FARTHEST_PX)
+    return points_px + shifts_px[:, None] * normals, normals

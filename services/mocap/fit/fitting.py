@@ -7,6 +7,7 @@ import numpy as np
 
 from services.mocap.body import shape_space
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import Contour, contours_of
@@ -28,9 +29,10 @@ _PLACING = (Stage(_HEIGHT, _ROOT, 20.0, 6), Stage(_HEIGHT, ALL_DOFS, 15.0, 10))
 _FOLLOWING = (Stage((), ALL_DOFS, 15.0, 6),)
 """Every further frame, from the pose of the one before."""
 _SHAPING = (
-    Stage(_SKELETON, ALL_DOFS, 8.0, 8),
-    Stage(_EVERYTHING, ALL_DOFS, 5.0, 10),
-    Stage(_EVERYTHING, ALL_DOFS, 2.0, 10),
+    Stage(_SKELETON, ALL_DOFS, 8.0, 6, damping=0.003),
+    Stage(_EVERYTHING, ALL_DOFS, 4.0, 8, damping=0.003),
+    # What neighbouring bones share is told by little, so that steps go a long way with hardly a gain each.
+    Stage(_EVERYTHING, ALL_DOFS, 1.0, 28, damping=0.003, patience=28),
 )
 """All frames together."""
 
@@ -65,12 +67,13 @@ def fit_actor(
         raise ValueError(f"poses: expected ({n_frames}, {len(ALL_DOFS)}) or one pose, got {poses.shape}")
     starts = clip_to_limits(starts)
     contours = contours_of(rig, silhouettes, _CONTOUR_POINTS)
-    account = _Account(progress, n_frames)
-    state = _place(rig, contours, State(shape_space.vector_of(start), starts), following, account)
-    fitting = Fitting(rig, contours, Prior(state.poses))
+    account = _Account(progress, n_frames, n_starts=2 if following else 1)
+    begun = State(shape_space.vector_of(start), starts)
+    state = _place(rig, contours, begun, following, account, start.mesh)
+    fitting = Fitting(rig, contours, Prior(state.poses), start.mesh)
     for stage in _SHAPING:
         state = fitting.run(state, stage, account.step_of(n_frames))
-    actor = shape_space.actor_of(shape_space.with_true_height(state.x))
+    actor = shape_space.actor_of(shape_space.with_true_height(state.x, start.mesh), start.mesh)
     before = quality_of(build_body(start), starts, rig, silhouettes)
     after = quality_of(build_body(actor), state.poses, rig, silhouettes)
     progress(1.0)
@@ -80,29 +83,43 @@ def fit_actor(
 
 
 def _place(
-    rig: Rig, contours: list[list[Contour]], state: State, following: bool, account: "_Account"
+    rig: Rig,
+    contours: list[list[Contour]],
+    state: State,
+    following: bool,
+    account: "_Account",
+    mesh: OwnMesh | None,
 ) -> State:
-    """Height, and all poses, one frame after the other."""
-    poses = state.poses.copy()
-    x, pose = state.x, poses[0]
+    """Height, and all poses, one frame after the other.
+
+    When legs pass each other they look alike: a frame is looked for where the one before was, and where the
+    way from the one before that goes on.
+    """
+    poses, x = state.poses.copy(), state.x
     for f, views in enumerate(contours):
-        begun = pose[None] if following else poses[f : f + 1]
-        fitting, found = Fitting(rig, [views], Prior(begun)), State(x, begun)
-        for stage in _PLACING if f == 0 else _FOLLOWING:
-            found = fitting.run(found, stage, account.step_of(1))
-        x, pose = found.x, found.poses[0]
-        poses[f] = pose
+        stages = _FOLLOWING if f else _PLACING
+        starts = [poses[f]]
+        if following and f:
+            starts = [poses[f - 1], clip_to_limits(2.0 * poses[f - 1] - poses[max(f - 2, 0)])]
+        found = list[tuple[State, float]]()
+        for start in starts:
+            fitting, at = Fitting(rig, [views], Prior(start[None]), mesh), State(x, start[None])
+            for stage in stages:
+                at = fitting.run(at, stage, account.step_of(1))
+            found.append((at, fitting.cost(at, stages[-1])))
+        best = min(found, key=lambda way: way[1])[0]
+        x, poses[f] = best.x, best.poses[0]
     return State(x, poses)
 
 
 class _Account:
     """Counts steps, each as long as the frames it looks at, and reports the share that is done."""
 
-    def __init__(self, progress: Callable[[float], None], n_frames: int) -> None:
+    def __init__(self, progress: Callable[[float], None], n_frames: int, n_starts: int) -> None:
         self._progress, self._done = progress, 0
         placing = sum(stage.steps for stage in _PLACING)
         following = sum(stage.steps for stage in _FOLLOWING) * (n_frames - 1)
-        self._total = placing + following + n_frames * sum(stage.steps for stage in _SHAPING)
+        self._total = placing + n_starts * following + n_frames * sum(stage.steps for stage in _SHAPING)
 
     def step_of(self, n_frames: int) -> Callable[[], None]:
         """What to call at every step over some frames."""

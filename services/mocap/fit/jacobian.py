@@ -2,16 +2,18 @@
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from services.mocap.body import shape_space
 from services.mocap.body.actor import Body
+from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.kinematics import N_DOF, SEGMENT_JOINTS, joint_transforms
-from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_NAMES
+from services.mocap.body.skeleton import JOINT_INDEX, JOINTS
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.matching import Matches
 from services.mocap.fit.rim import Indices, topology
-from services.mocap.types import Floats
+from services.mocap.types import Floats, Ints
 
 _STEP = 1e-4
 """Of finite differences, in radians, metres and logarithms."""
@@ -25,60 +27,41 @@ class ShapeSlopes:
     vertices_m: Floats
     """(V, 3) all segments' vertices, each in its segment's frame."""
     vertex_slopes_m: Floats
-    """(S, V, 3)"""
+    """(V, S, 3)"""
     offset_slopes_m: Floats
     """(S, 17, 3)"""
 
     @classmethod
-    def at(cls, x: Floats, parameters: tuple[int, ...]) -> "ShapeSlopes":
-        """By differences from the shape vector x (len(PARAMETERS),)."""
-        body = shape_space.body_of(x)
+    def at(cls, x: Floats, parameters: tuple[int, ...], mesh: OwnMesh | None = None) -> "ShapeSlopes":
+        """By differences from the shape vector x (len(PARAMETERS),), of an own mesh where there is one."""
+        body = shape_space.body_of(x, mesh)
         vertices_m = np.vstack(body.vertices_m)
-        vertex_slopes_m = np.empty((len(parameters), *vertices_m.shape))
+        vertex_slopes_m = np.empty((len(vertices_m), len(parameters), 3))
         offset_slopes_m = np.empty((len(parameters), len(JOINTS), 3))
         for k, parameter in enumerate(parameters):
             moved = x.copy()
             moved[parameter] += _STEP
-            other = shape_space.body_of(moved)
-            vertex_slopes_m[k] = (np.vstack(other.vertices_m) - vertices_m) / _STEP
+            other = shape_space.body_of(moved, mesh)
+            vertex_slopes_m[:, k] = (np.vstack(other.vertices_m) - vertices_m) / _STEP
             offset_slopes_m[k] = (other.offsets_m - body.offsets_m) / _STEP
         return cls(body, vertices_m, vertex_slopes_m, offset_slopes_m)
 
 
-def jacobians(slopes: ShapeSlopes, pose: Floats, rig: Rig, matches: list[Matches]) -> tuple[Floats, Floats]:
-    """Slopes of all residuals of a frame, camera after camera: (N, 35) by pose, (N, S) by shape."""
+def jacobian(slopes: ShapeSlopes, pose: Floats, rig: Rig, matches: list[Matches]) -> Floats:
+    """(N, 35 + S) slopes of all residuals of a frame, camera after camera, by pose and then by shape."""
     moved = np.vstack([pose[None], pose + _STEP * np.eye(N_DOF)])
     T_world_joint = joint_transforms(moved, slopes.body.offsets_m)
-    T, dT_pose = T_world_joint[0], (T_world_joint[1:] - T_world_joint[0]) / _STEP
-    shifts_m = _joint_shifts(T, slopes.offset_slopes_m)
-    edges = np.vstack([m.edges for m in matches])
-    gradients = np.vstack([_gradients(m, P, slopes, T) for m, P in zip(matches, rig.P_px_world, strict=True)])
-    by_pose, by_shape = np.empty((len(edges), N_DOF)), np.empty((len(edges), len(slopes.vertex_slopes_m)))
-    segments = _segments_of(edges)
-    for s in range(len(SEGMENT_NAMES)):
-        rows = np.flatnonzero(segments == s)
-        if len(rows) == 0:
-            continue
-        g, joint = gradients[rows], SEGMENT_JOINTS[s]
-        points = np.column_stack([slopes.vertices_m[edges[rows]].mean(axis=1), np.ones(len(rows))])
-        products = (g[:, :, None] * points[:, None, :]).reshape(len(rows), 12)
-        by_pose[rows] = products @ dT_pose[:, joint, :3].reshape(N_DOF, 12).T
-        local = slopes.vertex_slopes_m[:, edges[rows]].mean(axis=2)
-        by_shape[rows] = np.einsum("ni,kni->nk", g @ T[joint, :3, :3], local, optimize=True)
-        by_shape[rows] += g @ shifts_m[:, joint].T
-    return by_pose, by_shape
-
-
-def _gradients(matches: Matches, P_px_world: Floats, slopes: ShapeSlopes, T_world_joint: Floats) -> Floats:
-    """(N, 3) how a view's residuals change with the world position of their rim points."""
-    joints = SEGMENT_JOINTS[_segments_of(matches.edges)]
-    middle_m = slopes.vertices_m[matches.edges].mean(axis=1)
-    world_m = np.einsum("nij,nj->ni", T_world_joint[joints, :3, :3], middle_m) + T_world_joint[joints, :3, 3]
-    depth = world_m @ P_px_world[2, :3] + P_px_world[2, 3]
-    n = matches.normals / depth[:, None]
-    along = np.einsum("ni,ni->n", n, matches.points_px)
-    gradients: Floats = n @ P_px_world[:2, :3] - along[:, None] * P_px_world[2, :3]
-    return gradients
+    T, T_slopes = T_world_joint[0], (T_world_joint[1:] - T_world_joint[0]) / _STEP
+    rows: Floats = np.zeros((sum(len(m.edges) for m in matches), N_DOF + len(slopes.offset_slopes_m)))
+    shifts_m, starts, first = _joint_shifts(T, slopes.offset_slopes_m), topology(slopes.body.mesh).starts, 0
+    for view, P_px_world in zip(matches, rig.P_px_world, strict=True):
+        joints = SEGMENT_JOINTS[np.searchsorted(starts, view.edges[:, 0], side="right") - 1]
+        _fill(
+            view.edges, joints, view.points_px, view.normals, np.ascontiguousarray(P_px_world), T, T_slopes,
+            slopes.vertices_m, slopes.vertex_slopes_m, shifts_m, rows[first : first + len(joints)],
+        )  # fmt: skip
+        first += len(joints)
+    return rows
 
 
 def _joint_shifts(T_world_joint: Floats, offset_slopes_m: Floats) -> Floats:
@@ -93,6 +76,74 @@ def _joint_shifts(T_world_joint: Floats, offset_slopes_m: Floats) -> Floats:
     return shifts_m
 
 
-def _segments_of(edges: Indices) -> Indices:
-    """(N,) the segment of each edge."""
-    return np.searchsorted(topology().starts, edges[:, 0], side="right") - 1
+@numba.njit(cache=True, nogil=True)
+def _fill(
+    edges: Indices,
+    joints: Ints,
+    points_px: Floats,
+    normals: Floats,
+    P: Floats,
+    T_world_joint: Floats,
+    T_slopes: Floats,
+    vertices_m: Floats,
+    vertex_slopes_m: Floats,
+    shifts_m: Floats,
+    rows: Floats,
+) -> None:
+    """Write one view's rows (N, 35 + S)."""
+    n_dofs = len(T_slopes)
+    point, g, local = np.empty(3), np.empty(3), np.empty(3)
+    for n in range(len(edges)):
+        a, b, j = edges[n, 0], edges[n, 1], joints[n]
+        T = T_world_joint[j]
+        depth = P[2, 3]
+        for i in range(3):
+            point[i] = (vertices_m[a, i] + vertices_m[b, i]) / 2
+        for i in range(3):
+            depth += P[2, i] * (T[i, 0] * point[0] + T[i, 1] * point[1] + T[i, 2] * point[2] + T[i, 3])
+        u, v = normals[n, 0] / depth, normals[n, 1] / depth
+        along = u * points_px[n, 0] + v * points_px[n, 1]
+        for i in range(3):
+            g[i] = u * P[0, i] + v * P[1, i] - along * P[2, i]
+        for i in range(3):
+            local[i] = (g[0] * T[0, i] + g[1] * T[1, i] + g[2] * T[2, i]) / 2
+        for d in range(n_dofs):
+            D, slope = T_slopes[d, j], 0.0
+            for i in range(3):
+                slope += g[i] * (D[i, 0] * point[0] + D[i, 1] * point[1] + D[i, 2] * point[2] + D[i, 3])
+            rows[n, d] = slope
+        for k in range(len(shifts_m)):
+            slope = 0.0
+            for i in range(3):
+                slope += (
+                    local[i] * (vertex_slopes_m[a, k, i] + vertex_slopes_m[b, k, i])
+                    + g[i] * shifts_m[k, j, i]
+                )
+            rows[n, n_dofs + k] = slope
+
+
+@numba.njit(cache=True, nogil=True)
+def normal_sums(rows: Floats, residuals: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """rows' diag(weights) rows (M, M) and rows' diag(weights) residuals (M,) of rows (N, M), mostly zeros.
+
+    By hand, since a library would spread so small a product over cores that others may be using.
+    """
+    n_columns = rows.shape[1]
+    sums, slopes = np.zeros((n_columns, n_columns)), np.zeros(n_columns)
+    columns = np.empty(n_columns, np.int64)
+    for n in range(len(rows)):
+        row, count = rows[n], 0
+        for m in range(n_columns):
+            if row[m] != 0.0:
+                columns[count] = m
+                count += 1
+        for i in range(count):
+            one = columns[i]
+            weighted = weights[n] * row[one]
+            slopes[one] += weighted * residuals[n]
+            for k in range(i + 1):
+                sums[one, columns[k]] += weighted * row[columns[k]]
+    for i in range(n_columns):
+        for k in range(i):
+            sums[k, i] = sums[i, k]
+    return sums, slopes

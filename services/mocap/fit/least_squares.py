@@ -6,18 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.body import shape_space
-from services.mocap.body.actor import Body
+from services.mocap.body.body_mesh import OwnMesh
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.backend import Backend
 from services.mocap.fit.contours import Contour
-from services.mocap.fit.jacobian import ShapeSlopes, jacobians
-from services.mocap.fit.matching import Matches, backend_for, match_frame
+from services.mocap.fit.jacobian import ShapeSlopes, jacobian, normal_sums
+from services.mocap.fit.matching import Matches, match_frame
 from services.mocap.fit.normal_equations import Stage, State, System
 from services.mocap.fit.priors import Prior
 from services.mocap.types import Floats
 
-_PATIENCE, _GAIN = 4, 0.995
-"""A stage ends after so many steps without one that makes the least cost this many times as much."""
+_GAIN = 0.995
+"""A step that hardly gains leaves more than this share of the least cost so far."""
 _AVERAGED = 4
 _CAMERA_SLACK = 2.0
 """Cameras whose middling residual is this many times that of the middling camera count less."""
@@ -33,12 +33,16 @@ class _Matched:
 
 
 class Fitting:
-    """The least-squares problem of some frames: contours of F frames before a rig, and a prior."""
+    """The least-squares problem of some frames: contours of F frames before a rig, and a prior.
 
-    def __init__(self, rig: Rig, contours: list[list[Contour]], prior: Prior) -> None:
-        self._rig, self._contours, self._prior = rig, contours, prior
+    mesh: what shapes are shapes of, where that is not the generic body.
+    """
+
+    def __init__(
+        self, rig: Rig, contours: list[list[Contour]], prior: Prior, mesh: OwnMesh | None = None
+    ) -> None:
+        self._rig, self._contours, self._prior, self._mesh = rig, contours, prior, mesh
         self._camera_weights = np.ones(rig.n_cameras)
-        self._drawn: tuple[Floats, Body, Backend] | None = None
 
     def run(self, state: State, stage: Stage, on_step: Callable[[], None]) -> State:
         """Go downhill from a state; on_step is called stage.steps times in all.
@@ -51,10 +55,11 @@ class Fitting:
         trail, since_best = [current], 0
         for _ in range(stage.steps):
             on_step()
-            if since_best >= _PATIENCE:
+            if since_best >= stage.patience:
                 continue
-            slopes = ShapeSlopes.at(current.state.x, stage.parameters)
-            current = self._matched(self._linearise(current, slopes, stage).step(current.state, stage), stage)
+            slopes = ShapeSlopes.at(current.state.x, stage.parameters, self._mesh)
+            stepped = self._linearise(current, slopes, stage).step(current.state, stage)
+            current = self._matched(stepped, stage)
             trail.append(current)
             since_best = 0 if current.cost < _GAIN * best.cost else since_best + 1
             best = min(best, current, key=lambda matched: matched.cost)
@@ -62,19 +67,16 @@ class Fitting:
         mean = State(np.mean([s.x for s in last], axis=0), np.mean([s.poses for s in last], axis=0))
         return min(best, self._matched(mean, stage), key=lambda matched: matched.cost).state
 
+    def cost(self, state: State, stage: Stage) -> float:
+        """What a state costs, with cameras weighed as in the last run."""
+        return self._matched(state, stage).cost
+
     def _match(self, state: State) -> list[list[Matches]]:
-        body, backend = self._body_at(state.x)
+        body = shape_space.body_of(state.x, self._mesh)
         return [
-            match_frame(body, backend, pose, self._rig, contours)
+            match_frame(body, pose, self._rig, contours)
             for pose, contours in zip(state.poses, self._contours, strict=True)
         ]
-
-    def _body_at(self, x: Floats) -> tuple[Body, Backend]:
-        """The body of a shape vector and what draws it, which takes longer to make than to use."""
-        if self._drawn is None or not np.array_equal(self._drawn[0], x):
-            body = shape_space.body_of(x)
-            self._drawn = x.copy(), body, backend_for(body, self._rig)
-        return self._drawn[1:]
 
     def _matched(self, state: State, stage: Stage) -> _Matched:
         matches = self._match(state)
@@ -112,17 +114,17 @@ class Fitting:
             pose_slopes=prior.pose_slopes[:, dofs],
             shape_slopes=prior.shape_slopes[parameters],
         )
+        columns = np.array([*dofs, *range(N_DOF, N_DOF + s)])
         for f, views in enumerate(current.matches):
-            by_pose, by_shape = jacobians(slopes, current.state.poses[f], self._rig, views)
+            rows = jacobian(slopes, current.state.poses[f], self._rig, views)[:, columns]
             residuals_px = np.concatenate([view.residuals_px for view in views])
             weights = np.concatenate(
                 [w * view.lengths_px for view, w in zip(views, self._camera_weights, strict=True)]
             ) / (1.0 + (residuals_px / stage.cap_px) ** 2)
-            by_pose = by_pose[:, dofs]
-            weighted_pose, weighted_shape = by_pose * weights[:, None], by_shape * weights[:, None]
-            system.poses[f] += by_pose.T @ weighted_pose
-            system.cross[f] += weighted_pose.T @ by_shape
-            system.shape[...] += by_shape.T @ weighted_shape
-            system.pose_slopes[f] += weighted_pose.T @ residuals_px
-            system.shape_slopes[...] += weighted_shape.T @ residuals_px
+            sums, gradient = normal_sums(rows, residuals_px, weights)
+            system.poses[f] += sums[:d, :d]
+            system.cross[f] += sums[:d, d:]
+            system.shape[...] += sums[d:, d:]
+            system.pose_slopes[f] += gradient[:d]
+            system.shape_slopes[...] += gradient[d:]
         return system

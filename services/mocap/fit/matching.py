@@ -2,21 +2,21 @@
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.backend import Backend
-from services.mocap.energy.cpu.backend import CpuBackend
-from services.mocap.energy.picture import Region
-from services.mocap.fit.contours import Contour, features_of, working_scales
+from services.mocap.fit.contours import Contour, evenly, features_of, outline_length_px, working_scales
 from services.mocap.fit.rim import Indices, Rim, find_rims
-from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.types import Floats
 
 RIM_POINTS = 200
 """Rim points of a view that are looked for on the contour, at most."""
+_SURFACE_PX, _SURFACE_TURN = 4.0, 3.0
+"""How far from an outline point, in working pixels, what makes it is looked for on the surface, and how many
+of them a turn by a radian counts for."""
 _SHORTEST_PX = 60.0
 """Views with a shorter contour say nothing: the actor is hardly in them."""
 
@@ -37,51 +37,75 @@ class Matches:
     """(N,) the length of outline that a row stands for, in working pixels."""
 
 
-def match_frame(
-    body: Body, backend: Backend, pose: Floats, rig: Rig, contours: list[Contour]
-) -> list[Matches]:
-    """Every camera's matches of a body in a pose (35,); the backend is the body's."""
-    coverage = backend.coverage(pose[None], ALL_SEGMENTS, Region.whole(rig))[0]
-    rims, scales = find_rims(body, pose, rig, coverage), working_scales(rig)
+def match_frame(body: Body, pose: Floats, rig: Rig, contours: list[Contour]) -> list[Matches]:
+    """Every camera's matches of a body in a pose (35,)."""
     return [
         match_view(rim, contour, float(scale))
-        for rim, contour, scale in zip(rims, contours, scales, strict=True)
+        for rim, contour, scale in zip(find_rims(body, pose, rig), contours, working_scales(rig), strict=True)
     ]
 
 
-def backend_for(body: Body, rig: Rig) -> Backend:
-    """What tells which rim points are hidden: drawing one body a few times is quickest on the CPU."""
-    return CpuBackend(body, rig)
-
-
 def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:
-    """Match evenly chosen rim points with their nearest contour points, and the other way round.
+    """Match some points of the model's outline with the nearest of the input's, and the other way round.
 
     Near is what lies near and faces the same way. scale: pixels per working pixel.
     """
-    if len(rim.edges) == 0 or contour.length_px < _SHORTEST_PX:
-        empty = np.zeros((0, 2))
-        return Matches(np.zeros((0, 2), np.int64), empty, empty, np.zeros(0), np.zeros(0))
-    rim_features = features_of(rim.points_px, rim.normals, scale)
-    forth, share = _evenly(rim.lengths_px / scale)
-    _, on_contour = contour.tree.query(rim_features[forth])
-    _, on_rim = cKDTree(rim_features).query(contour.tree.data[contour.chosen])
+    if len(rim.edges) == 0 or len(rim.points_px) == 0 or contour.length_px < _SHORTEST_PX:
+        return Matches(
+            np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0)
+        )
+    forth = evenly(len(rim.points_px), RIM_POINTS)
+    features = features_of(rim.points_px, rim.normals, scale)
+    _, on_contour = contour.tree.query(features[forth])
+    _, on_rim = cKDTree(features).query(contour.tree.data[contour.chosen])
     rows, targets = np.concatenate([forth, on_rim]), np.concatenate([on_contour, contour.chosen])
-    back = np.full(len(on_rim), contour.length_px / max(len(on_rim), 1))
+    forth_px = outline_length_px(len(rim.points_px), scale) / len(forth)
+    back_px = contour.length_px / max(len(on_rim), 1)
+    lengths_px = np.repeat([forth_px, back_px], [len(forth), len(on_rim)])
+    edges = nearest_edges(
+        rim.points_px[rows],
+        rim.normals[rows],
+        rim.middles_px,
+        rim.facing,
+        _SURFACE_PX * scale,
+        _SURFACE_TURN * scale,
+    )
+    found = edges >= 0
+    rows, targets = rows[found], targets[found]
     normals = contour.normals[targets] / scale
     off = rim.points_px[rows] - contour.points_px[targets]
     return Matches(
-        edges=rim.edges[rows],
+        edges=rim.edges[edges[found]],
         points_px=rim.points_px[rows],
         normals=normals,
         residuals_px=np.einsum("ni,ni->n", normals, off),
-        lengths_px=np.concatenate([np.full(len(forth), share), back]),
+        lengths_px=lengths_px[found],
     )
 
 
-def _evenly(lengths_px: Floats) -> tuple[Indices, float]:
-    """At most RIM_POINTS edges, evenly spread over the length of all, and the length each stands for."""
-    along = np.cumsum(lengths_px)
-    count = min(RIM_POINTS, len(lengths_px))
-    places = (np.arange(count) + 0.5) / count * along[-1]
-    return np.searchsorted(along, places).astype(np.int64), float(along[-1]) / count
+@numba.njit(cache=True, nogil=True)
+def nearest_edges(
+    points_px: Floats, normals: Floats, middles_px: Floats, facing: Floats, reach_px: float, turn_px: float
+) -> Indices:
+    """(N,) the nearest edge of every outline point, -1 where none lies within reach.
+
+    Edges that face another way count as farther by turn_px times the difference of the unit vectors.
+    """
+    order = np.argsort(middles_px[:, 1])  # people are upright: few edges are at one height
+    heights = middles_px[order, 1]
+    nearest = np.full(len(points_px), -1)
+    for i in range(len(points_px)):
+        x, y = points_px[i]
+        best = reach_px * reach_px
+        for k in range(np.searchsorted(heights, y - reach_px), len(heights)):
+            if heights[k] > y + reach_px:
+                break
+            e = order[k]
+            dx, dy = middles_px[e, 0] - x, heights[k] - y
+            if abs(dx) > reach_px:
+                continue
+            du, dv = facing[e, 0] - normals[i, 0], facing[e, 1] - normals[i, 1]
+            away = dx * dx + dy * dy + turn_px * turn_px * (du * du + dv * dv)
+            if away < best:
+                best, nearest[i] = away, e
+    return nearest

@@ -9,8 +9,6 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.types import Floats
 
 ALL_DOFS: tuple[int, ...] = tuple(range(N_DOF))
-_DAMPING = 0.1
-"""Share of their diagonal by which the normal equations are strengthened (Levenberg, Marquardt)."""
 _WALL, _WALL_ROUNDS = 1e4, 4
 """How stiff bounds are against the data, and how often a step is sought anew because of them."""
 
@@ -37,6 +35,10 @@ class Stage:
     """Residuals far beyond this, in working pixels, hardly count: the scale of a Cauchy loss."""
     steps: int
     """At most."""
+    damping: float = 0.1
+    """Share of their diagonal by which the normal equations are strengthened (Levenberg, Marquardt)."""
+    patience: int = 4
+    """A stage ends after so many steps that hardly gain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,9 @@ class System:
         for _ in range(_WALL_ROUNDS):
             to_shape_bound = x[parameters] - state.x[parameters]
             to_pose_bound = poses[:, dofs] - state.poses[:, dofs]
-            shape_step, pose_steps = self._solve((shape_walls, to_shape_bound), (pose_walls, to_pose_bound))
+            shape_step, pose_steps = self._solve(
+                (shape_walls, to_shape_bound), (pose_walls, to_pose_bound), stage.damping
+            )
             x[parameters], poses[:, dofs] = (
                 state.x[parameters] + shape_step,
                 state.poses[:, dofs] + pose_steps,
@@ -77,7 +81,7 @@ class System:
         return State(x, poses)
 
     def _solve(
-        self, shape_walls: tuple[Floats, Floats], pose_walls: tuple[Floats, Floats]
+        self, shape_walls: tuple[Floats, Floats], pose_walls: tuple[Floats, Floats], damping: float
     ) -> tuple[Floats, Floats]:
         """Shape step (s,) and pose steps (F, d): poses are eliminated, then put back.
 
@@ -85,11 +89,11 @@ class System:
         """
         diagonals = np.diagonal(self.poses, axis1=1, axis2=2)
         strength = pose_walls[0] * diagonals
-        poses = self.poses + (_DAMPING * diagonals + strength)[:, :, None] * np.eye(diagonals.shape[1])
+        poses = self.poses + (damping * diagonals + strength)[:, :, None] * np.eye(diagonals.shape[1])
         slopes = self.pose_slopes - strength * pose_walls[1]
         diagonal = np.diag(self.shape)
         strength = shape_walls[0] * diagonal
-        shape = self.shape + np.diag(_DAMPING * diagonal + strength)
+        shape = self.shape + np.diag(damping * diagonal + strength)
         solved = np.linalg.solve(poses, np.concatenate([self.cross, slopes[:, :, None]], axis=2))
         onto_shape, onto_slopes = solved[:, :, :-1], solved[:, :, -1]
         transposed = self.cross.transpose(0, 2, 1)

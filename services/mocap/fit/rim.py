@@ -1,24 +1,26 @@
-"""The model's rim: points of its surface that lie on the outline of its silhouette in a camera's picture."""
+"""The model's rim: the outline of its silhouette, and the places on its surface that make it.
+
+The outline is taken from the drawn silhouette just as the input's is, pixel for pixel. So a body that is
+right leaves nothing to mend, whatever pixels do to outlines; only how it moves is asked of the surface.
+"""
 
 from dataclasses import dataclass
 from functools import cache
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
+from services.mocap.body.body_mesh import BodyMesh
 from services.mocap.body.kinematics import segment_transforms
-from services.mocap.body.shape import generic_segments
+from services.mocap.body.surface import closed_edges
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import camera_bit
-from services.mocap.energy.detail.surface import closed_edges
-from services.mocap.fit.contours import off_border
-from services.mocap.types import Bytes, Floats, Ints
+from services.mocap.fit.contours import outline_of
+from services.mocap.types import Floats, Mask
 
-_STEP_OFF_PX = 1.0
-"""This far off the surface, an outline point of the whole silhouette is off the model."""
-_NEAREST_M = 0.1
-"""Points nearer to a camera's plane are left out."""
+NEAREST_M = 0.1
+"""Nothing is drawn for a camera to whose plane the body comes nearer."""
 
 Indices = NDArray[np.int64]
 
@@ -38,15 +40,15 @@ class Topology:
 
 
 @cache
-def topology() -> Topology:
-    """The generic body's, and so that of every actor."""
-    meshes = generic_segments()
+def topology(body_mesh: BodyMesh) -> Topology:
+    """That of every actor with this mesh."""
+    meshes = body_mesh.segments
     starts = np.cumsum([0] + [len(mesh.vertices_heights) for mesh in meshes])
     face_starts = np.cumsum([0] + [len(mesh.faces) for mesh in meshes])
     pairs = [closed_edges(mesh.faces) for mesh in meshes]
     return Topology(
         starts=starts,
-        faces=np.vstack([m.faces + s for m, s in zip(meshes, starts[:-1], strict=True)]),
+        faces=np.vstack([m.faces + s for m, s in zip(meshes, starts[:-1], strict=True)]).astype(np.int64),
         edges=np.vstack([edges[:, :2] + s for (edges, _), s in zip(pairs, starts[:-1], strict=True)]),
         sides=np.vstack([sides + s for (_, sides), s in zip(pairs, face_starts[:-1], strict=True)]),
     )
@@ -54,75 +56,109 @@ def topology() -> Topology:
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """One camera's rim points in one frame: midpoints of mesh edges."""
+    """One camera's view of the model in one frame."""
 
-    edges: Indices
-    """(N, 2) vertices of the whole body."""
     points_px: Floats
-    """(N, 2)"""
+    """(N, 2) the outline of its silhouette."""
     normals: Floats
-    """(N, 2) unit vectors that point off the model."""
-    lengths_px: Floats
-    """(N,) of outline that each stands for."""
+    """(N, 2) unit vectors that point off the model there."""
+    edges: Indices
+    """(E, 2) mesh edges, as vertices of the whole body, between a face that is seen and one that is not."""
+    middles_px: Floats
+    """(E, 2) the middles of their ends."""
+    facing: Floats
+    """(E, 2) unit vectors that point off the surface there."""
 
 
-def find_rims(body: Body, pose: Floats, rig: Rig, coverage: Bytes) -> list[Rim]:
-    """Every camera's rim of a body in a pose (35,), whose silhouettes are the bit-planes (P, H, W)."""
-    mesh = topology()
+def find_rims(body: Body, pose: Floats, rig: Rig) -> list[Rim]:
+    """Every camera's rim of a body in a pose (35,); empty where the body reaches a camera's plane."""
+    mesh = topology(body.mesh)
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
     vertices_world_m = np.vstack(
         [v @ T[:3, :3].T + T[:3, 3] for v, T in zip(body.vertices_m, T_world_segment, strict=True)]
     )
-    a, b, c = (vertices_world_m[corner] for corner in mesh.faces.T)
-    normals_world = np.cross(b - a, c - a)
-    normals_world /= np.maximum(np.linalg.norm(normals_world, axis=1, keepdims=True), 1e-12)
-    planes_m = np.einsum("fi,fi->f", normals_world, a)
+    planes = _planes(vertices_world_m, mesh.faces)
     rims = []
-    for camera, P_px_world in enumerate(rig.P_px_world):
+    for P_px_world, (width_px, height_px) in zip(rig.P_px_world, rig.sizes_px, strict=True):
         centre_world_m = -np.linalg.solve(P_px_world[:, :3], P_px_world[:, 3])
-        front = normals_world @ centre_world_m > planes_m
-        outline = np.flatnonzero(front[mesh.sides[:, 0]] != front[mesh.sides[:, 1]])
-        outward_world = normals_world[mesh.sides[outline]].sum(axis=1)
-        silhouette = camera_bit(coverage, camera)
-        rims.append(
-            _rim(
-                mesh.edges[outline],
-                vertices_world_m,
-                outward_world,
-                P_px_world,
-                silhouette,
-                rig.sizes_px[camera],
-            )
+        turning, facing, ends_px = _turning_edges(
+            vertices_world_m, planes, mesh.edges, mesh.sides, centre_world_m, np.ascontiguousarray(P_px_world)
         )
+        outline = outline_of(_silhouette(ends_px, int(width_px), int(height_px)))
+        rims.append(Rim(*outline, mesh.edges[turning], ends_px.mean(axis=1), facing))
     return rims
 
 
-def _rim(
-    edges: Indices,
-    vertices_world_m: Floats,
-    outward_world: Floats,
-    P_px_world: Floats,
-    silhouette: NDArray[np.bool_],
-    size_px: Ints,
-) -> Rim:
-    """The midpoints of edges that lie on the outline of the whole silhouette."""
-    ends = vertices_world_m[edges]
-    ends_px, depth_m = project(ends, P_px_world)
-    middle_px, _ = project(ends.mean(axis=1), P_px_world)
-    normals = outward_world @ P_px_world[:2, :3].T - middle_px * (outward_world @ P_px_world[2, :3])[:, None]
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    off = np.rint(middle_px + _STEP_OFF_PX * normals)
-    kept = (depth_m.min(axis=1) > _NEAREST_M) & off_border(off, size_px)
-    at = np.where(kept[:, None], off, 0).astype(np.int64)
-    kept &= ~silhouette[at[:, 1], at[:, 0]]
-    along = ends_px[:, 1] - ends_px[:, 0]  # edges zigzag about the outline: what counts is their way along it
-    lengths_px = np.abs(along[:, 0] * normals[:, 1] - along[:, 1] * normals[:, 0])
-    return Rim(edges[kept], middle_px[kept], normals[kept], lengths_px[kept])
+@numba.njit(cache=True, nogil=True)
+def _planes(vertices_m: Floats, faces: Indices) -> Floats:
+    """(F, 4) unit normal and offset of faces."""
+    planes = np.zeros((len(faces), 4))
+    for f in range(len(faces)):
+        a, b, c = vertices_m[faces[f, 0]], vertices_m[faces[f, 1]], vertices_m[faces[f, 2]]
+        x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
+        y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
+        z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        length = max(np.sqrt(x * x + y * y + z * z), 1e-12)
+        planes[f] = x / length, y / length, z / length, (x * a[0] + y * a[1] + z * a[2]) / length
+    return planes
 
 
-def project(points_world_m: Floats, P_px_world: Floats) -> tuple[Floats, Floats]:
-    """Pixels (…, 2) and depths (…) of points (…, 3); pixels of points behind the camera mean nothing."""
-    homogeneous = points_world_m @ P_px_world[:, :3].T + P_px_world[:, 3]
-    depth = homogeneous[..., 2]
-    ahead = np.where(depth > _NEAREST_M, depth, 1.0)
-    return homogeneous[..., :2] / ahead[..., None], depth
+@numba.njit(cache=True, nogil=True)
+def _turning_edges(
+    vertices_m: Floats, planes: Floats, edges: Indices, sides: Indices, centre_m: Floats, P: Floats
+) -> tuple[Indices, Floats, Floats]:
+    """The edges of which a camera sees one side: indices (N,), normals (N, 2) and ends (N, 2, 2) in pixels.
+
+    From the first end to the second, the side that is seen is always on the same hand. None at all where one
+    of them reaches the camera's plane.
+    """
+    front = np.empty(len(planes), np.bool_)
+    for f in range(len(planes)):
+        n = planes[f]
+        front[f] = n[0] * centre_m[0] + n[1] * centre_m[1] + n[2] * centre_m[2] > n[3]
+    turning = np.empty(len(edges), np.int64)
+    facing, ends_px = np.empty((len(edges), 2)), np.empty((len(edges), 2, 2))
+    count = 0
+    for e in range(len(edges)):
+        one, other = sides[e, 0], sides[e, 1]
+        if front[one] == front[other]:
+            continue
+        for k in range(2):
+            a = vertices_m[edges[e, k]]
+            depth = P[2, 0] * a[0] + P[2, 1] * a[1] + P[2, 2] * a[2] + P[2, 3]
+            if depth <= NEAREST_M:
+                return turning[:0].copy(), facing[:0].copy(), ends_px[:0].copy()
+            end = k if front[one] else 1 - k
+            ends_px[count, end, 0] = (P[0, 0] * a[0] + P[0, 1] * a[1] + P[0, 2] * a[2] + P[0, 3]) / depth
+            ends_px[count, end, 1] = (P[1, 0] * a[0] + P[1, 1] * a[1] + P[1, 2] * a[2] + P[1, 3]) / depth
+        x, y = planes[one, 0] + planes[other, 0], planes[one, 1] + planes[other, 1]
+        z = planes[one, 2] + planes[other, 2]
+        u, v = (ends_px[count, 0] + ends_px[count, 1]) / 2
+        away = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z
+        du = P[0, 0] * x + P[0, 1] * y + P[0, 2] * z - u * away
+        dv = P[1, 0] * x + P[1, 1] * y + P[1, 2] * z - v * away
+        length = max(np.sqrt(du * du + dv * dv), 1e-12)
+        turning[count], facing[count, 0], facing[count, 1] = e, du / length, dv / length
+        count += 1
+    return turning[:count].copy(), facing[:count].copy(), ends_px[:count].copy()
+
+
+@numba.njit(cache=True, nogil=True)
+def _silhouette(ends_px: Floats, width_px: int, height_px: int) -> Mask:
+    """(H, W) the pixels whose centres lie behind some surface: those that the edges (N, 2, 2) go round."""
+    turns = np.zeros((height_px, width_px + 1), np.int32)
+    for n in range(len(ends_px)):
+        x0, y0, x1, y1 = ends_px[n, 0, 0], ends_px[n, 0, 1], ends_px[n, 1, 0], ends_px[n, 1, 1]
+        way = 1
+        if y1 < y0:
+            x0, y0, x1, y1, way = x1, y1, x0, y0, -1
+        for y in range(max(int(np.ceil(y0)), 0), min(int(np.ceil(y1)), height_px)):
+            x = x0 + (x1 - x0) * (y - y0) / (y1 - y0)
+            turns[y, int(min(max(np.ceil(x), 0.0), float(width_px)))] += way
+    mask = np.zeros((height_px, width_px), np.bool_)
+    for y in range(height_px):
+        total = 0
+        for x in range(width_px):
+            total += turns[y, x]
+            mask[y, x] = total != 0
+    return mask
