@@ -240,8 +240,11 @@ class Pose(Message):
     worker_backends: Annotated[dict[Name, Count], Field(max_length=MAX_BACKENDS)]
     """Limb results that counted and came from workers since the take began, by their energy backend."""
     seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
-    """Wall time in seconds per stage: torso (or the whole body's alignment), head, limbs; by a limb's name what
-    solving it took; frame: since the frame before was published."""
+    """Wall time in seconds per stage: torso (or the whole body's alignment), head, limbs; by a limb's name
+    what solving it took; frame: since the frame before was published."""
+    prior: Scalar = 0.0
+    """What being off the expected pose counts, beside the energy: the setting steadiness times the
+    squares."""
     confidence: Annotated[dict[Part, Share], Field(max_length=6)] = Field(default_factory=dict)
     """How far each part may be trusted in this frame, from 0 to 1; a part that is left out was not judged."""
     distrusted: Annotated[list[Part], Field(max_length=6)] = Field(default_factory=list)

@@ -195,6 +195,7 @@ class Session:
                 frame=frame,
                 time_s=frame / self._plan.take.settings.fps,
                 energy_px=solution.energy_px,
+                prior=solution.prior,
                 passes=solution.passes,
                 evaluations=solution.evaluations,
                 workers=dispatcher.n_workers,

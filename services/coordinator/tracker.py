@@ -5,7 +5,7 @@ import logging
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
-from services.mocap.search.doubt import PARTS, Trust
+from services.mocap.search.doubt import Trust
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import extrapolated, solve_frame
@@ -14,6 +14,7 @@ from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats
 
 log = logging.getLogger(__name__)

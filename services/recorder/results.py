@@ -58,12 +58,13 @@ def write_results(
     frames: Ints = np.array([message.frame for message in recorded], np.int32)
     times_s = np.array([message.time_s for message in recorded])
     energies_px = np.array([message.energy_px for message in recorded])
+    priors = np.array([message.prior for message in recorded])
     poses = np.array([message.pose for message in recorded])
     marks = marks_of(recorded)
     shown = smoothed(poses, info.fps, output, distrusted_values(marks))
     joints_world_m = reference_joints(shown, body.offsets_m)
     with results_into(out, complete=len(recorded) == info.end_frame - info.first_frame) as part:
-        table = PoseTable(frames, times_s, poses, energies_px, marks=marks)
+        table = PoseTable(frames, times_s, poses, energies_px, marks=marks, extra={"prior": priors})
         write_poses_csv(part / POSES, table)
         if output.smooth != "none":
             write_poses_csv(part / POSES_SMOOTH, replace(table, poses=shown))

@@ -11,12 +11,12 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SEGMENTS
-from services.mocap.search.doubt import PARTS
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.studio import studio_cameras
+from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats
 
 

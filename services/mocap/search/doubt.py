@@ -7,7 +7,6 @@ limb is somewhere else, or something is in the picture that is no part of the bo
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -25,12 +24,11 @@ from services.mocap.search.chains import (
     window_size_px,
 )
 from services.mocap.search.model import Model
+from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats
 
-Part: TypeAlias = Literal["torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"]
 PART_STAGES: dict[Part, Stage] = {"head": HEAD, **{name: limb.main for name, limb in LIMBS.items()}}
 """Parts with a window of their own."""
-PARTS: tuple[Part, ...] = ("torso", *PART_STAGES)
 _TORSO = tuple(SEGMENT_INDEX[name] for name in ("pelvis", "torso"))
 _REFERENCE_CAMERAS = 8
 _REMEMBERED = 15

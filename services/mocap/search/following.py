@@ -2,20 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.energy.bitplanes import count_bits
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
-from services.mocap.search.doubt import Differences, Part, Trust, confidences, differences
+from services.mocap.search.doubt import Differences, Trust, confidences, differences
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.solve import solve_head, whole_body_energy
+from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
 
 _SLACK = 1.05
@@ -58,10 +61,10 @@ class _Search:
             return float(count_bits((covered ^ self.whole.silhouettes) & ~self.whole.ignored))
         return float(self._priced(pose[None])[0])
 
-    @property
+    @cached_property
     def _priced(self) -> Callable[[Floats], Floats]:
         s = self.settings
-        return whole_body_energy(self.model, self.whole, np.zeros(35), s.cost, s.detail_px)
+        return whole_body_energy(self.model, self.whole, np.zeros(N_DOF), s.cost, s.detail_px)
 
     def best_of(self, poses: Floats) -> _Seen:
         """The first of the cheapest poses (N, 35)."""
@@ -118,6 +121,7 @@ def solve_by_contours(
             break
     trust.note_search(searched, gained=gained)
     found.pose, found.energy_px = best.pose, _plain_px(model, whole, best.pose)
+    found.prior = best.aligned.prior_cost
     found.evaluations += search.evaluations + 1
     found.confidence, found.distrusted = confidences(best.aligned.rim_px), trust.distrusted(left)
     trust.remember(left)

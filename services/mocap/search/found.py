@@ -4,8 +4,8 @@ import time
 from dataclasses import dataclass, field
 
 from services.mocap.search.chains import LimbName
-from services.mocap.search.doubt import Part
 from services.mocap.search.solve import Solution
+from services.mocap.take.marks import Part
 from services.mocap.types import Floats
 
 
@@ -18,6 +18,8 @@ class FrameSolution:
     energy_px: float
     """Differing pixels of the whole body's full mesh in the whole pictures, over all cameras, whatever was
     minimised."""
+    prior: float = 0.0
+    """What being off the expected pose counts, beside the energy: steadiness times the squares of how far."""
     passes: int = 0
     evaluations: int = 0
     """Of the energy; steps of an alignment count as well, since each draws the whole body once."""

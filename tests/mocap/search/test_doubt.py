@@ -6,8 +6,9 @@ import numpy as np
 
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.picture import Picture
-from services.mocap.search.doubt import Differences, Part, Trust, confidences, differences
+from services.mocap.search.doubt import Differences, Trust, confidences, differences
 from services.mocap.search.model import Model
+from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
 
 NOTHING: dict[Part, int] = dict.fromkeys(

@@ -49,7 +49,7 @@ class Aligned:
     pose: Floats
     """(35,)"""
     prior_cost: float
-    """What being off the expected pose counts, in pixels squared times pixels of contour."""
+    """What being off the expected pose counts: the steadiness times the squares of how far."""
     rim_px: Floats
     """(16, 3) per segment, summed over the cameras: the length of its rim that shows, what of it lies on a
     contour, and what found none in reach."""
