@@ -1,0 +1,69 @@
+"""The image, a short take, and how it is tracked without containers; skipped where there is no Docker."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+from stack import IMAGE, docker
+
+from services.mocap.body.actor import Actor
+from services.mocap.body.skeleton import DOFS
+from services.mocap.synth.take import write_synthetic_take
+from services.mocap.take.actor_file import write_actor
+from services.mocap.take.layout import ACTOR, SETTINGS
+from services.mocap.take.settings import read_settings
+from services.mocap.take.tables import read_poses_csv
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "containers: needs a Docker engine with compose v2")
+
+
+@pytest.fixture(scope="session")
+def image() -> str:
+    """The image of the working tree's services; layers that are built already are taken as they are."""
+    for asked in (["docker", "info"], ["docker", "compose", "version"]):
+        try:
+            answer = subprocess.run(asked, capture_output=True, timeout=30, check=False)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            pytest.skip(f"{' '.join(asked)}: {error}")
+        if answer.returncode != 0:
+            pytest.skip(f"{' '.join(asked)}: {answer.stderr.decode().strip()}")
+    docker("compose", "build", "--quiet", "prepare", timeout_s=900)
+    return IMAGE
+
+
+@pytest.fixture(scope="session")
+def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its actor and first pose are said, so that its first frame takes no longer than another."""
+    folder = tmp_path_factory.mktemp("take") / "walk"
+    write_synthetic_take(folder, n_frames=24, n_cameras=4)
+    write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
+    pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
+    said = "".join(f"{dof.column} = {value}\n" for dof, value in zip(DOFS, pose.tolist(), strict=True))
+    with (folder / SETTINGS).open("a") as settings:
+        settings.write(f"[initial_pose]\n{said}")
+    for path in (*folder.rglob("*"), folder, folder.parent, folder.parent.parent):
+        path.chmod(0o755 if path.is_dir() else 0o644)  # services run as another user
+    return folder
+
+
+def _track(image: str, take: Path, folder: Path, *more: str) -> str:
+    """poses.csv of local processes, in the image: code compiled for another processor rounds otherwise."""
+    mounts = ["--volume", f"{take}:/take:ro", "--volume", f"{folder}:/results"]
+    run = ["run", "--rm", "--user", f"{os.getuid()}:{os.getgid()}", *mounts, image]
+    docker(*run, "track", "/take", "--out", "/results/result", "--no-overlay", "--backend", "cpu", *more)
+    return (folder / "result" / "poses.csv").read_text()
+
+
+@pytest.fixture(scope="session")
+def local_poses(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """poses.csv of the same take, tracked without compose."""
+    return _track(image, take, tmp_path_factory.mktemp("local"))
+
+
+@pytest.fixture(scope="session")
+def local_poses_of_eight(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The same for the first frames with eight workers: two to a limb, whose grid they divide."""
+    return _track(image, take, tmp_path_factory.mktemp("eight"), "--workers", "8", "--frames", "0:6")

@@ -1,0 +1,125 @@
+"""compose.yaml's services under a name of their own, watched from this machine as a viewer watches them."""
+
+import json
+import os
+import secrets
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+import zmq
+
+from proto.keys import client_keys
+from proto.link import Line
+from proto.messages import Pose
+from proto.sockets import receive, wait
+
+ROOT = Path(__file__).resolve().parents[2]
+IMAGE = "xormocap:test"
+_LOOK_S = 0.2
+_PAUSE_TRIES = 8
+
+
+def docker(*arguments: object, timeout_s: float = 200, env: dict[str, str] | None = None) -> str:
+    """Run docker to its end; what it printed. A command that fails fails the test."""
+    command = ["docker", *map(str, arguments)]
+    environment = {**os.environ, "XORMOCAP_IMAGE": IMAGE, **(env or {})}
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False
+    )
+    assert done.returncode == 0, f"{' '.join(command)}:\n{done.stdout}{done.stderr}"
+    return done.stdout.strip()
+
+
+def pause(container: str) -> None:
+    """Freeze a container; where an engine still uses cgroups v1, that fails now and then for a busy one."""
+    for _ in range(_PAUSE_TRIES - 1):
+        try:
+            docker("pause", container)
+        except AssertionError:
+            continue
+        return
+    docker("pause", container)
+
+
+def wait_until(condition: Callable[[], bool], what: Callable[[], str], timeout_s: float = 120) -> None:
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline_s, what()
+        time.sleep(_LOOK_S)
+
+
+class Stack:
+    """One run of compose.yaml; a context manager that leaves nothing behind."""
+
+    def __init__(self, out: Path, **settings: str) -> None:
+        self.out, self._name = out, f"xormocap-test-{secrets.token_hex(3)}"
+        user = f"{os.getuid() or 1000}:{os.getgid() or 1000}"  # services of root's run as somebody else
+        self._env = {"OUT": str(out), "XORMOCAP_USER": user, "XORMOCAP_BACKEND": "cpu", **settings}
+        self._keys = out.parent / f"{out.name}-keys"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.compose("down", "--volumes", "--timeout", "2")
+
+    def compose(self, *arguments: object, timeout_s: float = 200) -> str:
+        return docker("compose", "-p", self._name, *arguments, env=self._env, timeout_s=timeout_s)
+
+    def start(self, *options: str) -> None:
+        """Start all services in the background."""
+        self.compose("up", "--detach", "--no-build", *options)
+
+    def containers(self, service: str) -> list[str]:
+        """Ids of a service's containers, running or not."""
+        return self.compose("ps", "--all", "--quiet", service).split()
+
+    def one(self, service: str) -> str:
+        return self.containers(service)[0]
+
+    def inspect(self, container: str, field: str = "State") -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(docker("inspect", "--format", f"{{{{json .{field}}}}}", container))
+        return found
+
+    @property
+    def network(self) -> str:
+        return f"{self._name}_default"
+
+    def logs(self, *services: str) -> str:
+        return self.compose("logs", "--no-color", *services)
+
+    def until_solved(self, frames: int, timeout_s: float = 120) -> None:
+        """Wait until the coordinator has published so many frames, as a client with keys sees it."""
+        coordinator = self.one("coordinator")
+        if not self._keys.exists():
+            docker("cp", f"{coordinator}:/keys/viewer", self._keys)
+        address = self.inspect(coordinator, "NetworkSettings")["Networks"][self.network]["IPAddress"]
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        line = Line(context, f"tcp://{address}:5550", "poses", client_keys(self._keys, "viewer"))
+        deadline_s, solved = time.monotonic() + timeout_s, 0
+        while solved < frames:
+            assert time.monotonic() < deadline_s, self.logs()
+            wait([line.socket], _LOOK_S)
+            while (message := receive(line.socket)) is not None:
+                if isinstance(message, Pose):
+                    solved = max(solved, message.frame + 1)
+            line.tick()
+        line.close()
+        context.term()
+
+    def is_over(self) -> bool:
+        """Whether the coordinator has ended."""
+        return bool(self.inspect(self.one("coordinator"))["Status"] == "exited")
+
+    def finish(self) -> dict[str, Any]:
+        """Wait for the recorder's good end; its run.json."""
+        wait_until(lambda: self.inspect(self.one("recorder"))["Status"] == "exited", self.logs, 240)
+        assert self.inspect(self.one("recorder"))["ExitCode"] == 0, self.logs()
+        report: dict[str, Any] = json.loads((self.out / "result" / "run.json").read_text())
+        return report
+
+    def poses(self) -> str:
+        return (self.out / "result" / "poses.csv").read_text()

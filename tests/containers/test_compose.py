@@ -1,0 +1,68 @@
+"""compose.yaml tracks takes as local processes do, whatever happens to its services meanwhile."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from stack import Stack, docker, pause
+
+pytestmark = [pytest.mark.containers, pytest.mark.timeout(1200), pytest.mark.usefixtures("image")]
+
+
+@pytest.fixture
+def stack(take: Path, tmp_path: Path) -> Iterator[Stack]:
+    with Stack(tmp_path / "out", TAKE=str(take), RECORDER_OPTIONS="--no-overlay") as made:
+        yield made
+
+
+def test_up_tracks_a_take_and_returns(stack: Stack, local_poses: str) -> None:
+    stack.compose("up", "--no-build", timeout_s=240)
+    assert stack.is_over()
+    assert stack.finish()["speed"]["workers"] == 4
+    assert stack.poses() == local_poses
+    for worker in stack.containers("limb-worker"):
+        assert stack.inspect(worker)["Health"]["Status"] == "healthy", "workers stay for the next take"
+
+
+def test_eight_workers(take: Path, tmp_path: Path, local_poses_of_eight: str) -> None:
+    options = {"RECORDER_OPTIONS": "--no-overlay", "FRAMES": "0:6", "COORDINATOR_OPTIONS": "--workers 8"}
+    with Stack(tmp_path / "out", TAKE=str(take), **options) as stack:
+        stack.start("--scale", "limb-worker=8")
+        assert stack.finish()["speed"]["workers"] == 8
+        assert stack.poses() == local_poses_of_eight
+
+
+def test_deaths_hangs_and_cuts_change_no_frame(stack: Stack, local_poses: str) -> None:
+    stack.start("--scale", "limb-worker=7")  # from eight on, poses depend on how many there are
+    workers = stack.containers("limb-worker")
+    stack.until_solved(2)
+
+    docker("kill", workers[0])
+    pause(workers[1])
+    docker("network", "disconnect", stack.network, workers[2])
+    docker("kill", stack.one("recorder"))
+    stack.until_solved(8)
+
+    docker("start", stack.one("recorder"))  # an engine restarts what died, not what somebody killed
+    docker("kill", stack.one("segmentation"))
+    docker("start", stack.one("segmentation"))
+    docker("unpause", workers[1])
+    docker("network", "connect", stack.network, workers[2])
+    docker("start", workers[0])
+    assert not stack.is_over(), "all of this was to happen in mid-take"
+
+    report = stack.finish()
+    assert stack.poses() == local_poses
+    assert report["speed"]["retries"] > 0
+
+
+def test_a_service_that_dies_by_itself_is_started_again(stack: Stack, local_poses: str) -> None:
+    stack.start()
+    stack.until_solved(2)
+    killed = ("segmentation", "recorder", "limb-worker")
+    for service in killed:
+        stack.compose("exec", service, "sh", "-c", "kill -KILL $(cat /proc/1/task/1/children)")
+    stack.finish()
+    assert stack.poses() == local_poses
+    assert [json.loads(docker("inspect", "-f", "{{.RestartCount}}", stack.one(s))) for s in killed] == [1] * 3
