@@ -24,7 +24,7 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import whole_body_energy
+from services.mocap.search.stages import whole_body_energy
 from services.mocap.synth.studio import studio_cameras
 
 _LIBRARIES = (

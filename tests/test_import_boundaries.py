@@ -93,7 +93,7 @@ def late():
 
 def test_there_is_something_to_hold() -> None:
     assert {"services.coordinator", "services.limb_worker", "services.recorder"} <= set(SERVICES)
-    assert {SHARED, *COMMAND, "services.mocap.search.solve", "proto.messages"} <= set(IMPORTS)
+    assert {SHARED, *COMMAND, "services.mocap.search.frame", "proto.messages"} <= set(IMPORTS)
 
 
 def test_the_library_imports_no_service_and_no_protocol() -> None:

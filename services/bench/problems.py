@@ -16,7 +16,7 @@ from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, Stage
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import stage_window
+from services.mocap.search.stages import stage_window
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Floats
 

@@ -9,8 +9,9 @@ from proto.messages import MAX_SHARDS, LimbResult, LimbTask
 from services.coordinator.dispatch import Dispatcher
 from services.mocap.search.chains import LIMBS, LimbName
 from services.mocap.search.jobs import LimbJob
+from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
-from services.mocap.search.solve import Solution, solve_limb
+from services.mocap.search.stages import Solution
 
 
 class RemoteLimbs:

@@ -13,9 +13,9 @@ from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture, Region
+from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import solve_limb
 
 _MODELS_KEPT = 4
 """Pairs of actor and rig; a worker may serve several takes in turn."""

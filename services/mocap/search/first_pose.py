@@ -16,7 +16,7 @@ from services.mocap.search.hull import Hull
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import whole_body_energy
+from services.mocap.search.stages import whole_body_energy
 from services.mocap.types import Floats
 
 _HEADINGS = 16

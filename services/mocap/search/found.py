@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass, field
 
 from services.mocap.search.chains import LimbName
-from services.mocap.search.solve import Solution
+from services.mocap.search.stages import Solution
 from services.mocap.take.marks import Part
 from services.mocap.types import Floats
 

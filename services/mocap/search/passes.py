@@ -6,7 +6,7 @@ from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import solve_head, solve_torso, whole_body_energy
+from services.mocap.search.stages import solve_head, solve_torso, whole_body_energy
 from services.mocap.types import Floats
 
 

@@ -13,9 +13,10 @@ from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, TORSO, LimbName
+from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import Solution, solve_head, solve_limb, solve_torso, stage_window
+from services.mocap.search.stages import Solution, solve_head, solve_torso, stage_window
 from services.mocap.types import Floats
 
 Poser = Callable[..., Floats]

@@ -13,9 +13,9 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.alignment.aligner import Aligner
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
+from services.mocap.search.limb import limb_picture
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.solve import limb_picture
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Bytes, Floats
 

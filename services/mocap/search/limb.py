@@ -1,0 +1,110 @@
+"""A limb with its hand or foot: grid search, then downhill on XOR or along the contours."""
+
+import numpy as np
+
+from services.mocap.body.kinematics import clip_to_limits
+from services.mocap.body.skeleton import DOFS
+from services.mocap.energy.picture import Picture
+from services.mocap.search.chains import LIMBS, Limb, LimbName, Stage
+from services.mocap.search.descent import Minimum
+from services.mocap.search.grid import Tried, best_of, grid_points
+from services.mocap.search.model import Model
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.stages import (
+    Solution,
+    descend_from,
+    descend_stage,
+    looked_at,
+    prepare,
+    stage_window,
+)
+from services.mocap.types import Floats
+
+_STARTS = 4
+"""Points of a grid from which a limb is aligned with the contours."""
+
+
+def limb_picture(
+    model: Model, name: LimbName, whole: Picture, pose: Floats, settings: SearchSettings
+) -> Picture:
+    """What of a whole picture a limb's search needs to see: windows, and the cost's margin around them."""
+    if not settings.windows:
+        return whole
+    return stage_window(model, LIMBS[name].main, whole, pose, settings.cost.margin_px)
+
+
+def _without_margin(window: Picture, settings: SearchSettings) -> Picture:
+    margin_px = settings.cost.margin_px if settings.windows else 0
+    region = window.region
+    width_px, height_px = region.width_px - 2 * margin_px, region.height_px - 2 * margin_px
+    return window.window(region.origin_px + np.int32(margin_px), width_px, height_px)
+
+
+def solve_limb(
+    model: Model,
+    name: LimbName,
+    seen: Picture,
+    pose: Floats,
+    settings: SearchSettings,
+    shard: tuple[int, int] = (0, 1),
+) -> Solution:
+    """Find a limb: grid search over ball and hinge, then downhill by the settings' method.
+
+    seen: what limb_picture cut out, nothing pre-rendered. shard (k, n): search the start and only every n-th
+    grid point, from the k-th on, so that n workers share a limb and none returns worse than the start. A pose
+    beyond the joint limits is moved to them first.
+    """
+    limb, pose = LIMBS[name], clip_to_limits(pose)
+    seen = _without_margin(settings.cost.priced(seen), settings)
+    energy, start, box = prepare(model, limb.main, seen, pose, settings)
+    points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
+    k, n = shard
+    points = np.concatenate([points[:1], points[1:][k::n]])
+    if settings.method == "contours":
+        return _align_limb(model, limb, seen, pose, settings, Tried(points, energy(points)))
+    return _descend_limb(model, limb, seen, pose, settings, best_of(energy, points))
+
+
+def _descend_limb(
+    model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, best: Minimum
+) -> Solution:
+    """From the best point of the grid downhill on XOR, then the hand or foot (the paper, section 3)."""
+    energy, _, box = prepare(model, limb.main, seen, pose, settings)
+    main = descend_from(energy, best, limb.main, box, settings)
+    found = main.applied_to(pose)
+    window = looked_at(model, limb.extremity, seen, found, settings)
+    extremity = descend_stage(model, limb.extremity, window, found, settings)
+    return Solution(
+        limb.dofs,
+        np.concatenate([main.values, extremity.values]),
+        main.energy_px,
+        main.evaluations + extremity.evaluations,
+    )
+
+
+def _align_limb(
+    model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, tried: Tried
+) -> Solution:
+    """From the best points of the grid that are no neighbours along the contours; the best by XOR."""
+    whole_limb = Stage(limb.dofs, limb.main.segments, limb.main.window_px)
+    energy, start, _ = prepare(model, whole_limb, seen, pose, settings)
+    aligner = model.aligner(settings)
+    candidates = [start]
+    for point in tried.best_apart(_STARTS, 1.5 * _grid_steps(limb.main, settings)):
+        begun = pose.copy()
+        begun[list(limb.main.dofs)] = point
+        aligned = aligner.align(seen, begun, settings, limb.dofs, limb.main.segments)
+        candidates += [begun[list(limb.dofs)], aligned.pose[list(limb.dofs)]]
+    found = best_of(energy, np.array(candidates))
+    steps = (len(candidates) - 1) // 2 * settings.contour_steps
+    evaluations = len(tried.points) + found.evaluations + steps
+    return Solution(limb.dofs, found.values, found.energy_px, evaluations)
+
+
+def _grid_counts(limb: Limb, settings: SearchSettings) -> tuple[int, ...]:
+    is_arm = DOFS[limb.main.dofs[0]].joint.endswith("shoulder")
+    return settings.arm_grid if is_arm else settings.leg_grid
+
+
+def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
+    return np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in stage.dofs])

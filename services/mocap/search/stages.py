@@ -1,0 +1,124 @@
+"""Stages of a frame's search, prepared, and solved by going downhill on XOR."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import DOFS
+from services.mocap.energy.backend import Energy, Problem
+from services.mocap.energy.cost import Cost
+from services.mocap.energy.picture import Picture
+from services.mocap.search.chains import (
+    ALL_SEGMENTS,
+    HEAD,
+    TORSO,
+    Stage,
+    window_origins_px,
+    window_size_px,
+)
+from services.mocap.search.descent import Box, Minimum, descend
+from services.mocap.search.grid import best_of
+from services.mocap.search.model import Model
+from services.mocap.search.settings import SearchSettings
+from services.mocap.types import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A chain's parameter values and what they cost."""
+
+    dofs: tuple[int, ...]
+    values: Floats
+    """(d,)"""
+    energy_px: float
+    evaluations: int
+    seconds: float = 0.0
+    """What finding them took, where somebody looked at the clock."""
+
+    def applied_to(self, pose: Floats) -> Floats:
+        """The pose (35,) with this chain's parameters replaced."""
+        changed = pose.copy()
+        changed[list(self.dofs)] = self.values
+        return changed
+
+
+def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Energy:
+    """The energy of all parameters with the whole body drawn; pose (35,) is any; the rest as in Problem."""
+    problem = Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, cost.priced(picture), cost, detail_px)
+    return model.backend.energy(problem)
+
+
+def solve_torso(model: Model, coarse: Picture, pose: Floats, settings: SearchSettings) -> Solution:
+    """Find the root from a pose by going downhill, the whole body moving with it.
+
+    coarse: whole pictures, at half resolution in the paper (section 4.2).
+    """
+    return descend_stage(model, TORSO, coarse, pose, settings)
+
+
+def solve_head(model: Model, whole: Picture, pose: Floats, settings: SearchSettings) -> Solution:
+    """Find the head's turn by going downhill in its window."""
+    return descend_stage(model, HEAD, looked_at(model, HEAD, whole, pose, settings), pose, settings)
+
+
+def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, margin_px: int = 0) -> Picture:
+    """Cut the windows of a stage out of a picture, centred on where the pose (35,) has its segments.
+
+    margin_px: how much larger they are on all sides.
+    """
+    size_px = window_size_px(stage, model.rig) + 2 * margin_px
+    origins_px = window_origins_px(stage, pose, model.body, model.rig) - np.int32(margin_px)
+    return picture.window(origins_px, size_px, size_px)
+
+
+def looked_at(
+    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
+) -> Picture:
+    """What of a picture a stage is searched in: its windows, or all of it."""
+    return stage_window(model, stage, picture, pose) if settings.windows else picture
+
+
+def prepare(
+    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
+) -> tuple[Energy, Floats, Box]:
+    """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits."""
+    cost, detail_px, drawn = settings.cost, settings.detail_px, ALL_SEGMENTS
+    if stage.others and settings.prerender:
+        drawn = stage.segments
+        others = model.backend.coverage(pose[None], stage.others, picture.region, detail_px)
+        picture = picture.ignoring(others[0])
+    energy = model.backend.energy(Problem(pose, stage.dofs, drawn, picture, cost, detail_px))
+    box = Box(*stage.limits())
+    return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
+
+
+def _steps(stage: Stage, settings: SearchSettings) -> Floats:
+    """The first step (d,) of a line search over each of a stage's parameters."""
+    return np.array(
+        [settings.shift_step_m if DOFS[d].unit == "m" else settings.angle_step_rad for d in stage.dofs]
+    )
+
+
+def descend_from(
+    energy: Energy, start: Minimum, stage: Stage, box: Box, settings: SearchSettings
+) -> Solution:
+    """Lower a stage's energy from a start, first along its parameters one by one."""
+    found = descend(
+        energy,
+        start,
+        box,
+        np.diag(_steps(stage, settings)),
+        settings.line_tolerance,
+        settings.descent_tolerance,
+        settings.descent_rounds,
+    )
+    return Solution(stage.dofs, found.values, found.energy_px, found.evaluations)
+
+
+def descend_stage(
+    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
+) -> Solution:
+    """Lower a stage's energy in a picture, from a pose (35,)."""
+    energy, start, box = prepare(model, stage, picture, pose, settings)
+    return descend_from(energy, best_of(energy, start[None]), stage, box, settings)
