@@ -18,30 +18,40 @@ class RemoteLimbs:
     """A LimbPool over the wire."""
 
     def __init__(
-        self, model: Model, take: str, actor: str, dispatcher: Dispatcher, pump: Callable[[float], None]
+        self,
+        model: Model,
+        take: str,
+        actor: str,
+        dispatcher: Dispatcher,
+        pump: Callable[[float], None],
+        shards: int = 1,
     ) -> None:
-        """`pump(seconds)` lets messages in and out, waiting that long for some. actor: its content hash."""
+        """`pump(seconds)` lets messages in and out, waiting that long for some. actor: its content hash.
+
+        shards: how many workers share a limb's grid, if there are so many. Fixed, since poses depend on it
+        in the last digits and must not depend on which workers die.
+        """
         self._model, self._dispatcher, self._pump = model, dispatcher, pump
         self._take, self._actor, self._rig = take, actor, model.rig.content_hash
+        self._shards = min(shards, MAX_SHARDS)
         self._jobs: dict[LimbName, LimbJob] = {}
         self.frame = 0
         """The frame that jobs belong to."""
 
     def start(self, jobs: list[LimbJob]) -> None:
-        """See LimbPool.start. More workers than limbs share the limbs' grids evenly."""
+        """See LimbPool.start."""
         self._pump(0.0)
         self._jobs = {job.limb: job for job in jobs}
-        shards = min(max(1, self._dispatcher.n_workers // max(len(jobs), 1)), MAX_SHARDS)
-        self._dispatcher.submit([self._task(job, k, shards) for job in jobs for k in range(shards)])
+        self._dispatcher.submit([self._task(job, k) for job in jobs for k in range(self._shards)])
 
-    def _task(self, job: LimbJob, shard: int, shards: int) -> LimbTask:
+    def _task(self, job: LimbJob, shard: int) -> LimbTask:
         return LimbTask(
             take=self._take,
             frame=self.frame,
             pass_index=job.pass_index,
             limb=job.limb,
             shard=shard,
-            shards=shards,
+            shards=self._shards,
             actor=self._actor,
             rig=self._rig,
             search=job.settings.to_wire(),

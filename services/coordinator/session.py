@@ -17,6 +17,7 @@ from services.coordinator.tracker import Tracker
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
+from services.mocap.search.chains import LIMBS
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
@@ -67,7 +68,7 @@ class Session:
         self._board = Switchboard(endpoint, self._take_in, admission)
         self._published_s = time.perf_counter()
         self._solved_end = plan.frames.start
-        self._recorders = 0
+        self._recorders, self._shards = 0, 1
 
     def _credit_end(self) -> int:
         return min(self._assembler.next_frame + _AHEAD_FRAMES, self._plan.frames.stop)
@@ -76,20 +77,16 @@ class Session:
         self._assembler.add(message, self._credit_end())
 
     def await_clients(self, workers: int, recorders: int, timeout_s: float) -> None:
-        """Wait until so many are there, or until the time is up."""
+        """Wait until so many are there, or until the time is up; from eight workers on they share limbs."""
         board, deadline_s = self._board, time.monotonic() + timeout_s
         self._recorders = recorders
-        while time.monotonic() < deadline_s and not self._stop:
-            if board.dispatcher.n_workers >= workers and board.n_recorders >= recorders:
-                return
+        while board.dispatcher.n_workers < workers or board.n_recorders < recorders:
+            if time.monotonic() > deadline_s or self._stop:
+                found = (board.dispatcher.n_workers, workers, board.n_recorders, recorders)
+                log.warning("going on with %d of %d workers and %d of %d recorders", *found)
+                break
             board.pump(_LOOK_S)
-        log.warning(
-            "going on with %d of %d workers and %d of %d recorders",
-            board.dispatcher.n_workers,
-            workers,
-            board.n_recorders,
-            recorders,
-        )
+        self._shards = max(1, max(workers, board.dispatcher.n_workers) // len(LIMBS))
 
     def run(self) -> None:
         """Track all frames, or as many as are done when a stop is asked for; then say so and close.
@@ -165,7 +162,8 @@ class Session:
         self._board.offer(_blob(self._rig.content_hash, "rig", self._rig.to_json().encode()))
         if actor.mesh is not None:
             self._board.offer(_blob(actor.mesh.content_hash, "mesh", actor.mesh.content))
-        limbs = RemoteLimbs(model, self._name, actor.content_hash, self._board.dispatcher, self._board.pump)
+        dispatcher, pump = self._board.dispatcher, self._board.pump
+        limbs = RemoteLimbs(model, self._name, actor.content_hash, dispatcher, pump, self._shards)
         limbs.frame = self._plan.frames.start
         return limbs
 

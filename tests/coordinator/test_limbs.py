@@ -23,9 +23,12 @@ from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.studio import studio_cameras
+from services.mocap.types import Floats
 
 ACTOR, RIG = Actor(height=1.75), Rig.of(studio_cameras(4))
-QUICK = SearchSettings(arm_grid=(3, 3, 1, 3), leg_grid=(3, 1, 1, 3), descent_rounds=1, max_passes=2)
+QUICK = SearchSettings(
+    search_limbs="always", arm_grid=(3, 3, 1, 3), leg_grid=(3, 1, 1, 3), descent_rounds=1, max_passes=1
+)
 
 
 class Workshop(Floor):
@@ -55,13 +58,8 @@ class Workshop(Floor):
 )
 @pytest.mark.parametrize("n_workers", [0, 1, 4])
 def test_workers_change_nothing(changed: dict[str, Any], n_workers: int) -> None:
-    body = build_body(ACTOR)
-    model = Model(body, RIG, CpuBackend(body, RIG))
-    start = np.zeros(N_DOF)
-    start[2] = body.pelvis_height_m
-    truth = clip_to_limits(start + 0.05 * np.random.default_rng(1).uniform(-1, 1, N_DOF))
-    shown = model.backend.coverage(truth[None], ALL_SEGMENTS, Region.whole(RIG))[0]
-    picture, search = Picture.whole(RIG, shown), QUICK.model_copy(update=changed)
+    model, picture, start = _scene()
+    search = QUICK.model_copy(update=changed)
 
     workshop = Workshop()
     workshop.workers(n_workers)
@@ -70,4 +68,28 @@ def test_workers_change_nothing(changed: dict[str, Any], n_workers: int) -> None
     alone = solve_frame(model, picture, start[None], search, LocalLimbs(model))
     assert apart.pose.tobytes() == alone.pose.tobytes()
     assert (apart.energy_px, apart.evaluations) == (alone.energy_px, alone.evaluations)
-    assert sum(workshop.dispatcher.helped.values()) == (4 * apart.passes if n_workers else 0)
+    assert apart.passes == 1
+    assert sum(workshop.dispatcher.helped.values()) == (4 if n_workers else 0)
+
+
+def test_workers_that_come_or_go_change_nothing_where_limbs_are_shared() -> None:
+    model, picture, start = _scene()
+    poses = set()
+    for n_workers in (0, 1, 3, 8):
+        workshop = Workshop()
+        workshop.workers(n_workers)
+        remote = RemoteLimbs(model, "walk", ACTOR.content_hash, workshop.dispatcher, workshop.pump, shards=2)
+        poses.add(solve_frame(model, picture, start[None], QUICK, remote).pose.tobytes())
+        assert sum(workshop.dispatcher.helped.values()) == (8 if n_workers else 0)
+    assert len(poses) == 1
+
+
+def _scene() -> tuple[Model, Picture, Floats]:
+    """A body that has moved a little, and where it was."""
+    body = build_body(ACTOR)
+    model = Model(body, RIG, CpuBackend(body, RIG))
+    start = np.zeros(N_DOF)
+    start[2] = body.pelvis_height_m
+    truth = clip_to_limits(start + 0.05 * np.random.default_rng(1).uniform(-1, 1, N_DOF))
+    shown = model.backend.coverage(truth[None], ALL_SEGMENTS, Region.whole(RIG))[0]
+    return model, Picture.whole(RIG, shown), start
