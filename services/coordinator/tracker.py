@@ -43,18 +43,24 @@ class Tracker:
         solution = solve_frame(
             self._model, picture, self._starts(), self._settings, self._limbs, trust=self._trust
         )
-        if "torso" not in solution.distrusted:
+        is_lost = "torso" in solution.distrusted
+        if not is_lost and not self._lost_frames:
             self._keep(solution)
             return solution
         self._lost_frames += 1
         if self._lost_frames == 1:
             log.warning("the actor is lost: poses stay as they were until somebody is in view again")
-        found = self._find_again(picture, silhouettes)
-        if found is not None:
+        # Whoever comes back may have turned round, which a pose that is carried on does not notice.
+        candidates = [
+            self._find_again(picture, silhouettes, at_once=not is_lost),
+            None if is_lost else solution,
+        ]
+        found = [candidate for candidate in candidates if candidate is not None]
+        if found:
             log.info("the actor was found again after %d frames", self._lost_frames)
-            self._poses = []
-            self._keep(found)
-            return found
+            self._poses, best = [], min(found, key=lambda candidate: candidate.energy_px)
+            self._keep(best)
+            return best
         solution.pose, solution.distrusted = self._poses[-1].copy(), list(PARTS)
         solution.confidence = dict.fromkeys(PARTS, 0.0)
         return solution
@@ -66,9 +72,9 @@ class Tracker:
         self._poses = [*self._poses[-1:], solution.pose]
         self._lost_frames = self._tries = self._wait = 0
 
-    def _find_again(self, picture: Picture, silhouettes: Bytes) -> FrameSolution | None:
-        """A first pose of this frame, if somebody is to be seen whole; tried with longer and longer waits."""
-        if self._wait:
+    def _find_again(self, picture: Picture, silhouettes: Bytes, *, at_once: bool) -> FrameSolution | None:
+        """A first pose of this frame if somebody is to be seen whole; unless at once, with growing waits."""
+        if self._wait and not at_once:
             self._wait -= 1
             return None
         model, masks = self._model, unpack(silhouettes, self._model.rig.n_cameras)
