@@ -32,7 +32,9 @@ _SHAPING = (
     Stage(_SKELETON, ALL_DOFS, 8.0, 6, damping=0.003),
     Stage(_EVERYTHING, ALL_DOFS, 4.0, 8, damping=0.003),
     # What neighbouring bones share is told by little, so that steps go a long way with hardly a gain each.
-    Stage(_EVERYTHING, ALL_DOFS, 1.0, 28, damping=0.003, patience=28),
+    Stage(_EVERYTHING, ALL_DOFS, 1.5, 12, damping=0.003, patience=12),
+    # Bites out of silhouettes all pull the same way: thin limbs would get shorter by them.
+    Stage(_EVERYTHING, ALL_DOFS, 0.8, 18, damping=0.003, patience=18, is_strict=True),
 )
 """All frames together."""
 

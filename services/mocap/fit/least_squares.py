@@ -83,8 +83,7 @@ class Fitting:
         cost = self._prior.cost(state.x, state.poses, self._n_views)
         for views in matches:
             for view, camera_weight in zip(views, self._camera_weights, strict=True):
-                squares = (view.residuals_px / stage.cap_px) ** 2
-                cost += camera_weight * stage.cap_px**2 * float(view.lengths_px @ np.log1p(squares))
+                cost += camera_weight * float(view.lengths_px @ stage.losses(view.residuals_px))
         return _Matched(state, matches, cost)
 
     def _weigh_cameras(self, matches: list[list[Matches]]) -> Floats:
@@ -118,9 +117,8 @@ class Fitting:
         for f, views in enumerate(current.matches):
             rows = jacobian(slopes, current.state.poses[f], self._rig, views)[:, columns]
             residuals_px = np.concatenate([view.residuals_px for view in views])
-            weights = np.concatenate(
-                [w * view.lengths_px for view, w in zip(views, self._camera_weights, strict=True)]
-            ) / (1.0 + (residuals_px / stage.cap_px) ** 2)
+            lengths_px = [w * view.lengths_px for view, w in zip(views, self._camera_weights, strict=True)]
+            weights = np.concatenate(lengths_px) * stage.weights(residuals_px)
             sums, gradient = normal_sums(rows, residuals_px, weights)
             system.poses[f] += sums[:d, :d]
             system.cross[f] += sums[:d, d:]

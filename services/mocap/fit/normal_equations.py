@@ -32,13 +32,25 @@ class Stage:
     dofs: tuple[int, ...]
     """The pose parameters that vary, in every frame."""
     cap_px: float
-    """Residuals far beyond this, in working pixels, hardly count: the scale of a Cauchy loss."""
+    """Residuals far beyond this, in working pixels, hardly count: the scale of the loss."""
     steps: int
     """At most."""
     damping: float = 0.1
     """Share of their diagonal by which the normal equations are strengthened (Levenberg, Marquardt)."""
     patience: int = 4
     """A stage ends after so many steps that hardly gain."""
+    is_strict: bool = False
+    """Whether what is far beyond the cap pulls next to nothing (Geman, McClure), as bites out of silhouettes
+    should; else it pulls the less the farther it is (Cauchy), as what is still to be found should."""
+
+    def losses(self, residuals_px: Floats) -> Floats:
+        """What residuals (N,) cost, in square working pixels."""
+        squares = (residuals_px / self.cap_px) ** 2
+        return self.cap_px**2 * (squares / (1.0 + squares) if self.is_strict else np.log1p(squares))
+
+    def weights(self, residuals_px: Floats) -> Floats:
+        """(N,) what the residuals' squares count near where they are."""
+        return (1.0 + (residuals_px / self.cap_px) ** 2) ** (-2.0 if self.is_strict else -1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from services.mocap.body.shape_prior import COVARIANCE
 from services.mocap.body.skeleton import DOFS
 from services.mocap.types import Floats
 
-_WEIGHT_PX3 = 0.15
+_WEIGHT_PX3 = 0.05
 _TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
 """Of the pose from the one that was begun with: twists; head, hands and feet; all other joints."""
 _END_JOINTS = ("neck", "wrist", "ankle")

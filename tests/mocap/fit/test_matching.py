@@ -49,8 +49,8 @@ def test_the_rim_is_the_outline_that_is_drawn(rig: Rig, a_person: Callable[..., 
         points_px, normals = outline_of(mask)
         away_px, _ = cKDTree(points_px).query(rim.points_px)
         # Rules of two rasterisers differ where an outline meets a pixel's centre.
-        assert np.mean(away_px < 1e-6) > 0.9
-        assert np.mean(away_px < 0.3) > 0.99
+        assert np.mean(away_px < 0.1) > 0.95
+        assert np.mean(away_px < 0.5) > 0.99
         assert np.abs(np.linalg.norm(rim.normals, axis=1) - 1.0).max() < 1e-6
         assert len(normals) == len(points_px)
 
