@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 _SOURCES = Path(__file__).parent
-_COMPILED = ("body", "energy", "search", "synth", "../segmentation")
+_COMPILED = ("body", "energy", "fit", "search", "synth", "../segmentation")
 """Packages with compiled code in them, and with the tables that it takes in as constants."""
 _KEPT = _SOURCES / "__pycache__"
 

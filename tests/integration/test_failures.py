@@ -14,7 +14,7 @@ import pytest
 
 from services.launcher import Launcher, ServiceFailedError
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.settings import SearchSettings
+from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
 from services.mocap.take.tables import read_poses_csv
 from services.track import Interrupted, Progress, track
@@ -22,6 +22,8 @@ from services.track import Interrupted, Progress, track
 pytestmark = pytest.mark.timeout(280)
 
 FRAMES = 12
+SLOW = PRESETS["plain"]
+"""Every frame has work for every worker, and takes long enough to do something before the last."""
 Deed = Callable[[Launcher], None]
 
 
@@ -76,7 +78,7 @@ class Run:
                 frames=range(FRAMES),
                 overlay=self._overlay,
                 engine=EngineSettings(),
-                search=SearchSettings(method="paper"),  # every frame has work for every worker
+                search=SLOW,
                 show=self._show,
                 started=self._started,
             )
@@ -195,7 +197,7 @@ def test_two_stops_while_results_are_written_lose_nothing(quick_take: Path, tmp_
 @pytest.fixture
 def command(quick_take: Path, tmp_path: Path) -> Iterator["subprocess.Popen[str]"]:
     """The command as a process of its own, once its services run."""
-    arguments = ["track", str(quick_take), "--search", "paper", "--out", str(tmp_path / "out")]
+    arguments = ["track", str(quick_take), "--search", "plain", "--out", str(tmp_path / "out")]
     process = subprocess.Popen(
         [sys.executable, "-m", "services.cli", *arguments], stderr=subprocess.PIPE, text=True
     )
