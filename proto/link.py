@@ -109,8 +109,8 @@ class Line:
                 f"{self._endpoint}: the handshake failed: the coordinator has no keys: start it with --keys"
             )
         return (
-            f"{self._endpoint}: the handshake failed: server.key beside this service's keys is probably not "
-            "this coordinator's"
+            f"{self._endpoint}: the handshake failed: server.key beside this service's keys is not this "
+            "coordinator's, or the coordinator has no keys: start it with --keys"
         )
 
     def close(self) -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from machines import MESA
 from typer.testing import CliRunner
 
 from services import cli, doctor
@@ -13,20 +14,6 @@ from services.mocap.energy.engine import Engine
 from services.mocap.energy.gl.devices import Found
 from services.mocap.energy.settings import EngineSettings
 
-MESA = EglSetup(
-    libegl=Path("/usr/lib/libEGL.so.1"),
-    libgl=Path("/usr/lib/libGL.so.1"),
-    vendor_files=(Path("/usr/share/glvnd/egl_vendor.d/50_mesa.json"),),
-    nvidia_driver=False,
-    nvidia_library=None,
-    nvidia_vendor_file=None,
-    capabilities=None,
-    overriding=None,
-    mesa_is_whole=True,
-    mesa_card="",
-    render_nodes=(),
-    closed_nodes=(),
-)
 VENDOR_FILE = Path("/etc/glvnd/egl_vendor.d/10_nvidia.json")
 NVIDIA = replace(
     MESA,

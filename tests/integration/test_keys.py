@@ -113,7 +113,7 @@ def test_who_has_no_right_key_never_gets_in(
     told = ("is not on the list in", "server.key is not this coordinator's", "somebody came without keys")
     run.until(lambda: all(sentence in coordinator() for sentence in told))
     run.until(lambda: "refuses this service's key" in logs[0]())
-    run.until(lambda: "is probably not this coordinator's" in logs[1]())
+    run.until(lambda: "is not this coordinator's" in logs[1]())
     run.finish()
     run.until(lambda: "end: " in coordinator())
     keyless.terminate()

@@ -24,20 +24,9 @@ Context = zmq.Context[zmq.Socket[bytes]]
 
 
 @pytest.fixture(autouse=True)
-def short_times(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_times(monkeypatch: pytest.MonkeyPatch, short_retries: None) -> None:  # noqa: ARG001
     monkeypatch.setattr("proto.link._SAY_FAILED_S", 0.2)
     monkeypatch.setattr("proto.link._SAY_SILENT_S", 0.4)
-    monkeypatch.setattr("proto.link._FIRST_RETRY_S", 0.1)
-    monkeypatch.setattr("proto.link._LAST_RETRY_S", 0.3)
-    monkeypatch.setattr("proto.sockets._RECONNECT_MS", 10)
-    monkeypatch.setattr("proto.sockets._RECONNECT_MAX_MS", 50)
-
-
-@pytest.fixture
-def context() -> Iterator[Context]:
-    context: Context = zmq.Context()
-    yield context
-    context.destroy(linger=0)
 
 
 def make_keys(folder: Path, *clients: str) -> Path:
@@ -162,7 +151,7 @@ def _swapped(folder: Path, tmp_path: Path) -> ClientKeys:  # noqa: ARG001
     ("wrong", "client_says", "coordinator_says"),
     [
         (_unknown, "the coordinator refuses this service's key", "is not on the list in"),
-        (_misled, "server.key beside this service's keys is probably not", "whose server.key is not"),
+        (_misled, "server.key beside this service's keys is not this", "whose server.key is not"),
         (lambda *_: None, "the coordinator wants keys: give --keys DIR", "somebody came without keys"),
         (_swapped, "the handshake failed", ""),
     ],

@@ -1,7 +1,6 @@
 """A client keeps itself registered, whoever goes away and comes back."""
 
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -18,20 +17,9 @@ Context = zmq.Context[zmq.Socket[bytes]]
 
 
 @pytest.fixture(autouse=True)
-def short_times(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_times(monkeypatch: pytest.MonkeyPatch, short_retries: None) -> None:  # noqa: ARG001
     monkeypatch.setattr("proto.link.BEAT_S", 0.05)
     monkeypatch.setattr("proto.link.LIVENESS_S", 0.4)
-    monkeypatch.setattr("proto.link._FIRST_RETRY_S", 0.1)
-    monkeypatch.setattr("proto.link._LAST_RETRY_S", 0.3)
-    monkeypatch.setattr("proto.sockets._RECONNECT_MS", 10)
-    monkeypatch.setattr("proto.sockets._RECONNECT_MAX_MS", 50)
-
-
-@pytest.fixture
-def context() -> Iterator[Context]:
-    context: Context = zmq.Context()
-    yield context
-    context.destroy(linger=0)
 
 
 class Coordinator:
