@@ -29,7 +29,7 @@ PING_INTERVAL_MS = 500
 PING_TIMEOUT_MS = 2500
 """libzmq pings from its own thread, so a peer that is busy still answers and one that hangs does not."""
 _RECONNECT_MS, _RECONNECT_MAX_MS = 100, 4000
-"""Waits between tries double up to the longest; on the same machine, where tries cost nothing, they do not."""
+"""Waits between tries double up to the longest; on the same machine, where a try is cheap, they do not."""
 _REBIND_TRIES, _REBIND_S = 200, 0.005
 
 
