@@ -17,6 +17,7 @@ from rich.table import Table
 
 from services.bench import accuracy as accuracies
 from services.bench import actors as actor_fits
+from services.bench import effects
 from services.bench import segmentation as silhouettes
 from services.bench import table2 as frame_times
 from services.bench.contestants import Contestants, Name
@@ -25,6 +26,7 @@ from services.bench.people import Variety
 from services.bench.problems import Setup
 from services.bench.table1 import Row, as_table, measure
 from services.mocap.errors import UserError
+from services.mocap.search.settings import Preset
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="Measure, beside the paper's numbers.")
 
@@ -160,6 +162,29 @@ def accuracy(
                 rows.append(row)
                 status.update(f"{take}: {row.variant}: done")
     _finish(console, [accuracies.as_table(rows, workers)], json_path, machine, rows)
+
+
+@app.command("settings")
+def settings_command(
+    takes: TakesArgument = None,
+    frames: FramesOption = "0:100",
+    search: Annotated[Preset | None, typer.Option(help="Only settings of this search.")] = None,
+    json_path: JsonOption = None,
+) -> None:
+    """What each setting of the search does to speed and joint errors."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows = this_machine(), list[effects.Row]()
+    console.print(str(machine), highlight=False)
+    for take in takes or list(_SEQUENCES):
+        with console.status(take) as status:
+            chosen = [search] if search else list(effects.CHANGES)
+            for found in _going_on(effects.measure(take, frames, chosen), take, console):
+                if isinstance(found, str):
+                    console.print(found, markup=False, soft_wrap=True)
+                else:
+                    rows.append(found)
+                    status.update(f"{take}: {found.search} {found.change}: {found.ms_per_frame:.1f} ms")
+    _finish(console, [effects.as_table(rows)], json_path, machine, rows)
 
 
 @app.command()

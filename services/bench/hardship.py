@@ -1,7 +1,7 @@
 """Takes made harder: half of the cameras, and silhouettes as a bad segmentation makes them."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 
@@ -31,8 +31,19 @@ _LARGEST_SPECK_PX = 3
 class Hardship(StrEnum):
     """What is done to a take."""
 
-    HALF_CAMERAS = "half of the cameras"
+    EVERY_OTHER = "every other camera"
+    """Of eight around the stage, two pairs that face each other and so see much the same outlines."""
+    FIRST_HALF = "the first half of the cameras"
+    """Of a ring, those of one side."""
     NOISE = "5 % of the boundary eaten, 1 % specks"
+
+
+def _cameras_left(cameras: Sequence[Camera], hardship: Hardship) -> list[Camera]:
+    if hardship is Hardship.EVERY_OTHER:
+        return list(cameras[::2])
+    if hardship is Hardship.FIRST_HALF:
+        return list(cameras[: (len(cameras) + 1) // 2])
+    return list(cameras)
 
 
 Silhouettes = Callable[[Camera], Iterator[Mask]]
@@ -52,12 +63,12 @@ def write_harder(
     folder: Path, take: Take, silhouettes: Silhouettes, actor: Actor, hardship: Hardship, seed: int = 0
 ) -> None:
     """Write the take that a hardship makes of another one, with its actor and what is known of its truth."""
-    cameras = take.cameras[::2] if hardship is Hardship.HALF_CAMERAS else take.cameras
+    cameras = _cameras_left(take.cameras, hardship)
     with take_writer(folder, take.settings, cameras) as writer:
         for c, camera in enumerate(cameras):
             for frame, mask in enumerate(silhouettes(camera)):
                 rng = np.random.default_rng((seed, c, frame))
-                spoilt = mask if hardship is Hardship.HALF_CAMERAS else with_specks(bitten(mask, rng), rng)
+                spoilt = with_specks(bitten(mask, rng), rng) if hardship is Hardship.NOISE else mask
                 writer.silhouette(camera, frame, spoilt)
         write_actor(writer.folder / ACTOR, actor, "the take that this one was made of")
         _copy_truth(take.folder, writer.folder)
