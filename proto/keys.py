@@ -88,8 +88,14 @@ def read_public(path: Path) -> bytes:
 def _own_folder(folder: Path, name: str, certificate: str) -> Path:
     """Where a certificate's secret is: in the folder itself, or in the one of that name in it."""
     for own in (folder, folder / name):
-        if (own / f"{certificate}{SECRET}").exists():
-            return own
+        try:
+            if (own / f"{certificate}{SECRET}").exists():
+                return own
+        except PermissionError:
+            raise KeysError(
+                f"{own}: is closed to the user that the service runs as: run it as the folder's owner, or "
+                "chown the folder"
+            ) from None
     wanted = f"{certificate}{SECRET}, there or in {name}/"
     raise KeysError(f"{folder}: expected keys, {wanted}: make them with xormocap keys new {folder}")
 

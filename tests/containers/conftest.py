@@ -2,10 +2,11 @@
 
 import os
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from stack import IMAGE, docker
+from stack import IMAGE, Stack, docker
 
 from services.mocap.body.actor import Actor
 from services.mocap.body.skeleton import DOFS
@@ -64,6 +65,20 @@ def local_poses(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory
 
 
 @pytest.fixture(scope="session")
+def local_poses_by_plain_search(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The same by the slowest search, whose frames take long enough to do something before the last."""
+    return _track(image, take, tmp_path_factory.mktemp("plain"), "--search", "plain")
+
+
+@pytest.fixture(scope="session")
 def local_poses_of_eight(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The same for the first frames with eight workers: two to a limb, whose grid they divide."""
     return _track(image, take, tmp_path_factory.mktemp("eight"), "--workers", "8", "--frames", "0:6")
+
+
+@pytest.fixture
+def slow_stack(image: str, take: Path, tmp_path: Path) -> Iterator[Stack]:  # noqa: ARG001
+    """compose.yaml's services, which take some seconds for the take's frames."""
+    settings = {"COORDINATOR_OPTIONS": "--search plain", "RECORDER_OPTIONS": "--no-overlay"}
+    with Stack(tmp_path / "out", TAKE=str(take), **settings) as made:
+        yield made

@@ -56,14 +56,18 @@ class Stack:
 
     def __init__(self, out: Path, **settings: str) -> None:
         self.out, self._name = out, f"xormocap-test-{secrets.token_hex(3)}"
-        user = f"{os.getuid() or 1000}:{os.getgid() or 1000}"  # services of root's run as somebody else
-        self._env = {"OUT": str(out), "XORMOCAP_USER": user, "XORMOCAP_BACKEND": "cpu", **settings}
+        self.user = f"{os.getuid() or 1000}:{os.getgid() or 1000}"
+        """Who the services run as; root's as somebody else."""
+        self._env = {"OUT": str(out), "XORMOCAP_USER": self.user, "XORMOCAP_BACKEND": "cpu", **settings}
         self._keys = out.parent / f"{out.name}-keys"
+        self._others: list[str] = []
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self._others:
+            docker("rm", "--force", *self._others)
         self.compose("down", "--volumes", "--timeout", "2")
 
     def compose(self, *arguments: object, timeout_s: float = 200) -> str:
@@ -90,6 +94,30 @@ class Stack:
 
     def logs(self, *services: str) -> str:
         return self.compose("logs", "--no-color", *services)
+
+    def logs_of(self, container: str) -> str:
+        """What a container that compose did not start has said."""
+        done = subprocess.run(["docker", "logs", container], capture_output=True, text=True, check=True)
+        return done.stdout + done.stderr
+
+    def keys(self, *arguments: object) -> None:
+        """Run xormocap keys on the volume of keys, as whoever runs the services."""
+        volume = f"{self._name}_keys:/keys"
+        command, *names = arguments
+        docker("run", "--rm", "--user", self.user, "--volume", volume, IMAGE,
+               "keys", command, "/keys", *names)  # fmt: skip
+
+    def worker(self, keys: str, source: str = "") -> str:
+        """Start a limb worker of the network beside compose's; its container.
+
+        keys: its folder in /keys, which is the volume of keys or else source; none: "".
+        """
+        mount = ("--volume", f"{source or f'{self._name}_keys'}:/keys:ro")
+        own = ("--keys", f"/keys/{keys}") if keys else ()
+        user = ("--user", self.user)
+        run = ("run", "--detach", "--network", self.network, *user, *mount, IMAGE)
+        self._others.append(docker(*run, "limb_worker", "--connect", "tcp://coordinator:5550", *own))
+        return self._others[-1]
 
     def until_solved(self, frames: int, timeout_s: float = 120) -> None:
         """Wait until the coordinator has published so many frames, as a client with keys sees it."""

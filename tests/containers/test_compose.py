@@ -33,7 +33,8 @@ def test_eight_workers(take: Path, tmp_path: Path, local_poses_of_eight: str) ->
         assert stack.poses() == local_poses_of_eight
 
 
-def test_deaths_hangs_and_cuts_change_no_frame(stack: Stack, local_poses: str) -> None:
+def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by_plain_search: str) -> None:
+    stack = slow_stack
     stack.start("--scale", "limb-worker=7")  # from eight on, poses depend on how many there are
     workers = stack.containers("limb-worker")
     stack.until_solved(2)
@@ -53,16 +54,19 @@ def test_deaths_hangs_and_cuts_change_no_frame(stack: Stack, local_poses: str) -
     assert not stack.is_over(), "all of this was to happen in mid-take"
 
     report = stack.finish()
-    assert stack.poses() == local_poses
+    assert stack.poses() == local_poses_by_plain_search
     assert report["speed"]["retries"] > 0
 
 
-def test_a_service_that_dies_by_itself_is_started_again(stack: Stack, local_poses: str) -> None:
+def test_a_service_that_dies_by_itself_is_started_again(
+    slow_stack: Stack, local_poses_by_plain_search: str
+) -> None:
+    stack = slow_stack
     stack.start()
     stack.until_solved(2)
     killed = ("segmentation", "recorder", "limb-worker")
     for service in killed:
         stack.compose("exec", service, "sh", "-c", "kill -KILL $(cat /proc/1/task/1/children)")
     stack.finish()
-    assert stack.poses() == local_poses
+    assert stack.poses() == local_poses_by_plain_search
     assert [json.loads(docker("inspect", "-f", "{{.RestartCount}}", stack.one(s))) for s in killed] == [1] * 3

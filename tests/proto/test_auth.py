@@ -306,6 +306,15 @@ def test_keys_that_cannot_be_used_are_one_sentence(folder: Path, damage, sentenc
     assert "\n" not in str(refused.value)
 
 
+def test_keys_of_somebody_else_are_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "exists", refuse)
+    with pytest.raises(KeysError, match="ann: is closed to the user that the service runs as"):
+        client_keys(folder / "ann", "ann")
+
+
 def test_a_damaged_entry_of_the_list_lets_nobody_in(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
     list_file(folder, "bob").write_text("")
     assert set(allowed_clients(folder / "coordinator" / "clients").values()) == {"ann"}
