@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from services import doctor as machine
+from services.export import export
 from services.fit import init_frames
 from services.fit_files import origin_of
 from services.fit_show import fit_with_bar, show_fit
@@ -61,6 +62,7 @@ app = typer.Typer(
     help="Markerless motion capture from silhouettes of calibrated cameras.",
 )
 app.add_typer(keys_app, name="keys")
+app.command()(export)
 out_console, err_console = Console(), Console(stderr=True)
 _STATE_WORDS = {
     machine.State.OK: "[green]ok[/]",

@@ -12,6 +12,7 @@ from services.mocap.body.measures import Measure
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import camera_bit
 from services.mocap.export.fit_sheet import Seen, Shown, draw_fit
+from services.mocap.export.take_overlay import ModelPainter
 from services.mocap.export.tiles import silhouette_picture
 from services.mocap.export.turntable import draw_turntable
 from services.mocap.fit.quality import FitQuality
@@ -31,7 +32,6 @@ from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import PoseTable, write_poses_csv
 from services.mocap.take.writer import write_picture
 from services.mocap.types import Bytes
-from services.recorder.overlay import ModelPainter
 
 
 def write_fit(take: Take, found: TakeFit, folder: Path) -> None:

@@ -22,13 +22,14 @@ from services.mocap.body.actor import build_body
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.motion.settings import OutputSettings
+from services.mocap.result.layout import LOGS, RUN_JSON
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
 from services.process import DEFAULT_OUTPUT, engine_arguments, output_arguments, search_arguments
-from services.recorder.result_folder import LOGS, RUN_JSON, partial_of
+from services.recorder.result_folder import partial_of
 
 _LOOK_S = 0.2
 _ALONE_S = 2.0

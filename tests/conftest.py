@@ -10,10 +10,16 @@ import hypothesis
 import numpy as np
 import pytest
 
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
+from services.mocap.synth.motion import walk
+from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import open_take
+from services.mocap.take.marks import Marks
 from services.mocap.take.settings import TakeSettings
+from services.mocap.take.tables import PoseTable, write_poses_csv
 from services.mocap.take.writer import TakeWriter, take_writer
 from services.mocap.types import Bytes, Floats, Mask
 
@@ -132,6 +138,27 @@ def small_take(tmp_path: Path, small_cameras: Callable[[int], list[Camera]]) -> 
         return tmp_path / name
 
     return make
+
+
+@pytest.fixture(scope="session")
+def bare_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of results with nothing but poses.csv and actor.toml: 10 frames of walking, then 6 wild ones.
+
+    The frames are 100 to 115 of 29.97 a second; the wild poses are anywhere within the limits.
+    """
+    folder, fps = tmp_path_factory.mktemp("bare") / "result", 29.97
+    actor = Actor(height=1.78, bone_lengths={"thigh": 0.45})
+    rng = np.random.default_rng(7)
+    wild = rng.uniform(np.where(np.isinf(LOWER), -4, LOWER), np.where(np.isinf(UPPER), 4, UPPER), (6, 35))
+    poses = np.vstack([walk(10, fps, build_body(actor)), wild])
+    frames = np.arange(100, 116, dtype=np.int32)
+    distrusted = np.zeros((16, 6), bool)
+    distrusted[3, 2] = True
+    marks = Marks(np.full((16, 6), 0.9), distrusted)
+    table = PoseTable(frames, frames / fps, poses, rng.uniform(500, 900, 16), marks=marks)
+    write_poses_csv(folder / "poses.csv", table)
+    write_actor(folder / "actor.toml", actor, "nothing")
+    return folder
 
 
 @pytest.fixture

@@ -15,6 +15,8 @@ COMMAND = (
     "services.track",
     "services.launcher",
     "services.doctor",
+    "services.export",
+    "services.checks",
     "services.fit",
     "services.fit_files",
     "services.fit_show",
@@ -56,7 +58,7 @@ IMPORTS: dict[str, set[str]] = {**dict(read_modules("services")), **dict(read_mo
 SERVICES = sorted(
     f"services.{folder.name}"
     for folder in (ROOT / "services").iterdir()
-    if (folder / "__init__.py").is_file() and folder.name not in ("mocap", "bench", "soak")
+    if (folder / "__init__.py").is_file() and folder.name not in ("mocap", "bench", "checks", "soak")
 )
 
 

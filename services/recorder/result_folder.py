@@ -8,15 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from services.mocap.atomic import atomic_folder
-from services.mocap.body.actor import MESH_FILE
 from services.mocap.errors import UserError
-from services.mocap.take.fit_record import FIT_FOLDER
-from services.mocap.take.layout import ACTOR
-
-POSES, JOINTS, MOTION = "poses.csv", "joints.csv", "motion.bvh"
-POSES_SMOOTH = "poses_smooth.csv"
-OVERLAY, RUN_JSON, LOGS = "overlay.mp4", "run.json", "logs"
-_KNOWN = {POSES, POSES_SMOOTH, JOINTS, MOTION, ACTOR, MESH_FILE, OVERLAY, RUN_JSON, LOGS, FIT_FOLDER}
+from services.mocap.result.layout import KNOWN, RUN_JSON
 
 
 def check_out(folder: Path) -> None:
@@ -27,7 +20,7 @@ def check_out(folder: Path) -> None:
         raise UserError(f"{existing}: is a file: expected a folder for the results")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise UserError(f"{existing}: cannot be written to: choose another folder for --out")
-    others = sorted({path.name for path in folder.iterdir()} - _KNOWN) if folder.is_dir() else []
+    others = sorted({path.name for path in folder.iterdir()} - KNOWN) if folder.is_dir() else []
     if others:
         raise UserError(
             f"{folder}: holds other files than results ({others[0]}): choose another folder for --out"

@@ -9,9 +9,18 @@ import numpy as np
 
 from services.mocap.body.actor import MESH_FILE, build_body
 from services.mocap.errors import UserError
-from services.mocap.export.bvh import write_bvh
+from services.mocap.export.formats import DEFAULT_FORMATS, write_formats
+from services.mocap.export.take_overlay import write_overlay
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
+from services.mocap.result.layout import (
+    JOINTS,
+    OVERLAY,
+    POSES,
+    POSES_SMOOTH,
+    RUN_JSON,
+)
+from services.mocap.result.result import load_result
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import PoseTable, reference_joints, write_joints_csv, write_poses_csv
@@ -19,16 +28,7 @@ from services.mocap.take.world import to_take_world
 from services.mocap.types import Ints
 from services.recorder.collection import Collection
 from services.recorder.marks import distrusted_values, marks_of
-from services.recorder.overlay import write_overlay
-from services.recorder.result_folder import (
-    JOINTS,
-    MOTION,
-    OVERLAY,
-    POSES,
-    POSES_SMOOTH,
-    RUN_JSON,
-    results_into,
-)
+from services.recorder.result_folder import results_into
 from services.recorder.run_report import Motion, write_run_json
 
 log = logging.getLogger(__name__)
@@ -43,12 +43,12 @@ def write_results(
     overlay: bool,
     hurry: Callable[[], bool],
 ) -> None:
-    """Write poses.csv, joints.csv, motion.bvh, actor.toml, overlay.mp4 and run.json for what was recorded.
+    """Write poses.csv, joints.csv, actor.toml, overlay.mp4, run.json and the DEFAULT_FORMATS.
 
-    Where output smooths, poses.csv and the overlay still show what was tracked; joints.csv, motion.bvh and a
-    poses_smooth.csv hold the smoothed motion. Older results are replaced once the new ones are there, unless
-    these lack frames (see results_into). hurry: asked at every frame of the overlay, which is left out when
-    it says so. Raises UserError where there is nothing to write.
+    Where output smooths, poses.csv and the overlay still show what was tracked; joints.csv, the exported
+    motion and a poses_smooth.csv hold the smoothed motion. Older results are replaced once the new ones are
+    there, unless these lack frames (see results_into). hurry: asked at every frame of the overlay, which is
+    left out when it says so. Raises UserError where there is nothing to write.
     """
     info, recorded = collection.info, collection.recorded()
     if info is None or not recorded or collection.missing_blobs():
@@ -69,12 +69,12 @@ def write_results(
         if output.smooth != "none":
             write_poses_csv(part / POSES_SMOOTH, replace(table, poses=shown))
         write_joints_csv(part / JOINTS, frames, times_s, to_take_world(joints_world_m, take.settings.up))
-        write_bvh(part / MOTION, shown, body.offsets_m, info.fps)
         (part / ACTOR).write_text(actor.to_toml())
         if actor.mesh is not None:
             (part / MESH_FILE).write_bytes(actor.mesh.content)
         if overlay:
             log.info("drawing the overlay")
-            write_overlay(part / OVERLAY, take, body, recorded, hurry)
+            write_overlay(part / OVERLAY, take, body, table, hurry)
         motion = Motion(output, reference_joints(poses, body.offsets_m), joints_world_m, marks)
         write_run_json(part / RUN_JSON, take, info, actor, recorded, motion)
+        write_formats(part, load_result(part), DEFAULT_FORMATS)

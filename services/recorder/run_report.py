@@ -14,16 +14,18 @@ from proto.messages import PROTOCOL_VERSION, Pose, TakeInfo
 from services.mocap.body.actor import Actor
 from services.mocap.export.report import joint_errors
 from services.mocap.motion.settings import OutputSettings
+from services.mocap.result.layout import ANGLES, BVH, C3D, GLB, JOINTS, POSES_SMOOTH, TRC
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import REFERENCE_JOINTS_CSV
 from services.mocap.take.marks import PARTS, Marks
 from services.mocap.take.tables import read_joints_csv
 from services.mocap.take.world import from_take_world
 from services.mocap.types import Floats
-from services.recorder.result_folder import JOINTS, MOTION, POSES_SMOOTH
 
 _LIBRARIES = ("moderngl", "numpy", "numba", "opencv-contrib-python-headless", "pyzmq", "scipy")
 
+_SMOOTHED = (POSES_SMOOTH, JOINTS, BVH, GLB, TRC, C3D, ANGLES)
+"""What is made of the smoothed motion where there is one."""
 _LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 """Stages that five machines would go through side by side, where a coordinator books them one by one."""
 
@@ -45,7 +47,13 @@ def write_run_json(
 ) -> None:
     """Write the report of the recorded poses (N), and of the motion that was made of them."""
     report: dict[str, Any] = {
-        "take": {"name": info.take, "folder": str(take.folder), "frames": len(recorded), "fps": info.fps},
+        "take": {
+            "name": info.take,
+            "folder": str(take.folder),
+            "frames": len(recorded),
+            "fps": info.fps,
+            "up": take.settings.up,
+        },
         "versions": {
             "xormocap": version("xormocap"),
             "protocol": PROTOCOL_VERSION,
@@ -89,7 +97,7 @@ def _output(output: OutputSettings) -> dict[str, Any]:
     """What was smoothed, and how."""
     if output.smooth == "none":
         return {"smooth": output.smooth}
-    return {"smooth": output.smooth, "cutoff_hz": output.hz, "smoothed": [POSES_SMOOTH, JOINTS, MOTION]}
+    return {"smooth": output.smooth, "cutoff_hz": output.hz, "smoothed": list(_SMOOTHED)}
 
 
 def _speed(recorded: list[Pose]) -> dict[str, Any]:

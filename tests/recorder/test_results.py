@@ -91,7 +91,9 @@ def test_what_was_tracked_is_kept_beside_what_is_smoothed(take: Path, noisy: Flo
     )
     assert report["output"]["smooth"] == "rts"
     assert report["output"]["cutoff_hz"] == 1.5
-    assert set(report["output"]["smoothed"]) == {"poses_smooth.csv", "joints.csv", "motion.bvh"}
+    motion = {"motion.bvh", "motion.glb", "motion.trc", "motion.c3d", "angles.csv"}
+    assert set(report["output"]["smoothed"]) == {"poses_smooth.csv", "joints.csv"} | motion
+    assert motion <= {file.name for file in (tmp_path / "out").iterdir()}
     assert report["accuracy"]["mean_mm"] != report["accuracy_before_smoothing"]["mean_mm"]
     assert report["accuracy_before_smoothing"]["mean_mm"] > 1
 

@@ -1,7 +1,7 @@
 """Motion as a BVH file.
 
 BVH's world is y-up and the actor faces +z at heading zero, left hand on +x: BVH's axes (x, y, z) are the
-axes (y, z, x) of the world inside. The file's rest pose is the skeleton's T pose.
+axes (y, z, x) of the world inside. The file's rest pose is an upright T or A pose.
 """
 
 from collections.abc import Iterator
@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from services.mocap.atomic import atomic_file
 from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, JOINTS
-from services.mocap.camera.camera import R_ZUP_YUP
-from services.mocap.motion.root import nearest_angles
+from services.mocap.export.bone_names import Naming, bone_names
+from services.mocap.motion.motion import rotations_to_y_up, to_y_up
+from services.mocap.motion.rest import Rest, rest_rotations, turns_from_rest
+from services.mocap.motion.root import continuous_angles
 from services.mocap.types import Floats
 
 _UNITS_PER_METRE = {"m": 1.0, "cm": 100.0}
@@ -33,51 +34,41 @@ _TIP_INDEX = {name: len(JOINT_NAMES) + i for i, name in enumerate(_TIPS)} | {"he
 
 
 def write_bvh(
-    path: Path, poses: Floats, offsets_m: Floats, fps: float, *, unit: Literal["m", "cm"] = "m"
+    path: Path,
+    poses: Floats,
+    offsets_m: Floats,
+    fps: float,
+    *,
+    unit: Literal["m", "cm"] = "m",
+    rest: Rest = "T",
+    naming: Naming = "xormocap",
 ) -> None:
     """Write poses as a BVH file, whole or not at all.
 
     poses: (N, 35) in metres and radians in the z-up world inside, N >= 1. offsets_m: (17, 3), each joint
-    relative to its parent in the rest pose. unit: of the file's lengths. The angles go on from frame to
-    frame without jumps: a second full turn ends at 720°. Raises ValueError on no frames, on another shape
-    and on numbers that are not finite.
+    relative to its parent in the skeleton's T pose. unit: of the file's lengths. rest: the pose of the file's
+    offsets, from which its angles count. The angles go on from frame to frame without jumps: a second full
+    turn ends at 720°. Raises ValueError on no frames, on another shape and on numbers that are not finite.
     """
     if len(poses) == 0 or not np.isfinite(poses).all():
         raise ValueError("poses: expected at least one, of finite numbers")
-    scale = _UNITS_PER_METRE[unit]
-    motion = _motion(joint_transforms(poses, offsets_m), scale)
-    hierarchy = "\n".join(_joint_lines("pelvis", _with_tips(offsets_m) @ R_ZUP_YUP * scale))
+    scale, R_world_rest = _UNITS_PER_METRE[unit], rest_rotations(rest)
+    motion = _motion(joint_transforms(poses, offsets_m), R_world_rest, scale)
+    offsets = to_y_up(_with_tips(offsets_m, R_world_rest)) * scale
+    hierarchy = "\n".join(_joint_lines("pelvis", offsets, bone_names(naming)))
     with atomic_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
         file.write(f"HIERARCHY\n{hierarchy}\nMOTION\nFrames: {len(poses)}\nFrame Time: {1.0 / fps:.10f}\n")
         np.savetxt(file, motion, fmt=f"%.{_DECIMALS}f")
 
 
-def _motion(T_world_joint: Floats, scale: float) -> Floats:
+def _motion(T_world_joint: Floats, R_world_rest: Floats, scale: float) -> Floats:
     """The file's numbers (N, 3 + 16 * 3): root position in file units, then degrees in the file's order."""
-    R_world_joint = T_world_joint[:, :, :3, :3]
-    R_local = R_world_joint.copy()
-    for joint in JOINTS:
-        if joint.parent is not None:
-            R_world_parent = R_world_joint[:, JOINT_INDEX[joint.parent]]
-            R_local[:, JOINT_INDEX[joint.name]] = (
-                R_world_parent.transpose(0, 2, 1) @ R_world_joint[:, JOINT_INDEX[joint.name]]
-            )
     written = [JOINT_INDEX[name] for name in _written_joints("pelvis")]
-    angles_deg = np.degrees(_continuous_angles_rad(R_ZUP_YUP.T @ R_local[:, written] @ R_ZUP_YUP))
-    root = T_world_joint[:, 0, :3, 3] @ R_ZUP_YUP * scale
+    turns = rotations_to_y_up(turns_from_rest(T_world_joint, R_world_rest)[:, written])
+    angles_deg = np.degrees(continuous_angles(turns))
+    root = to_y_up(T_world_joint[:, 0, :3, 3]) * scale
     motion = np.column_stack([root, angles_deg.reshape(len(root), -1)])
     return np.round(motion, _DECIMALS) + 0.0  # no -0.0000000
-
-
-def _continuous_angles_rad(R: Floats) -> Floats:
-    """Angles (N, J, 3) of turns about z, then the new x, then the new y, of R (N, J, 3, 3), without jumps."""
-    n_frames, n_joints = R.shape[:2]
-    angles: Floats = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_euler("ZXY", suppress_warnings=True)
-    angles = angles.reshape(n_frames, n_joints, 3)
-    previous = np.zeros((n_joints, 3))
-    for frame in range(n_frames):
-        previous = angles[frame] = nearest_angles(angles[frame], previous)
-    return angles
 
 
 def _children(name: str) -> list[str]:
@@ -92,21 +83,27 @@ def _written_joints(name: str) -> Iterator[str]:
             yield from _written_joints(child)
 
 
-def _with_tips(offsets_m: Floats) -> Floats:
-    """(17 + 4, 3): the offsets, the root's zero, then the tips at the `_TIPS`, relative to their joints."""
+def _with_tips(offsets_m: Floats, R_world_rest: Floats) -> Floats:
+    """(17 + 4, 3) places against the parents in a rest pose: the joints, the root's zero, then the `_TIPS`.
+
+    offsets_m: (17, 3) in the T pose. R_world_rest: (17, 3, 3) of the rest pose.
+    """
     tips_m = []
     for name in _TIPS:
         bone_m = offsets_m[JOINT_INDEX[name]]
         is_hand = name.endswith("wrist")
         tips_m.append(_HAND_PER_FOREARM * bone_m if is_hand else _TOES_PER_SHANK * np.linalg.norm(bone_m))
+    carriers = [*(joint.parent for joint in JOINTS[1:]), *_TIPS]
+    R_world_carrier = R_world_rest[[JOINT_INDEX[name] for name in carriers if name]]
+    turned_m = np.einsum("jab,jb->ja", R_world_carrier, np.vstack([offsets_m[1:], tips_m]))
     # The root's place comes from its position channels alone: readers differ in whether its offset adds.
-    return np.vstack([np.zeros((1, 3)), offsets_m[1:], tips_m])
+    return np.vstack([np.zeros((1, 3)), turned_m])
 
 
-def _joint_lines(name: str, offsets: Floats, depth: int = 0) -> Iterator[str]:
+def _joint_lines(name: str, offsets: Floats, names: dict[str, str], depth: int = 0) -> Iterator[str]:
     """The hierarchy's lines for a joint and all below it; offsets as of `_with_tips` in the file's axes."""
     indent, inner = "  " * depth, "  " * (depth + 1)
-    yield f"{indent}{'JOINT' if depth else 'ROOT'} {name}"
+    yield f"{indent}{'JOINT' if depth else 'ROOT'} {names[name]}"
     yield f"{indent}{{"
     yield f"{inner}{_offset(offsets[JOINT_INDEX[name]])}"
     position, count = ("", 3) if depth else ("Xposition Yposition Zposition ", 6)
@@ -118,7 +115,7 @@ def _joint_lines(name: str, offsets: Floats, depth: int = 0) -> Iterator[str]:
         yield f"{inner}}}"
     else:
         for child in _children(name):
-            yield from _joint_lines(child, offsets, depth + 1)
+            yield from _joint_lines(child, offsets, names, depth + 1)
     yield f"{indent}}}"
 
 

@@ -1,4 +1,4 @@
-"""The root's three angles as one rotation, and back without jumps.
+"""The root's three angles as one rotation, and back without jumps; the same for any joint.
 
 Heading, lean and pitch cannot be averaged one by one: near a lean of a quarter turn heading and pitch run
 away against each other while the body hardly turns.
@@ -46,3 +46,17 @@ def nearest_angles(angles: Floats, near: Floats) -> Floats:
     over_the_pole = np.argmin(np.sum((candidates - near) ** 2, axis=-1), axis=0)
     nearest: Floats = candidates[over_the_pole, np.arange(len(angles))]
     return nearest
+
+
+def continuous_angles(R: Floats) -> Floats:
+    """Angles (N, J, 3) of turns about z, then the new x, then the new y, of R (N, J, 3, 3), without jumps.
+
+    Of all angles that make a frame's rotation, those nearest to the frame's before; the first, to zero.
+    """
+    n_frames, n_joints = R.shape[:2]
+    angles: Floats = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_euler(_ORDER, suppress_warnings=True)
+    angles = angles.reshape(n_frames, n_joints, 3)
+    previous = np.zeros((n_joints, 3))
+    for frame in range(n_frames):
+        previous = angles[frame] = nearest_angles(angles[frame], previous)
+    return angles

@@ -4,16 +4,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from services.mocap.body.humanoid_names import matched_joints
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, JOINT_NAMES, JOINTS, LOWER, UPPER
+from services.mocap.export.bone_names import Naming, bone_names
 from services.mocap.export.bvh import write_bvh
+from services.mocap.motion.rest import Rest, rest_pose
 from services.mocap.types import Floats
 
 OFFSETS_M: Floats = 1.78 * np.array([joint.offset_heights for joint in JOINTS])
@@ -103,8 +106,15 @@ def _read_node(words: Iterator[str], name: str, parent: int, nodes: list[Node]) 
             _read_node(words, f"{name}_end", index, nodes)
 
 
-def written(folder: Path, poses: Floats, fps: float = 30.0, unit: Literal["m", "cm"] = "m") -> Bvh:
-    write_bvh(folder / "motion.bvh", poses, OFFSETS_M, fps, unit=unit)
+def written(
+    folder: Path,
+    poses: Floats,
+    fps: float = 30.0,
+    unit: Literal["m", "cm"] = "m",
+    rest: Rest = "T",
+    naming: Naming = "xormocap",
+) -> Bvh:
+    write_bvh(folder / "motion.bvh", poses, OFFSETS_M, fps, unit=unit, rest=rest, naming=naming)
     assert [file.name for file in folder.iterdir()] == ["motion.bvh"]
     return read_bvh(folder / "motion.bvh")
 
@@ -124,12 +134,19 @@ def pose_of(**parameters: float) -> Floats:
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.sampled_from(("m", "cm")))
-def test_every_joint_is_where_the_kinematics_put_it(seed: int, count: int, unit: Literal["m", "cm"]) -> None:
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 12),
+    st.sampled_from(("m", "cm")),
+    st.sampled_from(get_args(Rest)),
+)
+def test_every_joint_is_where_the_kinematics_put_it(
+    seed: int, count: int, unit: Literal["m", "cm"], rest: Rest
+) -> None:
     poses = random_poses(seed, count)
     expected_m = joint_positions(poses, OFFSETS_M)[..., [1, 2, 0]]
     with TemporaryDirectory() as folder:
-        positions = written(Path(folder), poses, unit=unit).positions()
+        positions = written(Path(folder), poses, unit=unit, rest=rest).positions()
     positions["head_top"] = positions.pop("head_end")
     read_m = np.stack([positions[name] for name in JOINT_NAMES], axis=1) / {"m": 1.0, "cm": 100.0}[unit]
     np.testing.assert_allclose(read_m, expected_m, rtol=0, atol=1e-6)
@@ -232,6 +249,25 @@ def test_names_channels_and_time(tmp_path: Path) -> None:
         assert bvh.nodes[node.parent].name == parent
     assert bvh.frame_time_s == pytest.approx(1 / 29.97, abs=1e-9)
     assert bvh.motion.shape == (7, 51)
+
+
+@pytest.mark.parametrize("naming", get_args(Naming))
+def test_joints_have_the_names_asked_for_in_the_same_order(tmp_path: Path, naming: Naming) -> None:
+    poses, names = random_poses(1, 3), bone_names(naming)
+    ours, theirs = written(tmp_path, poses), written(tmp_path, poses, naming=naming)
+    expected = [names.get(node.name.removesuffix("_end")) for node in ours.nodes]
+    assert [node.name.removesuffix("_end") for node in theirs.nodes] == expected
+    np.testing.assert_array_equal(theirs.motion, ours.motion)
+    assert matched_joints(names.values()) == names
+
+
+def test_who_stands_in_the_rest_pose_has_no_angles(tmp_path: Path) -> None:
+    for rest in get_args(Rest):
+        bvh = written(tmp_path, rest_pose(rest)[None], rest=rest)
+        np.testing.assert_allclose(bvh.motion, 0.0, atol=1e-6)
+    hand = bvh.positions()["left_wrist_end"] - bvh.positions()["left_shoulder"]  # in the A pose
+    np.testing.assert_allclose(hand[0, 0], -hand[0, 1], atol=1e-5)
+    assert hand[0, 0] > 0.3
 
 
 @pytest.mark.parametrize("poses", [np.zeros((0, 35)), np.full((2, 35), np.nan), np.zeros((2, 34))])

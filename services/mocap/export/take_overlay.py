@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from proto.messages import Pose
 from services.mocap.body.actor import Body
 from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.camera import Camera
@@ -17,6 +16,7 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.export.overlay import OverlayWriter
 from services.mocap.take.folder import Take
+from services.mocap.take.tables import PoseTable
 from services.mocap.types import Bytes, Floats, Mask
 
 _SIDES: tuple[tuple[int, tuple[int, ...]], ...] = tuple(
@@ -34,33 +34,31 @@ class _Hurried(Exception):  # noqa: N818  (a request, not an error)
     """Drawing was cut short."""
 
 
-def write_overlay(
-    path: Path, take: Take, body: Body, recorded: list[Pose], hurry: Callable[[], bool]
-) -> None:
-    """Draw consecutive frames; a camera without a video shows its silhouettes.
+def write_overlay(path: Path, take: Take, body: Body, table: PoseTable, hurry: Callable[[], bool]) -> None:
+    """Draw poses of consecutive frames; a camera without a video shows its silhouettes.
 
     hurry: asked at every frame; when it says so nothing is written.
     """
     with suppress(_Hurried):
-        _draw(path, take, body, recorded, hurry)
+        _draw(path, take, body, table, hurry)
 
 
-def _draw(path: Path, take: Take, body: Body, recorded: list[Pose], hurry: Callable[[], bool]) -> None:
-    start, stop = recorded[0].frame, recorded[-1].frame + 1
+def _draw(path: Path, take: Take, body: Body, table: PoseTable, hurry: Callable[[], bool]) -> None:
+    start, stop = int(table.frames[0]), int(table.frames[-1]) + 1
     painter = ModelPainter(body, take.cameras)
     with ExitStack() as stack:
         images = [_images(take, camera, start, stop, stack) for camera in take.cameras]
         silhouettes = [_silhouettes(take, camera, start, stop) for camera in take.cameras]
         writer = stack.enter_context(OverlayWriter(path, take.cameras, take.settings.fps))
-        for message in recorded:
+        for n, frame in enumerate(table.frames.tolist()):
             if hurry():
                 raise _Hurried
             writer.add(
-                message.frame,
-                message.time_s,
+                frame,
+                float(table.times_s[n]),
                 [next(pictures) for pictures in images],
-                painter.segment_masks(message.pose),
-                message.energy_px,
+                painter.segment_masks(table.poses[n]),
+                float(table.energies_px[n]),
                 silhouettes=[next(masks) for masks in silhouettes],
             )
 

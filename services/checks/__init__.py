@@ -1,0 +1,1 @@
+"""Checks of exported files in the tools that they are for."""

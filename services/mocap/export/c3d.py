@@ -1,0 +1,36 @@
+"""Joint centres as points in a C3D file.
+
+Axes are those of the world inside: z up, x where somebody with heading zero faces; the file says so in
+POINT:X_SCREEN and POINT:Y_SCREEN. Lengths are millimetres.
+"""
+
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+
+from services.mocap.atomic import atomic_file
+from services.mocap.motion.motion import Motion
+from services.mocap.take.tables import REFERENCE_JOINTS, reference_joints
+
+_MM_PER_M = 1000.0
+
+
+def write_c3d(path: Path, motion: Motion) -> None:
+    """Write the joints of joints.csv, whole or not at all."""
+    joints_mm = _MM_PER_M * reference_joints(motion.poses, motion.body.offsets_m)
+    points = np.ones((4, len(REFERENCE_JOINTS), len(joints_mm)))  # homogeneous, as the library takes them
+    points[:3] = joints_mm.transpose(2, 1, 0)
+    file = ezc3d.c3d()
+    file["data"]["points"] = points
+    file["header"]["points"]["first_frame"] = int(motion.frames[0])
+    about = file["parameters"]["POINT"]
+    about["LABELS"]["value"] = list(REFERENCE_JOINTS)
+    about["DESCRIPTIONS"]["value"] = [f"centre of {name.replace('_', ' ')}" for name in REFERENCE_JOINTS]
+    about["RATE"]["value"] = [motion.fps]
+    about["UNITS"]["value"] = ["mm"]
+    file.add_parameter("POINT", "X_SCREEN", ["+X"])
+    file.add_parameter("POINT", "Y_SCREEN", ["+Z"])
+    file.add_parameter("MANUFACTURER", "COMPANY", ["xormocap"])
+    with atomic_file(path) as part:
+        file.write(str(part))

@@ -1,0 +1,112 @@
+"""The one table of the files that a result can be exported to."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from services.mocap.errors import UserError
+from services.mocap.export.angles_csv import write_angles_csv
+from services.mocap.export.bone_names import Naming
+from services.mocap.export.bvh import write_bvh
+from services.mocap.export.c3d import write_c3d
+from services.mocap.export.glb import write_glb
+from services.mocap.export.parquet import write_parquet
+from services.mocap.export.take_overlay import write_overlay
+from services.mocap.export.trc import write_trc
+from services.mocap.motion.rest import Rest
+from services.mocap.result.layout import (
+    ANGLES,
+    ANGLES_PARQUET,
+    BVH,
+    C3D,
+    GLB,
+    JOINTS_PARQUET,
+    OVERLAY,
+    POSES_PARQUET,
+    TRC,
+)
+from services.mocap.result.result import Result
+from services.mocap.take.folder import open_take
+
+FormatName: TypeAlias = Literal["bvh", "glb", "trc", "c3d", "angles", "parquet", "overlay"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What may be chosen about some formats."""
+
+    naming: Naming = "xormocap"
+    """What bvh calls joints."""
+    unit: Literal["m", "cm"] = "m"
+    """Of bvh's lengths."""
+    rest: Rest = "T"
+    """The rest pose of bvh."""
+    take: Path | None = None
+    """The take folder whose pictures overlay draws on; None: the one that was tracked."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One kind of export."""
+
+    files: tuple[str, ...]
+    """Their names."""
+    write: Callable[[Path, Result, Options], None]
+    """Writes them into a folder, each whole or not at all; raises UserError."""
+    by_default: bool = True
+    """Whether every run writes them without being asked."""
+
+
+def _bvh(folder: Path, result: Result, options: Options) -> None:
+    motion = result.motion
+    write_bvh(
+        folder / BVH,
+        motion.poses,
+        motion.body.offsets_m,
+        motion.fps,
+        unit=options.unit,
+        rest=options.rest,
+        naming=options.naming,
+    )
+
+
+def _overlay(folder: Path, result: Result, options: Options) -> None:
+    """Of the poses as they were tracked."""
+    tracked = options.take or result.take_folder
+    if tracked is None:
+        raise UserError(f"{result.folder}: does not say which take it is of: add --take FOLDER")
+    take = open_take(tracked)
+    if int(result.frames[-1]) >= take.settings.frames:
+        raise UserError(
+            f"{tracked}: holds {take.settings.frames} frames, but the result goes on to frame "
+            f"{result.frames[-1]}: expected the take that was tracked"
+        )
+    write_overlay(folder / OVERLAY, take, result.motion.body, result.tracked, hurry=lambda: False)
+
+
+FORMATS: dict[FormatName, Format] = {
+    "bvh": Format((BVH,), _bvh),
+    "glb": Format((GLB,), lambda folder, result, _: write_glb(folder / GLB, result.motion)),
+    "trc": Format((TRC,), lambda folder, result, _: write_trc(folder / TRC, result.motion)),
+    "c3d": Format((C3D,), lambda folder, result, _: write_c3d(folder / C3D, result.motion)),
+    "angles": Format((ANGLES,), lambda folder, result, _: write_angles_csv(folder / ANGLES, result.motion)),
+    "parquet": Format(
+        (POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET),
+        lambda folder, result, _: write_parquet(folder, result),
+        by_default=False,
+    ),
+    "overlay": Format((OVERLAY,), _overlay, by_default=False),  # runs draw it themselves, where it is wanted
+}
+DEFAULT_FORMATS: tuple[FormatName, ...] = tuple(name for name, form in FORMATS.items() if form.by_default)
+
+
+def write_formats(
+    folder: Path, result: Result, names: tuple[FormatName, ...], options: Options | None = None
+) -> list[Path]:
+    """Export a result into a folder; returns the files."""
+    written = []
+    for name in names:
+        FORMATS[name].write(folder, result, options or Options())
+        written += [folder / file for file in FORMATS[name].files]
+    return written

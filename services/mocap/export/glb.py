@@ -1,0 +1,196 @@
+"""Motion as a binary glTF 2.0 file: the body's segments as meshes on nodes that move.
+
+A node for each segment stands where its joint is and carries its mesh; head_top is a node without one. Axes
+are those of motion.bvh: y up, facing +z at heading zero, as glTF has it. Lengths are metres.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pygltflib as gltf
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from services.mocap.atomic import atomic_file
+from services.mocap.body.actor import Body
+from services.mocap.body.skeleton import (
+    DOFS,
+    JOINT_INDEX,
+    JOINTS,
+    SEGMENT_JOINT,
+    SEGMENT_NAMES,
+)
+from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
+from services.mocap.motion.motion import Motion, rotations_to_y_up, to_y_up
+from services.mocap.motion.rest import rest_rotations, turns_from_rest
+from services.mocap.types import Floats, Ints
+
+_COLOURS_BGR = {"centre": CENTRE_BGR, "left": LEFT_BGR, "right": RIGHT_BGR}
+_ROUGHNESS = 0.8
+_NODE_NAMES = (*SEGMENT_NAMES, "head_top")
+_NODE_JOINTS = (*SEGMENT_JOINT.values(), "head_top")
+_LEAST_NORMAL = 1e-12
+
+
+def write_glb(path: Path, motion: Motion) -> None:
+    """Write a motion and the body that makes it, whole or not at all; the first frame is at 0 s."""
+    file = _File()
+    body, R = motion.body, turns_from_rest(motion.T_world_joint, rest_rotations("T"))
+    nodes = [JOINT_INDEX[joint] for joint in _NODE_JOINTS]
+    quaternions = _quaternions(rotations_to_y_up(R[:, nodes]))
+    root_m = to_y_up(motion.T_world_joint[:, 0, :3, 3])
+    offsets_m = to_y_up(body.offsets_m)
+    offsets_m[0] = root_m[0]
+    file.add_materials()
+    file.add_body(body)
+    file.add_nodes(offsets_m[nodes], quaternions[0])
+    file.add_animation(motion.name, motion.fps, root_m, quaternions)
+    with atomic_file(path) as part:
+        part.write_bytes(file.content())
+
+
+def _quaternions(R: Floats) -> Floats:
+    """(N, J, 4) x, y, z, w of rotations (N, J, 3, 3), each on the side of the one before it."""
+    found: Floats = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:2], 4)
+    flips = np.sum(found[1:] * found[:-1], axis=-1) < 0
+    found[1:] *= np.where(np.cumsum(flips, axis=0) % 2, -1.0, 1.0)[..., None]
+    return found
+
+
+class _File:
+    """A glTF file in the making: its document, and the numbers that this one refers to."""
+
+    def __init__(self) -> None:
+        self._document = gltf.GLTF2(
+            asset=gltf.Asset(version="2.0", generator="xormocap"),
+            scene=0,
+            scenes=[gltf.Scene(nodes=[0])],
+            buffers=[gltf.Buffer()],
+        )
+        self._numbers = bytearray()
+
+    def add_materials(self) -> None:
+        """One for the trunk, one for each side, in the order of the colours."""
+        for name, bgr in _COLOURS_BGR.items():
+            look = gltf.PbrMetallicRoughness(
+                baseColorFactor=[*_linear(bgr), 1.0], metallicFactor=0.0, roughnessFactor=_ROUGHNESS
+            )
+            self._document.materials.append(gltf.Material(name=name, pbrMetallicRoughness=look))
+
+    def add_body(self, body: Body) -> None:
+        """One mesh for each segment, in their order."""
+        for name, vertices_m, faces in zip(SEGMENT_NAMES, body.vertices_m, body.faces, strict=True):
+            attributes = gltf.Attributes(
+                POSITION=self._vertices(to_y_up(vertices_m)),
+                NORMAL=self._vertices(_normals(vertices_m, faces)),
+            )
+            side = name.split("_")[0]
+            primitive = gltf.Primitive(
+                attributes=attributes,
+                indices=self._indices(faces),
+                material=list(_COLOURS_BGR).index(side if side in _COLOURS_BGR else "centre"),
+            )
+            self._document.meshes.append(gltf.Mesh(name=name, primitives=[primitive]))
+
+    def add_nodes(self, offsets_m: Floats, quaternions: Floats) -> None:
+        """The skeleton, in one pose: each node's place (J, 3) and turn (J, 4) against its parent."""
+        for n, name in enumerate(_NODE_NAMES):
+            children = [k for k, joint in enumerate(_NODE_JOINTS) if _parent(joint) == _NODE_JOINTS[n]]
+            node = gltf.Node(
+                name=name,
+                translation=_single(offsets_m[n]),
+                rotation=_single(quaternions[n]),
+                mesh=n if n < len(SEGMENT_NAMES) else None,
+            )
+            node.children = children or None  # an empty list is not glTF
+            self._document.nodes.append(node)
+
+    def add_animation(self, name: str, fps: float, root_m: Floats, quaternions: Floats) -> None:
+        """The root's places (N, 3), and the turns (N, J, 4) of all nodes whose joint has parameters."""
+        times = self._accessor(np.arange(len(root_m))[:, None] / fps, "SCALAR", with_range=True)
+        animation = gltf.Animation(name=name)
+        self._animate(animation, 0, "translation", times, self._accessor(root_m, "VEC3"))
+        moving = {dof.joint for dof in DOFS}
+        for n, joint in enumerate(_NODE_JOINTS):
+            if joint in moving:
+                self._animate(animation, n, "rotation", times, self._accessor(quaternions[:, n], "VEC4"))
+        self._document.animations.append(animation)
+
+    def content(self) -> bytes:
+        """The bytes of the .glb file."""
+        self._document.buffers[0].byteLength = len(self._numbers)
+        self._document.set_binary_blob(bytes(self._numbers))
+        return b"".join(self._document.save_to_bytes())
+
+    def _animate(self, animation: gltf.Animation, node: int, path: str, times: int, values: int) -> None:
+        animation.samplers.append(gltf.AnimationSampler(input=times, output=values, interpolation="LINEAR"))
+        target = gltf.AnimationChannelTarget(node=node, path=path)
+        animation.channels.append(gltf.AnimationChannel(sampler=len(animation.samplers) - 1, target=target))
+
+    def _vertices(self, values: Floats) -> int:
+        return self._accessor(values, "VEC3", with_range=True, target=gltf.ARRAY_BUFFER)
+
+    def _indices(self, faces: Ints) -> int:
+        small = int(faces.max()) < np.iinfo(np.uint16).max  # the largest number itself is reserved
+        indices = faces.reshape(-1, 1).astype("<u2" if small else "<u4")
+        kind = gltf.UNSIGNED_SHORT if small else gltf.UNSIGNED_INT
+        return self._put(indices, "SCALAR", kind, target=gltf.ELEMENT_ARRAY_BUFFER)
+
+    def _accessor(
+        self, values: Floats, kind: str, *, with_range: bool = False, target: int | None = None
+    ) -> int:
+        """The index of an accessor to values (N, k), which are kept as 32-bit numbers."""
+        return self._put(values.astype("<f4"), kind, gltf.FLOAT, with_range=with_range, target=target)
+
+    def _put(
+        self,
+        values: NDArray[np.generic],
+        kind: str,
+        component: int,
+        *,
+        with_range: bool = False,
+        target: int | None = None,
+    ) -> int:
+        view = gltf.BufferView(
+            buffer=0, byteOffset=len(self._numbers), byteLength=values.nbytes, target=target
+        )
+        self._document.bufferViews.append(view)
+        self._numbers += values.tobytes()
+        self._numbers += bytes(-len(self._numbers) % 4)
+        accessor = gltf.Accessor(
+            bufferView=len(self._document.bufferViews) - 1,
+            componentType=component,
+            count=len(values),
+            type=kind,
+            min=values.min(axis=0).tolist() if with_range else None,
+            max=values.max(axis=0).tolist() if with_range else None,
+        )
+        self._document.accessors.append(accessor)
+        return len(self._document.accessors) - 1
+
+
+def _parent(joint: str) -> str | None:
+    return JOINTS[JOINT_INDEX[joint]].parent
+
+
+def _single(values: Floats) -> list[float]:
+    """Numbers as 32 bits hold them, as a list."""
+    numbers: list[float] = values.astype(np.float32).tolist()
+    return numbers
+
+
+def _linear(bgr: Sequence[int]) -> list[float]:
+    """Red, green and blue of light, from 0 to 1, of a colour as screens take it."""
+    srgb = np.array(bgr[::-1]) / 255.0
+    light = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return [round(value, 4) for value in light.tolist()]
+
+
+def _normals(vertices_m: Floats, faces: Ints) -> Floats:
+    """(V, 3) unit normals in the file's axes; up where no triangle with an area tells one."""
+    normals = to_y_up(np.array(trimesh.Trimesh(vertices_m, faces, process=False).vertex_normals))
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    up = np.array([0.0, 1.0, 0.0])
+    return np.where(lengths > _LEAST_NORMAL, normals / np.maximum(lengths, _LEAST_NORMAL), up)

@@ -1,0 +1,77 @@
+"""A result's tables as Parquet files, units in the columns' metadata; needs pyarrow, which is optional."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from services.mocap.atomic import atomic_file
+from services.mocap.body.skeleton import DOFS
+from services.mocap.errors import UserError
+from services.mocap.result.layout import ANGLES_PARQUET, JOINTS_PARQUET, POSES_PARQUET
+from services.mocap.result.result import Result
+from services.mocap.take.marks import PARTS
+from services.mocap.take.tables import REFERENCE_JOINTS
+from services.mocap.types import Floats
+
+Column = tuple[Any, str]
+"""Values (N,), and their unit."""
+
+
+def write_parquet(folder: Path, result: Result) -> None:
+    """Write the poses, the joints and the angles into a folder, each file whole or not at all.
+
+    Poses are the motion as in motion.bvh, beside energy and marks; joints are in the z-up world. Raises
+    UserError where pyarrow is not installed.
+    """
+    arrow, parquet = _pyarrow()
+    frames: dict[str, Column] = {"frame": (result.frames, "1"), "time_s": (result.times_s, "s")}
+    angles = {f"{name}_deg": (values, "deg") for name, values in result.angles_deg.items()}
+    tables = {
+        POSES_PARQUET: {**frames, **_poses(result)},
+        JOINTS_PARQUET: {**frames, **_joints(result.joints_world_m)},
+        ANGLES_PARQUET: {**frames, **angles},
+    }
+    for name, columns in tables.items():
+        with atomic_file(folder / name) as part:
+            parquet.write_table(_table(arrow, columns), part)
+
+
+def _pyarrow() -> tuple[ModuleType, ModuleType]:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise UserError(
+            "parquet: needs pyarrow, which is not installed: pip install pyarrow, or xormocap[parquet]"
+        ) from None
+    return pyarrow, pyarrow.parquet
+
+
+def _table(arrow: ModuleType, columns: Mapping[str, Column]) -> Any:
+    fields = [
+        arrow.field(name, arrow.array(values).type, metadata={"unit": unit})
+        for name, (values, unit) in columns.items()
+    ]
+    return arrow.table([values for values, _ in columns.values()], schema=arrow.schema(fields))
+
+
+def _poses(result: Result) -> dict[str, Column]:
+    columns: dict[str, Column] = {
+        dof.column: (values, dof.unit) for dof, values in zip(DOFS, result.poses.T, strict=True)
+    }
+    columns["energy_px"] = (result.energies_px, "px")
+    for part, confidence, distrusted in zip(PARTS, result.confidence.T, result.distrusted.T, strict=True):
+        columns[f"confidence_{part}"] = (confidence, "1")
+        columns[f"distrusted_{part}"] = (distrusted, "1")
+    return columns
+
+
+def _joints(joints_world_m: Floats) -> dict[str, Column]:
+    return {
+        f"{joint}_{axis}_m": (np.ascontiguousarray(joints_world_m[:, j, a]), "m")
+        for j, joint in enumerate(REFERENCE_JOINTS)
+        for a, axis in enumerate("xyz")
+    }

@@ -1,0 +1,164 @@
+"""Anatomical joint angles, after the recommendations of the International Society of Biomechanics.
+
+Wu et al. 2002 (hip, ankle) and 2005 (shoulder, elbow, wrist), Grood and Suntay 1983 (knee). Every segment
+has axes x forward, y up, z to the right, parallel to the world's in the neutral pose: upright, arms hanging,
+palms towards the thighs, thumbs forward. There all angles are zero. The left side is mirrored first, so that
+an angle means the same movement on both sides. Turns of a joint are taken apart about the axis of the segment
+above, a floating one, and the axis of the segment below, in the order that the table says.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, SIDES
+from services.mocap.motion.rest import rest_rotations, turns_from_rest
+from services.mocap.motion.root import continuous_angles
+from services.mocap.types import Floats
+
+R_ISB_ZUP: Floats = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""From the axes inside (x forward, y left, z up) to ISB's (x forward, y up, z right)."""
+_MIRROR = np.diag([1.0, 1.0, -1.0])
+_STRAIGHT = 1e-7
+"""Below this sine of its elevation an arm is raised in no plane."""
+_SWAP: Floats = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+
+
+Order: TypeAlias = Literal["ZXY", "YXZ", "YXY"]
+
+
+@dataclass(frozen=True)
+class Angle:
+    """One column of angles.csv."""
+
+    name: str
+    """Without the side, which stands before it where there is one, and without the unit."""
+    joint: str
+    """The joint that turns, against the segment above it; pelvis: against the world."""
+    order: Order
+    """The axes about which that turn is taken apart, one after the other, each in the frame turned so far."""
+    place: int
+    """Which of the three turns this one is."""
+    sign: int
+    """-1 where the movement that counts as positive turns against the right-hand rule."""
+    meaning: str
+    """The positive movement, in words."""
+
+    @property
+    def is_sided(self) -> bool:
+        """Whether there is one on the left and one on the right."""
+        return self.joint not in ("pelvis", "neck")
+
+
+def _angles(joint: str, order: Order, *named: tuple[str, int, str]) -> tuple[Angle, ...]:
+    return tuple(
+        Angle(name, joint, order, place, sign, meaning)
+        for place, (name, sign, meaning) in enumerate(named)
+        if name
+    )
+
+
+_NONE = ("", 1, "")  # a hinge has no such turn
+ANGLES: tuple[Angle, ...] = (
+    *_angles(
+        "pelvis",
+        "YXZ",
+        ("pelvis_rotation", 1, "turned to the left about up; 0 along the world's x axis (z-up)"),
+        ("pelvis_list", 1, "leaning to the right"),
+        ("pelvis_tilt", -1, "leaning forward"),
+    ),
+    *_angles(
+        "neck",
+        "ZXY",
+        ("neck_flexion", -1, "head forward"),
+        ("neck_lateral_bending", 1, "head to the right shoulder"),
+        ("neck_rotation", 1, "face to the left"),
+    ),
+    *_angles(
+        "shoulder",
+        "ZXY",
+        ("shoulder_flexion", 1, "arm forward"),
+        ("shoulder_adduction", 1, "arm to the trunk; abduction is negative"),
+        ("shoulder_rotation", 1, "inward (internal)"),
+    ),
+    *_angles(
+        "shoulder",
+        "YXY",
+        ("shoulder_plane_of_elevation", 1, "in which the arm is raised: 0 sideways, 90 forward"),
+        ("shoulder_elevation", -1, "arm away from hanging, in that plane; 0 to 180"),
+        ("shoulder_axial_rotation", 1, "inward (internal), after both"),
+    ),
+    *_angles("elbow", "ZXY", ("elbow_flexion", 1, "forearm to the upper arm"), _NONE, _NONE),
+    *_angles(
+        "wrist",
+        "YXZ",
+        ("forearm_pronation", 1, "thumb inward from pointing forward; supination is negative"),
+        ("wrist_flexion", 1, "palm to the forearm"),
+        ("wrist_deviation", -1, "hand to the little finger's side (ulnar)"),
+    ),
+    *_angles(
+        "hip",
+        "ZXY",
+        ("hip_flexion", 1, "thigh forward"),
+        ("hip_adduction", 1, "thigh to the other one; abduction is negative"),
+        ("hip_rotation", 1, "inward (internal)"),
+    ),
+    *_angles("knee", "ZXY", ("knee_flexion", -1, "heel to the buttocks"), _NONE, _NONE),
+    *_angles(
+        "ankle",
+        "ZXY",
+        ("ankle_dorsiflexion", 1, "toes up; plantarflexion is negative"),
+        ("ankle_inversion", 1, "sole inward; eversion is negative"),
+        ("ankle_rotation", 1, "toes inward (internal)"),
+    ),
+)
+"""The table of definitions. Each set of three tells a turn whole; a hinge has one. The arm's turn is told
+twice: the first three cannot tell flexion from rotation with the arm straight sideways, the ISB's globe
+(order YXY) cannot tell its plane with the arm hanging or straight up."""
+
+
+def joint_angles_deg(T_world_joint: Floats) -> dict[str, Floats]:
+    """Angles (N,) in degrees of N consecutive frames, by name; sided ones begin with left_ or right_.
+
+    T_world_joint: (N, 17, 4, 4). Angles go on from frame to frame without jumps of whole turns, from a first
+    frame within half a turn.
+    """
+    turns = R_ISB_ZUP @ turns_from_rest(T_world_joint, rest_rotations("hanging")) @ R_ISB_ZUP.T
+    left = [joint.startswith("left_") for joint in JOINT_NAMES]
+    turns[:, left] = _MIRROR @ turns[:, left] @ _MIRROR
+    by_order = {order: np.degrees(apart(turns)) for order, apart in _APART.items()}
+    return {
+        f"{side}_{angle.name}".removeprefix("_"): _column(by_order[angle.order], angle, side)
+        for side in ("", *SIDES)
+        for angle in ANGLES
+        if angle.is_sided == bool(side)
+    }
+
+
+def _column(angles_deg: Floats, angle: Angle, side: str) -> Floats:
+    """(N,) of all joints' angles (N, 17, 3) about the axes of its order."""
+    joint = JOINT_INDEX[f"{side}_{angle.joint}".removeprefix("_")]
+    column: Floats = angle.sign * angles_deg[:, joint, angle.place] + 0.0  # no -0
+    return column
+
+
+def _yxz(R: Floats) -> Floats:
+    """Angles (N, J, 3) of turns about y, then the new x, then the new z, of R (N, J, 3, 3), without jumps."""
+    return -continuous_angles(_SWAP @ R @ _SWAP)  # seen in a mirror that swaps y and z, all turn backwards
+
+
+def _yxy(R: Floats) -> Floats:
+    """ISB's globe angles (N, J, 3) of R (N, J, 3, 3): a raised arm turns negatively about x, from -π to 0."""
+    angles = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_euler("YXY", suppress_warnings=True)
+    plane, raised, axial = np.moveaxis(angles.reshape(*R.shape[:2], 3), -1, 0)  # scipy: raised from 0 to π
+    # Hanging or straight up only the sum or difference of plane and axial rotation can be told: no plane.
+    straight = np.sin(raised) < _STRAIGHT
+    axial = np.where(straight, axial + np.where(raised < 1.0, plane, -plane), axial + np.pi)
+    plane = np.where(straight, 0.0, plane + np.pi)
+    first, last = (np.unwrap((a + np.pi) % (2 * np.pi) - np.pi, axis=0) for a in (plane, axial))
+    return np.stack([first, -raised, last], axis=-1)
+
+
+_APART = {"ZXY": continuous_angles, "YXZ": _yxz, "YXY": _yxy}

@@ -1,0 +1,17 @@
+"""Where things lie in a folder of results: the names that its writers and its readers share."""
+
+from services.mocap.body.actor import MESH_FILE
+from services.mocap.take.fit_record import FIT_FOLDER
+from services.mocap.take.layout import ACTOR
+
+POSES, POSES_SMOOTH, JOINTS = "poses.csv", "poses_smooth.csv", "joints.csv"
+BVH, GLB, TRC, C3D = "motion.bvh", "motion.glb", "motion.trc", "motion.c3d"
+ANGLES = "angles.csv"
+POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET = "poses.parquet", "joints.parquet", "angles.parquet"
+OVERLAY, REPORT, RUN_JSON, LOGS = "overlay.mp4", "report.html", "run.json", "logs"
+KNOWN = {
+    *(POSES, POSES_SMOOTH, JOINTS, BVH, GLB, TRC, C3D, ANGLES),
+    *(POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET, OVERLAY, REPORT, RUN_JSON, LOGS),
+    *(ACTOR, MESH_FILE, FIT_FOLDER),
+}
+"""All that a folder of results may hold."""

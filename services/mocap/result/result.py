@@ -1,0 +1,144 @@
+"""Reading results back: poses.csv and actor.toml are enough, poses_smooth.csv and run.json add to them."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.errors import TakeError, UserError
+from services.mocap.motion.angles import joint_angles_deg
+from services.mocap.motion.motion import Motion
+from services.mocap.result.layout import POSES, POSES_SMOOTH, RUN_JSON
+from services.mocap.take.actor_file import read_actor
+from services.mocap.take.layout import ACTOR
+from services.mocap.take.marks import PARTS
+from services.mocap.take.tables import PoseTable, read_poses_csv, reference_joints
+from services.mocap.types import Floats, Ints, Mask
+
+_FPS_OF_ONE_FRAME = 30.0
+"""What is written as the rate of a single frame, which has none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a run found: one pose for each of N consecutive frames. World: z-up, metres."""
+
+    folder: Path
+    actor: Actor
+    motion: Motion
+    """The motion as it is written to files: smoothed where the run smoothed."""
+    tracked: PoseTable
+    """The same frames as they were tracked, with energy and marks."""
+    run: dict[str, Any]
+    """run.json; empty where there is none."""
+
+    @property
+    def frames(self) -> Ints:
+        """(N,) numbers of the frames in the take."""
+        return self.motion.frames
+
+    @property
+    def times_s(self) -> Floats:
+        """(N,) times in the take, in seconds."""
+        return self.motion.times_s
+
+    @property
+    def fps(self) -> float:
+        """Frames per second."""
+        return self.motion.fps
+
+    @property
+    def poses(self) -> Floats:
+        """(N, 35) pose parameters in metres and radians, in the order of DOF_NAMES."""
+        return self.motion.poses
+
+    @property
+    def take_folder(self) -> Path | None:
+        """The take that was tracked, where run.json says so."""
+        folder = self.run.get("take", {}).get("folder")
+        return Path(folder) if isinstance(folder, str) else None
+
+    @cached_property
+    def joints_world_m(self) -> Floats:
+        """(N, 15, 3) joint centres in the z-up world, in the order of REFERENCE_JOINTS."""
+        return reference_joints(self.poses, self.motion.body.offsets_m)
+
+    @cached_property
+    def angles_deg(self) -> dict[str, Floats]:
+        """Anatomical joint angles (N,) in degrees by name, as angles.csv has them."""
+        return joint_angles_deg(self.motion.T_world_joint)
+
+    @property
+    def energies_px(self) -> Floats:
+        """(N,) pixels in which model and silhouettes differ, over all cameras, as tracked."""
+        return self.tracked.energies_px
+
+    @property
+    def distrusted(self) -> Mask:
+        """(N, 6) parts that should not be trusted, in the order of PARTS; none where nobody judged."""
+        none: Mask = np.zeros((len(self.frames), len(PARTS)), bool)
+        return none if self.tracked.marks is None else self.tracked.marks.distrusted
+
+    @property
+    def confidence(self) -> Floats:
+        """(N, 6) how far each part may be trusted, from 0 to 1; NaN where nobody judged."""
+        none = np.full((len(self.frames), len(PARTS)), np.nan)
+        return none if self.tracked.marks is None else self.tracked.marks.confidence
+
+
+def load_result(folder: Path | str) -> Result:
+    """Read a folder of results; raises UserError with one sentence for what cannot be worked with."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise UserError(f"{folder}: is not a folder: expected one that xormocap track wrote")
+    tracked = read_poses_csv(folder / POSES)
+    _check_frames(folder / POSES, tracked)
+    shown = tracked
+    if (folder / POSES_SMOOTH).exists():
+        shown = read_poses_csv(folder / POSES_SMOOTH)
+        if not np.array_equal(shown.frames, tracked.frames):
+            raise TakeError(f"{folder / POSES_SMOOTH}: frame: expected the frames of {POSES}")
+    actor, run = read_actor(folder / ACTOR), _read_run(folder / RUN_JSON)
+    motion = Motion(
+        name=run.get("take", {}).get("name", folder.resolve().name),
+        fps=_fps(tracked, run),
+        frames=tracked.frames,
+        times_s=tracked.times_s,
+        poses=shown.poses,
+        body=build_body(actor),
+    )
+    return Result(folder, actor, motion, tracked, run)
+
+
+def _check_frames(path: Path, table: PoseTable) -> None:
+    if np.any(np.diff(table.frames) != 1):
+        after = int(table.frames[np.flatnonzero(np.diff(table.frames) != 1)[0]])
+        raise TakeError(f"{path}: frame: expected every frame, found none after frame {after}")
+    if np.any(np.diff(table.times_s) <= 0):
+        raise TakeError(f"{path}: time_s: expected every time to be later than the one before")
+
+
+def _read_run(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        return {}
+    try:
+        run = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        run = None
+    if not isinstance(run, dict) or not isinstance(run.get("take", {}), dict):
+        raise TakeError(f"{path}: is not what xormocap track writes: put it back or remove it")
+    return run
+
+
+def _fps(table: PoseTable, run: dict[str, Any]) -> float:
+    """The rate that the run reported, or else that of the table's times."""
+    reported = run.get("take", {}).get("fps")
+    if isinstance(reported, int | float) and reported > 0:
+        return float(reported)
+    if len(table.frames) == 1:
+        return _FPS_OF_ONE_FRAME
+    return float((len(table.frames) - 1) / (table.times_s[-1] - table.times_s[0]))
