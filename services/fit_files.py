@@ -9,10 +9,11 @@ from services.fit import TakeFit
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
 from services.mocap.body.measures import Measure
+from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import camera_bit
 from services.mocap.export.fit_sheet import Seen, Shown, draw_fit
-from services.mocap.export.take_overlay import ModelPainter
+from services.mocap.export.model_painter import ModelPainter
 from services.mocap.export.tiles import silhouette_picture
 from services.mocap.export.turntable import draw_turntable
 from services.mocap.fit.quality import FitQuality
@@ -68,7 +69,7 @@ def _overlay(take: Take, found: TakeFit) -> Bytes:
         ),
         ("after: fitted body", found.actor, found.fit.poses[0], found.fit.after),
     ):
-        painter = ModelPainter(build_body(actor), found.cameras)
+        painter = ModelPainter(build_body(actor), Rig.of(found.cameras))
         title = (
             f"{title}, height {actor.height:.3f} m, frame {found.frames.start}: "
             f"energy {quality.energy_px[0]:.0f} px, mean IoU {quality.iou[0].mean():.3f}"

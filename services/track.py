@@ -21,8 +21,10 @@ from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.settings import EngineSettings
+from services.mocap.export.formats import write_formats
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import LOGS, RUN_JSON
+from services.mocap.result.result import load_result
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
@@ -166,7 +168,10 @@ def _thin(take: Take, fitted: Path | None, search: SearchSettings) -> None:
 
 
 def _add_fit(folder: Path, take: Take, fitted: Path | None) -> dict[str, Any]:
-    """The run.json of a folder of results, in which the fit now is that the actor comes from, if any."""
+    """The run.json of a folder of results, in which the fit now is that the actor comes from, if any.
+
+    report.html tells of it too.
+    """
     report: dict[str, Any] = json.loads((folder / RUN_JSON).read_text())
     source = fitted or take.folder / FIT_FOLDER
     record = read_record(source)
@@ -178,6 +183,7 @@ def _add_fit(folder: Path, take: Take, fitted: Path | None) -> dict[str, Any]:
     if fitted is not None:
         shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)
         shutil.copytree(fitted, folder / FIT_FOLDER)
+    write_formats(folder, load_result(folder), ("report",))
     return report
 
 

@@ -36,7 +36,7 @@ def folder(bare_result: Path, tmp_path: Path) -> Path:
 
 def test_without_a_format_it_writes_what_a_run_writes(folder: Path) -> None:
     said = export(folder).split()
-    names = {"motion.bvh", "motion.glb", "motion.trc", "motion.c3d", "angles.csv"}
+    names = {"motion.bvh", "motion.glb", "motion.trc", "motion.c3d", "angles.csv", "report.html"}
     assert names <= {path.name for path in folder.iterdir()} <= KNOWN
     assert {Path(path).name for path in said} >= names
 

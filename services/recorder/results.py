@@ -19,8 +19,10 @@ from services.mocap.result.layout import (
     POSES,
     POSES_SMOOTH,
     RUN_JSON,
+    TIMINGS,
 )
 from services.mocap.result.result import load_result
+from services.mocap.result.timings import write_timings_csv
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import PoseTable, reference_joints, write_joints_csv, write_poses_csv
@@ -72,6 +74,7 @@ def write_results(
         (part / ACTOR).write_text(actor.to_toml())
         if actor.mesh is not None:
             (part / MESH_FILE).write_bytes(actor.mesh.content)
+        write_timings_csv(part / TIMINGS, frames, [message.seconds for message in recorded])
         if overlay:
             log.info("drawing the overlay")
             write_overlay(part / OVERLAY, take, body, table, hurry)

@@ -24,12 +24,13 @@ from services.mocap.result.layout import (
     JOINTS_PARQUET,
     OVERLAY,
     POSES_PARQUET,
+    REPORT,
     TRC,
 )
 from services.mocap.result.result import Result
 from services.mocap.take.folder import open_take
 
-FormatName: TypeAlias = Literal["bvh", "glb", "trc", "c3d", "angles", "parquet", "overlay"]
+FormatName: TypeAlias = Literal["bvh", "glb", "trc", "c3d", "angles", "report", "parquet", "overlay"]
 
 
 @dataclass(frozen=True)
@@ -85,12 +86,19 @@ def _overlay(folder: Path, result: Result, options: Options) -> None:
     write_overlay(folder / OVERLAY, take, result.motion.body, result.tracked, hurry=lambda: False)
 
 
+def _report(folder: Path, result: Result, _: Options) -> None:
+    from services.mocap.export.page.page import write_report  # Matplotlib takes a second to come
+
+    write_report(folder / REPORT, result)
+
+
 FORMATS: dict[FormatName, Format] = {
     "bvh": Format((BVH,), _bvh),
     "glb": Format((GLB,), lambda folder, result, _: write_glb(folder / GLB, result.motion)),
     "trc": Format((TRC,), lambda folder, result, _: write_trc(folder / TRC, result.motion)),
     "c3d": Format((C3D,), lambda folder, result, _: write_c3d(folder / C3D, result.motion)),
     "angles": Format((ANGLES,), lambda folder, result, _: write_angles_csv(folder / ANGLES, result.motion)),
+    "report": Format((REPORT,), _report),
     "parquet": Format(
         (POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET),
         lambda folder, result, _: write_parquet(folder, result),

@@ -7,27 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
-from services.mocap.energy.bitplanes import camera_bit
-from services.mocap.energy.cpu.backend import CpuBackend
-from services.mocap.energy.picture import Region
+from services.mocap.export.model_painter import ModelPainter
 from services.mocap.export.overlay import OverlayWriter
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import PoseTable
-from services.mocap.types import Bytes, Floats, Mask
-
-_SIDES: tuple[tuple[int, tuple[int, ...]], ...] = tuple(
-    (value, tuple(i for i, name in enumerate(SEGMENT_NAMES) if chosen(name)))
-    for value, chosen in (
-        (1, lambda name: not name.startswith(("left_", "right_"))),
-        (2, lambda name: name.startswith("left_")),
-        (3, lambda name: name.startswith("right_")),
-    )
-)
-"""What OverlayWriter calls the centre, the left and the right limbs, and their segments."""
+from services.mocap.types import Bytes, Mask
 
 
 class _Hurried(Exception):  # noqa: N818  (a request, not an error)
@@ -45,7 +32,7 @@ def write_overlay(path: Path, take: Take, body: Body, table: PoseTable, hurry: C
 
 def _draw(path: Path, take: Take, body: Body, table: PoseTable, hurry: Callable[[], bool]) -> None:
     start, stop = int(table.frames[0]), int(table.frames[-1]) + 1
-    painter = ModelPainter(body, take.cameras)
+    painter = ModelPainter(body, Rig.of(take.cameras))
     with ExitStack() as stack:
         images = [_images(take, camera, start, stop, stack) for camera in take.cameras]
         silhouettes = [_silhouettes(take, camera, start, stop) for camera in take.cameras]
@@ -61,23 +48,6 @@ def _draw(path: Path, take: Take, body: Body, table: PoseTable, hurry: Callable[
                 float(table.energies_px[n]),
                 silhouettes=[next(masks) for masks in silhouettes],
             )
-
-
-class ModelPainter:
-    """Draws which side of the model is seen where."""
-
-    def __init__(self, body: Body, cameras: tuple[Camera, ...]) -> None:
-        rig = Rig.of(cameras)
-        self._backend, self._region, self._sizes_px = CpuBackend(body, rig), Region.whole(rig), rig.sizes_px
-
-    def segment_masks(self, pose: Floats) -> list[Bytes]:
-        """Per camera (h, w) of a pose (35,): 0 = no model, 1 = centre, 2 = left limbs, 3 = right limbs."""
-        masks: list[Bytes] = [np.zeros((height, width), np.uint8) for width, height in self._sizes_px]
-        for value, segments in _SIDES:
-            planes = self._backend.coverage(pose[None], segments, self._region)[0]
-            for c, mask in enumerate(masks):
-                mask[camera_bit(planes, c)[: mask.shape[0], : mask.shape[1]]] = value
-        return masks
 
 
 def _images(take: Take, camera: Camera, start: int, stop: int, stack: ExitStack) -> Iterator[Bytes | None]:

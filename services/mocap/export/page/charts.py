@@ -1,0 +1,161 @@
+"""The curves of the report, as SVG that goes into a page."""
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
+
+from services.mocap.export.tiles import LEFT_BGR, RIGHT_BGR
+from services.mocap.motion.angles import ANGLES
+from services.mocap.result.result import Result
+from services.mocap.take.marks import PARTS
+from services.mocap.types import Floats
+
+_WIDTH_IN = 9.6
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",  # letters stay letters, to be searched and copied
+    "svg.hashsalt": "xormocap",  # equal results give equal pages
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "lines.linewidth": 1.1,
+    "legend.frameon": False,
+}
+_INK, _QUIET, _WARNING = "#30363d", "#8b949e", "#d1242f"
+
+
+def _screen(bgr: tuple[int, int, int]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*bgr[::-1])
+
+
+_COLOURS = {"": _INK, "left": _screen(LEFT_BGR), "right": _screen(RIGHT_BGR)}
+_SHOWN_ANGLES = (
+    *("pelvis_rotation", "pelvis_tilt", "neck_flexion"),
+    *("shoulder_elevation", "shoulder_plane_of_elevation", "elbow_flexion"),
+    *("hip_flexion", "hip_adduction", "hip_rotation"),
+    *("knee_flexion", "ankle_dorsiflexion", "forearm_pronation"),
+)
+_SIDED = {angle.name: angle.is_sided for angle in ANGLES}
+
+
+def svg_of(height_in: float, draw: Callable[[Figure], None]) -> str:
+    """What a function draws on a figure of the page's width, as an <svg> element."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure((_WIDTH_IN, height_in), layout="constrained")
+        draw(figure)
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
+    return text.getvalue()[text.getvalue().index("<svg") :]
+
+
+def energy(result: Result) -> str:
+    """The energy, and what the prior cost beside it, over time; distrusted frames are shaded."""
+    prior = result.tracked.extra.get("prior")
+
+    def draw(figure: Figure) -> None:
+        axes = list(figure.subplots(1 if prior is None else 2, 1, sharex=True, squeeze=False)[:, 0])
+        axes[0].plot(result.times_s, result.energies_px, color=_INK)
+        axes[0].set_ylabel("energy (pixels)")
+        if prior is not None:
+            axes[1].plot(result.times_s, prior, color=_INK)
+            axes[1].set_ylabel("prior (cost)")
+        _finish(axes, result)
+
+    return svg_of(1.9 if prior is None else 3.2, draw)
+
+
+def trust(result: Result) -> str:
+    """How far each part may be trusted over time; red where it must not be."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        half_s = 0.5 / result.fps
+        left, right = float(result.times_s[0]) - half_s, float(result.times_s[-1]) + half_s
+        shade = axes.imshow(
+            result.confidence.T, aspect="auto", interpolation="nearest", cmap="Greens", vmin=0, vmax=1,
+            extent=(left, right, len(PARTS) - 0.5, -0.5),
+        )  # fmt: skip
+        for row, frames in enumerate(result.distrusted.T):
+            spans = [(time_s - half_s, 2 * half_s) for time_s in result.times_s[frames].tolist()]
+            axes.broken_barh(spans, (row - 0.5, 1.0), color=_WARNING)
+        axes.set_yticks(range(len(PARTS)), [part.replace("_", " ") for part in PARTS])
+        axes.grid(visible=False)
+        axes.set_xlabel("time (s)")
+        figure.colorbar(shade, ax=axes, label="confidence", pad=0.01)
+
+    return svg_of(2.2, draw)
+
+
+def angles(result: Result) -> str:
+    """A choice of the joint angles over time: the left side's orange, the right side's blue."""
+
+    def draw(figure: Figure) -> None:
+        figure.set_layout_engine(None)  # finding one takes a second for so many
+        figure.subplots_adjust(left=0.05, right=0.99, top=0.97, bottom=0.06, hspace=0.3, wspace=0.2)
+        axes = figure.subplots(len(_SHOWN_ANGLES) // 3, 3, sharex=True).ravel()
+        for place, name in zip(axes, _SHOWN_ANGLES, strict=True):
+            for side in ("left", "right") if _SIDED[name] else ("",):
+                values = result.angles_deg[f"{side}_{name}".removeprefix("_")]
+                place.plot(result.times_s, values, color=_COLOURS[side], label=side)
+            place.set_title(name.replace("_", " ") + " (°)", fontsize=9, loc="left")
+        axes[3].legend(ncols=2, fontsize=8, loc="best")
+        for place in axes[-3:]:
+            place.set_xlabel("time (s)")
+
+    return svg_of(7.2, draw)
+
+
+def timings(result: Result, seconds: Mapping[str, Floats]) -> str:
+    """Milliseconds per frame: all of it, and its stages."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for stage in sorted(seconds, key=lambda name: name != "frame"):
+            is_whole = stage == "frame"
+            axes.plot(
+                result.times_s,
+                1000 * seconds[stage],
+                color=_INK if is_whole else None,
+                alpha=1.0 if is_whole else 0.7,
+                label="whole frame" if is_whole else stage.replace("_", " "),
+            )
+        axes.set_yscale("symlog", linthresh=10)  # the first frame takes a hundred times as long
+        axes.yaxis.set_major_formatter(ScalarFormatter())
+        axes.set_ylabel("ms")
+        axes.legend(ncols=1, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        _finish([axes], result)
+
+    return svg_of(2.2, draw)
+
+
+def overlaps(iou: Mapping[str, float]) -> str:
+    """How far model and silhouette overlap in each camera."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        bars = axes.bar(list(iou), list(iou.values()), color=_QUIET, width=0.6)
+        axes.bar_label(bars, fmt="%.3f", fontsize=8)
+        axes.set_ylim(min(0.8, *iou.values()) - 0.05, 1.0)
+        axes.set_ylabel("IoU")
+        axes.grid(visible=False, axis="x")
+
+    return svg_of(1.9, draw)
+
+
+def _finish(axes: Sequence[Axes], result: Result) -> None:
+    """Shade distrusted frames, and say what the lowest axis is."""
+    half_s = 0.5 / result.fps
+    for time_s in result.times_s[result.distrusted.any(axis=1)].tolist():
+        for place in axes:
+            place.axvspan(time_s - half_s, time_s + half_s, color=_WARNING, alpha=0.15, linewidth=0)
+    for place in axes:
+        place.set_xlim(float(result.times_s[0]) - half_s, float(result.times_s[-1]) + half_s)
+        place.set_ylim(bottom=0)
+    axes[-1].set_xlabel("time (s)")

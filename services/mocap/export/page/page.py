@@ -1,0 +1,137 @@
+"""The report: what a result's files say, on one page that can be mailed and printed."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from services.mocap.atomic import atomic_file
+from services.mocap.export.page import charts
+from services.mocap.export.page.key_frames import key_frames
+from services.mocap.result.layout import OVERLAY, TIMINGS
+from services.mocap.result.result import Result
+from services.mocap.result.timings import read_timings_csv
+
+_TEMPLATE = Path(__file__).with_name("report.html.j2")
+Rows = list[tuple[str, str]]
+
+
+def write_report(path: Path, result: Result) -> None:
+    """Write the page, whole or not at all. What the folder does not know is left out."""
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(_TEMPLATE.read_text(encoding="utf-8"))
+    page = template.render(
+        name=result.motion.name,
+        summary=_summary(result),
+        pictures=key_frames(result.folder / OVERLAY, result.frames.tolist(), result.energies_px),
+        sections=list(_sections(result)),
+        distrusted=_distrusted(result),
+        joint_errors=_joint_errors(result.run),
+        tables=[(title, rows) for title, rows in _tables(result) if rows],
+    )
+    with atomic_file(path) as part:
+        part.write_text(page, encoding="utf-8")
+
+
+def _summary(result: Result) -> Rows:
+    run, n = result.run, len(result.frames)
+    rows = [("frames", f"{n}, from {result.frames[0]} to {result.frames[-1]}")]
+    rows.append(("time", f"{n / result.fps:.2f} s at {result.fps:g} frames per second"))
+    if "accuracy" in run:
+        accuracy = run["accuracy"]
+        errors = f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"
+        rows += [("joint error", errors), ("lost limbs", f"{len(accuracy['lost_limbs'])}")]
+    if result.tracked.marks is not None:
+        rows.append(("frames not to be trusted", f"{int(result.distrusted.any(axis=1).sum())}"))
+    rows.append(("energy", f"median {np.median(result.energies_px):.0f} pixels"))
+    if "speed" in run:
+        speed = run["speed"]
+        rows.append(("tracked at", f"{speed['frames_per_s']:.1f} frames per second"))
+        rows.append(("first frame", f"{speed['first_frame_s']:.1f} s"))
+    rows.append(("actor", f"{result.actor.height:.2f} m tall"))
+    return rows
+
+
+def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
+    """Title, explanation and chart."""
+    yield (
+        "Energy",
+        "Pixels, over all cameras, in which model and silhouettes differ; below it what being off the "
+        "expected pose costs. Red: frames that are not to be trusted.",
+        charts.energy(result),
+    )
+    fit = result.run.get("fit")
+    if fit:
+        yield (
+            "Overlap of the fit, by camera",
+            f"Intersection over union of model and silhouette, mean of frames {fit['first_frame']} to "
+            f"{fit['end_frame'] - 1}, to which the actor was fitted. A camera that stands out is badly "
+            "calibrated or badly segmented.",
+            charts.overlaps(fit["iou_after"]),
+        )
+    if result.tracked.marks is not None:
+        yield (
+            "Trust",
+            "How far each part may be trusted, the torso standing for the whole body. Red: not at all.",
+            charts.trust(result),
+        )
+    yield (
+        "Joint angles",
+        "After the recommendations of the ISB, in degrees; angles.csv has all of them.",
+        charts.angles(result),
+    )
+    seconds = _seconds(result)
+    if seconds:
+        yield "Time per frame", "Wall time of every frame and its stages.", charts.timings(result, seconds)
+
+
+def _seconds(result: Result) -> dict[str, Any]:
+    path = result.folder / TIMINGS
+    seconds = read_timings_csv(path) if path.exists() else {}
+    return {stage: values for stage, values in seconds.items() if len(values) == len(result.frames)}
+
+
+def _distrusted(result: Result) -> str:
+    """The frames that are not to be trusted, as ranges."""
+    frames = result.frames[result.distrusted.any(axis=1)]
+    if frames.size == 0:
+        return ""
+    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)
+
+
+def _joint_errors(run: Mapping[str, Any]) -> Rows:
+    errors = run.get("accuracy", {}).get("mean_by_joint_mm", {})
+    return [(joint.replace("_", " "), f"{error:.1f} mm") for joint, error in errors.items()]
+
+
+def _tables(result: Result) -> Iterator[tuple[str, Rows]]:
+    run, settings = result.run, result.run.get("settings", {})
+    lengths = result.actor.bone_lengths.items()
+    yield (
+        "Actor",
+        [("height", f"{result.actor.height:.3f} m")]
+        + [(name.replace("_", " "), f"{length_m:.3f} m") for name, length_m in lengths],
+    )
+    yield "Search", _flat(settings.get("search", {}))
+    plain = {name: value for name, value in settings.items() if name != "search"}
+    yield "Run", _flat({**plain, **run.get("output", {})})
+    yield "Versions", _flat(run.get("versions", {}))
+
+
+def _flat(values: Mapping[str, Any]) -> Rows:
+    return [(name.replace("_", " "), _in_words(value)) for name, value in values.items()]
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}: {_in_words(one)}" for name, one in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(map(_in_words, value)) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:g}" if isinstance(value, float) else str(value)

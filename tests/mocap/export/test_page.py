@@ -1,0 +1,149 @@
+"""report.html: whole by itself, and it says what the result's files say."""
+
+import base64
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+
+from services.mocap.export.page.key_frames import key_frames
+from services.mocap.export.page.page import write_report
+from services.mocap.result.result import load_result
+from services.mocap.result.timings import read_timings_csv, write_timings_csv
+from services.mocap.take.writer import video_writer
+
+VOID = {"meta", "br", "img", "hr", "link", "input"}
+
+
+class Reader(HTMLParser):
+    """Holds that tags close in order, and collects what a page would load."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.loads: list[str] = []
+        self.seen: list[str] = []
+        self.feed(page)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.append(tag)
+        self.loads += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.fixture
+def folder(bare_result: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(bare_result, tmp_path / "<b>mine"))
+
+
+def page_of(folder: Path) -> str:
+    write_report(folder / "report.html", load_result(folder))
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def write_overlay(folder: Path, n_frames: int) -> None:
+    with video_writer(folder / "overlay.mp4", 64, 48, 10.0, crf=20) as video:
+        for frame in range(n_frames):
+            video.write(np.full((48, 64, 3), 10 * frame, np.uint8))
+
+
+def test_with_poses_and_actor_alone(folder: Path) -> None:
+    page = page_of(folder)
+    read = Reader(page)
+    assert read.seen.count("svg") == 3  # energy, trust, angles
+    assert "img" not in read.seen
+    assert "<b>" not in page
+    assert "&lt;b&gt;mine" in page
+    assert "Not to be trusted: frames 103." in page
+    assert "16, from 100 to 115" in page
+
+
+def test_it_needs_nothing_but_itself(folder: Path) -> None:
+    write_overlay(folder, 16)
+    page = page_of(folder)
+    read = Reader(page)
+    outside = [target for target in read.loads if not target.startswith(("data:image/", "#"))]
+    assert outside == []
+    assert "script" not in read.seen
+    assert not re.search(r"url\((?!#)|@import", page)
+    assert "default-src 'none'" in page
+
+
+def test_curves_are_well_formed(folder: Path) -> None:
+    charts = re.findall(r"<svg.*?</svg>", page_of(folder), re.DOTALL)
+    for chart in charts:
+        ElementTree.fromstring(chart)  # noqa: S314  (our own)
+    assert "energy (pixels)" in charts[0]  # letters, not outlines
+
+
+def test_equal_results_give_equal_pages(folder: Path) -> None:
+    assert page_of(folder) == page_of(folder)
+
+
+def test_all_that_a_run_knows_is_told(folder: Path) -> None:
+    run = {
+        "take": {"name": "dance & more", "fps": 29.97, "frames": 16},
+        "versions": {"xormocap": "9.8.7"},
+        "settings": {"backend": "cpu", "search": {"max_passes": 3, "camera_weights": [], "windows": True}},
+        "output": {"smooth": "rts", "cutoff_hz": 5.0},
+        "speed": {"frames_per_s": 12.345, "first_frame_s": 0.76},
+        "accuracy": {"mean_mm": 5.31, "p95_mm": 10.92, "lost_limbs": [1], "mean_by_joint_mm": {"neck": 2.72}},
+        "fit": {"first_frame": 0, "end_frame": 10, "iou_after": {"cam01": 0.951, "cam02": 0.62}},
+    }
+    (folder / "run.json").write_text(json.dumps(run))
+    frames = np.arange(100, 116, dtype=np.int32)
+    write_timings_csv(folder / "timings.csv", frames, [{"frame": 0.05, "torso": 0.01}] * 16)
+    page = page_of(folder)
+    for words in (
+        *("dance &amp; more", "9.8.7", "max passes", "mean 5.3 mm, 95 % below 10.9 mm", "2.7 mm"),
+        *("12.3 frames per second", "cam02", "0.620", "whole frame", "frames 0 to 9"),
+    ):
+        assert words in page, words
+    assert Reader(page).seen.count("svg") == 5
+
+
+def test_key_frames_are_the_overlays(folder: Path) -> None:
+    write_overlay(folder, 16)
+    energies_px = np.ones(16)
+    energies_px[12] = 5.0
+    frames = list(range(100, 116))
+    shown = key_frames(folder / "overlay.mp4", frames, energies_px)
+    assert [one.caption.split(",")[0] for one in shown] == [
+        "first: frame 100", "middle: frame 107", "largest energy: frame 112", "last: frame 115",
+    ]  # fmt: skip
+    for one, grey in zip(shown, (0, 70, 120, 150), strict=True):
+        content = np.frombuffer(base64.b64decode(one.jpeg), np.uint8)
+        picture = cv2.imdecode(content, cv2.IMREAD_COLOR)
+        assert picture.shape == (48, 64, 3)
+        assert abs(float(picture.mean()) - grey) < 4
+
+
+def test_an_overlay_of_other_frames_or_a_broken_one_is_left_out(folder: Path) -> None:
+    write_overlay(folder, 5)
+    assert key_frames(folder / "overlay.mp4", list(range(16)), np.ones(16)) == []
+    (folder / "overlay.mp4").write_bytes(b"no video")
+    assert key_frames(folder / "overlay.mp4", list(range(16)), np.ones(16)) == []
+
+
+def test_timings_go_there_and_back(tmp_path: Path) -> None:
+    write_timings_csv(tmp_path / "timings.csv", np.array([4, 5], np.int32), [{"frame": 0.5}, {"head": 0.25}])
+    found = read_timings_csv(tmp_path / "timings.csv")
+    assert {stage: values.tolist() for stage, values in found.items()} == {
+        "frame": [0.5, 0.0], "head": [0.0, 0.25],
+    }  # fmt: skip
