@@ -31,7 +31,7 @@ def image() -> str:
             pytest.skip(f"{' '.join(asked)}: {error}")
         if answer.returncode != 0:
             pytest.skip(f"{' '.join(asked)}: {answer.stderr.decode().strip()}")
-    docker("compose", "build", "--quiet", "prepare", timeout_s=900)
+    docker("compose", "build", "--quiet", "prepare", "recorder", timeout_s=900)
     return IMAGE
 
 

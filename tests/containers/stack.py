@@ -17,7 +17,7 @@ from proto.messages import Pose
 from proto.sockets import receive, wait
 
 ROOT = Path(__file__).resolve().parents[2]
-IMAGE = "xormocap:test"
+IMAGE, PAGE_IMAGE = "xormocap:test", "xormocap:test-page"
 _LOOK_S = 0.2
 _PAUSE_TRIES = 8
 
@@ -25,7 +25,7 @@ _PAUSE_TRIES = 8
 def docker(*arguments: object, timeout_s: float = 200, env: dict[str, str] | None = None) -> str:
     """Run docker to its end; what it printed. A command that fails fails the test."""
     command = ["docker", *map(str, arguments)]
-    environment = {**os.environ, "XORMOCAP_IMAGE": IMAGE, **(env or {})}
+    environment = {**os.environ, "XORMOCAP_IMAGE": IMAGE, "XORMOCAP_PAGE_IMAGE": PAGE_IMAGE, **(env or {})}
     done = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False
     )

@@ -21,6 +21,7 @@ def test_up_tracks_a_take_and_returns(stack: Stack, local_poses: str) -> None:
     assert stack.is_over()
     assert stack.finish()["speed"]["workers"] == 4
     assert stack.poses() == local_poses
+    assert (stack.out / "result" / "report.html").exists()
     for worker in stack.containers("limb-worker"):
         assert stack.inspect(worker)["Health"]["Status"] == "healthy", "workers stay for the next take"
 

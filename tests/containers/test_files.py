@@ -4,10 +4,9 @@ import re
 from pathlib import Path
 from typing import Any
 
+import kubernetes_validate as kubernetes
 import pytest
-
-yaml = pytest.importorskip("yaml")
-kubernetes = pytest.importorskip("kubernetes_validate")
+import yaml
 
 _DOCKER = Path(__file__).resolve().parents[2] / "docker"
 _FOLDER = _DOCKER / "kubernetes"

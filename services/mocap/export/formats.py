@@ -1,7 +1,9 @@
 """The one table of the files that a result can be exported to."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -11,7 +13,6 @@ from services.mocap.export.bone_names import Naming
 from services.mocap.export.bvh import write_bvh
 from services.mocap.export.c3d import write_c3d
 from services.mocap.export.glb import write_glb
-from services.mocap.export.parquet import write_parquet
 from services.mocap.export.take_overlay import write_overlay
 from services.mocap.export.trc import write_trc
 from services.mocap.motion.rest import Rest
@@ -29,6 +30,8 @@ from services.mocap.result.layout import (
 )
 from services.mocap.result.result import Result
 from services.mocap.take.folder import open_take
+
+log = logging.getLogger(__name__)
 
 FormatName: TypeAlias = Literal["bvh", "glb", "trc", "c3d", "angles", "report", "parquet", "overlay"]
 
@@ -57,6 +60,13 @@ class Format:
     """Writes them into a folder, each whole or not at all; raises UserError."""
     by_default: bool = True
     """Whether every run writes them without being asked."""
+    needs: tuple[str, ...] = ()
+    """Packages that are not everywhere: extras of pyproject.toml."""
+
+    @property
+    def missing(self) -> list[str]:
+        """Of the packages it needs those that are not here."""
+        return [package for package in self.needs if find_spec(package) is None]
 
 
 def _bvh(folder: Path, result: Result, options: Options) -> None:
@@ -87,9 +97,15 @@ def _overlay(folder: Path, result: Result, options: Options) -> None:
 
 
 def _report(folder: Path, result: Result, _: Options) -> None:
-    from services.mocap.export.page.page import write_report  # Matplotlib takes a second to come
+    from services.mocap.export.page.page import write_report  # Matplotlib may be missing, and takes a second
 
     write_report(folder / REPORT, result)
+
+
+def _parquet(folder: Path, result: Result, _: Options) -> None:
+    from services.mocap.export.parquet import write_parquet  # pyarrow may be missing
+
+    write_parquet(folder, result)
 
 
 FORMATS: dict[FormatName, Format] = {
@@ -98,11 +114,12 @@ FORMATS: dict[FormatName, Format] = {
     "trc": Format((TRC,), lambda folder, result, _: write_trc(folder / TRC, result.motion)),
     "c3d": Format((C3D,), lambda folder, result, _: write_c3d(folder / C3D, result.motion)),
     "angles": Format((ANGLES,), lambda folder, result, _: write_angles_csv(folder / ANGLES, result.motion)),
-    "report": Format((REPORT,), _report),
+    "report": Format((REPORT,), _report, needs=("jinja2", "matplotlib")),
     "parquet": Format(
         (POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET),
-        lambda folder, result, _: write_parquet(folder, result),
+        _parquet,
         by_default=False,
+        needs=("pyarrow",),
     ),
     "overlay": Format((OVERLAY,), _overlay, by_default=False),  # runs draw it themselves, where it is wanted
 }
@@ -112,9 +129,24 @@ DEFAULT_FORMATS: tuple[FormatName, ...] = tuple(name for name, form in FORMATS.i
 def write_formats(
     folder: Path, result: Result, names: tuple[FormatName, ...], options: Options | None = None
 ) -> list[Path]:
-    """Export a result into a folder; returns the files."""
+    """Export a result into a folder; returns the files. Raises UserError for what cannot be written."""
     written = []
     for name in names:
+        if missing := FORMATS[name].missing:
+            raise UserError(
+                f"{name}: needs {' and '.join(missing)}, which is not installed: "
+                f"pip install {' '.join(missing)}"
+            )
         FORMATS[name].write(folder, result, options or Options())
         written += [folder / file for file in FORMATS[name].files]
     return written
+
+
+def write_defaults(folder: Path, result: Result) -> None:
+    """Export what every run exports; what cannot be written here is said in the log, and left for later."""
+    for name in DEFAULT_FORMATS:
+        if missing := FORMATS[name].missing:
+            file, packages = FORMATS[name].files[0], " and ".join(missing)
+            log.warning("%s is left out without %s: xormocap export --to %s makes it", file, packages, name)
+        else:
+            write_formats(folder, result, (name,))

@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
+import pyarrow
+import pyarrow.parquet
 
 from services.mocap.atomic import atomic_file
 from services.mocap.body.skeleton import DOFS
-from services.mocap.errors import UserError
 from services.mocap.result.layout import ANGLES_PARQUET, JOINTS_PARQUET, POSES_PARQUET
 from services.mocap.result.result import Result
 from services.mocap.take.marks import PARTS
@@ -23,10 +23,8 @@ Column = tuple[Any, str]
 def write_parquet(folder: Path, result: Result) -> None:
     """Write the poses, the joints and the angles into a folder, each file whole or not at all.
 
-    Poses are the motion as in motion.bvh, beside energy and marks; joints are in the z-up world. Raises
-    UserError where pyarrow is not installed.
+    Poses are the motion as in motion.bvh, beside energy and marks; joints are in the z-up world.
     """
-    arrow, parquet = _pyarrow()
     frames: dict[str, Column] = {"frame": (result.frames, "1"), "time_s": (result.times_s, "s")}
     angles = {f"{name}_deg": (values, "deg") for name, values in result.angles_deg.items()}
     tables = {
@@ -36,26 +34,15 @@ def write_parquet(folder: Path, result: Result) -> None:
     }
     for name, columns in tables.items():
         with atomic_file(folder / name) as part:
-            parquet.write_table(_table(arrow, columns), part)
+            pyarrow.parquet.write_table(_table(columns), part)
 
 
-def _pyarrow() -> tuple[ModuleType, ModuleType]:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise UserError(
-            "parquet: needs pyarrow, which is not installed: pip install pyarrow, or xormocap[parquet]"
-        ) from None
-    return pyarrow, pyarrow.parquet
-
-
-def _table(arrow: ModuleType, columns: Mapping[str, Column]) -> Any:
+def _table(columns: Mapping[str, Column]) -> Any:
     fields = [
-        arrow.field(name, arrow.array(values).type, metadata={"unit": unit})
+        pyarrow.field(name, pyarrow.array(values).type, metadata={"unit": unit})
         for name, (values, unit) in columns.items()
     ]
-    return arrow.table([values for values, _ in columns.values()], schema=arrow.schema(fields))
+    return pyarrow.table([values for values, _ in columns.values()], schema=pyarrow.schema(fields))
 
 
 def _poses(result: Result) -> dict[str, Column]:
