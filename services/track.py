@@ -21,7 +21,7 @@ from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.export.formats import write_formats
+from services.mocap.export.formats import write_defaults
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import LOGS, RUN_JSON
 from services.mocap.result.result import load_result
@@ -152,6 +152,7 @@ def track(
     if folder is not None:
         shutil.rmtree(folder / LOGS, ignore_errors=True)
         shutil.move(logs, folder / LOGS)
+        write_defaults(folder, load_result(folder), ("report",), warn)
     if report is not None and report["take"]["frames"] == len(frames):
         return report
     if stop.count:
@@ -168,10 +169,7 @@ def _thin(take: Take, fitted: Path | None, search: SearchSettings) -> None:
 
 
 def _add_fit(folder: Path, take: Take, fitted: Path | None) -> dict[str, Any]:
-    """The run.json of a folder of results, in which the fit now is that the actor comes from, if any.
-
-    report.html tells of it too.
-    """
+    """The run.json of a folder of results, in which the fit now is that the actor comes from, if any."""
     report: dict[str, Any] = json.loads((folder / RUN_JSON).read_text())
     source = fitted or take.folder / FIT_FOLDER
     record = read_record(source)
@@ -183,7 +181,6 @@ def _add_fit(folder: Path, take: Take, fitted: Path | None) -> dict[str, Any]:
     if fitted is not None:
         shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)
         shutil.copytree(fitted, folder / FIT_FOLDER)
-    write_formats(folder, load_result(folder), ("report",))
     return report
 
 
@@ -217,7 +214,7 @@ def _start(
     launcher.start("limb_worker", *connect, *energy, copies=workers)
     launcher.start("segmentation", *source, *connect)
     drawing = "--overlay" if overlay else "--no-overlay"
-    results = ("--out", str(out), drawing, *output_arguments(output))
+    results = ("--out", str(out), drawing, "--no-report", *output_arguments(output))  # it comes with the fit
     launcher.start("recorder", *source, *connect, *results)
 
 

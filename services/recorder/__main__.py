@@ -97,6 +97,7 @@ def serve(
     endpoint: str,
     stop: StopRequest,
     overlay: bool,
+    report: bool,
     output: OutputSettings,
     keys: ClientKeys | None = None,
 ) -> None:
@@ -120,7 +121,15 @@ def serve(
         listener.confirm()
     listener.close()
     if listener.collection.poses:  # else the coordinator says why
-        write_results(out, take, listener.collection, output, overlay=overlay, hurry=lambda: stop.count > 1)
+        write_results(
+            out,
+            take,
+            listener.collection,
+            output,
+            overlay=overlay,
+            report=report,
+            hurry=lambda: stop.count > 1,
+        )
 
 
 def main(
@@ -128,6 +137,7 @@ def main(
     out: Annotated[Path, typer.Option(help="Where the results go.")],
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
+    report: Annotated[bool, typer.Option(help="Write report.html too.")] = True,
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
     cutoff_hz: CutoffOption = None,
     keys: KeysOption = None,
@@ -136,7 +146,7 @@ def main(
 
     def work(stop: StopRequest) -> None:
         own_keys = keys_of_client(keys, "recorder")
-        serve(take, out, connect, stop, overlay, output_settings(smooth, cutoff_hz), own_keys)
+        serve(take, out, connect, stop, overlay, report, output_settings(smooth, cutoff_hz), own_keys)
 
     run_service("recorder", work)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from services.mocap.body.actor import MESH_FILE, build_body
 from services.mocap.errors import UserError
-from services.mocap.export.formats import write_defaults
+from services.mocap.export.formats import DEFAULT_FORMATS, write_defaults
 from services.mocap.export.take_overlay import write_overlay
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
@@ -43,9 +43,10 @@ def write_results(
     output: OutputSettings,
     *,
     overlay: bool,
+    report: bool,
     hurry: Callable[[], bool],
 ) -> None:
-    """Write poses.csv, joints.csv, actor.toml, overlay.mp4, run.json and what every run exports.
+    """Write poses.csv, joints.csv, actor.toml, run.json, the DEFAULT_FORMATS, and overlay.mp4 if wanted.
 
     Where output smooths, poses.csv and the overlay still show what was tracked; joints.csv, the exported
     motion and a poses_smooth.csv hold the smoothed motion. Older results are replaced once the new ones are
@@ -80,4 +81,5 @@ def write_results(
             write_overlay(part / OVERLAY, take, body, table, hurry)
         motion = Motion(output, reference_joints(poses, body.offsets_m), joints_world_m, marks)
         write_run_json(part / RUN_JSON, take, info, actor, recorded, motion)
-        write_defaults(part, load_result(part))
+        formats = [name for name in DEFAULT_FORMATS if report or name != "report"]
+        write_defaults(part, load_result(part), formats, log.warning)

@@ -64,7 +64,9 @@ def results(folder: Path, take: Path, messages: list[Pose], output: OutputSettin
     for message in (info, actor, rig, *messages, TakeEnd(take="walk", first_frame=0, end_frame=N)):
         collection.add(message)
     assert collection.complete
-    write_results(folder, open_take(take), collection, output, overlay=False, hurry=lambda: False)
+    write_results(
+        folder, open_take(take), collection, output, overlay=False, report=False, hurry=lambda: False
+    )
     report: dict[str, Any] = json.loads((folder / "run.json").read_text())
     return report
 

@@ -1,7 +1,6 @@
 """The one table of the files that a result can be exported to."""
 
-import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,8 +29,6 @@ from services.mocap.result.layout import (
 )
 from services.mocap.result.result import Result
 from services.mocap.take.folder import open_take
-
-log = logging.getLogger(__name__)
 
 FormatName: TypeAlias = Literal["bvh", "glb", "trc", "c3d", "angles", "report", "parquet", "overlay"]
 
@@ -142,11 +139,16 @@ def write_formats(
     return written
 
 
-def write_defaults(folder: Path, result: Result) -> None:
-    """Export what every run exports; what cannot be written here is said in the log, and left for later."""
-    for name in DEFAULT_FORMATS:
+def write_defaults(
+    folder: Path, result: Result, names: Sequence[FormatName], warn: Callable[[str], object]
+) -> None:
+    """Export what a run exports; what cannot be written here is told, and no reason to lose the rest."""
+    for name in names:
         if missing := FORMATS[name].missing:
             file, packages = FORMATS[name].files[0], " and ".join(missing)
-            log.warning("%s is left out without %s: xormocap export --to %s makes it", file, packages, name)
-        else:
+            warn(f"{file} is left out without {packages}: xormocap export --to {name} makes it")
+            continue
+        try:
             write_formats(folder, result, (name,))
+        except UserError as error:
+            warn(str(error))
