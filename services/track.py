@@ -130,7 +130,7 @@ def track(
     folder of xormocap fit, whose actor and poses take the place of the take's; out/fit gets a copy of it.
     output: how the recorder makes results of the poses.
     run.json tells of the fit that the actor comes from. warn is called with each warning of the coordinator's
-    at the end; started once with the launcher when all processes run. Raises UserError; ServiceFailedError,
+    and the recorder's at the end; started once with the launcher when all processes run. Raises UserError; ServiceFailedError,
     after which the logs stay; or Interrupted, once a stop was asked for and what was done by then is written.
     """
     endpoint, logs = free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
@@ -143,7 +143,7 @@ def track(
             )
             started(launcher)
             _follow(launcher, endpoint, stop, show)
-            for sentence in launcher.warnings("coordinator"):
+            for sentence in (*launcher.warnings("coordinator"), *launcher.warnings("recorder")):
                 warn(sentence)
     except ServiceFailedError as error:
         raise ServiceFailedError(f"{error}; the logs are in {logs}") from None

@@ -10,20 +10,31 @@ import ezc3d
 import numpy as np
 
 from services.mocap.atomic import atomic_file
+from services.mocap.errors import UserError
 from services.mocap.motion.motion import Motion
 from services.mocap.take.tables import REFERENCE_JOINTS, reference_joints
 
 _MM_PER_M = 1000.0
+_MOST_FRAMES = 2**16 - 1
 
 
 def write_c3d(path: Path, motion: Motion) -> None:
-    """Write the joints of joints.csv, whole or not at all."""
+    """Write the joints of joints.csv, whole or not at all; raises UserError for more than 65,535 frames.
+
+    Frames are counted from 1 in such files: the take's frame 0 is frame 1. Where the last number would be too
+    large for the format, the motion's first frame is 1.
+    """
+    n_frames = len(motion.frames)
+    if n_frames > _MOST_FRAMES:
+        raise UserError(
+            f"{path.name}: cannot hold {n_frames} frames: the format ends at {_MOST_FRAMES}: take another one"
+        )
     joints_mm = _MM_PER_M * reference_joints(motion.poses, motion.body.offsets_m)
     points = np.ones((4, len(REFERENCE_JOINTS), len(joints_mm)))  # homogeneous, as the library takes them
     points[:3] = joints_mm.transpose(2, 1, 0)
-    file = ezc3d.c3d()
+    file, first = ezc3d.c3d(), int(motion.frames[0])
     file["data"]["points"] = points
-    file["header"]["points"]["first_frame"] = int(motion.frames[0])
+    file["header"]["points"]["first_frame"] = first if first + n_frames <= _MOST_FRAMES else 0
     about = file["parameters"]["POINT"]
     about["LABELS"]["value"] = list(REFERENCE_JOINTS)
     about["DESCRIPTIONS"]["value"] = [f"centre of {name.replace('_', ' ')}" for name in REFERENCE_JOINTS]

@@ -7,6 +7,7 @@ import ezc3d
 import numpy as np
 import pytest
 
+from services.mocap.errors import UserError
 from services.mocap.export.c3d import write_c3d
 from services.mocap.export.trc import write_trc
 from services.mocap.result.result import Result, load_result
@@ -63,6 +64,18 @@ def test_c3d(result: Result, tmp_path: Path) -> None:
     joints_m = read["data"]["points"][:3].transpose(2, 1, 0) / 1000
     np.testing.assert_allclose(joints_m, result.joints_world_m, rtol=0, atol=1e-6)
     assert np.all(read["data"]["meta_points"]["residuals"] == 0)  # known, not guessed
+
+
+def test_c3d_has_its_limits(result: Result, tmp_path: Path) -> None:
+    motion = result.motion
+    late = replace(motion, frames=motion.frames + 70000)
+    write_c3d(tmp_path / "late.c3d", late)
+    header = np.frombuffer((tmp_path / "late.c3d").read_bytes()[:512], "<u2")
+    assert (header[3], header[4]) == (1, 16)
+    long = replace(motion, poses=np.zeros((65536, 35)), frames=np.arange(65536, dtype=np.int32))
+    with pytest.raises(UserError, match="cannot hold 65536 frames: the format ends at 65535"):
+        write_c3d(tmp_path / "long.c3d", long)
+    assert not (tmp_path / "long.c3d").exists()
 
 
 def test_c3d_counts_frames_from_one(result: Result, tmp_path: Path) -> None:
