@@ -130,8 +130,9 @@ def track(
     folder of xormocap fit, whose actor and poses take the place of the take's; out/fit gets a copy of it.
     output: how the recorder makes results of the poses.
     run.json tells of the fit that the actor comes from. warn is called with each warning of the coordinator's
-    and the recorder's at the end; started once with the launcher when all processes run. Raises UserError; ServiceFailedError,
-    after which the logs stay; or Interrupted, once a stop was asked for and what was done by then is written.
+    and the recorder's at the end; started once with the launcher when all processes run. Raises UserError;
+    ServiceFailedError, after which the logs stay; or Interrupted, once a stop was asked for and what was done
+    by then is written.
     """
     endpoint, logs = free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     earlier = {folder: _written_ns(folder) for folder in (out, partial_of(out))}
