@@ -73,7 +73,7 @@ SettingsOption: TypeAlias = Annotated[
 SmoothOption: TypeAlias = Annotated[
     Smoother,
     typer.Option(
-        help="Smooth joints.csv and motion.bvh: rts looks both ways, one-euro back only, as live; "
+        help="Smooth joints.csv and motion.*: rts looks both ways, one-euro back only, as live; "
         "poses.csv stays as it was tracked.",
     ),
 ]
