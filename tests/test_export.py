@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from services.cli import app
 from services.mocap.errors import UserError
-from services.mocap.export.formats import FORMATS
+from services.mocap.export.formats import DEFAULT_FORMATS, FORMATS, Format, write_defaults
 from services.mocap.result.layout import KNOWN
 from services.mocap.result.result import load_result
 from services.mocap.take.csv_columns import read_columns
@@ -98,3 +98,19 @@ def test_what_cannot_be(folder: Path, tmp_path: Path) -> None:
 
 def test_every_file_may_lie_in_a_folder_of_results() -> None:
     assert {file for form in FORMATS.values() for file in form.files} <= KNOWN
+
+
+def test_a_run_goes_on_without_what_cannot_be_written(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def too_long(*_: object) -> None:
+        raise UserError("motion.c3d: cannot hold so many frames")
+
+    monkeypatch.setitem(FORMATS, "c3d", Format(("motion.c3d",), too_long))
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    said: list[str] = []
+    write_defaults(folder, load_result(folder), DEFAULT_FORMATS, said.append)
+    assert said == [
+        "motion.c3d: cannot hold so many frames",
+        "report.html is left out without matplotlib: xormocap export --to report makes it",
+    ]
+    written = {"motion.bvh", "motion.glb", "motion.trc", "angles.csv"}
+    assert {path.name for path in folder.iterdir()} == {"poses.csv", "actor.toml"} | written
