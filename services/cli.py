@@ -54,6 +54,7 @@ from services.segmentation.files import write_silhouettes
 from services.track import Interrupted
 from services.track import Progress as Run
 from services.track import track as track_take
+from services.view import view
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -63,6 +64,7 @@ app = typer.Typer(
 )
 app.add_typer(keys_app, name="keys")
 app.command()(export)
+app.command()(view)
 out_console, err_console = Console(), Console(stderr=True)
 _STATE_WORDS = {
     machine.State.OK: "[green]ok[/]",

@@ -21,6 +21,8 @@ COMMAND = (
     "services.fit_files",
     "services.fit_show",
     "services.keys",
+    "services.view",
+    "services.view_show",
     "services.bench",
     "services.soak",
 )

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR, Grid, grid_for
+from services.mocap.export.tiles import BEYOND_BGR, MISSED_BGR, Grid, draw_difference, grid_for
 from services.mocap.types import Bytes, Floats, Mask
 
 _SCREEN_WIDTH_PX = 1920
@@ -15,11 +15,6 @@ _NARROWEST_PX, _WIDEST_PX = 240, 480
 _HEADER_PX, _GAP_PX = 34, 10
 _MARGIN = 0.08
 """Round the actor, as a share of the actor's height and width in the picture."""
-_MISSED_BGR, _BEYOND_BGR = (0, 235, 255), (255, 0, 255)
-_MISSED, _BEYOND = 4, 5
-# By the values of a segment mask, and these two.
-_COLOURS = np.array([(0, 0, 0), CENTRE_BGR, LEFT_BGR, RIGHT_BGR, _MISSED_BGR, _BEYOND_BGR], np.float64)
-_OPACITIES = np.array([0.0, 0.4, 0.4, 0.4, 0.9, 0.9])
 _WHITE_BGR, _BLACK_BGR = (255, 255, 255), (0, 0, 0)
 
 
@@ -64,34 +59,16 @@ def _block(seen: Sequence[Seen], state: Shown, cuts: list[tuple[slice, slice]], 
     width_px, height_px = grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px
     block: Bytes = np.zeros((_HEADER_PX + height_px + _GAP_PX, width_px, 3), np.uint8)
     end = _write(block, state.title, (10, _HEADER_PX - 11), _WHITE_BGR)
-    for text, colour_bgr in (("missed", _MISSED_BGR), ("beyond", _BEYOND_BGR)):
+    for text, colour_bgr in (("missed", MISSED_BGR), ("beyond", BEYOND_BGR)):
         end = _write(block, text, (end + 20, _HEADER_PX - 11), colour_bgr)
     for c, one in enumerate(seen):
         model, cut = state.segment_masks[c], cuts[c]
-        tile = _tile(one.picture[cut], one.silhouette[cut], model[cut], grid)
+        tile = draw_difference(one.picture[cut], one.silhouette[cut], model[cut], grid)
         _write(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), _WHITE_BGR)
         x, y = grid.tile_origin_px(c)
         y += _HEADER_PX
         block[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
     return block
-
-
-def _tile(picture: Bytes, silhouette: Mask, model: Bytes, grid: Grid) -> Bytes:
-    """A tile: the picture with the model over it, and every differing pixel, however small, over both.
-
-    Where the shape is not the tile's, black bars fill the rest.
-    """
-    zoom = min(grid.tile_height_px / model.shape[0], grid.tile_width_px / model.shape[1])
-    size = (max(1, round(model.shape[1] * zoom)), max(1, round(model.shape[0] * zoom)))
-    shown = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR).astype(np.float64)
-    kinds = np.where(silhouette & (model == 0), _MISSED, np.where(silhouette | (model == 0), model, _BEYOND))
-    kinds = cv2.resize(kinds.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    opacity = _OPACITIES[kinds][..., None]
-    shown = (1.0 - opacity) * shown + opacity * _COLOURS[kinds]
-    tile: Bytes = np.zeros((grid.tile_height_px, grid.tile_width_px, 3), np.uint8)
-    y, x = (grid.tile_height_px - size[1]) // 2, (grid.tile_width_px - size[0]) // 2
-    tile[y : y + size[1], x : x + size[0]] = np.rint(shown)
-    return tile
 
 
 def _cut(shown: Mask, grid: Grid) -> tuple[slice, slice]:

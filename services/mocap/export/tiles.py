@@ -13,6 +13,8 @@ from services.mocap.types import Bytes, Mask
 CENTRE_BGR = (120, 220, 90)
 LEFT_BGR = (0, 94, 243)
 RIGHT_BGR = (240, 150, 30)
+MISSED_BGR, BEYOND_BGR = (0, 235, 255), (255, 0, 255)
+"""Actor that the model misses, and model beyond the actor."""
 _OPACITY = 0.5
 _OUTLINE_BGR = (255, 255, 255)
 _HALO_BGR = (0, 0, 0)
@@ -31,6 +33,10 @@ _FULL_GRID_ZOOM = 0.7
 _FILL: Bytes = np.array(
     [(0, 0, 0, 0), (*CENTRE_BGR, 255), (*LEFT_BGR, 255), (*RIGHT_BGR, 255)], dtype=np.uint8
 )
+_MISSED, _BEYOND = 4, 5
+# By the values of a segment mask, and these two.
+_COLOURS = np.array([(0, 0, 0), CENTRE_BGR, LEFT_BGR, RIGHT_BGR, MISSED_BGR, BEYOND_BGR], np.float32)
+_OPACITIES = np.array([0.0, 0.4, 0.4, 0.4, 0.9, 0.9], np.float32)
 
 
 @dataclass(frozen=True)
@@ -80,11 +86,45 @@ def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
     picture: (H, W, 3). segment_mask: (H, W), 0 = no model, 1 = centre, 2 = left limb, 3 = right limb. Where
     the shape of the picture is not the tile's, black bars fill the rest.
     """
-    height, width = segment_mask.shape
-    zoom = min(grid.tile_width_px / width, grid.tile_height_px / height)
-    size = (max(1, round(width * zoom)), max(1, round(height * zoom)))
+    size = _fitting(segment_mask.shape, grid)
     shown = _draw_model(_resized(picture, size), _resized(_FILL[segment_mask], size))
-    right, below = grid.tile_width_px - size[0], grid.tile_height_px - size[1]
+    return _centred(shown, grid)
+
+
+def draw_difference(picture: Bytes, silhouette: Mask, segment_mask: Bytes, grid: Grid) -> Bytes:
+    """A tile: the picture with the model over it, and every differing pixel, however small, over both.
+
+    Arguments as draw_tile's, and the silhouette (H, W) that the model is compared with. What the model leaves
+    of it is yellow, what it covers beyond it magenta.
+    """
+    size, model = _fitting(segment_mask.shape, grid), segment_mask
+    shown = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR).astype(np.float32)
+    kinds = np.where(silhouette & (model == 0), _MISSED, np.where(silhouette | (model == 0), model, _BEYOND))
+    kinds = cv2.resize(kinds.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    opacity = _OPACITIES[kinds][..., None]
+    return _centred(np.rint((1 - opacity) * shown + opacity * _COLOURS[kinds]).astype(np.uint8), grid)
+
+
+def draw_outline(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
+    """A tile as draw_tile's with the model's outline alone: left and right limbs in their colours."""
+    size = _fitting(segment_mask.shape, grid)
+    drawn = _resized(picture, size).copy() if picture.shape[1::-1] == size else _resized(picture, size)
+    model = cv2.resize(segment_mask, size, interpolation=cv2.INTER_NEAREST)
+    for value, colour_bgr in ((1, CENTRE_BGR), (2, LEFT_BGR), (3, RIGHT_BGR)):
+        _outline(drawn, np.asarray((model == value) * 255, np.uint8), colour_bgr)
+    return _centred(drawn, grid)
+
+
+def _fitting(shape: tuple[int, ...], grid: Grid) -> tuple[int, int]:
+    """Width and height of a picture (H, W) that fills a tile as far as its shape lets it."""
+    height, width = shape
+    zoom = min(grid.tile_width_px / width, grid.tile_height_px / height)
+    return max(1, round(width * zoom)), max(1, round(height * zoom))
+
+
+def _centred(shown: Bytes, grid: Grid) -> Bytes:
+    """A picture in the middle of a tile."""
+    right, below = grid.tile_width_px - shown.shape[1], grid.tile_height_px - shown.shape[0]
     tile = cv2.copyMakeBorder(
         shown, below // 2, below - below // 2, right // 2, right - right // 2, cv2.BORDER_CONSTANT
     )
@@ -102,9 +142,14 @@ def _draw_model(picture: Bytes, fill: Bytes) -> Bytes:
     coverage = fill[..., 3:] / np.float32(255.0)
     blended = picture * (1.0 - _OPACITY * coverage) + _OPACITY * fill[..., :3]
     drawn = np.rint(blended).astype(np.uint8)
-    silhouette = cv2.threshold(cv2.GaussianBlur(fill[..., 3], (5, 5), 0), 127, 255, cv2.THRESH_BINARY)[1]
-    steps, _ = cv2.findContours(silhouette, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    _outline(drawn, fill[..., 3], _OUTLINE_BGR)
+    return drawn
+
+
+def _outline(drawn: Bytes, coverage: Bytes, colour_bgr: tuple[int, int, int]) -> None:
+    """Draw the smoothed border of a coverage (H, W) of 0 to 255, with a dark halo."""
+    smooth = cv2.threshold(cv2.GaussianBlur(coverage, (5, 5), 0), 127, 255, cv2.THRESH_BINARY)[1]
+    steps, _ = cv2.findContours(smooth, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     contours = [cv2.approxPolyDP(contour, _SMOOTHING_PX, closed=True) for contour in steps]
     cv2.drawContours(drawn, contours, -1, _HALO_BGR, 3, cv2.LINE_AA)
-    cv2.drawContours(drawn, contours, -1, _OUTLINE_BGR, 1, cv2.LINE_AA)
-    return drawn
+    cv2.drawContours(drawn, contours, -1, colour_bgr, 1, cv2.LINE_AA)

@@ -1,0 +1,44 @@
+"""`xormocap view`: finished results on the page."""
+
+import signal
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from services.view_show import finished_show
+from services.viewer.server import PageServer
+
+DEFAULT_PORT = 8080
+PortOption = Annotated[
+    int, typer.Option(min=0, max=65535, help="The page's port on this machine; 0 takes any that is free.")
+]
+
+
+def view(
+    result: Annotated[Path, typer.Argument(help="What xormocap track --out wrote.", metavar="RESULT")],
+    take: Annotated[
+        Path | None, typer.Option(help="The take's folder, if it is not where it was tracked.")
+    ] = None,
+    port: PortOption = DEFAULT_PORT,
+) -> None:
+    """Show results in a browser: the body, all cameras, curves; until Ctrl-C."""
+    show = finished_show(result, take)
+    with PageServer(port) as server:
+        server.show(show)
+        words = f"look at http://127.0.0.1:{server.port} (Ctrl-C ends this)"
+        Console().print(words, markup=False, highlight=False, soft_wrap=True)
+        wait_for_stop()
+
+
+def wait_for_stop() -> None:
+    """Return after SIGINT or SIGTERM."""
+    ended = threading.Event()
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.signal(number, lambda *_: ended.set()) for number in numbers}
+    while not ended.wait(0.5):
+        pass
+    for number, handler in before.items():
+        signal.signal(number, handler)

@@ -1,0 +1,165 @@
+"""The widgets of one browser, and what its user has chosen with them.
+
+What a user does arrives on the page server's threads; it goes into a mailbox, and the page's own thread acts
+on it.
+"""
+
+import queue
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import viser
+
+from services.mocap.export.tiles import BEYOND_BGR, MISSED_BGR
+from services.mocap.take.marks import PARTS, Part
+from services.viewer.markup import legend
+from services.viewer.player import Player
+from services.viewer.show import Show
+from services.viewer.stage import DISTRUSTED_RGB, rgb_of
+from services.viewer.tiles import Content, Look
+
+_SPEEDS = {"¼×": 0.25, "½×": 0.5, "1×": 1.0, "2×": 2.0, "4×": 4.0}
+_CONTENTS: dict[str, Content] = {
+    "pictures": "pictures",
+    "silhouettes": "silhouettes",
+    "difference": "difference",
+}
+_WHOLE = "whole pictures"
+_PARTS: dict[str, Part | None] = {
+    _WHOLE: None,
+    **{f"{part.replace('_', ' ')}'s window": part for part in PARTS if part != "torso"},
+}
+_BACK, _PLAY, _PAUSE, _ON = "◂ frame", "play", "pause", "frame ▸"
+_WIDE_TILE_PX, _TILE_PX = 640, 320
+
+Action = Callable[[], None]
+
+
+class Controls:
+    """One browser's; `perform` is for the page's thread, and so is all that it reads."""
+
+    def __init__(self, gui: viser.GuiApi, show: Show) -> None:
+        self.show = show
+        frames = show.reel.frames
+        newest = show.reel.newest
+        at = newest if show.is_live and newest is not None else frames.start
+        self.player = Player(show.reel, show.fps, at, is_live=show.is_live, is_playing=not show.is_live)
+        self.version = 0
+        """Grows with everything that a user does."""
+        self._mail: queue.SimpleQueue[Action] = queue.SimpleQueue()
+        self._gui = gui
+        self.status = gui.add_html("")
+        self.timeline = gui.add_html("")
+        self._slider: Any = gui.add_slider("Frame", frames.start, max(frames[-1], frames.start + 1), 1, at)
+        self._on_update(self._slider, lambda value: self.player.seek(min(int(value), self._newest())))
+        self._transport()
+        self._looks()
+        self._legend = gui.add_html(legend(_SIDES))
+
+    def _newest(self) -> int:
+        newest = self.show.reel.newest
+        return self.show.reel.frames.start if newest is None else newest
+
+    def _on_update(self, handle: Any, act: Callable[[Any], None]) -> None:
+        """Act on what a user does with a widget; not on what the page itself sets."""
+
+        @handle.on_update  # type: ignore[untyped-decorator, unused-ignore]
+        def _(event: Any) -> None:
+            if event.client is not None:
+                value = event.target.value
+                self._mail.put(lambda: act(value))
+
+    def _transport(self) -> None:
+        buttons = self._gui.add_button_group("Play", (_BACK, _PLAY, _PAUSE, _ON))
+        player = self.player
+        does: dict[str, Action] = {
+            _BACK: lambda: player.step(-1),
+            _PLAY: lambda: player.play(True),
+            _PAUSE: lambda: player.play(False),
+            _ON: lambda: player.step(1),
+        }
+        buttons.on_click(lambda event: self._mail.put(does[event.target.value]))
+        speed = self._gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1×")
+        self._on_update(speed, lambda value: setattr(player, "speed", _SPEEDS[value]))
+        self._live: Any = None
+        if self.show.is_live:
+            self._live = self._gui.add_checkbox("Live", True, hint="Follow the newest frame")
+            self._on_update(self._live, lambda value: player.go_live() if value else player.play(False))
+
+    def _looks(self) -> None:
+        self.wants_trails, self.wants_frusta = False, True
+        self._content: Content = "pictures"
+        self._part: Part | None = None
+        self._shown = list(range(len(self.show.camera_names)))
+        if self.show.artist is not None:
+            content = self._gui.add_dropdown("Cameras", tuple(_CONTENTS))
+            self._on_update(content, lambda value: self._compare(_CONTENTS[value]))
+            part = self._gui.add_dropdown("of", tuple(_PARTS))
+            self._on_update(part, lambda value: setattr(self, "_part", _PARTS[value]))
+            self._cameras()
+            frusta = self._gui.add_checkbox("Frusta", True, hint="The cameras in the room")
+            self._on_update(frusta, lambda value: setattr(self, "wants_frusta", value))
+        trails = self._gui.add_checkbox("Trails", False, hint="Of hands and feet, over the last two seconds")
+        self._on_update(trails, lambda value: setattr(self, "wants_trails", value))
+
+    def _compare(self, content: Content) -> None:
+        self._content = content
+        self._legend.content = legend(_SIDES) + (legend(_DIFFERENCES) if content == "difference" else "")
+
+    def _cameras(self) -> None:
+        with self._gui.add_folder("Which cameras", expand_by_default=False):
+            for c, name in enumerate(self.show.camera_names):
+                box = self._gui.add_checkbox(name, True)
+                self._on_update(box, partial(self._choose, c))
+
+    def _choose(self, camera: int, shown: bool) -> None:
+        self._shown = sorted({*self._shown, camera} if shown else {*self._shown} - {camera})
+
+    @property
+    def look(self) -> Look:
+        """What the camera grid is to show."""
+        width_px = _WIDE_TILE_PX if len(self._shown) == 1 else _TILE_PX
+        return Look(self._content, tuple(self._shown), self._part, width_px)
+
+    def perform(self, timeout_s: float) -> None:
+        """Wait a moment for something that the user does, and act on all that was done."""
+        with _as_far_as_there_is():
+            self._mail.get(timeout=timeout_s)()
+            self.version += 1
+            while True:
+                self._mail.get_nowait()()
+
+    def follow(self, frame: int) -> None:
+        """Let the widgets say what is shown."""
+        self._slider.value = frame
+        if self._live is not None:
+            self._live.value = self.player.is_live
+
+
+@contextmanager
+def _as_far_as_there_is() -> Iterator[None]:
+    try:
+        yield
+    except queue.Empty:
+        return
+
+
+def _rgb(bgr: tuple[int, int, int]) -> tuple[int, int, int]:
+    return bgr[2], bgr[1], bgr[0]
+
+
+def _css(rgb: tuple[int, int, int]) -> str:
+    return f"rgb{rgb}"
+
+
+_SIDES = (
+    (_css(rgb_of("left_hand")), "left"),
+    (_css(rgb_of("right_hand")), "right"),
+    (_css(DISTRUSTED_RGB), "not to be trusted"),
+)
+_DIFFERENCES = (
+    (_css(_rgb(MISSED_BGR)), "actor that the model misses"),
+    (_css(_rgb(BEYOND_BGR)), "model beyond the actor"),
+)

@@ -1,0 +1,113 @@
+"""The parts of the page that are HTML: the camera grid, the timeline, and lines of text."""
+
+import base64
+import html
+from collections.abc import Sequence
+
+import numpy as np
+
+from services.viewer.reel import Overview
+from services.viewer.tiles import Tile
+
+_TIMELINE_HEIGHT = 40
+_KNOWN, _CURVE, _MARK, _CURSOR = "#d9e2ec", "#486581", "#d64545", "#102a43"
+_CAPTION = (
+    "position:absolute;left:5px;top:3px;color:white;font:600 12px system-ui,sans-serif;"
+    "text-shadow:0 0 3px black,0 0 2px black"
+)
+
+
+def grid_columns(n_cameras: int) -> int:
+    """Into how many columns a number of tiles goes."""
+    return 1 if n_cameras < 2 else 2 if n_cameras <= 10 else 3
+
+
+def camera_grid(tiles: Sequence[Tile], names: Sequence[str], frame: int) -> str:
+    """The tiles with their cameras' names and differing pixels; each image tells its frame."""
+    cells = []
+    for tile in tiles:
+        source = base64.b64encode(tile.jpeg).decode()
+        caption = html.escape(names[tile.camera])
+        if tile.differing_px is not None:
+            caption += f" · {tile.differing_px} px"
+        cells.append(
+            f'<div style="position:relative"><img alt="{html.escape(names[tile.camera])}" '
+            f'data-frame="{frame}" style="width:100%;display:block" src="data:image/jpeg;base64,{source}">'
+            f'<span style="{_CAPTION}">{caption}</span></div>'
+        )
+    columns = grid_columns(len(tiles))
+    style = f"display:grid;grid-template-columns:repeat({columns},1fr);gap:3px;background:#111;padding:3px"
+    return f'<div id="cameras" style="{style}">{"".join(cells)}</div>'
+
+
+def timeline(overview: Overview, at: float) -> str:
+    """What is known of the whole take: its energy as a curve, distrusted frames as red marks above it.
+
+    at: where the frame that is shown lies, 0 to 1.
+    """
+    bins, height = len(overview.known), _TIMELINE_HEIGHT
+    top = float(overview.energy_px.max()) or 1.0
+    known = "".join(
+        f'<rect x="{start}" y="8" width="{stop - start}" height="{height - 8}" fill="{_KNOWN}"/>'
+        for start, stop in _runs(overview.known)
+    )
+    marks = "".join(
+        f'<rect x="{start}" y="0" width="{max(stop - start, 1)}" height="6" fill="{_MARK}"/>'
+        for start, stop in _runs(overview.distrusted)
+    )
+    curves = "".join(
+        f'<polyline fill="none" stroke="{_CURVE}" stroke-width="1.2" vector-effect="non-scaling-stroke" '
+        f'points="{_points(overview, start, stop, top)}"/>'
+        for start, stop in _runs(overview.known)
+    )
+    x = at * bins
+    return (
+        f'<svg id="timeline" viewBox="0 0 {bins} {height}" preserveAspectRatio="none" '
+        f'style="width:calc(100% - 24px);margin:6px 12px;height:{height}px;display:block;background:#f0f4f8;'
+        'border-radius:4px">'
+        f'{known}{curves}{marks}<line x1="{x:.2f}" x2="{x:.2f}" y1="0" y2="{height}" stroke="{_CURSOR}" '
+        'stroke-width="2" vector-effect="non-scaling-stroke"/></svg>'
+    )
+
+
+def _runs(flags: "np.typing.NDArray[np.bool_]") -> list[tuple[int, int]]:
+    """Begin and end of each run of true flags."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _points(overview: Overview, start: int, stop: int, top: float) -> str:
+    """A curve over the bins of a run, its highest point below the marks."""
+    y = _TIMELINE_HEIGHT - 2 - (_TIMELINE_HEIGHT - 14) * overview.energy_px[start:stop] / top
+    return " ".join(f"{start + i + 0.5:.1f},{value:.1f}" for i, value in enumerate(y.tolist()))
+
+
+def legend(colours: Sequence[tuple[str, str]]) -> str:
+    """Coloured dots with what they stand for: (colour, words)."""
+    dots = "".join(
+        '<span style="white-space:nowrap;margin-right:14px"><span style="display:inline-block;width:10px;'
+        f'height:10px;border-radius:5px;background:{colour};margin:0 4px 0 0"></span>'
+        f"{html.escape(words)}</span>"
+        for colour, words in colours
+    )
+    return f'<div style="font:13px system-ui,sans-serif;padding:4px 12px">{dots}</div>'
+
+
+def notice(sentence: str) -> str:
+    """A sentence that somebody should read."""
+    return (
+        '<div style="font:13px system-ui,sans-serif;padding:8px 12px;color:#7b341e;background:#fffaf0;'
+        f'border-left:3px solid #dd6b20">{html.escape(sentence)}</div>'
+    )
+
+
+def lines_of(rows: Sequence[tuple[str, str]]) -> str:
+    """Rows of a small table: what, and how much."""
+    cells = "".join(
+        f'<tr><td style="color:#627d98;padding-right:10px">{html.escape(name)}</td>'
+        f'<td style="font-variant-numeric:tabular-nums">{html.escape(value)}</td></tr>'
+        for name, value in rows
+    )
+    return (
+        f'<table style="font:13px system-ui,sans-serif;border-spacing:0;margin:6px 12px 2px">{cells}</table>'
+    )

@@ -1,0 +1,169 @@
+"""The frames that a page can show: the latest in a ring of stated size, older ones fetched when asked for."""
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.take.marks import PARTS
+from services.mocap.types import Floats, Ints, Mask
+
+RING_FRAMES = 4096
+"""Frames kept in memory, at about 0.5 KB each; two to three minutes of a take at 25 frames per second."""
+STAGES = ("torso", "limbs", "head", "left_arm", "right_arm", "left_leg", "right_leg", "frame")
+"""What a frame's time is told of; limbs are solved side by side, frame is all from one to the next."""
+_FETCHED_FRAMES = 512
+"""Older frames that are kept after somebody asked for them."""
+_MOST_BINS = 600
+_ROW = np.dtype(
+    [
+        ("frame", "i4"),
+        ("time_s", "f8"),
+        ("pose", "f8", N_DOF),
+        ("energy_px", "f8"),
+        ("confidence", "f8", len(PARTS)),
+        ("distrusted", "?", len(PARTS)),
+        ("seconds", "f8", len(STAGES)),
+        ("arrived_s", "f8"),
+    ]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One solved frame."""
+
+    frame: int
+    time_s: float
+    pose: Floats
+    """(35,) in metres and radians, z-up world."""
+    energy_px: float
+    confidence: Floats
+    """(6,) of PARTS, 0 to 1; NaN where a part was not judged."""
+    distrusted: Mask
+    """(6,) parts that must not be trusted."""
+    seconds: Floats
+    """(8,) of STAGES; NaN where it is not known."""
+    arrived_s: float = np.nan
+    """When the viewer got it (time.monotonic); NaN for finished takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Consecutive known frames (N), in increasing order, as arrays: what curves are drawn from."""
+
+    frames: Ints
+    energy_px: Floats
+    confidence: Floats
+    """(N, 6)"""
+    seconds: Floats
+    """(N, 8)"""
+    arrived_s: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """The whole take in B equal bins: what a timeline is drawn from."""
+
+    known: Mask
+    """(B,) bins with a solved frame."""
+    energy_px: Floats
+    """(B,) the largest; 0 where nothing is known."""
+    distrusted: Mask
+    """(B,) bins with a frame of which some part must not be trusted."""
+
+
+class Reel:
+    """Solved frames of a take's range; written by one thread, read by any number.
+
+    Memory does not grow with the take. older: asked for a frame that has left the ring; it may answer at once
+    (a Shot), or None and `put_older` it later.
+    """
+
+    def __init__(
+        self, frames: range, capacity: int = RING_FRAMES, older: Callable[[int], Shot | None] | None = None
+    ) -> None:
+        self.frames, self.capacity = frames, min(capacity, max(len(frames), 1))
+        self._older = older
+        self._rows: NDArray[np.void] = np.zeros(self.capacity, _ROW)
+        self._rows["frame"] = -1
+        self._fetched: OrderedDict[int, Shot] = OrderedDict()
+        bins = min(_MOST_BINS, max(len(frames), 1))
+        self._known, self._distrusted = np.zeros(bins, bool), np.zeros(bins, bool)
+        self._energy_px = np.zeros(bins)
+        self._lock = threading.Lock()
+        self.newest: int | None = None
+        """The frame that was solved last."""
+
+    def put(self, shot: Shot) -> None:
+        """Take in a frame; one outside the range is left out, one before the newest may fill a gap."""
+        if shot.frame not in self.frames:
+            return
+        row = self._rows[shot.frame % self.capacity]
+        with self._lock:
+            self._mark(shot)
+            if self.newest is None or shot.frame > self.newest:
+                self.newest = shot.frame
+            if shot.frame <= self.newest - self.capacity:
+                self._keep_fetched(shot)
+                return
+            for name in _ROW.names or ():
+                row[name] = getattr(shot, name)
+
+    def _mark(self, shot: Shot) -> None:
+        at = (shot.frame - self.frames.start) * len(self._known) // len(self.frames)
+        self._known[at] = True
+        self._energy_px[at] = max(self._energy_px[at], shot.energy_px)
+        self._distrusted[at] |= bool(shot.distrusted.any())
+
+    def _keep_fetched(self, shot: Shot) -> None:
+        self._fetched[shot.frame] = shot
+        while len(self._fetched) > _FETCHED_FRAMES:
+            self._fetched.popitem(last=False)
+
+    def shot(self, frame: int) -> Shot | None:
+        """A frame; None where it is not known (yet): one that left the ring is asked for by that."""
+        with self._lock:
+            row = self._rows[frame % self.capacity].copy()
+            fetched = self._fetched.get(frame)
+        if row["frame"] == frame:
+            return Shot(**{name: row[name] for name in _ROW.names or ()})
+        if fetched is not None or self._older is None or frame not in self.frames:
+            return fetched
+        found = self._older(frame)
+        if found is not None:
+            with self._lock:
+                self._keep_fetched(found)
+        return found
+
+    def first_gap(self) -> range | None:
+        """The first frames that the ring could hold and lacks, before the newest."""
+        if self.newest is None:
+            return None
+        start = max(self.frames.start, self.newest - self.capacity + 1)
+        with self._lock:
+            wanted = np.arange(start, self.newest)
+            lacking = wanted[self._rows["frame"][wanted % self.capacity] != wanted]
+        if not lacking.size:
+            return None
+        jumps = np.flatnonzero(np.diff(lacking) > 1)
+        return range(int(lacking[0]), int(lacking[jumps[0] if jumps.size else -1]) + 1)
+
+    def stretch(self, start: int, stop: int) -> Stretch:
+        """What the ring holds of frames start up to and without stop."""
+        wanted = np.arange(max(start, self.frames.start), min(stop, self.frames.stop))
+        with self._lock:
+            rows = self._rows[wanted % self.capacity]
+        rows = rows[rows["frame"] == wanted] if len(wanted) else rows[:0]
+        return Stretch(
+            *(rows[name].copy() for name in ("frame", "energy_px", "confidence", "seconds", "arrived_s"))
+        )
+
+    def overview(self) -> Overview:
+        """The whole take, in at most 600 bins."""
+        with self._lock:
+            return Overview(self._known.copy(), self._energy_px.copy(), self._distrusted.copy())

@@ -1,0 +1,100 @@
+"""The 3D scene of one browser: body, cameras, floor, trails."""
+
+import numpy as np
+import viser
+
+from services.mocap.body.kinematics import joint_positions
+from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_NAMES
+from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
+from services.mocap.search.doubt import PART_STAGES
+from services.mocap.take.marks import PARTS
+from services.mocap.types import Bytes, Floats, Mask
+from services.viewer.reel import Shot
+from services.viewer.show import Show, lenses_of, placed_segments
+
+DISTRUSTED_RGB = (214, 69, 69)
+_FRUSTUM_M = 0.2
+_FLOOR_M = 8.0
+TRAILS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
+_NO_LINE = np.zeros((1, 2, 3), np.float32)
+
+
+def rgb_of(name: str) -> tuple[int, int, int]:
+    """The colour of a joint or segment: its side's, as in the pictures."""
+    bgr = LEFT_BGR if name.startswith("left_") else RIGHT_BGR if name.startswith("right_") else CENTRE_BGR
+    return bgr[2], bgr[1], bgr[0]
+
+
+def _distrusted_segments(distrusted: Mask) -> Mask:
+    """(16,) segments of the parts (6,) that must not be trusted; where the torso is wrong, all are."""
+    segments: Mask = np.full(len(SEGMENT_NAMES), bool(distrusted[PARTS.index("torso")]))
+    for part, stage in PART_STAGES.items():
+        segments[list(stage.segments)] |= distrusted[PARTS.index(part)]
+    return segments
+
+
+class Stage:
+    """A show's scene in one browser; every method only sends what differs from before."""
+
+    def __init__(self, scene: viser.SceneApi, show: Show) -> None:
+        self._show = show
+        scene.add_grid(
+            "/floor", _FLOOR_M, _FLOOR_M, cell_size=0.5, section_size=1.0, cell_color=(215, 220, 226),
+            section_color=(170, 178, 187), plane_color=(244, 246, 248), plane_opacity=1.0,
+        )  # fmt: skip
+        scene.add_frame("/axes", axes_length=0.4, axes_radius=0.008, show_axes=True)
+        self._segments = [
+            scene.add_mesh_simple(f"/body/{name}", vertices, faces, color=rgb_of(name), visible=False)
+            for name, vertices, faces in zip(
+                SEGMENT_NAMES, show.body.vertices_m, show.body.faces, strict=True
+            )
+        ]
+        self._red: Mask = np.zeros(len(SEGMENT_NAMES), bool)
+        self._frusta = [
+            scene.add_camera_frustum(
+                f"/cameras/{name}", lens.fov_rad, lens.aspect, scale=_FRUSTUM_M, thickness=0.008,
+                color=(60, 72, 88), wxyz=lens.wxyz, position=lens.position_m, cast_shadow=False,
+            )
+            for name, lens in zip(
+                show.camera_names, lenses_of(show.rig) if show.rig is not None else [], strict=True
+            )
+        ]  # fmt: skip
+        self._trails = [
+            scene.add_line_segments(f"/trails/{name}", _NO_LINE, rgb_of(name), thickness=0.012, visible=False)
+            for name in TRAILS
+        ]
+
+    def place(self, shot: Shot) -> None:
+        """Put the body where a frame has it; parts that must not be trusted turn red."""
+        placed = placed_segments(self._show.body, shot.pose)
+        red = _distrusted_segments(shot.distrusted)
+        for s, segment in enumerate(self._segments):
+            segment.wxyz, segment.position = placed.wxyz[s], placed.position_m[s]
+            if not segment.visible:
+                segment.visible = True
+            if red[s] != self._red[s]:
+                segment.color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
+        self._red = red
+
+    def hang_picture(self, camera: int, picture_rgb: Bytes | None) -> None:
+        """Show a picture (h, w, 3) in a camera's frustum, or none."""
+        self._frusta[camera].image = picture_rgb
+
+    def show_cameras(self, visible: bool) -> None:
+        """Show or hide all frusta."""
+        for frustum in self._frusta:
+            if frustum.visible != visible:
+                frustum.visible = visible
+
+    def trail(self, poses: Floats | None) -> None:
+        """Draw where wrists and ankles went in poses (N, 35), in order; None: no trails."""
+        if poses is None or len(poses) < 2:
+            for line in self._trails:
+                if line.visible:
+                    line.visible = False
+            return
+        joints_m = joint_positions(poses, self._show.body.offsets_m)
+        for name, line in zip(TRAILS, self._trails, strict=True):
+            way_m = joints_m[:, JOINT_INDEX[name]]
+            line.points = np.stack([way_m[:-1], way_m[1:]], axis=1).astype(np.float32)
+            line.visible = True

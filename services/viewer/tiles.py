@@ -1,0 +1,121 @@
+"""The tiles of the camera grid: what each camera saw of a frame, with the model over it, as JPEG."""
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from services.mocap.body.actor import Body
+from services.mocap.camera.rig import Rig
+from services.mocap.export.model_painter import ModelPainter
+from services.mocap.export.tiles import Grid, draw_difference, draw_outline, silhouette_picture
+from services.mocap.search.chains import window_origins_px, window_size_px
+from services.mocap.search.doubt import PART_STAGES
+from services.mocap.take.marks import Part
+from services.mocap.types import Bytes, Floats, Mask
+from services.viewer.pictures import Pictures
+from services.viewer.reel import Shot
+
+Content = Literal["pictures", "silhouettes", "difference"]
+_QUALITY = 80
+_KEPT_SHEETS = 8
+"""Sheets kept for other browsers that look at the same."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What somebody wants to see in the grid."""
+
+    content: Content
+    cameras: tuple[int, ...]
+    part: Part | None
+    """Only this part's window in every camera; None: whole pictures."""
+    tile_width_px: int = 320
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One camera's."""
+
+    camera: int
+    jpeg: bytes
+    differing_px: int | None
+    """Pixels of what is shown in which model and silhouette differ; None where no silhouette is known."""
+
+
+class TileArtist:
+    """Draws tiles of one body before one rig; sheets that were drawn a moment ago are kept."""
+
+    def __init__(self, body: Body, rig: Rig, pictures: Pictures) -> None:
+        self._body, self._rig, self._pictures = body, rig, pictures
+        self._painter = ModelPainter(body, rig)
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[tuple[int, Look], list[Tile]] = OrderedDict()
+
+    def draw(self, shot: Shot, look: Look) -> list[Tile]:
+        """The tiles of the cameras that a look names, in its order."""
+        key = shot.frame, look
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = self._draw(shot, look)
+                while len(self._kept) > _KEPT_SHEETS:
+                    self._kept.popitem(last=False)
+            return self._kept[key]
+
+    def ground(self, frame: int, camera: int) -> Bytes:
+        """What a camera saw of a frame (h, w, 3), without the model: its picture, or else its silhouette."""
+        width, height = self._rig.sizes_px[camera].tolist()
+        with self._lock:
+            picture = self._pictures.picture(camera, frame)
+            silhouette = self._pictures.silhouette(camera, frame) if picture is None else None
+        return _ground(picture, silhouette, (height, width))
+
+    def _draw(self, shot: Shot, look: Look) -> list[Tile]:
+        masks = self._painter.segment_masks(shot.pose)
+        windows = self._windows(shot.pose, look.part)
+        return [self._tile(shot.frame, c, masks[c], windows[c], look) for c in look.cameras]
+
+    def _windows(self, pose: Floats, part: Part | None) -> list[tuple[slice, slice]]:
+        """Rows and columns of each camera's picture that are looked at."""
+        if part not in PART_STAGES:
+            return [(slice(None), slice(None))] * self._rig.n_cameras
+        stage = PART_STAGES[part]
+        size = window_size_px(stage, self._rig)
+        origins_px = window_origins_px(stage, pose, self._body, self._rig)
+        return [(slice(y, y + size), slice(x, x + size)) for x, y in origins_px.tolist()]
+
+    def _tile(self, frame: int, camera: int, model: Bytes, window: tuple[slice, slice], look: Look) -> Tile:
+        picture = None if look.content == "silhouettes" else self._pictures.picture(camera, frame)
+        compares = (
+            look.content != "pictures" or picture is None
+        )  # else nobody needs it, and it may cost a lot
+        silhouette = self._pictures.silhouette(camera, frame) if compares else None
+        ground, model = _ground(picture, silhouette, model.shape)[window], model[window]
+        height = max(2, round(look.tile_width_px * model.shape[0] / model.shape[1]))
+        grid = Grid(1, 1, look.tile_width_px, height)
+        seen = None if silhouette is None else silhouette[window]
+        if look.content == "difference" and seen is not None:
+            drawn = draw_difference(_faded(ground), seen, model, grid)
+        else:
+            drawn = draw_outline(ground, model, grid)
+        differing = None if seen is None else int(np.count_nonzero(seen != (model > 0)))
+        jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+        return Tile(camera, jpeg.tobytes(), differing)
+
+
+def _ground(picture: Bytes | None, silhouette: Mask | None, shape: tuple[int, ...]) -> Bytes:
+    """What the model is drawn over, (h, w, 3): black where nothing is known of a frame."""
+    if picture is not None:
+        return picture
+    if silhouette is not None:
+        return silhouette_picture(silhouette)
+    return np.zeros((*shape, 3), np.uint8)
+
+
+def _faded(picture: Bytes) -> Bytes:
+    """Grey and darker, so that colours over it tell."""
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) // 2 + 20
+    return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
