@@ -263,6 +263,14 @@ class PoseRequest(Message):
     """One past the last frame that is missing."""
 
 
+class SilhouettesRequest(Message):
+    """A viewer wants to see what was compared with the model: all silhouettes of a frame, solved just now."""
+
+    type: ClassVar[str] = "silhouettes_request"
+    frame: Count
+    """The frame's number in the take."""
+
+
 class TakeEnd(Message):
     """No pose will follow."""
 
@@ -298,6 +306,7 @@ MESSAGES: dict[str, type[Message]] = {
         TakeInfo,
         Pose,
         PoseRequest,
+        SilhouettesRequest,
         TakeEnd,
         Recorded,
     )

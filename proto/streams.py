@@ -42,6 +42,8 @@ STREAMS: dict[StreamName, Stream] = {
             "take_info",
             "pose_request",
             "pose",
+            "silhouettes_request",
+            "silhouettes",
             "take_end",
             "recorded",
         ),

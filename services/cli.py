@@ -54,7 +54,7 @@ from services.segmentation.files import write_silhouettes
 from services.track import Interrupted
 from services.track import Progress as Run
 from services.track import track as track_take
-from services.view import view
+from services.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -101,6 +101,8 @@ def track(
     mesh: MeshOption = None,
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
     cutoff_hz: CutoffOption = None,
+    watch: ViewOption = False,
+    port: PortOption = DEFAULT_PORT,
 ) -> None:
     """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
     engine, output = engine_settings(backend, threads), output_settings(smooth, cutoff_hz)
@@ -111,6 +113,7 @@ def track(
     folder = out or Path("results") / take.resolve().name
     check_out(folder)
     warnings: list[str] = []
+    watch_at = tell_page(port, err_console) if watch else None
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         if mesh is not None and (fitted is not None or not fit_first):
             raise UserError("--mesh: is fitted first: leave out --fitted and --no-fit, or leave out --mesh")
@@ -118,9 +121,13 @@ def track(
             fitted, own = Path(temporary), _import(mesh, warnings)
             found = fit_with_bar(opened, init_frames(opened), engine, search, fitted, err_console, own)
             warnings += [_why_fitted(take, mesh), *found.warnings]
-        report = _track(opened, folder, workers, asked, overlay, engine, search, fitted, output, warnings)
+        report = _track(
+            opened, folder, workers, asked, overlay, engine, search, fitted, output, warnings, watch_at
+        )
     _warn(warnings)
     _summarise(report, folder)
+    if watch:
+        view(folder, take, port)
 
 
 def _import(mesh: Path | None, warnings: list[str]) -> OwnMesh | None:
@@ -149,6 +156,7 @@ def _track(
     fitted: Path | None,
     output: OutputSettings,
     warnings: list[str],
+    page: str | None,
 ) -> dict[str, Any]:
     """Track with a progress bar; returns run.json, adds to the warnings."""
     columns = (
@@ -184,6 +192,7 @@ def _track(
                 show=show,
                 fitted=fitted,
                 output=output,
+                page=page,
                 warn=warnings.append,
             )
         except Interrupted as stopped:

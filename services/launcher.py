@@ -44,6 +44,7 @@ SERVICES: dict[str, ServiceSpec] = {
     "coordinator": ServiceSpec("services.coordinator", restarts=False),
     "limb_worker": ServiceSpec("services.limb_worker", restarts=True),
     "segmentation": ServiceSpec("services.segmentation", restarts=True),
+    "viewer": ServiceSpec("services.viewer", restarts=True),
     "recorder": ServiceSpec("services.recorder", restarts=False, stop_s=60.0),  # it may be writing
 }
 

@@ -121,6 +121,7 @@ def track(
     show: Callable[[Progress], None],
     fitted: Path | None = None,
     output: OutputSettings = DEFAULT_OUTPUT,
+    page: str | None = None,
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any]:
@@ -128,7 +129,8 @@ def track(
 
     engine: for the coordinator and every worker; search: for the coordinator, whose tasks carry it. fitted: a
     folder of xormocap fit, whose actor and poses take the place of the take's; out/fit gets a copy of it.
-    output: how the recorder makes results of the poses.
+    output: how the recorder makes results of the poses. page: where browsers can watch, as HOST:PORT; None:
+    nowhere.
     run.json tells of the fit that the actor comes from. warn is called with each warning of the coordinator's
     and the recorder's at the end; started once with the launcher when all processes run. Raises UserError;
     ServiceFailedError, after which the logs stay; or Interrupted, once a stop was asked for and what was done
@@ -142,6 +144,9 @@ def track(
             _start(
                 launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search, fitted, output
             )
+            if page is not None:
+                watched = ("--take", str(take.folder), "--connect", endpoint, "--bind", page)
+                launcher.start("viewer", *watched)
             started(launcher)
             _follow(launcher, endpoint, stop, show)
             for sentence in (*launcher.warnings("coordinator"), *launcher.warnings("recorder")):

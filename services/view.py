@@ -9,12 +9,22 @@ import typer
 from rich.console import Console
 
 from services.view_show import finished_show
-from services.viewer.server import PageServer
+from services.viewer.server import LOOPBACK, PageServer
 
 DEFAULT_PORT = 8080
 PortOption = Annotated[
     int, typer.Option(min=0, max=65535, help="The page's port on this machine; 0 takes any that is free.")
 ]
+ViewOption = Annotated[
+    bool,
+    typer.Option("--view", help="Watch in a browser while it is tracked, and afterwards until Ctrl-C."),
+]
+
+
+def tell_page(port: int, console: Console) -> str:
+    """Say where to look while a take is tracked; returns that as HOST:PORT."""
+    console.print(f"look at http://{LOOPBACK}:{port}", markup=False, highlight=False, soft_wrap=True)
+    return f"{LOOPBACK}:{port}"
 
 
 def view(
@@ -28,7 +38,7 @@ def view(
     show = finished_show(result, take)
     with PageServer(port) as server:
         server.show(show)
-        words = f"look at http://127.0.0.1:{server.port} (Ctrl-C ends this)"
+        words = f"look at http://{LOOPBACK}:{server.port} (Ctrl-C ends this)"
         Console().print(words, markup=False, highlight=False, soft_wrap=True)
         wait_for_stop()
 

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ from proto.messages import (
     PoseRequest,
     Recorded,
     Silhouettes,
+    SilhouettesRequest,
     TakeEnd,
     TakeInfo,
 )
@@ -30,6 +32,8 @@ log = logging.getLogger(__name__)
 
 _PUBLISH_S = 0.5
 """How often the state of the take is published again, for those who joined late."""
+_SEEN_FRAMES = 32
+"""Frames whose silhouettes are kept for viewers; what arrives is a few frames ahead of what is solved."""
 _MOST_AT_ONCE = 64
 """Messages taken from one socket before the others get their turn."""
 
@@ -57,6 +61,7 @@ class Switchboard:
         self._recorders: dict[Identity, _Recorder] = {}
         self._take_info: TakeInfo | None = None
         self._poses: dict[int, Pose] = {}
+        self._seen: OrderedDict[int, dict[tuple[int, ...], Silhouettes]] = OrderedDict()
         self._end: TakeEnd | None = None
         self._credit: Credit | None = None
         self._credit_sent_s = 0.0
@@ -151,10 +156,20 @@ class Switchboard:
         if stream == "tasks":
             self._act(identity, message)
         elif isinstance(message, Silhouettes):
+            self._keep_for_viewers(message)
             self._on_silhouettes(message)
         else:
             self._ports.drop(message)
         return True
+
+    def _keep_for_viewers(self, message: Silhouettes) -> None:
+        """Keep silhouettes of the last frames that were asked for."""
+        credit = self._credit
+        if credit is None or not credit.next_frame <= message.frame < credit.end_frame:
+            return
+        self._seen.setdefault(message.frame, {})[tuple(message.cameras)] = message
+        while len(self._seen) > _SEEN_FRAMES:
+            self._seen.popitem(last=False)
 
     def _act(self, identity: Identity, message: Message) -> None:
         if isinstance(message, Hello):
@@ -165,8 +180,8 @@ class Switchboard:
         elif isinstance(message, LimbResult | LimbRefusal):
             self.dispatcher.heard(identity)
             self.dispatcher.finished(identity, message)
-        elif isinstance(message, BlobRequest):
-            self._send_blob(identity, message)
+        elif isinstance(message, BlobRequest | SilhouettesRequest):
+            self._send_content(identity, message)
         elif isinstance(message, PoseRequest):
             self.recorders_heard_s = time.monotonic()
             self._send_poses(identity, message)
@@ -195,8 +210,11 @@ class Switchboard:
         here = {i: known for i, known in self._recorders.items() if self._ports.send(i, Beat())}
         self._recorders = here | {identity: _Recorder(name)}
 
-    def _send_blob(self, identity: Identity, request: BlobRequest) -> None:
-        if request.hash in self._blobs:
+    def _send_content(self, identity: Identity, request: BlobRequest | SilhouettesRequest) -> None:
+        if isinstance(request, SilhouettesRequest):
+            for seen in self._seen.get(request.frame, {}).values():
+                self._ports.send(identity, seen)
+        elif request.hash in self._blobs:
             self._ports.send(identity, self._blobs[request.hash])
         else:
             log.warning("unknown content %s was asked for", request.hash[:8])

@@ -18,6 +18,7 @@ from proto.messages import (
     PoseRequest,
     Recorded,
     Silhouettes,
+    SilhouettesRequest,
     TakeEnd,
     TakeInfo,
 )
@@ -76,6 +77,7 @@ def specimens(take: str, frame: int) -> dict[str, list[bytes]]:
         BlobRequest(hash=_HASH),
         Blob(hash=_HASH, kind="rig", content=np.frombuffer(b"{}", np.uint8)),
         PoseRequest(first_frame=0, end_frame=frame),
+        SilhouettesRequest(frame=frame),
         Recorded(end_frame=frame),
     ]
     messages = [*_of_limbs(take, frame), *_of_takes(take, frame), *others]

@@ -1,5 +1,6 @@
 """The curves of one browser: energy, confidence, times, speed, over the last frames that are known."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -7,13 +8,15 @@ import numpy as np
 import viser
 import viser.uplot
 
-from services.mocap.take.marks import PARTS
-from services.mocap.types import Floats
-from services.viewer.reel import STAGES, Reel, Stretch
+from services.mocap.search.doubt import PART_STAGES
+from services.mocap.take.marks import PARTS, Part
+from services.mocap.types import Floats, Ints
+from services.viewer.reel import STAGES, Reel
 
 SPAN_FRAMES = 300
-"""Frames that the curves show, up to the one that is shown."""
+"""Frames that the curves show, of which those up to the one that is shown are shaded."""
 _HEIGHT_PX = 130
+_PAST = "rgba(16, 42, 67, 0.07)"
 _COLOURS = ("#486581", "#2f9e44", "#f35e00", "#1e96f0", "#9c36b5", "#a67c00")
 _SHOWN_STAGES = ("torso", "limbs", "head", "frame")
 _STAGE_WORDS = {"torso": "whole body", "limbs": "limbs", "head": "head", "frame": "frame in all"}
@@ -22,7 +25,8 @@ _STAGE_WORDS = {"torso": "whole body", "limbs": "limbs", "head": "head", "frame"
 @dataclass
 class _Chart:
     handle: "viser.GuiUplotHandle"
-    names: Sequence[str]
+    floor: float | None
+    """Its lowest value, where that is settled."""
 
 
 class Curves:
@@ -31,11 +35,13 @@ class Curves:
     def __init__(self, gui: viser.GuiApi, reel: Reel) -> None:
         self._reel = reel
         self._energy = self._chart(gui, "Energy (differing pixels)", ("energy",))
-        self._confidence = self._chart(
-            gui, "Confidence", [part.replace("_", " ") for part in PARTS], (0, 1.02)
-        )
+        self._confidence = self._chart(gui, "Confidence", [_words(part) for part in PARTS], (0, 1.02))
         self._times = self._chart(gui, "Milliseconds", [_STAGE_WORDS[name] for name in _SHOWN_STAGES])
         self._speed = self._chart(gui, "Frames per second", ("tracked",))
+        self._parts = self._chart(gui, "Differing pixels in windows", [_words(part) for part in PART_STAGES])
+        self._lag = self._chart(gui, "Seconds that this page is behind", ("behind",))
+        self._part_px: deque[tuple[int, Floats]] = deque(maxlen=SPAN_FRAMES)
+        self._lags_s: deque[tuple[int, Floats]] = deque(maxlen=SPAN_FRAMES)
 
     @staticmethod
     def _chart(
@@ -46,6 +52,9 @@ class Curves:
             *(
                 viser.uplot.Series(label=name, stroke=_COLOURS[n % len(_COLOURS)], width=1.5)
                 for n, name in enumerate(names)
+            ),
+            viser.uplot.Series(
+                label="shown", width=0, fill=_PAST, points=viser.uplot.Series_Points(show=False)
             ),
         ]
         nothing = tuple(np.zeros(1) for _ in series)
@@ -61,31 +70,60 @@ class Curves:
             legend=viser.uplot.Legend(show=len(names) > 1),
             visible=False,
         )
-        return _Chart(handle, names)
+        return _Chart(handle, None if limits is None else limits[0])
 
     def draw(self, frame: int) -> None:
-        """Draw the frames up to one; charts of which nothing is known stay away."""
-        known = self._reel.stretch(frame - SPAN_FRAMES + 1, frame + 1)
+        """Draw the frames about one; charts of which nothing is known stay away."""
+        start = max(self._reel.frames.start, frame - SPAN_FRAMES + 1)
+        known = self._reel.stretch(start, start + SPAN_FRAMES)
         if len(known.frames) < 2:
             return
         ms = 1e3 * known.seconds[:, [STAGES.index(name) for name in _SHOWN_STAGES]]
-        self._fill(self._energy, known, known.energy_px[:, None])
-        self._fill(self._confidence, known, known.confidence)
-        self._fill(self._times, known, ms)
+        self._fill(self._energy, known.frames, frame, known.energy_px[:, None])
+        self._fill(self._confidence, known.frames, frame, known.confidence)
+        self._fill(self._times, known.frames, frame, ms)
         with np.errstate(divide="ignore"):
-            self._fill(self._speed, known, _smooth(1.0 / known.seconds[:, STAGES.index("frame")])[:, None])
+            self._fill(
+                self._speed,
+                known.frames,
+                frame,
+                _smooth(1.0 / known.seconds[:, STAGES.index("frame")])[:, None],
+            )
+
+        self._fill_noted(self._parts, self._part_px, frame)
+        self._fill_noted(self._lag, self._lags_s, frame)
+
+    def note_parts(self, frame: int, part_px: dict[Part, int]) -> None:
+        """Remember what differs in the windows of limbs and head in a frame that was looked at."""
+        self._part_px.append((frame, np.array([part_px[part] for part in PART_STAGES], np.float64)))
+
+    def note_lag(self, frame: int, behind_s: float) -> None:
+        """Remember how late the browser was with a live frame."""
+        self._lags_s.append((frame, np.array([behind_s])))
+
+    def _fill_noted(self, chart: _Chart, noted: deque[tuple[int, Floats]], frame: int) -> None:
+        """Draw what was remembered, in the order of frames."""
+        rows = dict(sorted(dict(noted).items()))
+        if len(rows) > 1:
+            frames = np.array(list(rows), np.int32)
+            self._fill(chart, frames, frame, np.array(list(rows.values())))
 
     @staticmethod
-    def _fill(chart: _Chart, known: Stretch, values: Floats) -> None:
-        """values: (N, S)."""
+    def _fill(chart: _Chart, frames: Ints, frame: int, values: Floats) -> None:
+        """frames: (N,), values: (N, S) of the chart's series; up to a frame they are shaded."""
         has_any = bool(np.isfinite(values).any())
         if has_any:
-            columns = np.nan_to_num(
-                values, posinf=0.0
-            ).T  # what is not a number leaves a chart without a scale
-            chart.handle.data = (known.frames.astype(np.float64), *columns)
+            columns = np.nan_to_num(values, posinf=0.0).T  # a chart without numbers only has no scale
+            has_more = frame < frames[-1]
+            floor = columns.min() if chart.floor is None else chart.floor
+            past = np.where(has_more & (frames <= frame), columns.max(), floor)
+            chart.handle.data = (frames.astype(np.float64), *columns, past)
         if chart.handle.visible != has_any:
             chart.handle.visible = has_any
+
+
+def _words(part: Part) -> str:
+    return part.replace("_", " ")
 
 
 def _smooth(values: Floats, width: int = 9) -> Floats:

@@ -17,12 +17,14 @@ _CAPTION = (
 )
 
 
-def grid_columns(n_cameras: int) -> int:
-    """Into how many columns a number of tiles goes."""
-    return 1 if n_cameras < 2 else 2 if n_cameras <= 10 else 3
+def grid_columns(n_cameras: int, square: bool) -> int:
+    """Into how many columns a number of tiles goes; square: tiles are as high as wide."""
+    if n_cameras < 2:
+        return 1
+    return 2 if n_cameras <= (6 if square else 10) else 3
 
 
-def camera_grid(tiles: Sequence[Tile], names: Sequence[str], frame: int) -> str:
+def camera_grid(tiles: Sequence[Tile], names: Sequence[str], frame: int, square: bool = False) -> str:
     """The tiles with their cameras' names and differing pixels; each image tells its frame."""
     cells = []
     for tile in tiles:
@@ -35,7 +37,7 @@ def camera_grid(tiles: Sequence[Tile], names: Sequence[str], frame: int) -> str:
             f'data-frame="{frame}" style="width:100%;display:block" src="data:image/jpeg;base64,{source}">'
             f'<span style="{_CAPTION}">{caption}</span></div>'
         )
-    columns = grid_columns(len(tiles))
+    columns = grid_columns(len(tiles), square)
     style = f"display:grid;grid-template-columns:repeat({columns},1fr);gap:3px;background:#111;padding:3px"
     return f'<div id="cameras" style="{style}">{"".join(cells)}</div>'
 

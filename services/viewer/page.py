@@ -32,7 +32,8 @@ _ANSWER_S = 5.0
 _TRAIL_S = 2.0
 _GRID_WIDTH_PX, _PANEL_WIDTH_PX = 540, 400
 _AWAY_M, _BESIDE_RAD, _FOV_RAD, _WAYPOINTS = 2.4, 0.9, 0.9, 9
-"""Where a browser looks from at first."""
+_ROAMING_M = 1.0
+"""Where a browser looks from at first, and how far it stands back while little is known of a motion."""
 _FRUSTUM_PX = 160
 
 
@@ -72,6 +73,7 @@ class Page:
                     self._programme = Programme(self._client, show)
                 if self._programme is not None and self._programme.update():
                     self._await_answer()
+                    self._programme.note_answer()
         except _Gone:
             log.info("browser %d is gone", self._client.client_id)
 
@@ -117,7 +119,9 @@ class Programme:
         self._grid_rhythm, self._slow_rhythm = _Rhythm(_GRID_S, _REST), _Rhythm(_SLOW_S)
         self._frusta_rhythm = _Rhythm(_FRUSTA_S)
         self._drawn: tuple[int, Look] | None = None
-        self._slow_frame = self._hung_frame = self._placed_frame = -1
+        self._slow_frame = self._hung_frame = -1
+        self._placed: Shot | None = None
+        self._behind_s: float | None = None
         self._told, self._advanced_s = -1, time.monotonic()
         self._looked = False
 
@@ -148,10 +152,20 @@ class Programme:
         self._told = controls.version
         return any(sent)
 
+    def note_answer(self) -> None:
+        """The browser has taken in what was sent."""
+        if self._placed is not None and self._show.is_live and self._controls.player.is_live:
+            self._behind_s = time.monotonic() - self._placed.arrived_s
+            self._curves.note_lag(self._placed.frame, self._behind_s)
+
     def _show_body(self, shot: Shot) -> bool:
-        if shot.frame == self._placed_frame and self._told == self._controls.version:
+        if (
+            self._placed is not None
+            and shot.frame == self._placed.frame
+            and self._told == self._controls.version
+        ):
             return False
-        self._placed_frame = shot.frame
+        self._placed = shot
         self._stage.place(shot)
         if not self._looked:
             self._look_at(shot)
@@ -178,7 +192,7 @@ class Programme:
         known = [found.pose[:3] for found in map(reel.shot, some.tolist()) if found is not None]
         middle_m, heading = np.mean([shot.pose[:3], *known], axis=0), shot.pose[3] + _BESIDE_RAD
         reach_m = float(np.ptp([shot.pose[:3], *known], axis=0).max())
-        away_m = _AWAY_M + 0.5 * reach_m
+        away_m = _AWAY_M + (0.5 * reach_m if reel.is_over else _ROAMING_M)
         eye_m = middle_m + np.array([away_m * np.cos(heading), away_m * np.sin(heading), 0.25 * away_m])
         self._client.camera.position = eye_m
         self._client.camera.look_at = middle_m - (0.0, 0.0, 0.1)
@@ -195,17 +209,24 @@ class Programme:
         seconds = shot.seconds[STAGES.index("frame")]
         if np.isfinite(seconds) and seconds > 0:
             rows.append(("tracking", f"{1 / seconds:.1f} frames per second"))
+        if player.is_live and self._behind_s is not None:
+            rows.append(("page", f"{self._behind_s:.2f} s behind"))
         return lines_of(rows)
 
     def _show_grid(self, shot: Shot) -> bool:
         artist, look = self._show.artist, self._controls.look
         if artist is None or self._grid is None or self._drawn == (shot.frame, look):
             return False
-        if not self._grid_rhythm.is_due():
+        is_asked_for = self._drawn is not None and self._drawn[1] != look
+        if not is_asked_for and not self._grid_rhythm.is_due():
             return False
         began_s = time.monotonic()
-        tiles = artist.draw(shot, look)
-        self._grid.content = camera_grid(tiles, self._show.camera_names, shot.frame)
+        sheet = artist.draw(shot, look)
+        self._grid.content = camera_grid(
+            sheet.tiles, self._show.camera_names, shot.frame, square=look.part is not None
+        )
+        if sheet.part_px:
+            self._curves.note_parts(shot.frame, sheet.part_px)
         self._drawn = shot.frame, look
         self._grid_rhythm.done(began_s)
         return True

@@ -19,8 +19,6 @@ class Player:
     is_playing: bool = False
     speed: float = 1.0
     """Times the recording's own; playing only."""
-    is_looping: bool = True
-    """Playing begins anew at the end of a take that is over."""
     _carry: float = 0.0
     """Part of a frame that time has already gone on by."""
 
@@ -38,10 +36,10 @@ class Player:
         return self.frame
 
     def _within(self, frame: int, newest: int) -> int:
-        """A frame that plays on where there is one: from the start again, or held at the newest."""
+        """The frame to play: from the start again where a take that is over ends, else held at the newest."""
         if frame <= newest:
             return frame
-        return self.reel.frames.start if self.is_looping else newest
+        return self.reel.frames.start if self.reel.is_over else newest
 
     def seek(self, frame: int) -> None:
         """Show a frame, and stand there or go on playing from there; no longer live."""

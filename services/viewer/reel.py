@@ -98,6 +98,8 @@ class Reel:
         self._lock = threading.Lock()
         self.newest: int | None = None
         """The frame that was solved last."""
+        self.is_over = False
+        """Whether no further frame will come."""
 
     def put(self, shot: Shot) -> None:
         """Take in a frame; one outside the range is left out, one before the newest may fill a gap."""

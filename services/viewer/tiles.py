@@ -21,6 +21,7 @@ from services.viewer.reel import Shot
 
 Content = Literal["pictures", "silhouettes", "difference"]
 _QUALITY = 80
+_WHOLE = (slice(None), slice(None))
 _KEPT_SHEETS = 8
 """Sheets kept for other browsers that look at the same."""
 
@@ -46,6 +47,16 @@ class Tile:
     """Pixels of what is shown in which model and silhouette differ; None where no silhouette is known."""
 
 
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """What a look shows of one frame."""
+
+    tiles: tuple[Tile, ...]
+    part_px: dict[Part, int]
+    """Differing pixels within the windows of limbs and head, over all cameras; empty where no silhouettes are
+    known."""
+
+
 class TileArtist:
     """Draws tiles of one body before one rig; sheets that were drawn a moment ago are kept."""
 
@@ -53,9 +64,9 @@ class TileArtist:
         self._body, self._rig, self._pictures = body, rig, pictures
         self._painter = ModelPainter(body, rig)
         self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[int, Look], list[Tile]] = OrderedDict()
+        self._kept: OrderedDict[tuple[int, Look], Sheet] = OrderedDict()
 
-    def draw(self, shot: Shot, look: Look) -> list[Tile]:
+    def draw(self, shot: Shot, look: Look) -> Sheet:
         """The tiles of the cameras that a look names, in its order."""
         key = shot.frame, look
         with self._lock:
@@ -73,26 +84,47 @@ class TileArtist:
             silhouette = self._pictures.silhouette(camera, frame) if picture is None else None
         return _ground(picture, silhouette, (height, width))
 
-    def _draw(self, shot: Shot, look: Look) -> list[Tile]:
+    def _draw(self, shot: Shot, look: Look) -> Sheet:
         masks = self._painter.segment_masks(shot.pose)
-        windows = self._windows(shot.pose, look.part)
-        return [self._tile(shot.frame, c, masks[c], windows[c], look) for c in look.cameras]
+        windows = [_WHOLE] * self._rig.n_cameras if look.part is None else self._windows(shot.pose, look.part)
+        if look.content == "pictures":  # nobody needs silhouettes, which may cost a lot
+            tiles = [self._tile(shot.frame, c, masks[c], None, windows[c], look) for c in look.cameras]
+            return Sheet(tuple(tiles), {})
+        seen = [self._pictures.silhouette(c, shot.frame) for c in range(self._rig.n_cameras)]
+        tiles = [self._tile(shot.frame, c, masks[c], seen[c], windows[c], look) for c in look.cameras]
+        return Sheet(tuple(tiles), self._part_px(shot.pose, masks, seen))
 
-    def _windows(self, pose: Floats, part: Part | None) -> list[tuple[slice, slice]]:
-        """Rows and columns of each camera's picture that are looked at."""
-        if part not in PART_STAGES:
-            return [(slice(None), slice(None))] * self._rig.n_cameras
+    def _part_px(self, pose: Floats, masks: list[Bytes], seen: list[Mask | None]) -> dict[Part, int]:
+        differing = [m != (model > 0) for m, model in zip(seen, masks, strict=True) if m is not None]
+        if len(differing) < len(seen):
+            return {}
+        return {
+            part: sum(
+                int(np.count_nonzero(mask[window]))
+                for mask, window in zip(differing, self._windows(pose, part), strict=True)
+            )
+            for part in PART_STAGES
+        }
+
+    def _windows(self, pose: Floats, part: Part) -> list[tuple[slice, slice]]:
+        """Rows and columns of each camera's picture in which a part is searched."""
         stage = PART_STAGES[part]
         size = window_size_px(stage, self._rig)
         origins_px = window_origins_px(stage, pose, self._body, self._rig)
         return [(slice(y, y + size), slice(x, x + size)) for x, y in origins_px.tolist()]
 
-    def _tile(self, frame: int, camera: int, model: Bytes, window: tuple[slice, slice], look: Look) -> Tile:
+    def _tile(
+        self,
+        frame: int,
+        camera: int,
+        model: Bytes,
+        silhouette: Mask | None,
+        window: tuple[slice, slice],
+        look: Look,
+    ) -> Tile:
         picture = None if look.content == "silhouettes" else self._pictures.picture(camera, frame)
-        compares = (
-            look.content != "pictures" or picture is None
-        )  # else nobody needs it, and it may cost a lot
-        silhouette = self._pictures.silhouette(camera, frame) if compares else None
+        if picture is None and silhouette is None:
+            silhouette = self._pictures.silhouette(camera, frame)
         ground, model = _ground(picture, silhouette, model.shape)[window], model[window]
         height = max(2, round(look.tile_width_px * model.shape[0] / model.shape[1]))
         grid = Grid(1, 1, look.tile_width_px, height)

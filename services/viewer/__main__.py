@@ -1,0 +1,68 @@
+"""Viewer process: `python -m services.viewer --connect tcp://HOST:5550`, then look at http://127.0.0.1:8080."""
+
+import logging
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from proto.keys import ClientKeys
+from proto.streams import DEFAULT_ENDPOINT
+from services.mocap.take.folder import open_take
+from services.process import KeysOption, StopRequest, keys_of_client, run_service
+from services.viewer.address import DEFAULT_ADDRESS, Address, TokenOption, token_of
+from services.viewer.doors import open_doors
+from services.viewer.listener import Listener
+
+_LOOK_S = 0.1
+_NICENESS = 15
+"""Tracking goes first where both want the same core."""
+
+log = logging.getLogger(__name__)
+
+
+def serve(
+    take: Path | None,
+    endpoint: str,
+    address: Address,
+    token: str | None,
+    keys: ClientKeys | None,
+    stop: StopRequest,
+) -> None:
+    """Show what a coordinator tracks until a stop is asked for."""
+    os.nice(_NICENESS)
+    folder = None if take is None else open_take(take)
+    with open_doors(address, token) as (server, url):
+        listener = Listener(endpoint, keys, folder, server.show)
+        log.info("coordinator at %s; look at %s", endpoint, url)
+        try:
+            while not stop:
+                listener.listen(_LOOK_S)
+        finally:
+            listener.close()
+
+
+def main(
+    connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
+    take: Annotated[
+        Path | None,
+        typer.Option(help="The take folder, for its pictures; without it there are silhouettes."),
+    ] = None,
+    bind: Annotated[
+        str, typer.Option(help="Where browsers find the page, HOST:PORT; beyond this machine with a token.")
+    ] = DEFAULT_ADDRESS,
+    token_file: TokenOption = None,
+    keys: KeysOption = None,
+) -> None:
+    """Show a take in browsers while it is tracked."""
+
+    def work(stop: StopRequest) -> None:
+        address = Address.of(bind)
+        serve(take, connect, address, token_of(token_file, address), keys_of_client(keys, "viewer"), stop)
+
+    run_service("viewer", work)
+
+
+if __name__ == "__main__":
+    typer.run(main)

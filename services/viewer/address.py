@@ -1,0 +1,77 @@
+"""Where browsers find the page, and what they must know to come in."""
+
+import ipaddress
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Self, TypeAlias
+
+import typer
+
+from services.mocap.errors import UserError
+
+DEFAULT_ADDRESS = "127.0.0.1:8080"
+TOKEN_VARIABLE = "XORMOCAP_VIEWER_TOKEN"  # noqa: S105  (the variable's name)
+SHORTEST_TOKEN = 8
+TokenOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--token-file",
+        help=f"A file with the token that browsers must give; {TOKEN_VARIABLE} may hold the token itself.",
+    ),
+]
+_ADDRESS = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+\]|[\w.-]+):(?P<port>[0-9]{1,5})", re.ASCII)
+_TOKEN = re.compile(r"[A-Za-z0-9_.~-]+", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Address:
+    """A host's name or number, and a port; 0 for any that is free."""
+
+    host: str
+    port: int
+
+    @classmethod
+    def of(cls, text: str) -> Self:
+        """Read HOST:PORT; raises UserError where it is none."""
+        parts = _ADDRESS.fullmatch(text)
+        if parts is None or int(parts["port"]) > 65535:
+            raise UserError(f"--bind {text}: expected HOST:PORT, such as {DEFAULT_ADDRESS}")
+        return cls(parts["host"].strip("[]"), int(parts["port"]))
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine reaches it."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+
+def token_of(file: Path | None, address: Address) -> str | None:
+    """The token that browsers must give: of a file, or of the environment; None: none is asked for.
+
+    Raises UserError for one that is too short or that no address can hold, and where an address beyond this
+    machine has none.
+    """
+    token, where = os.environ.get(TOKEN_VARIABLE) or None, TOKEN_VARIABLE
+    if file is not None:
+        where = str(file)
+        try:
+            token = file.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError):
+            raise UserError(f"{file}: cannot be read: expected the token that browsers must give") from None
+    if token is None:
+        if address.is_loopback:
+            return None
+        raise UserError(
+            f"--bind {address.host}:{address.port}: anyone could look at the page there: give a token that "
+            f"browsers must give, by --token-file FILE or {TOKEN_VARIABLE}, or bind to {DEFAULT_ADDRESS}"
+        )
+    if len(token) < SHORTEST_TOKEN or _TOKEN.fullmatch(token) is None:
+        raise UserError(
+            f"{where}: expected a token of at least {SHORTEST_TOKEN} letters, digits and -._~, such as "
+            "python3 -c 'import secrets; print(secrets.token_urlsafe())' makes"
+        )
+    return token

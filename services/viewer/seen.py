@@ -1,0 +1,73 @@
+"""What the cameras of a live take saw: pictures of its folder, silhouettes that the coordinator had."""
+
+import threading
+import zlib
+from collections import OrderedDict
+from collections.abc import Callable
+
+import numpy as np
+
+from proto.messages import Silhouettes
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import camera_bit
+from services.mocap.types import Bytes, Mask
+from services.viewer.pictures import TakePictures
+
+_KEPT_FRAMES = 512
+"""Frames whose silhouettes are kept, packed, for going back to them; a few kilobytes each."""
+_PATIENCE_S = 0.3
+"""How long a page waits for silhouettes; the coordinator answers between two steps of its own."""
+
+
+class LivePictures:
+    """See Pictures. Silhouettes are there for frames that somebody looked at while they were new."""
+
+    def __init__(self, rig: Rig, folder: TakePictures | None, ask: Callable[[int], None]) -> None:
+        """folder: the take's, where this host has it. ask: asks the coordinator for a frame's silhouettes."""
+        self._rig, self._folder, self._ask = rig, folder, ask
+        self._packed: OrderedDict[int, dict[int, bytes]] = OrderedDict()
+        self._asked: OrderedDict[int, None] = OrderedDict()
+        self._came = threading.Condition()
+
+    def picture(self, camera: int, frame: int) -> Bytes | None:
+        """See Pictures.picture."""
+        return None if self._folder is None else self._folder.picture(camera, frame)
+
+    def silhouette(self, camera: int, frame: int) -> Mask | None:
+        """See Pictures.silhouette."""
+        mask = None if self._folder is None else self._folder.silhouette(camera, frame)
+        if mask is not None:
+            return mask
+        with self._came:
+            if frame not in self._asked and frame not in self._packed:
+                self._asked[frame] = None
+                while len(self._asked) > _KEPT_FRAMES:
+                    self._asked.popitem(last=False)
+                self._ask(frame)
+                self._came.wait_for(lambda: self._is_whole(frame), _PATIENCE_S)
+            packed = self._packed.get(frame, {}).get(camera)
+        width, height = self._rig.sizes_px[camera].tolist()
+        if packed is None:
+            return None
+        bits = np.frombuffer(zlib.decompress(packed), np.uint8)
+        return np.unpackbits(bits, count=height * width).reshape(height, width).astype(bool)
+
+    def _is_whole(self, frame: int) -> bool:
+        return len(self._packed.get(frame, {})) == self._rig.n_cameras
+
+    def add(self, message: Silhouettes) -> None:
+        """Take in silhouettes of some cameras; those that do not fit the rig are left out."""
+        cameras = message.cameras
+        if max(cameras) >= self._rig.n_cameras or message.planes.shape[1:] != self._rig.shape_px:
+            return
+        with self._came:
+            if message.frame not in self._asked:
+                return
+            frame = self._packed.setdefault(message.frame, {})
+            for k, camera in enumerate(cameras[: 8 * len(message.planes)]):
+                width, height = self._rig.sizes_px[camera].tolist()
+                mask = camera_bit(message.planes, k)[:height, :width]
+                frame[camera] = zlib.compress(np.packbits(mask).tobytes(), 1)
+            while len(self._packed) > _KEPT_FRAMES:
+                self._packed.popitem(last=False)
+            self._came.notify_all()
