@@ -18,6 +18,7 @@ from rich.table import Table
 from services.bench import accuracy as accuracies
 from services.bench import actors as actor_fits
 from services.bench import effects
+from services.bench import page as watching
 from services.bench import segmentation as silhouettes
 from services.bench import table2 as frame_times
 from services.bench.contestants import Contestants, Name
@@ -25,6 +26,7 @@ from services.bench.machine import Machine, this_machine
 from services.bench.people import Variety
 from services.bench.problems import Setup
 from services.bench.table1 import Row, as_table, measure
+from services.bench.takes import take_folder
 from services.mocap.errors import UserError
 from services.mocap.search.settings import Preset
 
@@ -227,6 +229,20 @@ def segmentation(
                 rows.append(row)
                 status.update(f"{take}: {row.camera}: done")
     _finish(console, [silhouettes.as_table(rows)], json_path, machine, rows)
+
+
+@app.command()
+def page(
+    take: Annotated[str, typer.Argument(metavar="[TAKE]", help="A take's folder, or a motion.")] = "basic",
+    rounds: Annotated[int, typer.Option(min=1, help="How often every way is gone, in turn.")] = 5,
+    json_path: JsonOption = None,
+) -> None:
+    """Frames per second without the viewer, with it, and with a browser that looks at the page."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine = this_machine()
+    console.print(str(machine), highlight=False)
+    rows = watching.measure(take_folder(take), rounds)
+    _finish(console, [watching.as_table(rows)], json_path, machine, rows)
 
 
 def _going_on(measured: Iterator[Found], take: str, console: Console) -> Iterator[Found]:

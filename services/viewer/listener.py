@@ -28,7 +28,7 @@ from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.viewer.contents import Contents
 from services.viewer.pictures import TakePictures
-from services.viewer.reel import STAGES, Reel, Shot
+from services.viewer.reel import RING_FRAMES, STAGES, Reel, Shot
 from services.viewer.seen import LivePictures
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
@@ -102,7 +102,7 @@ class Listener:
             return
         log.info("take %s, frames %d to %d", info.take, info.first_frame, info.end_frame - 1)
         self._info, self._contents, self._pictures = info, Contents(info), None
-        self._reel = Reel(range(info.first_frame, info.end_frame), older=self._want_older)
+        self._reel = Reel(range(info.first_frame, info.end_frame), RING_FRAMES, self._want_older)
         self._asked_s = 0.0
 
     def _want_older(self, frame: int) -> Shot | None:

@@ -133,7 +133,7 @@ class Reel:
             row = self._rows[frame % self.capacity].copy()
             fetched = self._fetched.get(frame)
         if row["frame"] == frame:
-            return Shot(**{name: row[name] for name in _ROW.names or ()})
+            return _shot(row)
         if fetched is not None or self._older is None or frame not in self.frames:
             return fetched
         found = self._older(frame)
@@ -169,3 +169,9 @@ class Reel:
         """The whole take, in at most 600 bins."""
         with self._lock:
             return Overview(self._known.copy(), self._energy_px.copy(), self._distrusted.copy())
+
+
+def _shot(row: np.void) -> Shot:
+    """A row of the ring, its numbers as Python's own."""
+    fields = {name: row[name] for name in _ROW.names or ()}
+    return Shot(**{name: value if value.ndim else value.item() for name, value in fields.items()})

@@ -20,7 +20,13 @@ from services.viewer.pictures import Pictures
 from services.viewer.reel import Shot
 
 Content = Literal["pictures", "silhouettes", "difference"]
-_QUALITY = 80
+_JPEG = (
+    *(cv2.IMWRITE_JPEG_QUALITY, 80),
+    *(
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    ),  # thin lines keep their colours
+)
 _WHOLE = (slice(None), slice(None))
 _KEPT_SHEETS = 8
 """Sheets kept for other browsers that look at the same."""
@@ -134,7 +140,7 @@ class TileArtist:
         else:
             drawn = draw_outline(ground, model, grid)
         differing = None if seen is None else int(np.count_nonzero(seen != (model > 0)))
-        jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+        jpeg = cv2.imencode(".jpg", drawn, _JPEG)[1]
         return Tile(camera, jpeg.tobytes(), differing)
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import secrets
+import socket
 import subprocess
 import time
 from collections.abc import Callable
@@ -58,7 +59,15 @@ class Stack:
         self.out, self._name = out, f"xormocap-test-{secrets.token_hex(3)}"
         self.user = f"{os.getuid() or 1000}:{os.getgid() or 1000}"
         """Who the services run as; root's as somebody else."""
-        self._env = {"OUT": str(out), "XORMOCAP_USER": self.user, "XORMOCAP_BACKEND": "cpu", **settings}
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.page_port: int = free.getsockname()[1]
+        self._env = {
+            "OUT": str(out),
+            "XORMOCAP_USER": self.user,
+            "XORMOCAP_BACKEND": "cpu",
+            "VIEWER": f"127.0.0.1:{self.page_port}",
+            **settings,
+        }
         self._keys = out.parent / f"{out.name}-keys"
         self._others: list[str] = []
 

@@ -1,11 +1,14 @@
 """compose.yaml tracks takes as local processes do, whatever happens to its services meanwhile."""
 
 import json
+import re
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from stack import Stack, docker, pause
+from stack import Stack, docker, pause, wait_until
 
 pytestmark = [pytest.mark.containers, pytest.mark.timeout(1200), pytest.mark.usefixtures("image")]
 
@@ -24,6 +27,22 @@ def test_up_tracks_a_take_and_returns(stack: Stack, local_poses: str) -> None:
     assert (stack.out / "result" / "report.html").exists()
     for worker in stack.containers("limb-worker"):
         assert stack.inspect(worker)["Health"]["Status"] == "healthy", "workers stay for the next take"
+
+
+def test_the_page_opens_for_whoever_has_the_token(stack: Stack) -> None:
+    stack.start()
+    viewer = stack.one("viewer")
+    wait_until(lambda: stack.inspect(viewer)["Health"]["Status"] == "healthy", stack.logs)
+    address = re.search(r"http://\S+\?token=\S+", stack.logs("prepare"))
+    assert address is not None
+    assert address[0].startswith(f"http://127.0.0.1:{stack.page_port}/?token=")
+    with pytest.raises(urllib.error.HTTPError, match="401"):
+        urllib.request.urlopen(f"http://127.0.0.1:{stack.page_port}/", timeout=20)
+    browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+    with browser.open(address[0], timeout=20) as page:
+        assert b"viser" in page.read().lower()
+    stack.finish()
+    assert stack.inspect(viewer)["Health"]["Status"] == "healthy", "it stays for the next take"
 
 
 def test_eight_workers(take: Path, tmp_path: Path, local_poses_of_eight: str) -> None:

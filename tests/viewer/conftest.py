@@ -1,0 +1,132 @@
+"""Frames to show, a take, a coordinator that only plays back, the viewer's process, a browser."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playback import Playback
+from playwright.sync_api import Browser, sync_playwright
+
+from services.launcher import free_endpoint
+from services.mocap.body.actor import Actor
+from services.mocap.synth.take import write_synthetic_take
+from services.mocap.take.actor_file import write_actor
+from services.mocap.take.folder import Take, open_take
+from services.mocap.take.layout import ACTOR, SETTINGS
+from services.mocap.take.marks import PARTS
+from services.mocap.take.settings import read_settings
+from services.viewer.reel import STAGES, Shot
+
+FLAGS = (
+    *("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--ignore-gpu-blocklist", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync"),
+)
+
+
+@pytest.fixture
+def shot() -> Callable[..., Shot]:
+    """`shot(7)`: frame 7, whose pose, energy and confidence tell it from others."""
+
+    def make(frame: int, *, distrusted: tuple[str, ...] = (), arrived_s: float = np.nan) -> Shot:
+        return Shot(
+            frame=frame,
+            time_s=frame / 25,
+            pose=np.full(35, 0.001 * frame),
+            energy_px=100.0 + frame,
+            confidence=np.full(len(PARTS), 0.5),
+            distrusted=np.array([part in distrusted for part in PARTS]),
+            seconds=np.full(len(STAGES), 0.04),
+            arrived_s=arrived_s,
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Take:
+    """A take of eight cameras, its actor and its poses known."""
+    folder = tmp_path_factory.mktemp("viewer") / "walk"
+    write_synthetic_take(folder, n_frames=24, n_cameras=8)
+    write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
+    return open_take(folder)
+
+
+@pytest.fixture
+def result(walk: Take, tmp_path: Path) -> Path:
+    """Results of that take: its true poses."""
+    folder = tmp_path / "result"
+    folder.mkdir()
+    shutil.copy(walk.folder / "reference" / "poses.csv", folder)
+    shutil.copy(walk.folder / ACTOR, folder)
+    (folder / "run.json").write_text(f'{{"take": {{"folder": "{walk.folder}"}}}}')
+    return folder
+
+
+@pytest.fixture
+def playback(walk: Take) -> Iterator[Playback]:
+    """A coordinator that plays the take's true poses over and over, ten a second."""
+    with Playback(walk, free_endpoint()) as running:
+        yield running
+
+
+Viewer = Callable[..., "subprocess.Popen[str]"]
+
+
+@pytest.fixture
+def start_viewer(tmp_path: Path) -> Iterator[Viewer]:
+    """`start_viewer("--connect", …)` starts the viewer's process and waits until it says where to look."""
+    running: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: object, module: tuple[str, ...] = ("services.viewer",)) -> "subprocess.Popen[str]":
+        log = tmp_path / f"viewer-{len(running)}.log"
+        command = [sys.executable, "-m", *module, *map(str, arguments)]
+        with log.open("w") as file:
+            process = subprocess.Popen(command, stdout=file, stderr=file, text=True)
+        running.append(process)
+        deadline_s = time.monotonic() + 60
+        while "look at http" not in log.read_text():
+            assert process.poll() is None and time.monotonic() < deadline_s, log.read_text()
+            time.sleep(0.1)
+        return process
+
+    yield start
+    for process in running:
+        process.send_signal(signal.SIGTERM)
+    for process in running:
+        process.wait(20)
+
+
+@pytest.fixture
+def free_port() -> int:
+    """A port of this machine's loopback that is free at this moment."""
+    return int(free_endpoint().rpartition(":")[2])
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    """A browser; tests that want one are skipped where there is none."""
+    path = os.environ.get("XORMOCAP_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        if os.environ.get("XORMOCAP_REQUIRE_CHROMIUM"):
+            pytest.fail("there is no chromium, and XORMOCAP_REQUIRE_CHROMIUM is set")
+        pytest.skip("there is no chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def screenshots(tmp_path: Path) -> Path:
+    """Where pictures of the page go, for somebody to look at."""
+    folder = Path(os.environ.get("XORMOCAP_SCREENSHOTS", tmp_path / "screenshots"))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -1,0 +1,42 @@
+"""Results as a show, with their take and without."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.mocap.errors import UserError
+from services.mocap.take.folder import Take
+from services.mocap.take.tables import read_poses_csv
+from services.view_show import finished_show
+from services.viewer.tiles import Look
+
+
+def test_results_with_their_take(result: Path, walk: Take) -> None:
+    show = finished_show(result, None)
+    assert not show.is_live and show.reel.is_over and show.reel.newest == 23
+    assert show.camera_names == tuple(camera.name for camera in walk.cameras)
+    shot = show.reel.shot(7)
+    assert shot is not None and show.artist is not None
+    np.testing.assert_array_equal(shot.pose, read_poses_csv(result / "poses.csv").poses[7])
+    (tile,) = show.artist.draw(shot, Look("difference", (2,), None)).tiles
+    assert tile.differing_px is not None and 0 < tile.differing_px < 500  # the true pose before a real mask
+
+
+def test_results_without_their_take_show_the_body_and_say_what_is_missing(result: Path) -> None:
+    (result / "run.json").write_text('{"take": {"folder": "/gone"}}')
+    show = finished_show(result, None)
+    assert show.rig is None and show.artist is None and show.camera_names == ()
+    assert "give --take to see its cameras" in show.remark
+    assert show.fps == pytest.approx(15)
+
+
+def test_the_take_may_be_elsewhere(result: Path, walk: Take) -> None:
+    (result / "run.json").write_text("nothing that JSON knows")
+    assert finished_show(result, None).artist is None
+    assert finished_show(result, walk.folder).artist is not None
+
+
+def test_what_is_no_result_is_said(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="expected the folder that xormocap track --out wrote"):
+        finished_show(tmp_path, None)

@@ -1,0 +1,97 @@
+"""The listener: joins late, asks for what it missed, and makes a show of it."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from playback import Playback
+
+from proto.messages import SilhouettesRequest
+from services.launcher import free_endpoint
+from services.mocap.take.folder import Take
+from services.viewer.listener import Listener
+from services.viewer.show import Show
+from services.viewer.tiles import Look
+
+
+@pytest.fixture
+def shows() -> list[Show]:
+    return []
+
+
+def _until(listener: Listener, condition: Callable[[], bool], timeout_s: float = 15) -> None:
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline_s
+        listener.listen(0.05)
+
+
+def _newest(shows: list[Show]) -> int:
+    return -1 if not shows or shows[-1].reel.newest is None else shows[-1].reel.newest
+
+
+def test_a_late_viewer_has_all_frames(walk: Take, shows: list[Show]) -> None:
+    with Playback(walk, free_endpoint(), frames=walk.settings.frames, period_s=0.1) as playback:
+        while playback.next_frame < 12:
+            time.sleep(0.05)
+        listener = Listener(playback.endpoint, None, walk, shows.append)
+        _until(listener, lambda: _newest(shows) > 12 and shows[-1].reel.first_gap() is None)
+        show = shows[-1]
+        assert show.camera_names == tuple(camera.name for camera in walk.cameras)
+        for frame in (0, 7, 12):
+            shot = show.reel.shot(frame)
+            assert shot is not None
+            np.testing.assert_array_equal(shot.pose, playback.pose(frame).pose)
+            assert shot.confidence[0] == 0.9 and np.isnan(shot.confidence[1])
+        listener.close()
+
+
+def test_what_left_the_ring_is_fetched_from_the_coordinator(
+    walk: Take, shows: list[Show], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("services.viewer.listener.RING_FRAMES", 50)
+    with Playback(walk, free_endpoint(), period_s=0.005) as playback:
+        listener = Listener(playback.endpoint, None, walk, shows.append)
+        _until(listener, lambda: _newest(shows) > 150)
+        reel = shows[-1].reel
+        assert reel.shot(20) is None
+        _until(listener, lambda: reel.shot(20) is not None)
+        assert reel.capacity == 50
+        listener.close()
+
+
+def test_without_the_take_there_are_silhouettes(walk: Take, shows: list[Show]) -> None:
+    with Playback(walk, free_endpoint()) as playback:
+        listener = Listener(playback.endpoint, None, None, shows.append)
+        _until(listener, lambda: _newest(shows) > 3)
+        show = shows[-1]
+        assert show.camera_names[0] == "camera 1" and show.artist is not None
+        shot = show.reel.shot(3)
+        assert shot is not None
+        first = show.artist.draw(shot, Look("difference", (0, 1), None))  # asks, and gives up after a moment
+        assert [tile.differing_px for tile in first.tiles] == [None, None]
+        _until(listener, lambda: any(isinstance(m, SilhouettesRequest) for m in playback.asked))
+        listener.listen(0.5)
+        second = show.artist.draw(shot, Look("difference", (1, 0), None))
+        assert all(tile.differing_px for tile in second.tiles)
+        listener.close()
+
+
+def test_a_restarted_coordinator_with_another_take_brings_another_show(walk: Take, shows: list[Show]) -> None:
+    endpoint = free_endpoint()
+    with Playback(walk, endpoint, period_s=0.02):
+        listener = Listener(endpoint, None, walk, shows.append)
+        _until(listener, lambda: _newest(shows) > 3)
+    with Playback(walk, endpoint, frames=500, period_s=0.02):
+        _until(listener, lambda: len(shows) == 2 and _newest(shows) > 3)
+    assert [len(show.reel.frames) for show in shows] == [10_000, 500]
+    listener.close()
+
+
+def test_the_end_of_a_take_is_noticed(walk: Take, shows: list[Show]) -> None:
+    with Playback(walk, free_endpoint(), frames=30, period_s=0.01) as playback:
+        listener = Listener(playback.endpoint, None, walk, shows.append)
+        _until(listener, lambda: bool(shows) and shows[-1].reel.is_over)
+        _until(listener, lambda: _newest(shows) == 29 and shows[-1].reel.first_gap() is None)
+        listener.close()

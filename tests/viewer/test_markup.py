@@ -1,0 +1,39 @@
+"""The page's HTML."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from services.viewer.markup import camera_grid, lines_of, timeline
+from services.viewer.reel import Overview
+from services.viewer.tiles import Tile
+
+
+def test_the_grid_has_a_picture_for_every_camera_and_no_foreign_markup() -> None:
+    html = camera_grid([Tile(0, b"\xff\xd8a", 12), Tile(1, b"\xff\xd8b", None)], ["<b>left", "right"], 7)
+    tree = ET.fromstring(_closed(html))  # noqa: S314  (our own)
+    images = tree.findall(".//img")
+    assert [image.get("data-frame") for image in images] == ["7", "7"]
+    assert [image.get("alt") for image in images] == ["<b>left", "right"]
+    assert [span.text for span in tree.findall(".//span")] == ["<b>left · 12 px", "right"]
+
+
+def _closed(html: str) -> str:
+    """HTML's void elements, closed as XML wants them."""
+    return html.replace('"><span', '"/><span')
+
+
+def test_the_timeline_shows_what_is_known_marks_and_the_present() -> None:
+    known = np.array([True] * 6 + [False] * 4)
+    distrusted = np.array([False, False, True, True, False, False, False, False, False, False])
+    tree = ET.fromstring(timeline(Overview(known, np.arange(10.0), distrusted), at=0.25))  # noqa: S314
+    rects = [(rect.get("x"), rect.get("width")) for rect in tree.findall("rect")]
+    assert rects == [("0", "6"), ("2", "2")]
+    line = tree.find("line")
+    assert line is not None and line.get("x1") == "2.50"
+    curve = tree.find("polyline")
+    assert curve is not None and len(str(curve.get("points")).split()) == 6
+
+
+def test_tables_show_words_as_they_are() -> None:
+    assert "a &lt;b&gt;" in lines_of([("take", "a <b>")])

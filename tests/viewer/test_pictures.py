@@ -1,0 +1,58 @@
+"""Pictures and silhouettes in any order are those that reading in order gives."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from services.mocap.camera.undistort import Undistorter
+from services.mocap.take.folder import Take
+from services.viewer.pictures import Reader, TakePictures
+
+
+def test_a_reader_goes_on_turns_back_and_jumps() -> None:
+    begun: list[int] = []
+
+    def begin(start: int) -> Iterator[int]:
+        begun.append(start)
+        return iter(range(start, 200))
+
+    reader = Reader(begin)
+    assert [reader.read(frame) for frame in (0, 1, 1, 5, 30, 3, 199, 0)] == [0, 1, 1, 5, 30, 3, 199, 0]
+    assert begun == [0, 3, 199, 0]
+
+
+def test_a_reader_that_failed_begins_anew() -> None:
+    def begin(start: int) -> Iterator[int]:
+        for frame in range(start, 10):
+            if frame == 4:
+                raise OSError
+            yield frame
+
+    reader = Reader(begin)
+    assert reader.read(2) == 2
+    with pytest.raises(OSError):
+        reader.read(5)
+    assert reader.read(5) == 5
+
+
+def test_pictures_of_a_take(walk: Take) -> None:
+    pictures = TakePictures(walk, None)
+    camera = walk.cameras[2]
+    with walk.video(camera) as video:
+        undistorter = Undistorter(camera)
+        expected = [undistorter.image(picture) for picture in video]
+    for frame in (3, 4, 20, 0):
+        found = pictures.picture(2, frame)
+        assert found is not None
+        np.testing.assert_array_equal(found, expected[frame])
+    assert pictures.silhouette(2, 3) is None  # nobody makes any
+
+
+def test_silhouettes_that_somebody_makes(walk: Take) -> None:
+    pictures = TakePictures(
+        walk, lambda _, start, stop: (np.full((2, 3), f % 2 == 0) for f in range(start, stop))
+    )
+    even, odd = pictures.silhouette(0, 4), pictures.silhouette(0, 5)
+    assert even is not None and odd is not None
+    assert even.all() and not odd.any()

@@ -1,0 +1,63 @@
+"""The player: live, playing, standing."""
+
+from collections.abc import Callable
+
+import pytest
+
+from services.viewer.player import Player
+from services.viewer.reel import Reel, Shot
+
+
+@pytest.fixture
+def reel(shot: Callable[..., Shot]) -> Reel:
+    reel = Reel(range(5, 100))
+    for frame in range(5, 30):
+        reel.put(shot(frame))
+    return reel
+
+
+def test_live_shows_the_newest(reel: Reel, shot: Callable[..., Shot]) -> None:
+    player = Player(reel, 25, 5, is_live=True)
+    assert player.advance(0.01) == 29
+    reel.put(shot(33))
+    assert player.advance(0.01) == 33
+
+
+def test_playing_goes_at_the_recordings_pace(reel: Reel) -> None:
+    player = Player(reel, 25, 5, is_live=False, is_playing=True)
+    frames = [player.advance(0.03) for _ in range(20)]  # 0.6 s, 15 frames
+    assert frames[-1] == 5 + 15 or frames[-1] == 5 + 14
+    assert frames == sorted(frames)
+
+
+@pytest.mark.parametrize(("speed", "frame"), [(0.25, 7), (0.5, 10), (2.0, 25), (4.0, 29)])
+def test_speed(reel: Reel, speed: float, frame: int) -> None:
+    player = Player(reel, 25, 5, is_live=False, is_playing=True, speed=speed)
+    assert player.advance(0.4 + 1e-9) == frame
+
+
+def test_playing_waits_for_frames_to_come_and_begins_anew_when_all_is_over(reel: Reel) -> None:
+    player = Player(reel, 25, 28, is_live=False, is_playing=True)
+    assert player.advance(1) == 29
+    reel.is_over = True
+    assert player.advance(1) == 5
+
+
+def test_whoever_scrubs_is_not_live_any_more(reel: Reel) -> None:
+    player = Player(reel, 25, 5, is_live=True)
+    player.seek(12)
+    assert player.advance(1) == 12
+    player.step(-1)
+    assert player.advance(1) == 11
+    player.step(-100)
+    assert player.advance(1) == 5
+    player.step(100)
+    assert player.advance(1) == 29
+    player.seek(12)
+    player.go_live()
+    assert player.advance(0) == 29
+
+
+def test_nothing_is_known_yet() -> None:
+    player = Player(Reel(range(10)), 25, 0, is_live=True)
+    assert player.advance(1) == 0

@@ -1,0 +1,37 @@
+"""Where the page's scene puts bodies and cameras."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.kinematics import segment_transforms
+from services.mocap.camera.rig import Rig
+from services.mocap.take.folder import Take
+from services.viewer.show import lenses_of, placed_segments
+
+
+def test_a_frustum_is_its_camera(walk: Take) -> None:
+    for camera, lens in zip(walk.cameras, lenses_of(Rig.of(walk.cameras)), strict=True):
+        np.testing.assert_allclose(lens.position_m, camera.centre_world_m, atol=1e-9)
+        R_world_camera = Rotation.from_quat(np.roll(lens.wxyz, -1)).as_matrix()
+        np.testing.assert_allclose(R_world_camera, camera.R_camera_world.T, atol=1e-9)
+        assert np.isclose(lens.fov_rad, 2 * np.arctan(camera.height_px / 2 / camera.K[1, 1]))
+        assert lens.aspect == camera.width_px / camera.height_px
+
+
+def test_a_projection_of_any_sign_is_the_same_camera(walk: Take) -> None:
+    rig = Rig.of(walk.cameras)
+    turned = Rig(-2.0 * rig.P_px_world, rig.sizes_px)
+    for ours, theirs in zip(lenses_of(rig), lenses_of(turned), strict=True):
+        np.testing.assert_allclose(ours.position_m, theirs.position_m, atol=1e-9)
+        np.testing.assert_allclose(abs(ours.wxyz @ theirs.wxyz), 1.0)
+
+
+def test_segments_stand_where_kinematics_has_them() -> None:
+    body = build_body(Actor(height=1.8))
+    pose = np.random.default_rng(3).uniform(-0.4, 0.4, 35)
+    placed = placed_segments(body, pose)
+    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
+    rotations = Rotation.from_quat(np.roll(placed.wxyz, -1, axis=1)).as_matrix()
+    np.testing.assert_allclose(rotations, T_world_segment[:, :3, :3], atol=1e-9)
+    np.testing.assert_allclose(placed.position_m, T_world_segment[:, :3, 3])

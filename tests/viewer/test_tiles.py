@@ -1,0 +1,99 @@
+"""Tiles: what is drawn into the camera grid."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from services.mocap.body.actor import Body, build_body
+from services.mocap.camera.rig import Rig
+from services.mocap.export.model_painter import ModelPainter
+from services.mocap.take.actor_file import take_actor
+from services.mocap.take.folder import Take
+from services.mocap.take.tables import read_poses_csv
+from services.mocap.types import Bytes, Floats, Mask
+from services.viewer.reel import Shot
+from services.viewer.tiles import Look, Sheet, Tile, TileArtist
+
+ALL = tuple(range(8))
+
+
+class Fixed:
+    """Grey pictures, and silhouettes that are the model's but for a band."""
+
+    def __init__(self, body: Body, rig: Rig, pose: Floats, band_px: int) -> None:
+        self._masks = [mask > 0 for mask in ModelPainter(body, rig).segment_masks(pose)]
+        self.differing = []
+        for mask in self._masks:
+            middle = mask.shape[0] // 2
+            self.differing.append(int(mask[middle : middle + band_px].sum()))
+            mask[middle : middle + band_px] = False
+
+    def picture(self, camera: int, frame: int) -> Bytes | None:  # noqa: ARG002
+        return np.full((*self._masks[camera].shape, 3), 90, np.uint8)
+
+    def silhouette(self, camera: int, frame: int) -> Mask | None:  # noqa: ARG002
+        return self._masks[camera]
+
+
+@pytest.fixture
+def scene(walk: Take, shot: Callable[..., Shot]) -> tuple[TileArtist, Shot, Fixed, Rig]:
+    actor = take_actor(walk)
+    assert actor is not None
+    body, rig = build_body(actor), Rig.of(walk.cameras)
+    pose = read_poses_csv(walk.folder / "reference" / "poses.csv").poses[12]
+    pictures = Fixed(body, rig, pose, band_px=10)
+    there = Shot(**{**vars(shot(12)), "pose": pose})
+    return TileArtist(body, rig, pictures), there, pictures, rig
+
+
+def _decoded(tile: Tile) -> Bytes:
+    picture = cv2.imdecode(np.frombuffer(tile.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    return np.asarray(picture, np.uint8)
+
+
+def _near(picture: Bytes, bgr: tuple[int, int, int]) -> int:
+    return int((np.abs(picture.astype(int) - bgr).max(axis=2) < 60).sum())
+
+
+def _draw(scene: tuple[TileArtist, Shot, Fixed, Rig], look: Look) -> Sheet:
+    return scene[0].draw(scene[1], look)
+
+
+def test_a_picture_gets_the_model_s_outline(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+    sheet = _draw(scene, Look("pictures", ALL, None))
+    assert [tile.camera for tile in sheet.tiles] == list(ALL)
+    assert sheet.part_px == {}
+    picture = _decoded(sheet.tiles[0])
+    assert picture.shape == (240, 320, 3)
+    assert _near(picture, (90, 90, 90)) > 0.8 * 320 * 240  # no fill
+    redder = picture[..., 2].astype(int) - picture[..., 0]
+    assert (redder > 60).sum() > 50  # the left side's outline
+    assert (redder < -60).sum() > 50  # the right one's
+
+
+def test_differences_are_counted_and_coloured(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+    sheet = _draw(scene, Look("difference", ALL, None))
+    assert [tile.differing_px for tile in sheet.tiles] == scene[2].differing
+    beyond = [_near(_decoded(tile), (255, 0, 255)) for tile in sheet.tiles]
+    for found, expected in zip(beyond, scene[2].differing, strict=True):
+        assert 0.4 * expected < found < 1.5 * expected
+    assert all(0 <= px <= sum(scene[2].differing) for px in sheet.part_px.values())
+    assert sheet.part_px["left_arm"] > 0
+
+
+def test_a_part_s_window_is_cut_out(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+    sheet = _draw(scene, Look("silhouettes", (1, 3), "left_arm"))
+    assert [tile.camera for tile in sheet.tiles] == [1, 3]
+    for tile in sheet.tiles:
+        picture = _decoded(tile)
+        assert picture.shape == (320, 320, 3)  # 128x128 at 320 pixels width, enlarged
+        assert _near(picture, (0, 94, 243)) > 100
+        assert tile.differing_px is not None and tile.differing_px <= scene[2].differing[tile.camera]
+
+
+def test_what_was_just_drawn_is_not_drawn_again(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+    look = Look("pictures", (0,), None)
+    assert _draw(scene, look) is _draw(scene, look)
+    assert _draw(scene, look) is not _draw(scene, Look("pictures", (1,), None))
