@@ -56,6 +56,7 @@ def _reel(table: PoseTable) -> Reel:
         zip(table.frames.tolist(), table.times_s.tolist(), table.energies_px.tolist(), strict=True)
     ):
         reel.put(Shot(frame, time_s, table.poses[row], energy_px, confidence[row], distrusted[row], unknown))
+    reel.is_over = True
     return reel
 
 
