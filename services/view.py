@@ -2,14 +2,16 @@
 
 import signal
 import threading
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
+from services.mocap.errors import UserError
 from services.view_show import finished_show
-from services.viewer.server import LOOPBACK, PageServer
+from services.viewer.address import LOOPBACK
 
 DEFAULT_PORT = 8080
 PortOption = Annotated[
@@ -21,8 +23,15 @@ ViewOption = Annotated[
 ]
 
 
+def check_page() -> None:
+    """Raise UserError where what serves the page is not installed."""
+    if find_spec("viser") is None:
+        raise UserError("the page needs viser, which is not here: pip install 'xormocap[page]'")
+
+
 def tell_page(port: int, console: Console) -> str:
-    """Say where to look while a take is tracked; returns that as HOST:PORT."""
+    """Say where to look while a take is tracked; returns that as HOST:PORT. Raises as check_page."""
+    check_page()
     console.print(f"look at http://{LOOPBACK}:{port}", markup=False, highlight=False, soft_wrap=True)
     return f"{LOOPBACK}:{port}"
 
@@ -35,6 +44,9 @@ def view(
     port: PortOption = DEFAULT_PORT,
 ) -> None:
     """Show results in a browser: the body, all cameras, curves; until Ctrl-C."""
+    check_page()
+    from services.viewer.server import PageServer  # what runs without a page has no viser
+
     show = finished_show(result, take)
     with PageServer(port) as server:
         server.show(show)

@@ -16,8 +16,6 @@ from services.viewer.doors import open_doors
 from services.viewer.listener import Listener
 
 _LOOK_S = 0.1
-_NICENESS = 15
-"""Tracking goes first where both want the same core."""
 
 log = logging.getLogger(__name__)
 
@@ -31,7 +29,6 @@ def serve(
     stop: StopRequest,
 ) -> None:
     """Show what a coordinator tracks until a stop is asked for."""
-    os.nice(_NICENESS)
     folder = None if take is None else open_take(take)
     with open_doors(address, token) as (server, url):
         listener = Listener(endpoint, keys, folder, server.show)
@@ -53,12 +50,17 @@ def main(
         str, typer.Option(help="Where browsers find the page, HOST:PORT; beyond this machine with a token.")
     ] = DEFAULT_ADDRESS,
     token_file: TokenOption = None,
+    niceness: Annotated[
+        int,
+        typer.Option("--nice", min=0, max=19, help="How far tracking goes first where both want a core."),
+    ] = 10,
     keys: KeysOption = None,
 ) -> None:
     """Show a take in browsers while it is tracked."""
 
     def work(stop: StopRequest) -> None:
         address = Address.of(bind)
+        os.nice(niceness)
         serve(take, connect, address, token_of(token_file, address), keys_of_client(keys, "viewer"), stop)
 
     run_service("viewer", work)

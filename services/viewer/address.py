@@ -11,7 +11,8 @@ import typer
 
 from services.mocap.errors import UserError
 
-DEFAULT_ADDRESS = "127.0.0.1:8080"
+LOOPBACK = "127.0.0.1"
+DEFAULT_ADDRESS = f"{LOOPBACK}:8080"
 TOKEN_VARIABLE = "XORMOCAP_VIEWER_TOKEN"  # noqa: S105  (the variable's name)
 SHORTEST_TOKEN = 8
 TokenOption: TypeAlias = Annotated[

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-from services.viewer.address import Address
+from services.viewer.address import LOOPBACK, Address
 from services.viewer.gate import Gate
-from services.viewer.server import LOOPBACK, PageServer
+from services.viewer.server import PageServer
 
 
 @contextmanager

@@ -8,12 +8,12 @@ import threading
 import viser
 
 from services.mocap.errors import UserError
+from services.viewer.address import LOOPBACK
 from services.viewer.page import Page
 from services.viewer.show import Show
 
 log = logging.getLogger(__name__)
 
-LOOPBACK = "127.0.0.1"
 _END_S = 2.0
 
 

@@ -87,7 +87,9 @@ def start_viewer(tmp_path: Path) -> Iterator[Viewer]:
 
     def start(*arguments: object, module: tuple[str, ...] = ("services.viewer",)) -> "subprocess.Popen[str]":
         log = tmp_path / f"viewer-{len(running)}.log"
-        command = [sys.executable, "-m", *module, *map(str, arguments)]
+        # The browser draws on the same cores.
+        nice = ("--nice", "0") if module == ("services.viewer",) else ()
+        command = [sys.executable, "-m", *module, *map(str, arguments), *nice]
         with log.open("w") as file:
             process = subprocess.Popen(command, stdout=file, stderr=file, text=True)
         running.append(process)
