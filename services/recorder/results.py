@@ -71,8 +71,7 @@ def write_results(
         write_poses_csv(part / POSES, table)
         if output.smooth != "none":
             write_poses_csv(part / POSES_SMOOTH, replace(table, poses=shown))
-        joints_take_m = to_take_world(joints_world_m, take.settings.up)
-        write_joints_csv(part / JOINTS, frames, times_s, joints_take_m, with_units=True)
+        write_joints_csv(part / JOINTS, frames, times_s, to_take_world(joints_world_m, take.settings.up))
         (part / ACTOR).write_text(actor.to_toml())
         if actor.mesh is not None:
             (part / MESH_FILE).write_bytes(actor.mesh.content)

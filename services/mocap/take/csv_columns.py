@@ -85,15 +85,6 @@ def read_columns(path: Path, required: Sequence[str], *, allow_extra: bool) -> C
     return Columns(path, dict(zip(header, zip(*rows, strict=True), strict=True)), lines)
 
 
-def has_column(path: Path, name: str) -> bool:
-    """Whether a table has a column; False too where it cannot be read."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            return name in next(csv.reader(file), [])
-    except (OSError, UnicodeDecodeError, csv.Error):
-        return False
-
-
 def _check_header(path: Path, header: list[str], required: Sequence[str], *, allow_extra: bool) -> None:
     unknown = [name for name in header if name not in required]
     missing = [name for name in required if name not in header]

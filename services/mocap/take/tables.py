@@ -13,7 +13,7 @@ import numpy as np
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import DOFS, JOINT_INDEX
 from services.mocap.errors import TakeError
-from services.mocap.take.csv_columns import Columns, as_cells, has_column, read_columns, write_columns
+from services.mocap.take.csv_columns import Columns, as_cells, read_columns, write_columns
 from services.mocap.take.marks import MARK_COLUMNS, Marks, mark_cells, read_marks
 from services.mocap.types import Floats, Ints
 
@@ -72,35 +72,20 @@ class PoseTable:
     """Of the N frames; None where nobody judged them, as in references and in older files."""
 
 
-def write_joints_csv(
-    path: Path, frames: Ints, times_s: Floats, joints_take_m: Floats, *, with_units: bool = False
-) -> None:
-    """joints_take_m: (N, 15, 3) in the world of the take's files; written to 0.01 mm.
-
-    with_units: the columns' names end with their unit, as in results; those of references do not.
-    """
-    time, names = _joint_columns(with_units)
-    coordinates = np.reshape(joints_take_m, (len(frames), len(names)))
-    columns = {name: as_cells(name, x, ".5f") for name, x in zip(names, coordinates.T, strict=True)}
-    write_columns(path, {**_frame_cells(frames, time, times_s), **columns})
-
-
-def _joint_columns(with_units: bool) -> tuple[str, list[str]]:
-    """The column of times, and those of coordinates."""
-    return ("time_s", [f"{name}_m" for name in _JOINT_COLUMNS]) if with_units else ("time", _JOINT_COLUMNS)
+def write_joints_csv(path: Path, frames: Ints, times_s: Floats, joints_take_m: Floats) -> None:
+    """joints_take_m: (N, 15, 3) in the world of the take's files; written to 0.01 mm."""
+    coordinates = np.reshape(joints_take_m, (len(frames), len(_JOINT_COLUMNS)))
+    columns = {name: as_cells(name, x, ".5f") for name, x in zip(_JOINT_COLUMNS, coordinates.T, strict=True)}
+    write_columns(path, {**_frame_cells(frames, "time", times_s), **columns})
 
 
 def read_joints_csv(path: Path) -> JointTable:
-    """Reads it with units in the columns' names or without.
-
-    Raises TakeError, which names the file and the column or line.
-    """
-    time, names = _joint_columns(has_column(path, "time_s"))
-    columns = read_columns(path, ["frame", time, *names], allow_extra=False)
-    coordinates = np.column_stack([columns.numbers(name) for name in names])
+    """Raises TakeError, which names the file and the column or line."""
+    columns = read_columns(path, ["frame", "time", *_JOINT_COLUMNS], allow_extra=False)
+    coordinates = np.column_stack([columns.numbers(name) for name in _JOINT_COLUMNS])
     return JointTable(
         frames=_frames(columns),
-        times_s=columns.numbers(time),
+        times_s=columns.numbers("time"),
         joints_take_m=coordinates.reshape(-1, len(REFERENCE_JOINTS), 3),
     )
 

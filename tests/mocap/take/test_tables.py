@@ -25,16 +25,13 @@ from services.mocap.types import Floats
 LENGTHS = st.integers(1, 6)
 
 
-@given(LENGTHS.flatmap(lambda n: arrays(np.float64, (n, 15, 3), elements=st.floats(-50, 50))), st.booleans())
-def test_joints_come_back_to_a_hundredth_of_a_millimetre(joints_m: Floats, with_units: bool) -> None:
+@given(LENGTHS.flatmap(lambda n: arrays(np.float64, (n, 15, 3), elements=st.floats(-50, 50))))
+def test_joints_come_back_to_a_hundredth_of_a_millimetre(joints_m: Floats) -> None:
     frames = 3 + 2 * np.arange(len(joints_m), dtype=np.int32)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "joints.csv"
-        write_joints_csv(path, frames, frames / 60, joints_m, with_units=with_units)
-        header = path.read_text("utf-8").splitlines()[0].split(",")
+        write_joints_csv(path, frames, frames / 60, joints_m)
         table = read_joints_csv(path)
-    names = ["time_s", "pelvis_x_m"] if with_units else ["time", "pelvis_x"]
-    assert header[:3] == ["frame", *names]
     np.testing.assert_array_equal(table.frames, frames)
     assert table.frames.dtype == np.int32
     np.testing.assert_allclose(table.times_s, frames / 60, atol=0.6e-6)
