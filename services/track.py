@@ -145,7 +145,16 @@ def track(
                 launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search, fitted, output
             )
             if page is not None:
-                watched = ("--take", str(take.folder), "--connect", endpoint, "--bind", page)
+                watched = (
+                    "--take",
+                    str(take.folder),
+                    "--connect",
+                    endpoint,
+                    "--bind",
+                    page,
+                    "--results",
+                    str(out),
+                )
                 launcher.start("viewer", *watched)
             started(launcher)
             _follow(launcher, endpoint, stop, show)

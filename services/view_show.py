@@ -3,19 +3,17 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
-
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.result.layout import RUN_JSON, TIMINGS
+from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
-from services.mocap.result.timings import read_timings_csv
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Mask
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.source import Segmenter, make_segmenter
+from services.viewer.finished import FinishedFrames
 from services.viewer.pictures import TakePictures
-from services.viewer.reel import STAGES, Reel, Shot
+from services.viewer.reel import Reel
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 
@@ -37,22 +35,11 @@ def finished_show(folder: Path, take: Path | None) -> Show:
 
 
 def _reel(result: Result) -> Reel:
-    tracked, timings = result.tracked, result.folder / TIMINGS
-    n, seconds_of = len(tracked.frames), read_timings_csv(timings) if timings.exists() else {}
-    seconds = np.column_stack([seconds_of.get(stage, np.full(n, np.nan)) for stage in STAGES])
-    reel = Reel(range(int(tracked.frames[0]), int(tracked.frames[-1]) + 1), capacity=n)
-    for row in range(n):
-        reel.put(
-            Shot(
-                frame=int(tracked.frames[row]),
-                time_s=float(tracked.times_s[row]),
-                pose=tracked.poses[row],
-                energy_px=float(tracked.energies_px[row]),
-                confidence=result.confidence[row],
-                distrusted=result.distrusted[row],
-                seconds=seconds[row],
-            )
-        )
+    finished = FinishedFrames(result)
+    reel = Reel(finished.frames, capacity=len(finished.frames))
+    for shot in map(finished.shot, finished.frames):
+        if shot is not None:
+            reel.put(shot)
     reel.is_over = True
     return reel
 

@@ -22,6 +22,7 @@ log = logging.getLogger(__name__)
 
 def serve(
     take: Path | None,
+    results: Path | None,
     endpoint: str,
     address: Address,
     token: str | None,
@@ -31,7 +32,7 @@ def serve(
     """Show what a coordinator tracks until a stop is asked for."""
     folder = None if take is None else open_take(take)
     with open_doors(address, token) as (server, url):
-        listener = Listener(endpoint, keys, folder, server.show)
+        listener = Listener(endpoint, keys, folder, server.show, results)
         log.info("coordinator at %s; look at %s", endpoint, url)
         try:
             while not stop:
@@ -45,6 +46,10 @@ def main(
     take: Annotated[
         Path | None,
         typer.Option(help="The take folder, for its pictures; without it there are silhouettes."),
+    ] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(help="The results' folder, for frames that have left memory once the take is over."),
     ] = None,
     bind: Annotated[
         str, typer.Option(help="Where browsers find the page, HOST:PORT; beyond this machine with a token.")
@@ -61,7 +66,15 @@ def main(
     def work(stop: StopRequest) -> None:
         address = Address.of(bind)
         os.nice(niceness)
-        serve(take, connect, address, token_of(token_file, address), keys_of_client(keys, "viewer"), stop)
+        serve(
+            take,
+            results,
+            connect,
+            address,
+            token_of(token_file, address),
+            keys_of_client(keys, "viewer"),
+            stop,
+        )
 
     run_service("viewer", work)
 

@@ -4,6 +4,7 @@ import logging
 import queue
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import zmq
@@ -27,6 +28,7 @@ from services.mocap.body.actor import build_body
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.viewer.contents import Contents
+from services.viewer.finished import FinishedTake
 from services.viewer.pictures import TakePictures
 from services.viewer.reel import RING_FRAMES, STAGES, Reel, Shot
 from services.viewer.seen import LivePictures
@@ -51,12 +53,16 @@ class Listener:
         keys: ClientKeys | None,
         folder: Take | None,
         present: Callable[[Show], None],
+        results: Path | None = None,
     ) -> None:
-        """folder: the take's, for its pictures, where this host has it. present is called with each show."""
+        """folder: the take's, for its pictures, where this host has it. present is called with each show.
+
+        results: where the results will be, from which frames come that nobody else has any more.
+        """
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._poses = Line(self._context, endpoint, "poses", keys)
         self._tasks = Line(self._context, endpoint, "tasks", keys)
-        self._folder, self._present = folder, present
+        self._folder, self._present, self._results = folder, present, results
         self._requests: queue.SimpleQueue[Message] = queue.SimpleQueue()
         """From the pages' threads; sockets belong to the listener's."""
         self._asked_s = 0.0
@@ -102,11 +108,15 @@ class Listener:
             return
         log.info("take %s, frames %d to %d", info.take, info.first_frame, info.end_frame - 1)
         self._info, self._contents, self._pictures = info, Contents(info), None
-        self._reel = Reel(range(info.first_frame, info.end_frame), RING_FRAMES, self._want_older)
+        finished = FinishedTake(self._results, info.take)
+        frames = range(info.first_frame, info.end_frame)
+        self._reel = Reel(frames, RING_FRAMES, lambda frame: self._older(frame, finished))
         self._asked_s = 0.0
 
-    def _want_older(self, frame: int) -> Shot | None:
-        """Ask for a frame that has left the ring, and those about it."""
+    def _older(self, frame: int, finished: FinishedTake) -> Shot | None:
+        """A frame that has left the ring: from the results, or asked for, with those about it."""
+        if self._reel is not None and self._reel.is_over and (shot := finished.shot(frame)) is not None:
+            return shot
         first = max(0, frame - _CHUNK_FRAMES // 4)
         self._requests.put(PoseRequest(first_frame=first, end_frame=first + _CHUNK_FRAMES))
         return None

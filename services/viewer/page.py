@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import viser
 
+from services.mocap.errors import UserError
 from services.mocap.types import Bytes
 from services.viewer.controls import Controls
 from services.viewer.curves import Curves
@@ -76,6 +77,11 @@ class Page:
                     self._programme.note_answer()
         except _Gone:
             log.info("browser %d is gone", self._client.client_id)
+        except UserError as error:
+            self._client.gui.add_html(notice(str(error)))
+            log.warning("%s", error)
+        except Exception:  # of one page only
+            log.exception("the page of browser %d has ended", self._client.client_id)
 
     def _wait_for_show(self) -> None:
         self._client.gui.set_panel_label("xormocap")

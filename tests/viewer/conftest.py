@@ -66,7 +66,7 @@ def result(walk: Take, tmp_path: Path) -> Path:
     folder.mkdir()
     shutil.copy(walk.folder / "reference" / "poses.csv", folder)
     shutil.copy(walk.folder / ACTOR, folder)
-    (folder / "run.json").write_text(f'{{"take": {{"folder": "{walk.folder}"}}}}')
+    (folder / "run.json").write_text(f'{{"take": {{"name": "walk", "folder": "{walk.folder}"}}}}')
     return folder
 
 

@@ -9,6 +9,7 @@ from services.mocap.errors import UserError
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv
 from services.view_show import finished_show
+from services.viewer.finished import FinishedTake
 from services.viewer.tiles import Look
 
 
@@ -40,3 +41,21 @@ def test_the_take_may_be_elsewhere(result: Path, walk: Take) -> None:
 def test_what_is_no_result_is_said(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"poses\.csv: is missing"):
         finished_show(tmp_path, None)
+
+
+def test_frames_come_from_results_once_these_are_there(result: Path) -> None:
+    finished = FinishedTake(result, "walk")
+    report = result / "run.json"
+    report.rename(result / "later.json")
+    assert finished.shot(3) is None
+    (result / "later.json").rename(report)
+    shot = finished.shot(3)
+    assert shot is not None
+    np.testing.assert_array_equal(shot.pose, read_poses_csv(result / "poses.csv").poses[3])
+    assert finished.shot(24) is None
+
+
+def test_results_of_another_take_are_left_alone(result: Path) -> None:
+    (result / "run.json").write_text('{"take": {"name": "another"}}')
+    assert FinishedTake(result, "walk").shot(3) is None
+    assert FinishedTake(None, "walk").shot(3) is None

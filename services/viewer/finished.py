@@ -1,0 +1,61 @@
+"""Frames of finished results, as the page shows them."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from services.mocap.errors import UserError
+from services.mocap.result.layout import RUN_JSON, TIMINGS
+from services.mocap.result.result import Result, load_result
+from services.mocap.result.timings import read_timings_csv
+from services.viewer.reel import STAGES, Shot
+
+log = logging.getLogger(__name__)
+
+
+class FinishedFrames:
+    """Results, frame by frame, as they were tracked."""
+
+    def __init__(self, result: Result) -> None:
+        """Raises TakeError where the stages' times cannot be read."""
+        self._result, timings = result, result.folder / TIMINGS
+        self.frames = range(int(result.frames[0]), int(result.frames[-1]) + 1)
+        seconds_of = read_timings_csv(timings) if timings.exists() else {}
+        unknown = np.full(len(self.frames), np.nan)
+        self._seconds = np.column_stack([seconds_of.get(stage, unknown) for stage in STAGES])
+
+    def shot(self, frame: int) -> Shot | None:
+        """A frame; None for one that was not tracked."""
+        if frame not in self.frames:
+            return None
+        row, tracked = frame - self.frames.start, self._result.tracked
+        return Shot(
+            frame=frame,
+            time_s=float(tracked.times_s[row]),
+            pose=tracked.poses[row],
+            energy_px=float(tracked.energies_px[row]),
+            confidence=self._result.confidence[row],
+            distrusted=self._result.distrusted[row],
+            seconds=self._seconds[row],
+        )
+
+
+class FinishedTake:
+    """The results of a take that has just been tracked, once they are there."""
+
+    def __init__(self, folder: Path | None, take: str) -> None:
+        """folder: where they will be; None: nobody knows."""
+        self._folder, self._take = folder, take
+        self._frames: FinishedFrames | None = None
+
+    def shot(self, frame: int) -> Shot | None:
+        """A frame; None as long as there are no results, or if they are another take's."""
+        if self._frames is None and self._folder is not None and (self._folder / RUN_JSON).exists():
+            try:
+                result = load_result(self._folder)
+                if result.motion.name == self._take:
+                    self._frames = FinishedFrames(result)
+            except UserError as error:
+                log.warning("%s", error)
+        return None if self._frames is None else self._frames.shot(frame)
