@@ -241,7 +241,8 @@ def page(
     console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
     machine = this_machine()
     console.print(str(machine), highlight=False)
-    rows = watching.measure(take_folder(take), rounds)
+    with console.status("tracking") as status:
+        rows = watching.measure(take_folder(take), rounds, status.update)
     _finish(console, [watching.as_table(rows)], json_path, machine, rows)
 
 

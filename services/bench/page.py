@@ -3,7 +3,7 @@
 import contextlib
 import multiprocessing
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -42,12 +42,13 @@ class Row:
         return float(np.median(self.frames_per_s))
 
 
-def measure(take: Path, rounds: int) -> list[Row]:
-    """Track a take in every way in turn, so many times over; raises UserError."""
+def measure(take: Path, rounds: int, tell: Callable[[str], None]) -> list[Row]:
+    """Track a take in every way in turn, so many times over, and tell of each run; raises UserError."""
     found: dict[str, list[float]] = {way: [] for way in WAYS}
     for _ in range(rounds):
         for way in WAYS:
             found[way].append(_frames_per_s(take, way))
+            tell(f"{way}: {found[way][-1]:.1f} frames per second")
     return [Row(way, figures) for way, figures in found.items()]
 
 
