@@ -56,7 +56,7 @@ def _frames(page: Page) -> list[int]:
 
 def _body(page: Page) -> Bytes:
     """What the 3D scene shows."""
-    png = page.locator("canvas").first.screenshot()
+    png = page.screenshot(clip={"x": 550, "y": 200, "width": 320, "height": 500})  # between the panels
     return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), np.uint8)
 
 
