@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from services import doctor as machine
+from services.calibrate import calibrate
 from services.export import export
 from services.fit import init_frames
 from services.fit_files import origin_of
@@ -51,6 +52,7 @@ from services.process import (
 )
 from services.recorder.result_folder import check_out
 from services.segmentation.files import write_silhouettes
+from services.sync import sync
 from services.track import Interrupted
 from services.track import Progress as Run
 from services.track import track as track_take
@@ -65,6 +67,8 @@ app = typer.Typer(
 app.add_typer(keys_app, name="keys")
 app.command()(export)
 app.command()(view)
+app.command()(calibrate)
+app.command()(sync)
 out_console, err_console = Console(), Console(stderr=True)
 _STATE_WORDS = {
     machine.State.OK: "[green]ok[/]",

@@ -1,7 +1,7 @@
 """A take folder in: opened once, with everything checked that can be checked before the work starts."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.camera.camera import Camera
-from services.mocap.errors import TakeError
+from services.mocap.errors import TakeError, nearest
 from services.mocap.take import layout
 from services.mocap.take.pictures import (
     SilhouetteReader,
@@ -45,8 +45,8 @@ class Take:
 
     def video(self, camera: Camera, start: int = 0, stop: int | None = None) -> VideoReader:
         """A camera's raw pictures of frames `start` up to and without `stop` (default: the take's end)."""
-        path = layout.video_path(self.folder, camera.name)
-        return VideoReader(path, start, self.settings.frames if stop is None else stop)
+        path, ahead = layout.video_path(self.folder, camera.name), self.settings.offset(camera.name)
+        return VideoReader(path, start + ahead, (self.settings.frames if stop is None else stop) + ahead)
 
     def has_video(self, camera: Camera) -> bool:
         """False for a camera with silhouettes only."""
@@ -54,8 +54,17 @@ class Take:
 
     def silhouettes(self, camera: Camera, start: int = 0, stop: int | None = None) -> SilhouetteReader:
         """A camera's raw silhouettes of frames `start` up to and without `stop` (default: the take's end)."""
-        folder = layout.silhouette_folder(self.folder, camera.name)
-        return SilhouetteReader(folder, start, self.settings.frames if stop is None else stop)
+        folder, ahead = (
+            layout.silhouette_folder(self.folder, camera.name),
+            self.settings.offset(camera.name),
+        )
+        return SilhouetteReader(
+            folder, start + ahead, (self.settings.frames if stop is None else stop) + ahead
+        )
+
+    def without_offsets(self) -> "Take":
+        """The same with every camera's files as they are, from their first frame on."""
+        return replace(self, settings=self.settings.model_copy(update={"offsets": {}}))
 
     def background(self, camera: Camera) -> Iterator[Bytes]:
         """A camera's raw clean-plate pictures: those of the video, or else the single picture."""
@@ -79,6 +88,12 @@ def open_take(folder: Path) -> Take:
     cameras = read_calibration(folder / layout.CALIBRATION, settings.up)
     source: Source = "silhouettes" if (folder / layout.SILHOUETTES).is_dir() else "videos"
     take = Take(folder, settings, cameras, source)
+    for name in settings.offsets:
+        if name not in (known := [camera.name for camera in cameras]):
+            raise TakeError(
+                f"{folder / layout.SETTINGS}: offsets: {name}: is no camera of {layout.CALIBRATION}: "
+                f"{nearest(name, known)}"
+            )
     for camera in cameras:
         if source == "silhouettes":
             _check_silhouettes(take, camera)
@@ -97,15 +112,16 @@ def _check_silhouettes(take: Take, camera: Camera) -> None:
             f"{folder}: is missing: expected the silhouettes of {camera.name}, "
             f"or no folder {layout.SILHOUETTES} at all"
         )
-    for frame in range(take.settings.frames):
+    ahead = take.settings.offset(camera.name)
+    for frame in range(ahead, ahead + take.settings.frames):
         path = layout.silhouette_path(folder, frame)
         if not path.exists():
             raise TakeError(
                 f"{path}: is missing: expected a silhouette for each of the frames = {take.settings.frames} "
-                f"of {layout.SETTINGS}"
+                f"of {layout.SETTINGS}{_from(ahead)}"
             )
         check_png(path, camera)
-    read_silhouette(layout.silhouette_path(folder, 0))
+    read_silhouette(layout.silhouette_path(folder, ahead))
 
 
 def _check_is_recorded(take: Take, camera: Camera) -> None:
@@ -132,32 +148,44 @@ def _check_is_recorded(take: Take, camera: Camera) -> None:
 
 
 def _check_videos(take: Take) -> None:
-    """Every video there is holds the take's frames, at its rate and size, and all are equally long."""
+    """Every video there is holds the take's frames, at its rate and size, and all are equally long.
+
+    Where take.toml has offsets, somebody looked after that: then they may differ.
+    """
     indices: list[VideoIndex] = []
     for camera in take.cameras:
         if take.has_video(camera):
             indices.append(index_video(layout.video_path(take.folder, camera.name)))
             _check_video(take, camera, indices[-1])
     for index in indices[1:]:
-        if index.n_frames != indices[0].n_frames:
+        if index.n_frames != indices[0].n_frames and not take.settings.offsets:
             raise TakeError(
                 f"{index.path}: holds {index.n_frames} frames, but {indices[0].path.name} holds "
-                f"{indices[0].n_frames}: cut all videos to the same moments"
+                f"{indices[0].n_frames}: cut all videos to the same moments, or lower frames to what all "
+                "hold, add a "
+                f"table [offsets] with {take.cameras[0].name} = 0 to {layout.SETTINGS} and run xormocap sync"
             )
     for index in indices:
-        _check_decodes(index, take.settings.frames)
+        _check_decodes(index, take.settings.frames + take.settings.offset(index.path.stem))
 
 
 def _check_video(take: Take, camera: Camera, index: VideoIndex) -> None:
     check_size(index.path, index.width_px, index.height_px, camera)
-    frames, fps = take.settings.frames, take.settings.fps
+    ahead, fps = take.settings.offset(camera.name), take.settings.fps
+    frames = take.settings.frames + ahead
     if index.n_frames < frames:
         raise TakeError(
-            f"{index.path}: holds {index.n_frames} frames, but {layout.SETTINGS} says frames = {frames}: "
+            f"{index.path}: holds {index.n_frames} frames, but {layout.SETTINGS} says frames = "
+            f"{take.settings.frames}"
+            f"{_from(ahead)}: "
             "lower that number or record the camera again"
         )
     if frames > 1:
         _check_rate(index.path, np.diff(index.times_s[:frames]), fps)
+
+
+def _from(ahead: int) -> str:
+    return f" from frame {ahead} on, the camera's offset" if ahead else ""
 
 
 def _check_rate(path: Path, gaps_s: Floats, fps: float) -> None:

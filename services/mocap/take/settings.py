@@ -42,9 +42,25 @@ class TakeSettings(BaseModel):
         description="where the actor faces in the first frame, in degrees about up, counterclockwise "
         "seen from above, from the world's x axis (up = z) or z axis (up = y)",
     )
+    offsets: dict[str, int] = Field(
+        default={},
+        description="a table of whole frames, 0 or more, by which cameras are ahead, such as cam02 = 3",
+    )
     initial_pose: dict[str, float] = Field(
         default={}, description="a table of pose parameters in metres and radians, such as root_x_m = 0.5"
     )
+
+    @field_validator("offsets")
+    @classmethod
+    def _not_negative(cls, offsets: dict[str, int]) -> dict[str, int]:
+        for camera, offset in offsets.items():
+            if offset < 0:
+                raise ValueError(
+                    f"{camera}: expected 0 or more frames, found {offset}: add as many to all cameras as "
+                    "the one "
+                    "that is farthest behind needs"
+                )
+        return offsets
 
     @field_validator("initial_pose")
     @classmethod
@@ -73,6 +89,10 @@ class TakeSettings(BaseModel):
         """The root's heading in the first frame, where the user gave it."""
         return None if self.facing is None else math.radians(self.facing)
 
+    def offset(self, camera: str) -> int:
+        """How many frames a camera is ahead: frame n + offset of its files shows the take's frame n."""
+        return self.offsets.get(camera, 0)
+
     def with_initial_pose(self, pose: Floats) -> Floats:
         """A copy of the (35,) pose, with the parameters of `[initial_pose]` in their places."""
         pose = pose.copy()
@@ -89,7 +109,8 @@ def read_settings(path: Path) -> TakeSettings:
 def write_settings(path: Path, settings: TakeSettings) -> None:
     """Writes take.toml, without the fields that were left out."""
     fields = settings.model_dump(exclude_none=True)
-    if not settings.initial_pose:
-        del fields["initial_pose"]
+    for table in ("offsets", "initial_pose"):
+        if not fields[table]:
+            del fields[table]
     with atomic_file(path) as part:
         part.write_text(tomli_w.dumps(fields), encoding="utf-8")

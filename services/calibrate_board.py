@@ -1,0 +1,149 @@
+"""Calibrating by a board, for the command: what board it is, a bar, the table, the files that are written."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from services.mocap.atomic import atomic_file
+from services.mocap.calibration.board import Board
+from services.mocap.calibration.coverage import covered_share, draw_coverage
+from services.mocap.calibration.from_clips import calibrate_clips
+from services.mocap.calibration.lens import Lens
+from services.mocap.calibration.remarks import remarks_on, remarks_on_views
+from services.mocap.calibration.rig_solving import Solution
+from services.mocap.camera.calibration import Up, write_calibration
+from services.mocap.errors import CalibrationError, UserError, load_toml, validated
+from services.mocap.take.writer import write_picture
+
+BOARD_FILE = "board.toml"
+COVERAGE, RECORD = "coverage.png", "calibration.json"
+_PRINT_DOTS_PER_M = 300 / 0.0254
+_LARGEST_PRINT_PX = 20000
+
+
+def calibrate_by_board(
+    clips: Path, said: dict[str, Any], lens: Lens, out: Path, up: Up, console: Console, errors: Console
+) -> None:
+    """Calibrate a folder of clips, write calibration.toml and, beside it, coverage.png and calibration.json.
+
+    said: what the command line says of the board (see board_of). Raises UserError with what is wrong.
+    """
+    if not clips.is_dir():
+        raise CalibrationError(
+            f"{clips}: is not a folder: expected one with a clip <camera>.mp4 for each camera"
+        )
+    board = board_of(said, clips)
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=errors) as bar:
+        task = bar.add_task("starting", total=1.0)
+
+        def show(what: str, share: float) -> None:
+            bar.update(task, completed=share, description=what)
+
+        solution, _ = calibrate_clips(clips, board, lens, show)
+        show("calibrated", 1.0)
+    remarks = [*remarks_on_views(solution), *remarks_on(solution.cameras)]
+    write_calibration(out, solution.cameras, up)
+    write_picture(out.with_name(COVERAGE), draw_coverage(solution))
+    _write_record(out.with_name(RECORD), solution, board, remarks)
+    for remark in remarks:
+        errors.print(f"warning: {remark}", style="yellow", markup=False, soft_wrap=True)
+    console.print(_table(solution))
+    console.print(f"{out}; look at {out.with_name(COVERAGE)}", markup=False, soft_wrap=True)
+
+
+def board_of(said: dict[str, Any], clips: Path | None) -> Board:
+    """The board as the folder's board.toml says, and the command line, which outweighs it.
+
+    said: fields of Board, and squares ("7x10") for columns and rows; None where nothing was said.
+    """
+    path = None if clips is None else clips / BOARD_FILE
+    fields = load_toml(path, CalibrationError) if path is not None and path.exists() else {}
+    where = "board: " if not fields else f"{path}: "
+    given = {name: value for name, value in said.items() if value is not None}
+    squares = given.pop("squares", None)
+    if squares is not None:
+        columns, cross, rows = squares.lower().partition("x")
+        if not (cross and columns.isdecimal() and rows.isdecimal()):
+            raise UserError(f"--squares {squares}: expected squares in a row and rows, such as 7x10")
+        given |= {"columns": int(columns), "rows": int(rows)}
+    fields |= given
+    if not {"columns", "rows", "square_m"} <= fields.keys():
+        raise UserError(
+            "board: expected --squares CxR (squares in a row and rows, not the corners between them) and "
+            f"--square METRES, or a file {BOARD_FILE} with columns, rows and square_m among the clips"
+        )
+    return validated(Board, fields, where, CalibrationError)
+
+
+def draw_board(path: Path, said: dict[str, Any], clips: Path | None, console: Console) -> None:
+    """Write the board as a PNG of 300 dots per inch."""
+    board = board_of(said, clips)
+    square_px = round(board.square_m * _PRINT_DOTS_PER_M)
+    square_px = min(square_px, _LARGEST_PRINT_PX // (max(board.columns, board.rows) + 1))
+    write_picture(path, board.draw(square_px))
+    console.print(
+        f"{path}: print it so that a square measures {1e3 * board.square_m:g} mm, glue it on something "
+        "flat, and "
+        "measure the squares: all lengths come from them",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def _table(solution: Solution) -> Table:
+    table = Table("camera", box=None, header_style="bold")
+    for column in (
+        "pixels",
+        "focal, px",
+        "error, px",
+        "views",
+        "left out",
+        "covered",
+        "from origin, m",
+        "height, m",
+    ):
+        table.add_column(column, justify="right")
+    for c, camera in enumerate(solution.cameras):
+        x_m, y_m, z_m = camera.centre_world_m
+        table.add_row(
+            escape(camera.name),
+            f"{camera.width_px}x{camera.height_px}",
+            f"{camera.K[0, 0]:.1f}",
+            f"{solution.error_px(c):.2f}",
+            f"{solution.n_views[c]}",
+            f"{solution.n_bad_views[c]}",
+            f"{100 * covered_share(solution, c):.0f}%",
+            f"{np.hypot(x_m, y_m):.2f}",
+            f"{z_m:.2f}",
+        )
+    return table
+
+
+def _write_record(path: Path, solution: Solution, board: Board, remarks: list[str]) -> None:
+    names = [camera.name for camera in solution.cameras]
+    record = {
+        "board": board.model_dump(),
+        "cameras": {
+            name: {
+                "error_px": round(solution.error_px(c), 4),
+                "views": solution.n_views[c],
+                "left_out": solution.n_bad_views[c],
+                "covered": round(covered_share(solution, c), 3),
+            }
+            for c, name in enumerate(names)
+        },
+        "pairs": [
+            {"cameras": [names[link.first], names[link.second]], "moments": link.n_shared}
+            for link in solution.links
+        ],
+        "warnings": remarks,
+    }
+    with atomic_file(path) as part:
+        part.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")

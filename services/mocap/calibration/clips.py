@@ -1,0 +1,89 @@
+"""A folder of board clips: which cameras there are, and their numbered pictures.
+
+<camera>.mp4, or <camera>/ with pictures    the board moved about, the same moments in all cameras
+intrinsics/<camera>.mp4 or <camera>/        the board close before one camera alone, if recorded
+origin/<camera>.mp4, .png or <camera>/      the board lying still where the world's origin shall be
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from services.mocap.errors import CalibrationError
+from services.mocap.take.pictures import read_picture
+from services.mocap.take.video import VideoReader, index_video
+from services.mocap.types import Bytes
+
+INTRINSICS, ORIGIN = "intrinsics", "origin"
+_VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg")
+_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One camera's video, or its pictures."""
+
+    camera: str
+    path: Path
+    """A video, a picture, or a folder of pictures."""
+
+    def n_frames(self) -> int:
+        """How many pictures there are; raises TakeError where it cannot be read."""
+        return index_video(self.path).n_frames if self.is_video else len(self._files())
+
+    @property
+    def is_video(self) -> bool:
+        """False for pictures."""
+        return self.path.suffix.lower() in _VIDEOS
+
+    def pictures(self, every: int) -> Iterator[tuple[int, Bytes]]:
+        """Every so manieth picture (H, W, 3) with its number; raises TakeError at one that cannot be read.
+
+        A picture's number is the one at the end of its file's name, where all have one, else its place.
+        """
+        if self.is_video:
+            with VideoReader(self.path) as reader:
+                for frame, picture in enumerate(reader):
+                    if frame % every == 0:
+                        yield frame, picture
+            return
+        for number, file in list(zip(self._numbers(), self._files(), strict=True))[::every]:
+            yield number, read_picture(file)
+
+    def _files(self) -> list[Path]:
+        if self.path.is_file():
+            return [self.path]
+        return sorted(file for file in self.path.iterdir() if file.suffix.lower() in _PICTURES)
+
+    def _numbers(self) -> list[int]:
+        ends = [_number_at_end(file.stem) for file in self._files()]
+        numbers = [end for end in ends if end is not None]
+        return numbers if len(set(numbers)) == len(ends) else list(range(len(ends)))
+
+
+def find_clips(folder: Path) -> list[Clip]:
+    """The clips in a folder, sorted by camera; raises CalibrationError where one camera has two."""
+    clips: dict[str, Clip] = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if path.name.startswith(".") or path.name in (INTRINSICS, ORIGIN):
+            continue
+        if path.is_dir():
+            clip = (
+                Clip(path.name, path) if any(f.suffix.lower() in _PICTURES for f in path.iterdir()) else None
+            )
+        else:
+            clip = Clip(path.stem, path) if path.suffix.lower() in (*_VIDEOS, *_PICTURES) else None
+        if clip is None:
+            continue
+        if clip.camera in clips:
+            raise CalibrationError(
+                f"{path}: is a second clip of {clip.camera} beside {clips[clip.camera].path.name}: keep "
+                "one of them"
+            )
+        clips[clip.camera] = clip
+    return sorted(clips.values(), key=lambda clip: clip.camera)
+
+
+def _number_at_end(stem: str) -> int | None:
+    digits = stem[len(stem.rstrip("0123456789")) :]
+    return int(digits) if digits else None

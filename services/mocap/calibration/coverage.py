@@ -1,0 +1,87 @@
+"""The picture of a calibration: where in the pictures corners were seen, and how far they are off."""
+
+import cv2
+import numpy as np
+
+from services.mocap.calibration.rig_solving import Solution
+from services.mocap.export.tiles import grid_for
+from services.mocap.types import Bytes, Floats
+
+_SHEET_WIDTH_PX, _WIDEST_TILE_PX = 1920, 640
+_HEADER_PX, _LEGEND_PX, _GAP_PX = 30, 34, 6
+_CELLS = 8
+"""Cells per side of the picture in which coverage is counted."""
+_GROUND_BGR, _LINE_BGR, _TEXT_BGR = (30, 30, 30), (52, 52, 52), (235, 235, 235)
+_FULL_RED_PX = 1.5
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+def covered_share(solution: Solution, camera: int) -> float:
+    """The share of a camera's picture, in cells of an eighth of its sides, in which corners were seen."""
+    one = solution.cameras[camera]
+    points_px = solution.corners.points_px[solution.corners.camera == camera]
+    cells = (points_px / (one.width_px, one.height_px) * _CELLS).astype(int).clip(0, _CELLS - 1)
+    return len(np.unique(cells, axis=0)) / _CELLS**2
+
+
+def draw_coverage(solution: Solution) -> Bytes:
+    """The sheet (H, W, 3): a tile per camera with every corner that was used, red where it is 1.5 px off."""
+    cameras = solution.cameras
+    columns = grid_for(cameras, _WIDEST_TILE_PX).columns
+    grid = grid_for(cameras, min(_WIDEST_TILE_PX, _SHEET_WIDTH_PX // columns))
+    row_px = grid.tile_height_px + _HEADER_PX
+    sheet = np.zeros((_LEGEND_PX + grid.rows * row_px, grid.columns * grid.tile_width_px, 3), np.uint8)
+    _draw_legend(sheet)
+    for c in range(len(cameras)):
+        row, column = divmod(c, grid.columns)
+        x, y = column * grid.tile_width_px, _LEGEND_PX + row * row_px
+        sheet[y : y + row_px, x : x + grid.tile_width_px] = _tile(
+            solution, c, grid.tile_width_px, grid.tile_height_px
+        )
+    return sheet
+
+
+def _tile(solution: Solution, c: int, width_px: int, height_px: int) -> Bytes:
+    """(height_px + header, width_px, 3) one camera."""
+    camera = solution.cameras[c]
+    zoom = min((width_px - _GAP_PX) / camera.width_px, (height_px - _GAP_PX) / camera.height_px)
+    shown_px = round(camera.width_px * zoom), round(camera.height_px * zoom)
+    picture: Bytes = np.full((shown_px[1], shown_px[0], 3), _GROUND_BGR, np.uint8)
+    for i in range(1, _CELLS):
+        x, y = i * shown_px[0] // _CELLS, i * shown_px[1] // _CELLS
+        cv2.line(picture, (x, 0), (x, shown_px[1]), _LINE_BGR)
+        cv2.line(picture, (0, y), (shown_px[0], y), _LINE_BGR)
+    of_camera = solution.corners.camera == c
+    off_px = np.linalg.norm(solution.residuals_px[of_camera], axis=1)
+    order = np.argsort(off_px)  # the worst on top
+    points = np.rint(solution.corners.points_px[of_camera][order] * zoom * 8).astype(int)
+    for (x, y), colour in zip(points.tolist(), _colours(off_px[order]).tolist(), strict=True):
+        cv2.circle(picture, (x, y), 2 * 8, colour, cv2.FILLED, cv2.LINE_AA, shift=3)
+    tile: Bytes = np.zeros((height_px + _HEADER_PX, width_px, 3), np.uint8)
+    tile[_HEADER_PX : _HEADER_PX + shown_px[1], : shown_px[0]] = picture
+    words = (
+        f"{camera.name}  {solution.error_px(c):.2f} px  {solution.n_views[c]} views  "
+        f"{100 * covered_share(solution, c):.0f}% covered"
+    )
+    cv2.putText(tile, words, (6, _HEADER_PX - 9), _FONT, 0.5, _TEXT_BGR, 1, cv2.LINE_AA)
+    return tile
+
+
+def _draw_legend(sheet: Bytes) -> None:
+    words = "corners used, by how far they are off:"
+    cv2.putText(sheet, words, (6, 22), _FONT, 0.5, _TEXT_BGR, 1, cv2.LINE_AA)
+    x = 6 + cv2.getTextSize(words, _FONT, 0.5, 1)[0][0] + 16
+    for off_px in (0.0, _FULL_RED_PX / 2, _FULL_RED_PX):
+        cv2.circle(sheet, (x, 17), 5, _colours(np.array([off_px]))[0].tolist(), cv2.FILLED, cv2.LINE_AA)
+        more = " or more" if off_px == _FULL_RED_PX else ""
+        cv2.putText(sheet, f"{off_px:g} px{more}", (x + 12, 22), _FONT, 0.5, _TEXT_BGR, 1, cv2.LINE_AA)
+        x += 90
+
+
+def _colours(off_px: Floats) -> Bytes:
+    """(N, 3) BGR from blue over yellow to red."""
+    share = np.clip(off_px / _FULL_RED_PX, 0.0, 1.0)[:, None]
+    blue, yellow, red = np.array([(230, 160, 70), (60, 220, 240), (60, 60, 240)], np.float64)
+    low = blue + (yellow - blue) * 2 * share
+    high = yellow + (red - yellow) * (2 * share - 1)
+    return np.asarray(np.rint(np.where(share < 0.5, low, high)), np.uint8)

@@ -1,0 +1,55 @@
+"""Rigid poses of boards and cameras, and where a camera sees the board by one sighting alone."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from services.mocap.calibration.board import Board
+from services.mocap.calibration.lens import Intrinsics
+from services.mocap.calibration.sightings import Sighting
+from services.mocap.types import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid transform: x_to = R @ x_from + t_m."""
+
+    R: Floats
+    """(3, 3)"""
+    t_m: Floats
+    """(3,)"""
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        return Pose(self.R @ other.R, self.R @ other.t_m + self.t_m)
+
+    @property
+    def inverse(self) -> "Pose":
+        """The way back."""
+        return Pose(self.R.T, -self.R.T @ self.t_m)
+
+    def apply(self, points_m: Floats) -> Floats:
+        """(…, 3) points, moved."""
+        moved: Floats = points_m @ self.R.T + self.t_m
+        return moved
+
+
+IDENTITY = Pose(np.eye(3), np.zeros(3))
+
+
+def board_in_camera(sighting: Sighting, board: Board, intrinsics: Intrinsics) -> list[Pose]:
+    """T_camera_board by one sighting, the better one first.
+
+    A small flat board can be seen from two directions nearly alike: then both are given.
+    """
+    corners_m = board.corners_m[sighting.corners]
+    points = intrinsics.normalised(sighting.points_px)
+    count, turns, shifts, _ = cv2.solvePnPGeneric(
+        corners_m, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE
+    )
+    poses = [
+        Pose(Rotation.from_rotvec(np.ravel(turn)).as_matrix(), np.ravel(shift).astype(np.float64))
+        for turn, shift in zip(turns[:count], shifts[:count], strict=True)
+    ]
+    return [pose for pose in poses if np.isfinite(pose.R).all() and pose.apply(corners_m)[:, 2].min() > 0]

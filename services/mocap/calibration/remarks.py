@@ -1,0 +1,102 @@
+"""What is odd about calibrated cameras, in sentences: not wrong for certain, but worth a look."""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from services.mocap.calibration.coverage import covered_share
+from services.mocap.calibration.rig_solving import Solution
+from services.mocap.camera.camera import Camera
+from services.mocap.types import Floats
+
+_UPSIDE_DOWN, _LEVEL = -0.5, 0.5
+"""Of the cosine between a picture's upward direction and the world's."""
+_SAME_PLACE_M, _SAME_COSINE = 0.05, 0.995
+_NEAR_M, _FAR_M = 0.5, 30.0
+"""From the world's origin; cameras of a studio stand farther away than the one and nearer than the other."""
+_UNDERGROUND_M = -0.3
+_MANY_BAD = 0.3
+_LARGE_ERROR_PX, _LARGE_RATIO = 1.0, 3.0
+_LITTLE_COVERED = 0.4
+
+
+def remarks_on(cameras: Sequence[Camera]) -> list[str]:
+    """One sentence for each oddity of cameras in a z-up world whose origin is on the floor of the stage."""
+    return [*_on_heights(cameras), *_on_turns(cameras), *_on_pairs(cameras), *_on_scale(cameras)]
+
+
+def _on_turns(cameras: Sequence[Camera]) -> list[str]:
+    """Upside down, on their sides, or all of them: then rather the origin's board is not on the floor."""
+    upward = np.array([-camera.R_camera_world[1, 2] for camera in cameras])
+    if np.median(upward) < _LEVEL:
+        return [
+            "most cameras are tilted against the floor by more than 60 degrees: check that the board at "
+            "the origin "
+            "lay flat on the floor, print up, and that the pictures are upright"
+        ]
+    return [
+        f"{camera.name}: hangs upside down, its pictures show the floor above; the calibration holds for "
+        "them as "
+        "they are: do not turn the videos"
+        for camera, up in zip(cameras, upward, strict=True)
+        if up < _UPSIDE_DOWN
+    ]
+
+
+def _on_heights(cameras: Sequence[Camera]) -> list[str]:
+    low = [camera for camera in cameras if camera.centre_world_m[2] < _UNDERGROUND_M]
+    return [
+        f"{camera.name}: stands {-camera.centre_world_m[2]:.2f} m under the floor: check that the board "
+        "at the origin "
+        "lay on the floor, print up"
+        for camera in low
+    ]
+
+
+def _on_pairs(cameras: Sequence[Camera]) -> list[str]:
+    return [
+        f"{one.name} and {other.name}: stand in the same place and look the same way: check that they are "
+        "not one "
+        "camera under two names"
+        for one, other in combinations(cameras, 2)
+        if np.linalg.norm(one.centre_world_m - other.centre_world_m) < _SAME_PLACE_M
+        and one.R_camera_world[2] @ other.R_camera_world[2] > _SAME_COSINE
+    ]
+
+
+def _on_scale(cameras: Sequence[Camera]) -> list[str]:
+    away_m: Floats = np.linalg.norm([camera.centre_world_m for camera in cameras], axis=1)
+    if _NEAR_M < np.median(away_m) < _FAR_M:
+        return []
+    return [
+        f"the cameras stand {np.median(away_m):.2g} m from the origin (median): check the side of the "
+        "board's squares, "
+        "or the units"
+    ]
+
+
+def remarks_on_views(solution: Solution) -> list[str]:
+    """One sentence for each camera whose views say too little, or that does not fit to the others."""
+    remarks = []
+    errors_px = [solution.error_px(c) for c in range(len(solution.cameras))]
+    for c, camera in enumerate(solution.cameras):
+        if solution.n_bad_views[c] > _MANY_BAD * (solution.n_views[c] + solution.n_bad_views[c]):
+            remarks.append(
+                f"{camera.name}: {solution.n_bad_views[c]} views do not fit to those of the other cameras "
+                "and were left "
+                "out: check that its clip shows the same moments as theirs, and that the board is flat"
+            )
+        if errors_px[c] > max(_LARGE_ERROR_PX, _LARGE_RATIO * float(np.median(errors_px))):
+            remarks.append(
+                f"{camera.name}: corners are off by {errors_px[c]:.1f} px on average: check its focus, "
+                "motion blur, "
+                "and whether another --lens suits it"
+            )
+        if (share := covered_share(solution, c)) < _LITTLE_COVERED:
+            remarks.append(
+                f"{camera.name}: the board was seen in {100 * share:.0f}% of the picture only: its lens "
+                "is not known "
+                "elsewhere: move the board through the whole picture"
+            )
+    return remarks

@@ -1,0 +1,167 @@
+"""All cameras in one world: each lens alone, pairs chained, then everything adjusted at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from services.mocap.calibration.board import Board
+from services.mocap.calibration.bundle import Corners, Estimate, adjust, corners_of, residuals_px
+from services.mocap.calibration.intrinsics import estimate_intrinsics
+from services.mocap.calibration.lens import Intrinsics, Lens
+from services.mocap.calibration.pairs import Link, Sights, chain, find_links, sights_of
+from services.mocap.calibration.poses import Pose
+from services.mocap.calibration.sightings import ENOUGH_CORNERS, Sightings, spread_out
+from services.mocap.camera.camera import Camera
+from services.mocap.types import Floats, Mask
+
+ORIGIN_FRAME = 2**30
+"""The number of the moment in which the board lies where the origin shall be."""
+_MOST_PER_CAMERA, _MOST_PER_PAIR = 40, 25
+"""Moments that go into the adjustment: more hardly help and take long."""
+_WRONG_PX, _WRONG_RATIO = 1.5, 5.0
+"""A corner that is off by more than both, in pixels and against its camera's median, is wrong."""
+_ROUNDS = 3
+
+Show = Callable[[str, float], None]
+"""Called with what is being done, in words, and how far it is, 0 to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Calibrated cameras, and how well they explain what was seen."""
+
+    cameras: tuple[Camera, ...]
+    """In the world of the origin's board: its middle is the origin, x and y lie in it, z leads out of it."""
+    corners: Corners
+    """Those that were used …"""
+    residuals_px: Floats
+    """… and how far each is off (N, 2)."""
+    n_views: tuple[int, ...]
+    """Per camera: how many sightings were used …"""
+    n_bad_views: tuple[int, ...]
+    """… and how many were left out because they do not fit to the others."""
+    links: tuple[Link, ...]
+
+    def error_px(self, camera: int) -> float:
+        """Mean reprojection error of a camera: how far off a corner is on average."""
+        off = self.residuals_px[self.corners.camera == camera]
+        return float(np.linalg.norm(off, axis=1).mean())
+
+
+def solve_rig(seen: list[Sightings], board: Board, lens: Lens, show: Show) -> Solution:
+    """Calibrate cameras by their sightings, among them one of moment ORIGIN_FRAME in one of them or more.
+
+    Raises CalibrationError where there is too little to go by.
+    """
+    show("lens by lens", 0.0)
+    lenses, spoiled = zip(*[estimate_intrinsics(s, board, lens) for s in seen], strict=True)
+    kept = [_without(s, bad) for s, bad in zip(seen, spoiled, strict=True)]
+    show("pairs of cameras", 0.2)
+    sights = [sights_of(s, board, i) for s, i in zip(kept, lenses, strict=True)]
+    links = find_links(kept, sights, board, list(lenses))
+    cameras = chain([s.camera for s in seen], links)
+    frames = _chosen_moments(kept, links)
+    boards = [_board_in_rig(frame, sights, cameras, board) for frame in frames]
+    show("all cameras together", 0.4)
+    estimate, corners = _adjusted(Estimate(list(lenses), cameras, frames, boards), kept, board, show)
+    return _solution(seen, estimate, corners, kept, links)
+
+
+def _without(sightings: Sightings, frames: list[int]) -> Sightings:
+    kept = {frame: view for frame, view in sightings.by_frame.items() if frame not in frames}
+    return replace(sightings, by_frame=kept)
+
+
+def _chosen_moments(seen: list[Sightings], links: list[Link]) -> list[int]:
+    """Moments that show each camera, and each pair of cameras, the board in as many ways as possible."""
+    chosen = {ORIGIN_FRAME}
+    for link in links:
+        first, second = seen[link.first].by_frame, seen[link.second].by_frame
+        shared = sorted(frame for frame in first.keys() & second.keys() if frame >= 0)
+        chosen.update(spread_out(first, shared, _MOST_PER_PAIR))
+    for sightings in seen:
+        missing = _MOST_PER_CAMERA - len(chosen & sightings.by_frame.keys())
+        others = sorted(sightings.by_frame.keys() - chosen)
+        chosen.update(spread_out(sightings.by_frame, others, missing) if missing > 0 else ())
+    return sorted(chosen)
+
+
+def _board_in_rig(frame: int, sights: list[Sights], cameras: list[Pose], board: Board) -> Pose:
+    """T_rig_board in a moment: of what the cameras say alone, that which is nearest to all the others."""
+    told = [
+        [cameras[c].inverse @ pose for pose in of_camera[frame]]
+        for c, of_camera in enumerate(sights)
+        if frame in of_camera
+    ]
+    outlines_m = [np.array([pose.apply(board.outline_m) for pose in poses]) for poses in told]
+    candidates = [pose for poses in told for pose in poses]
+    off_m = [
+        sum(
+            float(np.linalg.norm(other - pose.apply(board.outline_m), axis=-1).max(axis=1).min())
+            for other in outlines_m
+        )
+        for pose in candidates
+    ]
+    return candidates[int(np.argmin(off_m))]
+
+
+def _adjusted(
+    estimate: Estimate, seen: list[Sightings], board: Board, show: Show
+) -> tuple[Estimate, Corners]:
+    """The estimate adjusted, and the corners that it was adjusted to."""
+    everything = corners_of(seen, estimate.frames, board)
+    corners = everything
+    for number in range(_ROUNDS):
+        estimate = adjust(estimate, corners, robust=number < _ROUNDS - 1)
+        show("all cameras together", 0.4 + 0.6 * (number + 1) / _ROUNDS)
+        if number < _ROUNDS - 1:
+            corners = everything.only(_believable(everything, residuals_px(estimate, everything)))
+    return estimate, corners
+
+
+def _believable(corners: Corners, off_px: Floats) -> Mask:
+    """(N,) corners that are not far off, in views of which that holds for most."""
+    off = np.linalg.norm(off_px, axis=1)
+    right = np.zeros(len(off), bool)
+    for camera in np.unique(corners.camera):
+        of_camera = corners.camera == camera
+        right[of_camera] = off[of_camera] < max(_WRONG_PX, _WRONG_RATIO * float(np.median(off[of_camera])))
+    view = np.unique(np.stack([corners.camera, corners.frame]), axis=1, return_inverse=True)[1].ravel()
+    n_right, n_all = np.bincount(view, right), np.bincount(view)
+    good_view = (2 * n_right > n_all) & (n_right >= ENOUGH_CORNERS)
+    believable: Mask = right & good_view[view]
+    return believable
+
+
+def _solution(
+    seen: list[Sightings], estimate: Estimate, corners: Corners, kept: list[Sightings], links: list[Link]
+) -> Solution:
+    T_rig_world = estimate.boards[estimate.frames.index(ORIGIN_FRAME)]
+    chosen = set(estimate.frames)
+    n_views, n_bad = [], []
+    for c, sightings in enumerate(seen):
+        used = len(np.unique(corners.frame[corners.camera == c]))
+        tried = len(chosen & kept[c].by_frame.keys())
+        n_views.append(used)
+        n_bad.append(tried - used + len(sightings.by_frame) - len(kept[c].by_frame))
+    cameras = [
+        camera_of(s.camera, lens, T_camera_rig @ T_rig_world)
+        for s, lens, T_camera_rig in zip(seen, estimate.lenses, estimate.cameras, strict=True)
+    ]
+    off_px = residuals_px(estimate, corners)
+    return Solution(tuple(cameras), corners, off_px, tuple(n_views), tuple(n_bad), tuple(links))
+
+
+def camera_of(name: str, lens: Intrinsics, T_camera_world: Pose) -> Camera:
+    """A lens at a place, as a camera."""
+    return Camera(
+        name=name,
+        width_px=lens.size_px[0],
+        height_px=lens.size_px[1],
+        K=lens.K,
+        distortion=lens.distortion,
+        R_camera_world=T_camera_world.R,
+        t_camera_world_m=T_camera_world.t_m,
+        fisheye=lens.is_fisheye,
+    )

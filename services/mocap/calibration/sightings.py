@@ -1,0 +1,83 @@
+"""What one camera saw of the board: corners in pictures, by frame."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from services.mocap.calibration.board import Board
+from services.mocap.types import Floats, Ints
+
+ENOUGH_CORNERS = 6
+"""Fewer say too little of where the board is."""
+_FLATTEST = 0.02
+"""How much narrower than long what is seen of a board may be: a single row of corners gives no pose."""
+_BENT_SHARE, _BENT_PX = 0.03, 3.0
+"""How far corners may be off a plane's picture, as a share of the board's size in it: a lens bends by that
+much, while corners that were taken for others are off by whole squares."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """The board's corners in one picture."""
+
+    corners: Ints
+    """(n,) their numbers on the board, increasing."""
+    points_px: Floats
+    """(n, 2) where they are in the raw picture, pixel centres at whole coordinates."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """The board in one camera's pictures."""
+
+    camera: str
+    size_px: tuple[int, int]
+    """Width and height of the pictures."""
+    by_frame: Mapping[int, Sighting]
+    """Pictures of one number show one moment in all cameras; negative numbers are this camera's alone."""
+    n_looked_at: int
+    """In how many pictures the board was looked for."""
+
+
+def is_usable(sighting: Sighting, board: Board) -> bool:
+    """Whether a sighting can be the flat board: enough corners, not in one row, and in the board's order."""
+    if len(sighting.corners) < ENOUGH_CORNERS:
+        return False
+    corners_m = board.corners_m[sighting.corners, :2]
+    for points in (corners_m, sighting.points_px):
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if spread[1] < _FLATTEST * spread[0]:
+            return False
+    H, _ = cv2.findHomography(corners_m, sighting.points_px, 0)
+    if H is None:
+        return False
+    mapped = cv2.perspectiveTransform(corners_m[None], H)[0]
+    off_px = np.linalg.norm(mapped - sighting.points_px, axis=1)
+    size_px = float(np.ptp(sighting.points_px, axis=0).max())
+    # the print can be read, and not its mirror image: y runs up on the board and down in the picture
+    readable = np.linalg.det(H[:2, :2] - np.outer(mapped.mean(axis=0), H[2, :2])) < 0
+    return bool(readable and np.sqrt((off_px**2).mean()) < max(_BENT_PX, _BENT_SHARE * size_px))
+
+
+def spread_out(sightings: Mapping[int, Sighting], frames: list[int], most: int) -> list[int]:
+    """Up to `most` frames whose views differ most: in place, size and slant of the board in the picture."""
+    if len(frames) <= most:
+        return frames
+    looks = np.array([_look(sightings[frame]) for frame in frames])
+    looks = (looks - looks.mean(axis=0)) / np.maximum(looks.std(axis=0), 1e-9)
+    chosen = [int(np.linalg.norm(looks, axis=1).argmax())]
+    nearest = np.linalg.norm(looks - looks[chosen[0]], axis=1)
+    while len(chosen) < most:
+        chosen.append(int(nearest.argmax()))
+        nearest = np.minimum(nearest, np.linalg.norm(looks - looks[chosen[-1]], axis=1))
+    return sorted(frames[i] for i in chosen)
+
+
+def _look(sighting: Sighting) -> Floats:
+    """(5,) middle, size and shape of what is seen of the board."""
+    points = sighting.points_px
+    (xx, xy), (_, yy) = np.cov(points.T)
+    size = np.sqrt(np.sqrt(max(xx * yy - xy**2, 1e-9)))
+    return np.array([*points.mean(axis=0), 3 * size, 100 * np.log(xx / yy), 100 * xy / np.sqrt(xx * yy)])

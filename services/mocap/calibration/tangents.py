@@ -1,0 +1,122 @@
+"""Where planes through two cameras' centres touch the actor: the same for both, if they agree.
+
+All planes that hold two cameras' centres form a pencil. The actor lies between two of them; each camera sees
+which, by the outermost points of its silhouette about the other camera's centre. So each pair of cameras is
+compared by two angles per frame, without any voxels, whatever the actor looks like.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.types import Floats, Mask
+
+_WIDEST_RAD = 2.0
+"""A silhouette that spans more of the pencil surrounds the other camera's centre: nothing is outermost."""
+_SMALLEST_SHARE = 0.0005
+"""Of a picture; less is noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """One silhouette's outermost points, as one camera's rays."""
+
+    rays_world: Floats
+    """(n, 3) unit vectors."""
+    cut_off: Mask
+    """(n,) whether the point is at the picture's edge, where the actor may go on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """The planes of one pair's pencil that touch the actor, as both cameras see them; NaN where unknown."""
+
+    first: int
+    second: int
+    angles_first: Floats
+    """(F, 2) radians, lower and upper"""
+    angles_second: Floats
+    """(F, 2)"""
+    px_per_rad: float
+    """How far apart in the pictures planes are near the actor."""
+
+    def off_px(self, later: float) -> Floats:
+        """(F, 2) how far apart both are where the second camera's frames are taken so much later.
+
+        NaN where nothing can be said; halves of frames are interpolated.
+        """
+        frames = np.arange(len(self.angles_second)) + later
+        low = np.floor(frames).astype(int)
+        share = (frames - low)[:, None]
+        inside = (low >= 0) & (low + (share[:, 0] > 0) < len(frames))
+        low = np.where(inside, low, 0)
+        high = np.minimum(low + 1, len(frames) - 1)
+        at = np.where(share > 0, (1 - share) * self.angles_second[low] + share * self.angles_second[high],
+                      self.angles_second[low])  # fmt: skip
+        off: Floats = np.where(inside[:, None], np.abs(self.angles_first - at), np.nan) * self.px_per_rad
+        return off
+
+
+def outline_of(silhouette: Mask, camera: Camera) -> Outline | None:
+    """The convex outline of an undistorted silhouette (H, W); None where there is hardly any."""
+    if silhouette.mean() < _SMALLEST_SHARE:
+        return None
+    contours, _ = cv2.findContours(silhouette.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    largest = max(contours, key=cv2.contourArea)
+    hull_px = cv2.convexHull(largest)[:, 0].astype(np.float64)
+    height, width = silhouette.shape
+    cut_off = np.any((hull_px < 1) | (hull_px > (width - 2, height - 2)), axis=1)
+    rays = (
+        np.column_stack([hull_px, np.ones(len(hull_px))]) @ np.linalg.inv(camera.K).T @ camera.R_camera_world
+    )
+    return Outline(rays / np.linalg.norm(rays, axis=1, keepdims=True), cut_off)
+
+
+def touches_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]) -> list[Touches]:
+    """All pairs of cameras that stand apart; outlines: per camera, of each frame."""
+    pairs = combinations(range(len(cameras)), 2)
+    found = [_touches(a, b, cameras, outlines) for a, b in pairs]
+    return [touches for touches in found if touches is not None]
+
+
+def _touches(
+    a: int, b: int, cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]
+) -> Touches | None:
+    baseline_m = cameras[b].centre_world_m - cameras[a].centre_world_m
+    length_m = float(np.linalg.norm(baseline_m))
+    seen = [outline for c in (a, b) for outline in outlines[c] if outline is not None]
+    if length_m < 0.05 or not seen:
+        return None
+    axis = baseline_m / length_m
+    across = np.mean([_across(outline.rays_world, axis).mean(axis=0) for outline in seen], axis=0)
+    if np.linalg.norm(across) < 1e-6:
+        return None
+    u = across / np.linalg.norm(across)
+    basis = np.stack([u, np.cross(axis, u)])
+    angles = [np.array([_extremes(outline, basis) for outline in outlines[c]]) for c in (a, b)]
+    slant = float(
+        np.mean([np.linalg.norm(_across(outline.rays_world, axis), axis=1).mean() for outline in seen])
+    )
+    focal_px = float(np.mean([cameras[c].K[0, 0] for c in (a, b)]))
+    return Touches(a, b, angles[0], angles[1], focal_px * slant)
+
+
+def _across(rays: Floats, axis: Floats) -> Floats:
+    """(n, 3) what of rays is across an axis."""
+    across: Floats = rays - np.outer(rays @ axis, axis)
+    return across
+
+
+def _extremes(outline: Outline | None, basis: Floats) -> tuple[float, float]:
+    """Lower and upper angle of an outline about the axis; NaN where it is cut off there."""
+    if outline is None:
+        return np.nan, np.nan
+    x, y = basis @ outline.rays_world.T
+    angles = np.arctan2(y, x)
+    low, high = int(angles.argmin()), int(angles.argmax())
+    if angles[high] - angles[low] > _WIDEST_RAD:
+        return np.nan, np.nan
+    return tuple(np.nan if outline.cut_off[i] else float(angles[i]) for i in (low, high))  # type: ignore[return-value]

@@ -1,0 +1,104 @@
+"""COLMAP's text model: cameras.txt and images.txt. Its unit of length and its world are arbitrary.
+
+Pixel centres lie at halves there, at whole numbers here.
+"""
+
+from collections import Counter
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from services.mocap.camera.formats.loose import Loose, LooseCamera, text_of
+from services.mocap.errors import CalibrationError, nearest
+from services.mocap.types import Floats
+
+CAMERAS, IMAGES = "cameras.txt", "images.txt"
+_HALF_PX = 0.5
+# Where each parameter goes in (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6); f is both fx and fy.
+_MODELS: dict[str, tuple[str, ...]] = {
+    "SIMPLE_PINHOLE": ("f", "cx", "cy"),
+    "PINHOLE": ("fx", "fy", "cx", "cy"),
+    "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
+    "RADIAL": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+    "FULL_OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "SIMPLE_RADIAL_FISHEYE": ("f", "cx", "cy", "k1"),
+    "RADIAL_FISHEYE": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV_FISHEYE": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
+}
+
+
+def read_colmap(folder: Path) -> Loose:
+    """A camera for every image, named like the folder it is in where each image has one of its own."""
+    lenses = {row[0]: row[1:] for row in _rows(folder / CAMERAS)}
+    images = _rows(folder / IMAGES, every=2)
+    names = _names([PurePosixPath(" ".join(row[9:])) for row in images])
+    path = folder / IMAGES
+    cameras = []
+    for name, row in zip(names, images, strict=True):
+        if len(row) < 10 or row[8] not in lenses:
+            raise CalibrationError(
+                f"{path}: image {row[0]}: expected ten values (ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, "
+                "NAME) with "
+                f"a camera of {CAMERAS}"
+            )
+        w, x, y, z, *t = _floats(row[1:8], f"{path}: image {row[0]}")
+        R = Rotation.from_quat([x, y, z, w]).as_matrix()
+        cameras.append(_camera(folder / CAMERAS, name, lenses[row[8]], R, np.array(t)))
+    remark = (
+        f"{folder}: COLMAP's unit of length and axes are arbitrary: give --scale (metres per unit) and "
+        "--its-up, and "
+        "compare with something measured"
+    )
+    return Loose(cameras, 1.0, (remark,))
+
+
+def _camera(path: Path, name: str, lens: list[str], R: Floats, t: Floats) -> LooseCamera:
+    model, (width, height), given = lens[0], lens[1:3], _floats(lens[3:], f"{path}: {name}")
+    if model not in _MODELS:
+        raise CalibrationError(f"{path}: model {model}: cannot be used: {nearest(model, _MODELS)}")
+    if len(given) != len(_MODELS[model]):
+        raise CalibrationError(
+            f"{path}: model {model}: expected {len(_MODELS[model])} parameters, found {len(given)}"
+        )
+    value = dict.fromkeys(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), 0.0) | dict(
+        zip(_MODELS[model], given, strict=True)
+    )
+    fx, fy = value.get("fx", value.get("f", 0.0)), value.get("fy", value.get("f", 0.0))
+    fisheye = model.endswith("FISHEYE")
+    coefficients = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    return LooseCamera(
+        name=name,
+        K=np.array([[fx, 0.0, value["cx"] - _HALF_PX], [0.0, fy, value["cy"] - _HALF_PX], [0.0, 0.0, 1.0]]),
+        distortion=np.array([value[name] for name in coefficients]),
+        R=R,
+        t=t,
+        size_px=(int(width), int(height)),
+        fisheye=fisheye,
+    )
+
+
+def _names(images: list[PurePosixPath]) -> list[str]:
+    """cam01 for cam01/000.png where every image has another folder, else the picture's own name."""
+    folders = [image.parent.name for image in images]
+    own = [folder for folder, count in Counter(folders).items() if count == 1 and folder]
+    return folders if len(own) == len(images) else [image.stem for image in images]
+
+
+def _rows(path: Path, every: int = 1) -> list[list[str]]:
+    """The words of the lines that are no comments, of every so manieth line."""
+    lines = [line for line in text_of(path).splitlines() if not line.startswith("#")]
+    while lines and not lines[-1].strip():
+        lines.pop()
+    rows = [line.split() for line in lines[::every] if line.strip()]
+    if not rows:
+        raise CalibrationError(f"{path}: holds nothing: expected a model of COLMAP, exported as text")
+    return rows
+
+
+def _floats(words: list[str], where: str) -> list[float]:
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        raise CalibrationError(f"{where}: expected numbers, found {' '.join(words)[:60]!r}") from None

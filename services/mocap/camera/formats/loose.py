@@ -1,0 +1,74 @@
+"""A camera as other tools' files have it: perhaps without a size, in whatever unit and world."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from services.mocap.errors import CalibrationError
+from services.mocap.types import Floats
+
+_NEAR_ROTATION = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class LooseCamera:
+    """What a file says of a camera, x_camera = R @ x_world + t, with OpenCV's axes."""
+
+    name: str
+    K: Floats
+    """(3, 3)"""
+    distortion: Floats
+    """(n,) OpenCV's coefficients, for any n up to 14."""
+    R: Floats
+    """(3, 3)"""
+    t: Floats
+    """(3,) in the file's unit."""
+    size_px: tuple[int, int] | None
+    fisheye: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Loose:
+    """What a file says of all cameras."""
+
+    cameras: list[LooseCamera]
+    metres: float | None
+    """What the format's unit of length is; None where the format leaves that open."""
+    remarks: tuple[str, ...] = ()
+
+
+def array_of(value: object, shape: tuple[int, ...], where: str) -> Floats:
+    """Numbers from a file in a shape, -1 for any length; raises CalibrationError, beginning with where."""
+    try:
+        array = np.asarray(value, np.float64)
+        reshaped = array.reshape(shape)
+    except (TypeError, ValueError):
+        raise CalibrationError(f"{where}: expected numbers of shape {shape}, found something else") from None
+    if not np.isfinite(reshaped).all():
+        raise CalibrationError(f"{where}: expected finite numbers")
+    return reshaped
+
+
+def rotation_of(value: object, where: str) -> Floats:
+    """A rotation (3, 3) from a rotation vector or a matrix; raises CalibrationError where it is neither."""
+    array = array_of(value, (-1,), where)
+    if array.size == 3:
+        return np.asarray(Rotation.from_rotvec(array).as_matrix(), np.float64)
+    if array.size != 9:
+        raise CalibrationError(f"{where}: expected a rotation vector of 3 numbers or a matrix of 3x3")
+    R = array.reshape(3, 3)
+    if not np.allclose(R @ R.T, np.eye(3), atol=_NEAR_ROTATION) or np.linalg.det(R) < 0:
+        raise CalibrationError(f"{where}: is not a rotation: export it again from the calibration tool")
+    return np.asarray(Rotation.from_matrix(R).as_matrix(), np.float64)
+
+
+def text_of(path: Path) -> str:
+    """A file's text; raises CalibrationError where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise CalibrationError(f"{path}: is missing: expected a calibration file") from None
+    except (OSError, UnicodeDecodeError):
+        raise CalibrationError(f"{path}: cannot be read: expected a calibration in text") from None

@@ -1,0 +1,101 @@
+"""Qualisys Track Manager's calibration, .qca.txt: XML in millimetres and 64ths of pixels.
+
+A camera's axes there are x right, y up, z backwards; transform holds its place in the world and, row by row,
+its axes. Lens coefficients are OpenCV's, of coordinates at focal length 1; centres count from the sensor's
+corner, and fov_video says which part of the sensor the picture is.
+"""
+
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError, fromstring
+
+import numpy as np
+
+from services.mocap.camera.formats.loose import Loose, LooseCamera, rotation_of, text_of
+from services.mocap.errors import CalibrationError
+
+_PER_PIXEL = 64.0
+_MM = 1e-3
+_R_OPENCV_QUALISYS = np.diag([1.0, -1.0, -1.0])
+
+
+def read_qualisys(path: Path) -> Loose:
+    """The video cameras of the file, by serial number; markers' cameras are passed over."""
+    cameras = [tag for tag in _root(path).iter("camera") if tag.find("intrinsic") is not None]
+    video = [tag for tag in cameras if "video" in tag.get("model", "video").lower()]
+    remarks = []
+    if 0 < len(video) < len(cameras):
+        remarks.append(
+            f"{path}: {len(cameras) - len(video)} cameras are no video cameras and are passed over"
+        )
+    turned = [
+        tag.get("serial", "?") for tag in video or cameras if tag.get("viewrotation", "0") not in ("0", "")
+    ]
+    if turned:
+        remarks.append(
+            f"{path}: pictures of {', '.join(turned)} are turned in Qualisys (viewrotation): the "
+            "calibration holds "
+            "for videos that are not turned: compare with xormocap calibrate --check"
+        )
+    return Loose(
+        [_camera(path, number, tag) for number, tag in enumerate(video or cameras)], 1.0, tuple(remarks)
+    )
+
+
+def _root(path: Path) -> Element:
+    text = text_of(path)
+    try:
+        if "<!" in text.replace("<!--", ""):
+            raise CalibrationError(f"{path}: declares XML entities, which calibrations do not need")
+        return fromstring(text)  # noqa: S314
+    except ParseError:
+        raise CalibrationError(
+            f"{path}: is not XML: expected the calibration that Qualisys exports"
+        ) from None
+
+
+def _camera(path: Path, number: int, tag: Element) -> LooseCamera:
+    serial = tag.get("serial", str(number + 1))
+    where = f"{path}: camera {serial}"
+    left, top, right, bottom = _numbers(tag, where, "fov_video", ("left", "top", "right", "bottom"))
+    fx, fy, cx, cy, skew = _numbers(
+        tag, where, "intrinsic", ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew")
+    )
+    k1, k2, k3, p1, p2 = _numbers(
+        tag,
+        where,
+        "intrinsic",
+        (*(f"radialDistortion{i}" for i in (1, 2, 3)), "tangentalDistortion1", "tangentalDistortion2"),
+    )
+    place_mm = np.array(_numbers(tag, where, "transform", ("x", "y", "z")))
+    names = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+    R = _R_OPENCV_QUALISYS @ rotation_of(_numbers(tag, where, "transform", names), where)
+    return LooseCamera(
+        name=serial,
+        K=np.array(
+            [
+                [fx / _PER_PIXEL, skew / _PER_PIXEL, cx / _PER_PIXEL - left],
+                [0.0, fy / _PER_PIXEL, cy / _PER_PIXEL - top],
+                [0.0, 0.0, 1.0],
+            ]
+        ),
+        distortion=np.array([k1, k2, p1, p2, k3]),
+        R=R,
+        t=-R @ place_mm * _MM,
+        size_px=(round(right - left + 1), round(bottom - top + 1)),
+    )
+
+
+def _numbers(camera: Element, where: str, name: str, attributes: tuple[str, ...]) -> list[float]:
+    tag = camera.find(name)
+    if tag is None:
+        raise CalibrationError(f"{where}: {name}: is missing: expected it in every camera")
+    found = []
+    for attribute in attributes:
+        text = tag.get(attribute, "0" if attribute == "skew" else "")
+        try:
+            found.append(float(text))
+        except ValueError:
+            raise CalibrationError(
+                f"{where}: {name} {attribute}: expected a number, found {text!r}"
+            ) from None
+    return found

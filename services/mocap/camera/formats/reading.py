@@ -1,0 +1,146 @@
+"""Reading whatever calibration there is: which format it is, its unit and world made ours."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.formats import colmap, storage
+from services.mocap.camera.formats.colmap import read_colmap
+from services.mocap.camera.formats.loose import Loose, LooseCamera
+from services.mocap.camera.formats.qualisys import read_qualisys
+from services.mocap.camera.formats.storage import STORAGE_SUFFIXES, read_easymocap, read_opencv
+from services.mocap.camera.formats.toml_tables import read_toml
+from services.mocap.errors import CalibrationError
+from services.mocap.types import Floats
+
+Format: TypeAlias = Literal["toml", "opencv", "qualisys", "easymocap", "colmap"]
+"""toml: Pose2Sim, anipose, FreeMoCap, caliscope."""
+Units: TypeAlias = Literal["auto", "m", "cm", "mm"]
+Axis: TypeAlias = Literal["z", "y", "-y", "-z"]
+
+_READERS: dict[Format, Callable[[Path], Loose]] = {
+    "toml": read_toml,
+    "opencv": read_opencv,
+    "qualisys": read_qualisys,
+    "easymocap": read_easymocap,
+    "colmap": read_colmap,
+}
+_METRES: dict[Units, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_SURELY_MM = 50.0
+"""Cameras farther apart than this, in the file's unit, are in millimetres: no studio is 50 m wide."""
+# Turns a world in which that axis points up into one in which z does.
+_R_ZUP: dict[Axis, Floats] = {
+    "z": np.eye(3),
+    "y": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    "-y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+    "-z": np.diag([1.0, -1.0, -1.0]),
+}
+_LENGTHS = (4, 5, 8)
+
+
+def read_any(
+    path: Path, kind: Format | None, size_px: tuple[int, int] | None, units: Units, scale: float, up: Axis
+) -> tuple[tuple[Camera, ...], list[str]]:
+    """Cameras in the inside z-up world, and remarks for the user.
+
+    kind: None to find it out. size_px: of pictures whose size the file does not say. units: of its lengths,
+    which are multiplied by scale besides. up: the axis that points up in it. Raises CalibrationError.
+    """
+    loose = _READERS[kind or format_of(path)](path)
+    if not loose.cameras:
+        raise CalibrationError(f"{path}: holds no camera that is calibrated: expected one or more")
+    remarks = list(loose.remarks)
+    metres = _METRES[units] if units != "auto" else loose.metres
+    if metres is None:
+        metres = _guessed_unit(path, loose.cameras, remarks)
+    cameras = tuple(
+        _camera(path, camera, size_px, metres * scale).with_world_turned(_R_ZUP[up])
+        for camera in loose.cameras
+    )
+    if not _look_together(cameras):
+        remarks.append(
+            f"{path}: most cameras look away from where their axes meet: check that its rotations and "
+            "translations "
+            "take points of the world to the camera"
+        )
+    return cameras, remarks
+
+
+def format_of(path: Path) -> Format:
+    """By name and content; raises CalibrationError where it is none of those known."""
+    if path.is_dir():
+        if (path / storage.INTRI).exists():
+            return "easymocap"
+        if (path / colmap.IMAGES).exists():
+            return "colmap"
+        if any(file.suffix.lower() in STORAGE_SUFFIXES for file in path.iterdir()):
+            return "opencv"
+    elif path.name.lower().endswith((".qca.txt", ".qca")):
+        return "qualisys"
+    elif path.suffix.lower() == ".toml":
+        return "toml"
+    elif path.suffix.lower() in STORAGE_SUFFIXES:
+        return "opencv"
+    raise CalibrationError(
+        f"{path}: is no calibration that is known by its name: expected a .toml, .qca.txt, .xml or .yml "
+        "file, or a "
+        f"folder with {storage.INTRI} and {storage.EXTRI}, with COLMAP's {colmap.CAMERAS} and "
+        f"{colmap.IMAGES}, or "
+        "with one XML or YAML file per camera; or say what it is with --from"
+    )
+
+
+def _guessed_unit(path: Path, cameras: list[LooseCamera], remarks: list[str]) -> float:
+    centres = np.array([-camera.R.T @ camera.t for camera in cameras])
+    if np.ptp(centres, axis=0).max() <= _SURELY_MM:
+        return 1.0
+    remarks.append(f"{path}: its lengths are taken for millimetres, by their size: --units says otherwise")
+    return _METRES["mm"]
+
+
+def _camera(path: Path, camera: LooseCamera, size_px: tuple[int, int] | None, metres: float) -> Camera:
+    size_px = camera.size_px or size_px
+    if size_px is None:
+        raise CalibrationError(
+            f"{path}: does not say how large {camera.name}'s pictures are: give --size WxH"
+        )
+    return Camera(
+        name=camera.name,
+        width_px=size_px[0],
+        height_px=size_px[1],
+        K=camera.K,
+        distortion=_coefficients(path, camera),
+        R_camera_world=camera.R,
+        t_camera_world_m=camera.t * metres,
+        fisheye=camera.fisheye,
+    )
+
+
+def _coefficients(path: Path, camera: LooseCamera) -> Floats:
+    """As many as calibration.toml allows: zeros are added, and zeros at the end are left out."""
+    given = camera.distortion
+    lengths = (4,) if camera.fisheye else _LENGTHS
+    used = int(np.flatnonzero(given).max(initial=-1)) + 1
+    fitting = next((length for length in lengths if length >= used), None)
+    if fitting is None:
+        raise CalibrationError(
+            f"{path}: {camera.name} has {used} lens coefficients: expected at most {lengths[-1]}: "
+            "calibrate it with "
+            "a simpler lens model"
+        )
+    coefficients = np.zeros(fitting)
+    coefficients[: min(used, fitting)] = given[:used]
+    return coefficients
+
+
+def _look_together(cameras: tuple[Camera, ...]) -> bool:
+    """Whether most cameras have before them the point that is nearest to all their optical axes."""
+    centres_m = np.array([camera.centre_world_m for camera in cameras])
+    axes = np.array([camera.R_camera_world[2] for camera in cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    meeting_m = np.linalg.lstsq(across.sum(axis=0), np.einsum("cij,cj->i", across, centres_m), rcond=None)[0]
+    ahead = np.einsum("ci,ci->c", meeting_m - centres_m, axes) > 0
+    return bool(2 * ahead.sum() >= len(cameras))

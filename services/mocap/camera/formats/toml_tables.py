@@ -1,0 +1,64 @@
+"""TOML calibrations: Pose2Sim, anipose, FreeMoCap (a table per camera), caliscope (tables in a table)."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from services.mocap.camera.formats.loose import Loose, LooseCamera, array_of, rotation_of
+from services.mocap.errors import CalibrationError, load_toml
+
+_LENS = {"matrix", "distortions"}
+_NAMES = ("name", "port", "cam_id")
+
+
+def read_toml(path: Path) -> Loose:
+    """Every table with a matrix and distortions; those that say ignore = true are passed over."""
+    found, ignored, cameras = dict(_tables(load_toml(path, CalibrationError), "")), [], []
+    for key, table in found.items():
+        if table.get("ignore") is True:
+            ignored.append(key)
+            continue
+        cameras.append(_camera(f"{path}: [{key}]", key, table))
+    remarks = tuple(f"{path}: [{key}]: says ignore = true and is passed over" for key in ignored)
+    return Loose(cameras, None, remarks)
+
+
+def _tables(tables: dict[str, Any], before: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Tables of cameras and their keys, however deep."""
+    for key, table in tables.items():
+        if not isinstance(table, dict):
+            continue
+        if table.keys() >= _LENS:
+            yield f"{before}{key}", table
+        else:
+            yield from _tables(table, f"{before}{key}.")
+
+
+def _camera(where: str, key: str, table: dict[str, Any]) -> LooseCamera:
+    missing = [field for field in ("rotation", "translation") if table.get(field) is None]
+    if missing:
+        raise CalibrationError(
+            f"{where} {missing[0]}: is missing: this camera's place is not known: calibrate its "
+            "extrinsics there"
+        )
+    said = next((table[name] for name in _NAMES if name in table), None)
+    name = said if isinstance(said, str) else _numbered(key, said)
+    size = None
+    if "size" in table:
+        width, height = array_of(table["size"], (2,), f"{where} size")
+        size = round(width), round(height)
+    return LooseCamera(
+        name=name,
+        K=array_of(table["matrix"], (3, 3), f"{where} matrix"),
+        distortion=array_of(table["distortions"], (-1,), f"{where} distortions"),
+        R=rotation_of(table["rotation"], f"{where} rotation"),
+        t=array_of(table["translation"], (3,), f"{where} translation"),
+        size_px=size,
+        fisheye=table.get("fisheye") is True,
+    )
+
+
+def _numbered(key: str, number: object) -> str:
+    """cam_1 for a table of caliscope's, whose key is only its number; else the last part of the key."""
+    last = key.rsplit(".", 1)[-1]
+    return f"cam_{last}" if last.isdecimal() and number is not None else last

@@ -1,0 +1,109 @@
+"""`xormocap sync TAKE`: by how many frames each camera is ahead, by silhouettes, written to take.toml."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from services.mocap.atomic import atomic_file
+from services.mocap.calibration.steps import InStep, find_offsets
+from services.mocap.calibration.tangents import touches_of
+from services.mocap.errors import TakeError, UserError
+from services.mocap.take import layout
+from services.mocap.take.folder import Take, open_take
+from services.mocap.take.settings import read_settings
+from services.take_outlines import outlines_of
+
+_MOST_FRAMES = 900
+_LEAST_CONFIDENCE = 0.15
+_OFFSETS_TABLE = re.compile(r"^\[offsets\].*\n(?:(?!\[).*\n?)*", re.MULTILINE)
+_OFFSETS_INLINE = re.compile(r"^offsets\s*=.*\n?", re.MULTILINE)
+_FRAMES = re.compile(r"^(\s*frames\s*=\s*)\d+", re.MULTILINE)
+_INIT_FRAMES = re.compile(r"^(\s*init_frames\s*=\s*)\d+", re.MULTILINE)
+
+_out, _err = Console(highlight=False), Console(stderr=True, highlight=False)
+
+
+def sync(
+    take: Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")],
+    reach: Annotated[
+        int, typer.Option(min=1, max=300, help="Look for offsets of up to so many frames.")
+    ] = 15,
+    write: Annotated[bool, typer.Option(help="Write the offsets to take.toml.")] = True,
+) -> None:
+    """Find by how many frames each camera of a take is ahead of the others, and write that to take.toml.
+
+    For takes whose cameras were not triggered together. The cameras are taken to be calibrated, and their
+    frames equally long.
+    """
+    opened = open_take(take).without_offsets()
+    frames = range(min(opened.settings.frames, _MOST_FRAMES))
+    cameras, outlines, _ = outlines_of(opened, frames, 1, _err)
+    width_px = float(np.median([camera.width_px for camera in cameras]))
+    found = find_offsets(touches_of(cameras, outlines), len(cameras), reach, width_px)
+    _out.print(_table(opened, found))
+    unsure = [
+        camera.name
+        for camera, sure in zip(cameras, found.confidence, strict=True)
+        if sure < _LEAST_CONFIDENCE
+    ]
+    if unsure:
+        raise UserError(
+            f"{take}: silhouettes do not tell the offsets of {', '.join(unsure)}: expected somebody who "
+            "moves, whole in "
+            "the pictures, cameras that agree (xormocap calibrate --check), and offsets within --reach: "
+            "nothing is "
+            "written"
+        )
+    if write:
+        _write(opened, found)
+
+
+def _write(take: Take, found: InStep) -> None:
+    """Put whole frames into take.toml, and the number of frames that all cameras hold then."""
+    whole = np.rint(found.offsets).astype(int)
+    whole -= whole.min()
+    names = [camera.name for camera in take.cameras]
+    offsets = {name: int(offset) for name, offset in zip(names, whole, strict=True)}
+    frames = min(n - offsets[name] for name, n in zip(names, _held(take), strict=True))
+    path = take.folder / layout.SETTINGS
+    text = path.read_text(encoding="utf-8")
+    text = _FRAMES.sub(rf"\g<1>{frames}", _OFFSETS_INLINE.sub("", _OFFSETS_TABLE.sub("", text)))
+    if (take.settings.init_frames or 0) > frames:
+        text = _INIT_FRAMES.sub(rf"\g<1>{frames}", text)
+    rows = "".join(f'"{name}" = {offset}\n' for name, offset in offsets.items())
+    table = f"[offsets]  # frames by which cameras are ahead, found by xormocap sync\n{rows}"
+    with atomic_file(path) as part:
+        part.write_text(f"{text.rstrip()}\n\n{table}", encoding="utf-8")
+        if read_settings(part).offsets != offsets:
+            raise TakeError(f"{path}: is laid out in a way that sync does not understand: put in {offsets}")
+    _out.print(f"{path}: offsets of {len(names)} cameras, frames = {frames}", markup=False, soft_wrap=True)
+
+
+def _held(take: Take) -> list[int]:
+    """How many frames each camera's files hold."""
+    if take.source == "videos":
+        return [take.video(camera, 0, 0).index.n_frames for camera in take.cameras]
+    return [
+        len(list(layout.silhouette_folder(take.folder, camera.name).glob("*.png"))) for camera in take.cameras
+    ]
+
+
+def _table(take: Take, found: InStep) -> Table:
+    table = Table("camera", box=None, header_style="bold")
+    for column in ("ahead, frames", "confidence", "off now, px", "off then, px"):
+        table.add_column(column, justify="right")
+    for c, camera in enumerate(take.cameras):
+        table.add_row(
+            escape(camera.name),
+            f"{found.offsets[c]:g}",
+            f"{found.confidence[c]:.2f}",
+            f"{found.off_before_px[c]:.1f}",
+            f"{found.off_px[c]:.1f}",
+        )
+    return table

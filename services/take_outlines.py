@@ -1,0 +1,43 @@
+"""The silhouettes of a take, camera by camera, for the commands that compare cameras."""
+
+from itertools import islice
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from services.mocap.calibration.tangents import Outline, outline_of
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
+from services.mocap.take.folder import Take
+from services.mocap.types import Mask
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.source import in_common_size, make_segmenter
+
+
+def outlines_of(
+    take: Take, frames: range, every: int, errors: Console
+) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Mask]:
+    """The cameras without lens distortion, their outlines in some frames, and the silhouettes of one frame.
+
+    every: of how many frames one is taken. The silhouettes (C, H, W) are those of the frame in the middle.
+    """
+    cameras = tuple(camera.undistorted() for camera in take.cameras)
+    height_px, width_px = Rig.of(cameras).shape_px
+    outlines: list[list[Outline | None]] = []
+    middle: Mask = np.zeros((len(cameras), height_px, width_px), bool)
+    chosen = range(0, len(frames), every)
+    with Progress(console=errors) as bar:
+        task = bar.add_task("looking at silhouettes", total=len(cameras))
+        for c, camera in enumerate(take.cameras):
+            masks = make_segmenter(take, camera, SegmentationSettings()).silhouettes(
+                frames.start, frames.stop
+            )
+            of_camera: list[Outline | None] = []
+            for n, mask in enumerate(islice(masks, 0, len(frames), every)):
+                of_camera.append(outline_of(mask, cameras[c]))
+                if n == len(chosen) // 2:
+                    middle[c] = in_common_size(mask, width_px, height_px)
+            outlines.append(of_camera)
+            bar.advance(task)
+    return cameras, outlines, middle

@@ -1,0 +1,162 @@
+"""`xormocap calibrate` from rendered pictures of a board, and what it says of pictures that are wrong."""
+
+import io
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from board_stage import Scene, centres_apart_m, ring, shown_to_neighbours, write_pictures
+from rich.console import Console
+
+from services.calibrate_board import COVERAGE, RECORD, calibrate_by_board, draw_board
+from services.mocap.calibration.board import Board
+from services.mocap.calibration.detection import Detector
+from services.mocap.camera.calibration import read_calibration
+from services.mocap.errors import UserError
+from services.mocap.types import Bytes
+
+CHARUCO = Board(columns=5, rows=7, square_m=0.2, marker_m=0.15, dictionary="4x4_50")
+CHESS = Board(kind="chessboard", columns=5, rows=8, square_m=0.2)
+SAID = {"squares": "5x7", "square_m": 0.2, "marker_m": 0.15, "dictionary": "4x4_50"}
+SAID_CHESS = {"kind": "chessboard", "squares": "5x8", "square_m": 0.2}
+
+
+def calibrate(clips: Path, out: Path, said: dict[str, object]) -> tuple[str, str]:
+    """What it prints, and what it warns of."""
+    printed, warned = (Console(width=500, file=io.StringIO(), record=True) for _ in range(2))
+    calibrate_by_board(clips, said, "normal", out, "z", printed, warned)
+    return printed.export_text(), warned.export_text()
+
+
+def scene(board: Board, moments: int = 10, n_cameras: int = 3) -> Scene:
+    """Three neighbours of a ring of eight; the middle one sees the board with either neighbour."""
+    rng = np.random.default_rng(11)
+    return shown_to_neighbours(ring(n_cameras, 1200, 900, rng, of=8), board, moments, rng, closed=False)
+
+
+@pytest.fixture(scope="module")
+def charuco() -> Scene:
+    return scene(CHARUCO)
+
+
+@pytest.fixture(scope="module")
+def clips(charuco: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("clips")
+    write_pictures(folder, charuco, np.random.default_rng(12))
+    return folder
+
+
+@pytest.fixture
+def own_clips(clips: Path, tmp_path: Path) -> Path:
+    """The same, to be spoiled."""
+    return Path(shutil.copytree(clips, tmp_path / "clips"))
+
+
+def change(folder: Path, change_picture) -> None:
+    for path in folder.rglob("*.png") if folder.is_dir() else [folder]:
+        path.write_bytes(cv2.imencode(".png", change_picture(cv2.imread(str(path))))[1].tobytes())
+
+
+def test_cameras_are_found_by_pictures_of_a_charuco_board(
+    clips: Path, charuco: Scene, tmp_path: Path
+) -> None:
+    out = tmp_path / "calibration.toml"
+    printed, warned = calibrate(clips, out, SAID)
+    found = read_calibration(out, "z")
+    assert [camera.name for camera in found] == ["cam01", "cam02", "cam03"]
+    assert centres_apart_m(found, charuco.cameras).max() < 0.02
+    for one, true in zip(found, charuco.cameras, strict=True):
+        assert one.K[0, 0] == pytest.approx(true.K[0, 0], rel=0.005)
+    assert "cam02" in printed
+    assert "error, px" in printed
+    assert "upside" not in warned
+    record = json.loads((tmp_path / RECORD).read_text())
+    assert record["cameras"]["cam02"]["error_px"] < 0.4
+    sheet = cv2.imread(str(tmp_path / COVERAGE))
+    assert sheet.shape[1] > 1000
+    assert (sheet.max(axis=2) > 150).mean() > 0.005  # dots
+
+
+def test_a_chessboard_does_as_well_and_its_two_ends_are_told_apart(tmp_path: Path) -> None:
+    shown = scene(CHESS)
+    write_pictures(tmp_path / "clips", shown, np.random.default_rng(13))
+    calibrate(tmp_path / "clips", tmp_path / "calibration.toml", SAID_CHESS)
+    found = read_calibration(tmp_path / "calibration.toml", "z")
+    assert centres_apart_m(found, shown.cameras).max() < 0.02
+
+
+def complaint(clips: Path, tmp_path: Path, said: dict[str, object]) -> str:
+    with pytest.raises(UserError) as refused:
+        calibrate(clips, tmp_path / "out" / "calibration.toml", said)
+    assert not (tmp_path / "out").exists()
+    return str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"squares": "7x5"}, "shows a ChArUco board of 5x7 squares"),
+        ({"squares": "6x8"}, "shows a ChArUco board of 5x7 squares"),
+        ({"squares": "4x7"}, "shows a ChArUco board of 5x7 squares"),
+        ({"dictionary": "5x5_50"}, "give --dictionary 4x4_"),
+        ({"squares": "5 by 7"}, "--squares 5 by 7: expected"),
+        ({"square_m": 12.0}, "square_m: expected the side of a square in metres"),
+        (
+            {"kind": "chessboard", "marker_m": None, "dictionary": None},
+            "look the same when the board is turned",
+        ),
+    ],
+)
+def test_a_wrong_board_is_noticed(clips: Path, tmp_path: Path, changed: dict[str, object], said: str) -> None:
+    assert said in complaint(clips, tmp_path, SAID | changed)
+
+
+def test_a_chessboard_of_a_wrong_size_is_noticed(tmp_path: Path) -> None:
+    write_pictures(tmp_path / "clips", scene(CHESS, moments=5, n_cameras=2), np.random.default_rng(14))
+    assert "shows a chessboard of 5x8 squares" in complaint(
+        tmp_path / "clips", tmp_path, SAID_CHESS | {"squares": "4x7"}
+    )
+
+
+def test_mirrored_pictures_are_noticed(own_clips: Path, tmp_path: Path) -> None:
+    change(own_clips / "cam02", lambda picture: picture[:, ::-1])
+    assert f"{own_clips / 'cam02'}: is mirrored" in complaint(own_clips, tmp_path, SAID)
+
+
+def test_a_camera_twice_is_noticed(own_clips: Path, tmp_path: Path) -> None:
+    shutil.copytree(own_clips / "cam02", own_clips / "cam04")
+    assert "cam02 and cam04: show the very same pictures" in complaint(own_clips, tmp_path, SAID)
+
+
+def test_clips_of_two_sizes_are_noticed(own_clips: Path, tmp_path: Path) -> None:
+    change(own_clips / "origin" / "cam01.png", lambda picture: cv2.resize(picture, None, fx=0.5, fy=0.5))
+    said = complaint(own_clips, tmp_path, SAID)
+    assert "is 600x450 pixels, but the camera's other clip is 1200x900" in said
+
+
+def test_an_origin_is_asked_for(own_clips: Path, tmp_path: Path) -> None:
+    shutil.rmtree(own_clips / "origin")
+    assert "origin: holds no clip" in complaint(own_clips, tmp_path, SAID)
+
+
+def test_a_camera_upside_down_is_calibrated_and_said(own_clips: Path, charuco: Scene, tmp_path: Path) -> None:
+    for path in (own_clips / "cam03", own_clips / "origin" / "cam03.png"):
+        change(path, lambda picture: picture[::-1, ::-1])
+    _, warned = calibrate(own_clips, tmp_path / "calibration.toml", SAID)
+    assert "cam03: hangs upside down" in warned
+    found = read_calibration(tmp_path / "calibration.toml", "z")
+    assert centres_apart_m(found, charuco.cameras).max() < 0.02
+
+
+def test_a_board_is_drawn_as_it_is_detected(tmp_path: Path) -> None:
+    path = tmp_path / "board.png"
+    draw_board(path, {**SAID, "square_m": 0.03, "marker_m": 0.02}, None, Console(quiet=True))
+    drawn: Bytes = cv2.imread(str(path))
+    board = Board(columns=5, rows=7, square_m=0.03, marker_m=0.02, dictionary="4x4_50")
+    assert drawn.shape[0] == pytest.approx(8 * 0.03 / 0.0254 * 300, abs=12)
+    sighting = Detector(board).find(drawn)
+    assert sighting is not None
+    assert len(sighting.corners) == board.n_corners

@@ -1,0 +1,151 @@
+"""`xormocap sync` and `calibrate --check` on a synthetic take with silhouettes of its own."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from rich.console import Console
+
+from services.calibrate_check import DisagreeError, check_take
+from services.mocap.camera.calibration import read_calibration, write_calibration
+from services.mocap.errors import TakeError, UserError
+from services.mocap.synth.take import write_synthetic_take
+from services.mocap.take.folder import open_take
+from services.mocap.take.settings import read_settings
+from services.sync import sync
+
+FRAMES, N_CAMERAS = 60, 5
+AHEAD = {"cam01": 4, "cam02": 0, "cam03": 10, "cam04": 7, "cam05": 1}
+QUIET = Console(quiet=True)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A take with exact silhouettes in place of videos."""
+    folder = tmp_path_factory.mktemp("sync") / "walk"
+    write_synthetic_take(folder, n_frames=FRAMES, n_cameras=N_CAMERAS)
+    shutil.move(folder / "reference" / "silhouettes", folder / "silhouettes")
+    shutil.rmtree(folder / "videos")
+    return folder
+
+
+@pytest.fixture
+def take(recorded: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(recorded, tmp_path / "walk"))
+
+
+def delay(take: Path, ahead: dict[str, int]) -> None:
+    """As if each camera had been started so many frames before the others, whose files end as much later."""
+    most = max(ahead.values())
+    for name, frames in ahead.items():
+        folder = take / "silhouettes" / name
+        kept = [folder / f"{n:06d}.png" for n in range(most - frames, FRAMES)]
+        moved = take / "moved"
+        moved.mkdir()
+        for n, path in enumerate(kept):
+            path.rename(moved / f"{n:06d}.png")
+        shutil.rmtree(folder)
+        moved.rename(folder)
+    text = (take / "take.toml").read_text()
+    (take / "take.toml").write_text(
+        "# by hand\n" + text.replace(f"frames = {FRAMES}", f"frames = {FRAMES - most}")
+    )
+
+
+def test_offsets_of_up_to_ten_frames_are_found_and_read(take: Path, recorded: Path) -> None:
+    delay(take, AHEAD)
+    sync(take, reach=12, write=True)
+    settings = read_settings(take / "take.toml")
+    assert settings.offsets == AHEAD
+    assert settings.frames == FRAMES - 10
+    assert "# by hand" in (take / "take.toml").read_text()
+    opened, original = open_take(take), open_take(recorded)
+    for camera in opened.cameras:
+        for mask, same in zip(opened.silhouettes(camera), original.silhouettes(camera, 10), strict=False):
+            np.testing.assert_array_equal(mask, same)
+    sync(take, reach=12, write=True)  # again: offsets that are there already do not add up
+    assert read_settings(take / "take.toml") == settings
+
+
+def test_a_take_in_step_stays_as_it_is(take: Path) -> None:
+    sync(take, reach=10, write=True)
+    settings = read_settings(take / "take.toml")
+    assert set(settings.offsets.values()) == {0}
+    assert settings.frames == FRAMES
+
+
+def test_somebody_who_stands_still_tells_nothing(take: Path) -> None:
+    for folder in (take / "silhouettes").iterdir():
+        for path in folder.iterdir():
+            if path.name != "000000.png":
+                shutil.copy(folder / "000000.png", path)
+    before = (take / "take.toml").read_text()
+    with pytest.raises(UserError, match="do not tell the offsets"):
+        sync(take, reach=10, write=True)
+    assert (take / "take.toml").read_text() == before
+
+
+def test_offsets_are_checked(take: Path) -> None:
+    text = (take / "take.toml").read_text()
+    for table, said in (
+        ("[offsets]\ncam1 = 2\n", "offsets: cam1: is no camera of calibration.toml: did you mean cam01"),
+        ("[offsets]\ncam02 = -1\n", "offsets: cam02: expected 0 or more"),
+        ("[offsets]\ncam02 = 2.5\n", "offsets: expected a table of whole frames"),
+        ("[offsets]\ncam02 = 3\n", "from frame 3 on, the camera's offset"),
+    ):
+        (take / "take.toml").write_text(text + table)
+        with pytest.raises(TakeError) as refused:
+            open_take(take)
+        assert said in str(refused.value)
+
+
+def test_cameras_that_agree_pass(take: Path) -> None:
+    check_take(take, QUIET, QUIET)
+
+
+def _turned(take: Path, camera: int, flip: Callable[[np.ndarray], np.ndarray]) -> None:
+    for path in (take / "silhouettes" / f"cam{camera + 1:02d}").iterdir():
+        cv2.imwrite(str(path), flip(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)))
+
+
+def _moved(take: Path) -> None:
+    cameras = list(read_calibration(take / "calibration.toml", "z"))
+    moved = cameras[2].t_camera_world_m + np.array([0.0, 0.05, 0.0])
+    cameras[2] = replace(cameras[2], t_camera_world_m=moved)
+    write_calibration(take / "calibration.toml", tuple(cameras), "z")
+
+
+def _exchanged(take: Path) -> None:
+    (take / "silhouettes" / "cam03").rename(take / "x")
+    shutil.copytree(take / "silhouettes" / "cam04", take / "silhouettes" / "cam03")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (
+            lambda take: _turned(take, 2, lambda picture: picture[::-1, ::-1]),
+            "cam03 (its pictures are upside down)",
+        ),
+        (
+            lambda take: _turned(take, 2, lambda picture: picture[:, ::-1]),
+            "cam03 (its pictures are mirrored)",
+        ),
+        (_moved, "cam03: not in agreement with the other 4 cameras"),
+        (_exchanged, "cam03"),
+    ],
+    ids=["upside down", "mirrored", "moved", "another camera's pictures"],
+)
+def test_the_camera_that_does_not_agree_is_named(
+    take: Path, spoil: Callable[[Path], None], said: str
+) -> None:
+    spoil(take)
+    with pytest.raises(DisagreeError) as refused:
+        check_take(take, QUIET, QUIET)
+    assert said in str(refused.value)
+    others = [f"cam{n:02d}" for n in (1, 2, 4, 5)]
+    assert not any(f"{name}:" in str(refused.value).split("not in agreement")[0] for name in others)
