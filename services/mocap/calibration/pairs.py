@@ -15,6 +15,8 @@ from services.mocap.types import Floats
 FEWEST_SHARED = 3
 """Moments that two cameras must share to be linked."""
 _MOST_SHARED = 40
+_LEAST_AGREEING = 0.4
+"""The share of shared moments that must fit to where two cameras stand."""
 AGREEING_PX_PER_WIDTH = 0.02
 """How far off the median moment may be in one camera when predicted from the other, per pixel of width."""
 
@@ -101,7 +103,8 @@ def _off_px(
 def chain(names: list[str], links: list[Link]) -> list[Pose]:
     """T_camera_first for every camera, along the strongest links.
 
-    Raises CalibrationError where cameras are left that share no moments with the others.
+    Raises CalibrationError where cameras are left that share no moments with the others, or whose moments do
+    not fit to any one place of the cameras.
     """
     placed = {0: IDENTITY}
     while len(placed) < len(names):
@@ -109,6 +112,14 @@ def chain(names: list[str], links: list[Link]) -> list[Pose]:
         if not open_ends:
             raise CalibrationError(_not_linked([names[c] for c in placed], names))
         link = max(open_ends, key=lambda link: link.strength)
+        if link.agreeing < _LEAST_AGREEING:
+            raise CalibrationError(
+                f"{names[link.first]} and {names[link.second]}: see the board in {link.n_shared} moments "
+                "together, "
+                f"but only {100 * link.agreeing:.0f}% of these fit to one place of the cameras: check "
+                "that their "
+                "clips show the same moments, that no camera moved, and that neither's pictures are mirrored"
+            )
         if link.first in placed:
             placed[link.second] = link.T_second_first @ placed[link.first]
         else:

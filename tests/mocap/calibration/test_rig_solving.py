@@ -86,6 +86,17 @@ def test_cameras_that_share_nothing_are_named(seen: list[Sightings]) -> None:
         solve(apart)
 
 
+def test_clips_of_other_moments_are_noticed(seen: list[Sightings]) -> None:
+    def later(sightings: Sightings, frames: int) -> Sightings:
+        moved = {f if f == ORIGIN_FRAME else f + frames: view for f, view in sightings.by_frame.items()}
+        return replace(sightings, by_frame=moved)
+
+    with pytest.raises(
+        CalibrationError, match=r"cam01 and cam02: .* check that their clips show the same moments"
+    ):
+        solve([seen[0], later(seen[1], 5)])
+
+
 def test_too_few_views_are_said(seen: list[Sightings]) -> None:
     few = dict(list(seen[0].by_frame.items())[:4])
     with pytest.raises(CalibrationError, match="cam01: only 4 views"):
