@@ -90,8 +90,7 @@ def draw_board(path: Path, said: dict[str, Any], clips: Path | None, console: Co
     write_picture(path, board.draw(square_px))
     console.print(
         f"{path}: print it so that a square measures {1e3 * board.square_m:g} mm, glue it on something "
-        "flat, and "
-        "measure the squares: all lengths come from them",
+        "flat, and measure the squares: all lengths come from them",
         markup=False,
         soft_wrap=True,
     )

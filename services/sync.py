@@ -41,7 +41,7 @@ def sync(
     For takes whose cameras were not triggered together. The cameras are taken to be calibrated, and their
     frames equally long.
     """
-    opened = open_take(take).without_offsets()
+    opened = open_take(take, in_step=False).without_offsets()
     frames = range(min(opened.settings.frames, _MOST_FRAMES))
     cameras, outlines, _ = outlines_of(opened, frames, 1, _err)
     width_px = float(np.median([camera.width_px for camera in cameras]))
@@ -55,10 +55,8 @@ def sync(
     if unsure:
         raise UserError(
             f"{take}: silhouettes do not tell the offsets of {', '.join(unsure)}: expected somebody who "
-            "moves, whole in "
-            "the pictures, cameras that agree (xormocap calibrate --check), and offsets within --reach: "
-            "nothing is "
-            "written"
+            "moves, whole in the pictures, cameras that agree (xormocap calibrate --check), and offsets "
+            "within --reach: nothing is written"
         )
     if write:
         _write(opened, found)

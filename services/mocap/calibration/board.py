@@ -54,10 +54,9 @@ class Board(BaseModel):
                 )
             if (self.columns + self.rows) % 2 == 0:
                 raise ValueError(
-                    f"columns: {self.columns} x {self.rows} squares look the same when the board is "
-                    "turned half "
-                    "round, so cameras cannot agree which end is which: expected one even and one odd number "
-                    "of squares (corners inside count one less each way)"
+                    f"columns: {self.columns} x {self.rows} squares look the same when the board is turned "
+                    "half round, so cameras cannot agree which end is which: expected one even and one odd "
+                    "number of squares (corners inside count one less each way)"
                 )
             return self
         if self.dictionary not in DICTIONARIES:
@@ -73,8 +72,8 @@ class Board(BaseModel):
         if held < self.n_markers:
             raise ValueError(
                 f"dictionary: {self.dictionary} holds {held} markers, but a board of "
-                f"{self.columns}x{self.rows} "
-                f"squares has {self.n_markers}: name the dictionary that the board was made with"
+                f"{self.columns}x{self.rows} squares has {self.n_markers}: name the dictionary that the "
+                "board was made with"
             )
         return self
 

@@ -77,8 +77,8 @@ def find_clips(folder: Path) -> list[Clip]:
             continue
         if clip.camera in clips:
             raise CalibrationError(
-                f"{path}: is a second clip of {clip.camera} beside {clips[clip.camera].path.name}: keep "
-                "one of them"
+                f"{path}: is a second clip of {clip.camera} beside {clips[clip.camera].path.name}: keep one "
+                "of them"
             )
         clips[clip.camera] = clip
     return sorted(clips.values(), key=lambda clip: clip.camera)

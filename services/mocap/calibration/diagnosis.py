@@ -35,10 +35,8 @@ def check_prints(looked: list[tuple[Clip, Sightings]], board: Board) -> None:
         if len(sightings.by_frame) < FEWEST_VIEWS:
             raise CalibrationError(
                 f"{clip.path}: {board.in_words()} is found in {len(sightings.by_frame)} of "
-                f"{sightings.n_looked_at} "
-                f"pictures: expected {FEWEST_VIEWS} or more: check the size given, show the board nearer, "
-                "slanted "
-                "less, evenly lit and without blur"
+                f"{sightings.n_looked_at} pictures: expected {FEWEST_VIEWS} or more: check the size given, "
+                "show the board nearer, slanted less, evenly lit and without blur"
             )
 
 
@@ -55,9 +53,8 @@ def check_same_pictures(seen: list[Sightings]) -> None:
                 same += bool(np.abs(a.points_px - b.points_px).max() < _SAME_PX)
         if same >= _SAME_SHARE * len(shared):
             raise CalibrationError(
-                f"{one.camera} and {other.camera}: show the very same pictures: one clip is there under "
-                "two names: "
-                "remove one, or put the right clip in its place"
+                f"{one.camera} and {other.camera}: show the very same pictures: one clip is there under two "
+                "names: remove one, or put the right clip in its place"
             )
 
 
@@ -78,15 +75,14 @@ def _wrong_chessboard(pictures: list[Bytes], board: Board) -> str | None:
     if _n_found(pictures, best) <= max(_n_found(pictures, board), 1):
         return None
     return (
-        f"shows a chessboard of {best.columns}x{best.rows} squares and not of "
-        f"{board.columns}x{board.rows}: give "
-        f"--squares {best.columns}x{best.rows} (squares are counted, not the corners between them)"
+        f"shows a chessboard of {best.columns}x{best.rows} squares and not of {board.columns}x{board.rows}: "
+        f"give --squares {best.columns}x{best.rows} (squares are counted, not the corners between them)"
     )
 
 
 def _sizes_near(board: Board) -> Iterable[Board]:
     """Boards of one or two squares more or fewer, larger ones first: part of one passes for a smaller one."""
-    for columns, rows in {(board.columns, board.rows), (board.rows, board.columns)}:
+    for columns, rows in ((board.columns, board.rows), (board.rows, board.columns)):
         for more in ((1, 1), (2, 2), (1, 0), (0, 1), (2, 1), (1, 2), (0, 0), (-1, -1), (-1, 0), (0, -1)):
             size = {"columns": columns + more[0], "rows": rows + more[1]}
             if min(size.values()) >= FEWEST_SQUARES and sum(size.values()) % 2:

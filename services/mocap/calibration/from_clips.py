@@ -30,9 +30,8 @@ def calibrate_clips(folder: Path, board: Board, lens: Lens, show: Show) -> tuple
     clips = find_clips(folder)
     if len(clips) < 2:
         raise CalibrationError(
-            f"{folder}: holds clips of {len(clips)} cameras: expected <camera>.mp4, or a folder <camera> "
-            "of pictures, "
-            "for two cameras or more"
+            f"{folder}: holds clips of {len(clips)} cameras: expected <camera>.mp4, or a folder <camera> of "
+            "pictures, for two cameras or more"
         )
     detector, seen = Detector(board), []
     for c, clip in enumerate(clips):
@@ -73,8 +72,7 @@ def _of_same_size(clip: Clip, found: Sightings, first: Sightings) -> Sightings:
         (width, height), (first_width, first_height) = found.size_px, first.size_px
         raise CalibrationError(
             f"{clip.path}: is {width}x{height} pixels, but the camera's other clip is "
-            f"{first_width}x{first_height}: "
-            "record all clips of a camera with the same settings"
+            f"{first_width}x{first_height}: record all clips of a camera with the same settings"
         )
     return found
 

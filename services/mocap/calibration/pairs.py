@@ -115,10 +115,9 @@ def chain(names: list[str], links: list[Link]) -> list[Pose]:
         if link.agreeing < _LEAST_AGREEING:
             raise CalibrationError(
                 f"{names[link.first]} and {names[link.second]}: see the board in {link.n_shared} moments "
-                "together, "
-                f"but only {100 * link.agreeing:.0f}% of these fit to one place of the cameras: check "
-                "that their "
-                "clips show the same moments, that no camera moved, and that neither's pictures are mirrored"
+                f"together, but only {100 * link.agreeing:.0f}% of these fit to one place of the cameras: "
+                "check that their clips show the same moments, that no camera moved, and that neither's "
+                "pictures are mirrored"
             )
         if link.first in placed:
             placed[link.second] = link.T_second_first @ placed[link.first]
@@ -131,7 +130,6 @@ def _not_linked(together: list[str], names: list[str]) -> str:
     others = [name for name in names if name not in together]
     return (
         f"{', '.join(others)}: never or hardly ever see the board in the same moments as "
-        f"{', '.join(together)}: "
-        f"show it to cameras of both groups at once, in {FEWEST_SHARED} places or more, and check that all "
-        "clips show the same moments"
+        f"{', '.join(together)}: show it to cameras of both groups at once, in {FEWEST_SHARED} places or "
+        "more, and check that all clips show the same moments"
     )

@@ -32,13 +32,11 @@ def _on_turns(cameras: Sequence[Camera]) -> list[str]:
     if np.median(upward) < _LEVEL:
         return [
             "most cameras are tilted against the floor by more than 60 degrees: check that the board at "
-            "the origin "
-            "lay flat on the floor, print up, and that the pictures are upright"
+            "the origin lay flat on the floor, print up, and that the pictures are upright"
         ]
     return [
         f"{camera.name}: hangs upside down, its pictures show the floor above; the calibration holds for "
-        "them as "
-        "they are: do not turn the videos"
+        "them as they are: do not turn the videos"
         for camera, up in zip(cameras, upward, strict=True)
         if up < _UPSIDE_DOWN
     ]
@@ -47,9 +45,8 @@ def _on_turns(cameras: Sequence[Camera]) -> list[str]:
 def _on_heights(cameras: Sequence[Camera]) -> list[str]:
     low = [camera for camera in cameras if camera.centre_world_m[2] < _UNDERGROUND_M]
     return [
-        f"{camera.name}: stands {-camera.centre_world_m[2]:.2f} m under the floor: check that the board "
-        "at the origin "
-        "lay on the floor, print up"
+        f"{camera.name}: stands {-camera.centre_world_m[2]:.2f} m under the floor: check that the board at "
+        "the origin lay on the floor, print up"
         for camera in low
     ]
 
@@ -57,8 +54,7 @@ def _on_heights(cameras: Sequence[Camera]) -> list[str]:
 def _on_pairs(cameras: Sequence[Camera]) -> list[str]:
     return [
         f"{one.name} and {other.name}: stand in the same place and look the same way: check that they are "
-        "not one "
-        "camera under two names"
+        "not one camera under two names"
         for one, other in combinations(cameras, 2)
         if np.linalg.norm(one.centre_world_m - other.centre_world_m) < _SAME_PLACE_M
         and one.R_camera_world[2] @ other.R_camera_world[2] > _SAME_COSINE
@@ -71,8 +67,7 @@ def _on_scale(cameras: Sequence[Camera]) -> list[str]:
         return []
     return [
         f"the cameras stand {np.median(away_m):.2g} m from the origin (median): check the side of the "
-        "board's squares, "
-        "or the units"
+        "board's squares, or the units"
     ]
 
 
@@ -84,19 +79,17 @@ def remarks_on_views(solution: Solution) -> list[str]:
         if solution.n_bad_views[c] > _MANY_BAD * (solution.n_views[c] + solution.n_bad_views[c]):
             remarks.append(
                 f"{camera.name}: {solution.n_bad_views[c]} views do not fit to those of the other cameras "
-                "and were left "
-                "out: check that its clip shows the same moments as theirs, and that the board is flat"
+                "and were left out: check that its clip shows the same moments as theirs, and that the "
+                "board is flat"
             )
         if errors_px[c] > max(_LARGE_ERROR_PX, _LARGE_RATIO * float(np.median(errors_px))):
             remarks.append(
                 f"{camera.name}: corners are off by {errors_px[c]:.1f} px on average: check its focus, "
-                "motion blur, "
-                "and whether another --lens suits it"
+                "motion blur, and whether another --lens suits it"
             )
         if (share := covered_share(solution, c)) < _LITTLE_COVERED:
             remarks.append(
-                f"{camera.name}: the board was seen in {100 * share:.0f}% of the picture only: its lens "
-                "is not known "
-                "elsewhere: move the board through the whole picture"
+                f"{camera.name}: the board was seen in {100 * share:.0f}% of the picture only: its lens is "
+                "not known elsewhere: move the board through the whole picture"
             )
     return remarks

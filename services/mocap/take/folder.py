@@ -76,8 +76,8 @@ class Take:
             yield from reader
 
 
-def open_take(folder: Path) -> Take:
-    """Opens and checks a take folder.
+def open_take(folder: Path, *, in_step: bool = True) -> Take:
+    """Opens and checks a take folder; in_step: whether videos of different lengths are an error.
 
     Raises TakeError with one sentence about the first thing found wrong: settings, calibration, missing or
     damaged videos, clean plates and silhouettes, their sizes, lengths and frame rates, reference tables.
@@ -99,7 +99,7 @@ def open_take(folder: Path) -> Take:
             _check_silhouettes(take, camera)
         else:
             _check_is_recorded(take, camera)
-    _check_videos(take)
+    _check_videos(take, in_step)
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():
         read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
     return take
@@ -109,8 +109,8 @@ def _check_silhouettes(take: Take, camera: Camera) -> None:
     folder = layout.silhouette_folder(take.folder, camera.name)
     if not folder.is_dir():
         raise TakeError(
-            f"{folder}: is missing: expected the silhouettes of {camera.name}, "
-            f"or no folder {layout.SILHOUETTES} at all"
+            f"{folder}: is missing: expected the silhouettes of {camera.name}, or no folder "
+            f"{layout.SILHOUETTES} at all"
         )
     ahead = take.settings.offset(camera.name)
     for frame in range(ahead, ahead + take.settings.frames):
@@ -129,8 +129,8 @@ def _check_is_recorded(take: Take, camera: Camera) -> None:
     video = layout.video_path(take.folder, camera.name)
     if not video.exists():
         raise TakeError(
-            f"{video}: is missing: expected the video of [{camera.name}] in {layout.CALIBRATION}, "
-            f"or silhouettes in {layout.SILHOUETTES}/{camera.name}"
+            f"{video}: is missing: expected the video of [{camera.name}] in {layout.CALIBRATION}, or "
+            f"silhouettes in {layout.SILHOUETTES}/{camera.name}"
         )
     plate = layout.background_video_path(take.folder, camera.name)
     picture = layout.background_picture_path(take.folder, camera.name)
@@ -142,15 +142,15 @@ def _check_is_recorded(take: Take, camera: Camera) -> None:
         check_png(picture, camera)
     else:
         raise TakeError(
-            f"{plate}: is missing: expected the clean plate of {camera.name} (the empty stage), "
-            f"as this video or as {picture.name}"
+            f"{plate}: is missing: expected the clean plate of {camera.name} (the empty stage), as this "
+            f"video or as {picture.name}"
         )
 
 
-def _check_videos(take: Take) -> None:
+def _check_videos(take: Take, in_step: bool) -> None:
     """Every video there is holds the take's frames, at its rate and size, and all are equally long.
 
-    Where take.toml has offsets, somebody looked after that: then they may differ.
+    Their lengths may differ where take.toml has offsets, or in_step is false.
     """
     indices: list[VideoIndex] = []
     for camera in take.cameras:
@@ -158,12 +158,10 @@ def _check_videos(take: Take) -> None:
             indices.append(index_video(layout.video_path(take.folder, camera.name)))
             _check_video(take, camera, indices[-1])
     for index in indices[1:]:
-        if index.n_frames != indices[0].n_frames and not take.settings.offsets:
+        if index.n_frames != indices[0].n_frames and in_step and not take.settings.offsets:
             raise TakeError(
                 f"{index.path}: holds {index.n_frames} frames, but {indices[0].path.name} holds "
-                f"{indices[0].n_frames}: cut all videos to the same moments, or lower frames to what all "
-                "hold, add a "
-                f"table [offsets] with {take.cameras[0].name} = 0 to {layout.SETTINGS} and run xormocap sync"
+                f"{indices[0].n_frames}: cut all videos to the same moments, or run xormocap sync"
             )
     for index in indices:
         _check_decodes(index, take.settings.frames + take.settings.offset(index.path.stem))
@@ -176,9 +174,7 @@ def _check_video(take: Take, camera: Camera, index: VideoIndex) -> None:
     if index.n_frames < frames:
         raise TakeError(
             f"{index.path}: holds {index.n_frames} frames, but {layout.SETTINGS} says frames = "
-            f"{take.settings.frames}"
-            f"{_from(ahead)}: "
-            "lower that number or record the camera again"
+            f"{take.settings.frames}{_from(ahead)}: lower that number or record the camera again"
         )
     if frames > 1:
         _check_rate(index.path, np.diff(index.times_s[:frames]), fps)

@@ -40,16 +40,14 @@ def read_colmap(folder: Path) -> Loose:
         if len(row) < 10 or row[8] not in lenses:
             raise CalibrationError(
                 f"{path}: image {row[0]}: expected ten values (ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, "
-                "NAME) with "
-                f"a camera of {CAMERAS}"
+                f"NAME) with a camera of {CAMERAS}"
             )
         w, x, y, z, *t = _floats(row[1:8], f"{path}: image {row[0]}")
         R = Rotation.from_quat([x, y, z, w]).as_matrix()
         cameras.append(_camera(folder / CAMERAS, name, lenses[row[8]], R, np.array(t)))
     remark = (
         f"{folder}: COLMAP's unit of length and axes are arbitrary: give --scale (metres per unit) and "
-        "--its-up, and "
-        "compare with something measured"
+        "--its-up, and compare with something measured"
     )
     return Loose(cameras, 1.0, (remark,))
 

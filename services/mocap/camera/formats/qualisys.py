@@ -33,8 +33,7 @@ def read_qualisys(path: Path) -> Loose:
     if turned:
         remarks.append(
             f"{path}: pictures of {', '.join(turned)} are turned in Qualisys (viewrotation): the "
-            "calibration holds "
-            "for videos that are not turned: compare with xormocap calibrate --check"
+            "calibration holds for videos that are not turned: compare with xormocap calibrate --check"
         )
     return Loose(
         [_camera(path, number, tag) for number, tag in enumerate(video or cameras)], 1.0, tuple(remarks)

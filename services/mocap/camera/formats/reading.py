@@ -63,8 +63,7 @@ def read_any(
     if not _look_together(cameras):
         remarks.append(
             f"{path}: most cameras look away from where their axes meet: check that its rotations and "
-            "translations "
-            "take points of the world to the camera"
+            "translations take points of the world to the camera"
         )
     return cameras, remarks
 
@@ -86,10 +85,8 @@ def format_of(path: Path) -> Format:
         return "opencv"
     raise CalibrationError(
         f"{path}: is no calibration that is known by its name: expected a .toml, .qca.txt, .xml or .yml "
-        "file, or a "
-        f"folder with {storage.INTRI} and {storage.EXTRI}, with COLMAP's {colmap.CAMERAS} and "
-        f"{colmap.IMAGES}, or "
-        "with one XML or YAML file per camera; or say what it is with --from"
+        f"file, or a folder with {storage.INTRI} and {storage.EXTRI}, with COLMAP's {colmap.CAMERAS} and "
+        f"{colmap.IMAGES}, or with one XML or YAML file per camera; or say what it is with --from"
     )
 
 
@@ -127,9 +124,8 @@ def _coefficients(path: Path, camera: LooseCamera) -> Floats:
     fitting = next((length for length in lengths if length >= used), None)
     if fitting is None:
         raise CalibrationError(
-            f"{path}: {camera.name} has {used} lens coefficients: expected at most {lengths[-1]}: "
-            "calibrate it with "
-            "a simpler lens model"
+            f"{path}: {camera.name} has {used} lens coefficients: expected at most {lengths[-1]}: calibrate "
+            "it with a simpler lens model"
         )
     coefficients = np.zeros(fitting)
     coefficients[: min(used, fitting)] = given[:used]

@@ -39,8 +39,7 @@ def _camera(path: Path) -> LooseCamera:
     if rotation is None or translation is None:
         raise CalibrationError(
             f"{path}: has no {'rotation (R or rvec)' if rotation is None else 'translation (T or tvec)'}: "
-            "expected "
-            "the camera's place, from world to camera, beside its lens"
+            "expected the camera's place, from world to camera, beside its lens"
         )
     return LooseCamera(
         name=path.stem,

@@ -38,8 +38,8 @@ def _camera(where: str, key: str, table: dict[str, Any]) -> LooseCamera:
     missing = [field for field in ("rotation", "translation") if table.get(field) is None]
     if missing:
         raise CalibrationError(
-            f"{where} {missing[0]}: is missing: this camera's place is not known: calibrate its "
-            "extrinsics there"
+            f"{where} {missing[0]}: is missing: this camera's place is not known: calibrate its extrinsics "
+            "there"
         )
     said = next((table[name] for name in _NAMES if name in table), None)
     name = said if isinstance(said, str) else _numbered(key, said)
