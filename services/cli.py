@@ -15,7 +15,7 @@ from rich.table import Table
 from services import doctor as machine
 from services.calibrate import calibrate
 from services.export import export
-from services.fit import init_frames
+from services.fit import init_frames, kept_warnings
 from services.fit_files import origin_of
 from services.fit_show import fit_with_bar, show_fit
 from services.health import main as ask_health
@@ -38,11 +38,13 @@ from services.mocap.take.layout import ACTOR
 from services.process import (
     DEFAULT_ENGINE,
     DEFAULT_OUTPUT,
+    DEFAULT_SEGMENTER,
     EXIT_STOPPED,
     EXIT_USER_ERROR,
     BackendOption,
     CutoffOption,
     SearchOption,
+    SegmenterOption,
     SetOption,
     SettingsOption,
     SmoothOption,
@@ -52,6 +54,7 @@ from services.process import (
 )
 from services.recorder.result_folder import check_out
 from services.segmentation.files import write_silhouettes
+from services.segmentation.segmenters import chosen_segmenter
 from services.sync import sync
 from services.track import Interrupted
 from services.track import Progress as Run
@@ -105,6 +108,7 @@ def track(
     mesh: MeshOption = None,
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
     cutoff_hz: CutoffOption = None,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     watch: ViewOption = False,
     port: PortOption = DEFAULT_PORT,
 ) -> None:
@@ -112,6 +116,7 @@ def track(
     engine, output = engine_settings(backend, threads), output_settings(smooth, cutoff_hz)
     opened = open_take(take)
     asked = frame_range(frames, opened)
+    chosen_segmenter(opened, segmenter)
     search = search_settings(changes or [], settings, len(opened.cameras), preset)
     check_cost(engine, search.cost)
     folder = out or Path("results") / take.resolve().name
@@ -123,10 +128,23 @@ def track(
             raise UserError("--mesh: is fitted first: leave out --fitted and --no-fit, or leave out --mesh")
         if mesh is not None or (fitted is None and fit_first and take_actor(opened) is None):
             fitted, own = Path(temporary), _import(mesh, warnings)
-            found = fit_with_bar(opened, init_frames(opened), engine, search, fitted, err_console, own)
+            found = fit_with_bar(
+                opened, init_frames(opened), engine, search, fitted, err_console, own, segmenter
+            )
             warnings += [_why_fitted(take, mesh), *found.warnings]
         report = _track(
-            opened, folder, workers, asked, overlay, engine, search, fitted, output, warnings, watch_at
+            opened,
+            folder,
+            workers,
+            asked,
+            overlay,
+            engine,
+            search,
+            fitted,
+            output,
+            warnings,
+            watch_at,
+            segmenter,
         )
     _warn(warnings)
     _summarise(report, folder)
@@ -161,6 +179,7 @@ def _track(
     output: OutputSettings,
     warnings: list[str],
     page: str | None,
+    segmenter: str,
 ) -> dict[str, Any]:
     """Track with a progress bar; returns run.json, adds to the warnings."""
     columns = (
@@ -197,6 +216,7 @@ def _track(
                 fitted=fitted,
                 output=output,
                 page=page,
+                segmenter=segmenter,
                 warn=warnings.append,
             )
         except Interrupted as stopped:
@@ -209,7 +229,7 @@ def _track(
 
 
 def _warn(sentences: list[str]) -> None:
-    for sentence in sentences:
+    for sentence in dict.fromkeys(sentences):  # a fit and a run may say the same
         err_console.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)
 
 
@@ -245,6 +265,7 @@ def fit(
     force: Annotated[bool, typer.Option("--force", help="Replace an actor.toml made by hand.")] = False,
     mesh: MeshOption = None,
     backend: BackendOption = DEFAULT_ENGINE.backend,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
 ) -> None:
     """Fit the actor's shape and first poses to a take's first frames, and show how well that went."""
     opened = open_take(take)
@@ -254,7 +275,9 @@ def fit(
     engine, search = engine_settings(backend, DEFAULT_ENGINE.threads), SearchSettings()
     warnings: list[str] = []
     own = _import(mesh, warnings)
-    found = fit_with_bar(opened, init_frames(opened, frames), engine, search, folder, err_console, own)
+    found = fit_with_bar(
+        opened, init_frames(opened, frames), engine, search, folder, err_console, own, segmenter
+    )
     if out is None:
         write_actor(actor_toml, found.actor, origin_of(opened, found))
     _warn([*warnings, *found.warnings])
@@ -309,12 +332,14 @@ def synth(
 def segment(
     take: TakeFolder,
     out: Annotated[Path, typer.Option(help="Where the silhouettes go.")],
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
 ) -> None:
     """Write the silhouettes of a take's videos, as they are and not undistorted, for a take of their own."""
     opened = open_take(take)
-    with Progress(console=err_console) as bar:
+    with kept_warnings() as warnings, Progress(console=err_console) as bar:
         task = bar.add_task("segmenting", total=opened.settings.frames * len(opened.cameras))
-        write_silhouettes(opened, out, lambda: bar.advance(task))
+        write_silhouettes(opened, out, lambda: bar.advance(task), segmenter)
+    _warn(warnings)
     out_console.print(
         f"{out}/<camera>/000000.png: {opened.settings.frames} frames of {len(opened.cameras)} cameras"
     )

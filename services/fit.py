@@ -29,7 +29,8 @@ from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Bytes, Floats, Mask
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.source import in_common_size, make_segmenter
+from services.segmentation.segmenters import AUTO, make_segmenters
+from services.segmentation.source import in_common_size
 
 log = logging.getLogger(__name__)
 
@@ -77,17 +78,18 @@ def fit_take(
     show: Show,
     fitter: Fitter = fit_actor,
     mesh: OwnMesh | None = None,
+    segmenter: str = AUTO,
 ) -> TakeFit:
     """Fit the actor of a checked take to some of its frames, which begin with the first.
 
-    engine and search: for the first pose. mesh: what is fitted in place of the generic body. Cameras whose
-    silhouettes in the first frame make no sense are left out, with a warning. Raises TakeError where there is
-    nobody, or more than one, or hardly a camera is left.
+    engine and search: for the first pose. mesh: what is fitted in place of the generic body. segmenter: what
+    makes the silhouettes. Cameras whose silhouettes in the first frame make no sense are left out, with a
+    warning. Raises TakeError where there is nobody, or more than one, or hardly a camera is left.
     """
     clock = _Clock(show)
-    with _warnings() as warnings:
+    with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            cameras, silhouettes = _silhouettes(take, frames, progress)
+            cameras, silhouettes = _silhouettes(take, frames, segmenter, progress)
         rig = Rig.of(cameras)
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
             told = _without(search, take, cameras)
@@ -110,13 +112,13 @@ def fit_take(
 
 
 def _silhouettes(
-    take: Take, frames: range, progress: Callable[[float], None]
+    take: Take, frames: range, name: str, progress: Callable[[float], None]
 ) -> tuple[tuple[Camera, ...], Bytes]:
     """The cameras that make sense, and their silhouettes (F, P, H, W), as segmentation sends them."""
     height_px, width_px = Rig.of(take.cameras).shape_px
     masks: Mask = np.zeros((len(frames), len(take.cameras), height_px, width_px), bool)
-    for c, camera in enumerate(take.cameras):
-        segmenter = make_segmenter(take, camera, SegmentationSettings())
+    segmenters = make_segmenters(take, take.cameras, SegmentationSettings(), name)
+    for c, segmenter in enumerate(segmenters):
         for f, mask in enumerate(islice(segmenter.silhouettes(frames.start, frames.stop), len(frames))):
             masks[f, c] = in_common_size(mask, width_px, height_px)
         progress((c + 1) / len(take.cameras))
@@ -187,7 +189,7 @@ class _Keeper(logging.Handler):
 
 
 @contextmanager
-def _warnings() -> Iterator[list[str]]:
+def kept_warnings() -> Iterator[list[str]]:
     """Catches what the library warns of, for whoever shows it to the user."""
     logger, keeper = logging.getLogger("services"), _Keeper()
     logger.addHandler(keeper)

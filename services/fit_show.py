@@ -14,6 +14,7 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.fit_record import OVERLAY, TURNTABLE
 from services.mocap.take.folder import Take
+from services.process import DEFAULT_SEGMENTER
 
 _EVERY_CORE = 0
 _HEIGHT_CM = 2.0
@@ -28,6 +29,7 @@ def fit_with_bar(
     folder: Path,
     console: Console,
     mesh: OwnMesh | None = None,
+    segmenter: str = DEFAULT_SEGMENTER,
 ) -> TakeFit:
     """Fit the actor to some frames and write what was found into a folder, as fit_take and write_fit do."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
@@ -38,7 +40,7 @@ def fit_with_bar(
         def show(stage: str, share: float) -> None:
             bar.update(task, completed=share, description=stage)
 
-        found = fit_take(take, frames, alone, search, show, mesh=mesh)
+        found = fit_take(take, frames, alone, search, show, mesh=mesh, segmenter=segmenter)
         bar.update(task, description="drawing")
         write_fit(take, found, folder)
         show("fitted", 1.0)

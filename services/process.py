@@ -83,6 +83,18 @@ CutoffOption: TypeAlias = Annotated[
         metavar="HZ", help="How fast a motion smoothing lets by, in hertz; --smooth chooses by default."
     ),
 ]
+DEFAULT_SEGMENTER = "auto"
+SegmenterOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--segmenter",
+        envvar="XORMOCAP_SEGMENTER",
+        metavar="NAME",
+        help="What makes silhouettes: clean-plate, mog2, bgsegm, chroma or chroma:RRGGBB, onnx:FILE, "
+        "silhouettes (the take's own) or a plug-in's name; auto: silhouettes if the take has some, else "
+        "clean-plate.",
+    ),
+]
 
 
 def output_settings(smooth: Smoother, cutoff_hz: float | None) -> OutputSettings:

@@ -12,7 +12,8 @@ from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
 from services.mocap.types import Mask
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.source import in_common_size, make_segmenter
+from services.segmentation.segmenters import make_segmenters
+from services.segmentation.source import in_common_size
 
 
 def outlines_of(
@@ -30,9 +31,8 @@ def outlines_of(
     with Progress(console=errors) as bar:
         task = bar.add_task("looking at silhouettes", total=len(cameras))
         for c, camera in enumerate(take.cameras):
-            masks = make_segmenter(take, camera, SegmentationSettings()).silhouettes(
-                frames.start, frames.stop
-            )
+            (segmenter,) = make_segmenters(take, [camera], SegmentationSettings())
+            masks = segmenter.silhouettes(frames.start, frames.stop)
             of_camera: list[Outline | None] = []
             for n, mask in enumerate(islice(masks, 0, len(frames), every)):
                 of_camera.append(outline_of(mask, cameras[c]))

@@ -30,8 +30,15 @@ from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
-from services.process import DEFAULT_OUTPUT, engine_arguments, output_arguments, search_arguments
+from services.process import (
+    DEFAULT_OUTPUT,
+    DEFAULT_SEGMENTER,
+    engine_arguments,
+    output_arguments,
+    search_arguments,
+)
 from services.recorder.result_folder import partial_of
+from services.segmentation.segmenters import chosen_segmenter
 
 _LOOK_S = 0.2
 _ALONE_S = 2.0
@@ -122,6 +129,7 @@ def track(
     fitted: Path | None = None,
     output: OutputSettings = DEFAULT_OUTPUT,
     page: str | None = None,
+    segmenter: str = DEFAULT_SEGMENTER,
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any]:
@@ -130,10 +138,10 @@ def track(
     engine: for the coordinator and every worker; search: for the coordinator, whose tasks carry it. fitted: a
     folder of xormocap fit, whose actor and poses take the place of the take's; out/fit gets a copy of it.
     output: how the recorder makes results of the poses. page: where browsers can watch, as HOST:PORT; None:
-    nowhere.
-    run.json tells of the fit that the actor comes from. warn is called with each warning of the coordinator's
-    and the recorder's at the end; started once with the launcher when all processes run. Raises UserError;
-    ServiceFailedError, after which the logs stay; or Interrupted, once a stop was asked for and what was done
+    nowhere. segmenter: what makes the silhouettes.
+    run.json tells of the fit that the actor comes from. warn is called with each warning of segmentation,
+    coordinator and recorder at the end; started once with the launcher when all processes run. Raises
+    UserError; ServiceFailedError, after which the logs stay; or Interrupted, once a stop was asked for and what was done
     by then is written.
     """
     endpoint, logs = free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
@@ -142,28 +150,21 @@ def track(
         with StopSignals() as stop, Launcher(logs) as launcher:
             _thin(take, fitted, search)
             _start(
-                launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search, fitted, output
-            )
+                launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search, fitted,
+                output, segmenter,
+            )  # fmt: skip
             if page is not None:
-                watched = (
-                    "--take",
-                    str(take.folder),
-                    "--connect",
-                    endpoint,
-                    "--bind",
-                    page,
-                    "--results",
-                    str(out),
-                )
-                launcher.start("viewer", *watched)
+                watched = ("--take", str(take.folder), "--connect", endpoint)
+                launcher.start("viewer", *watched, "--bind", page, "--results", str(out))
             started(launcher)
             _follow(launcher, endpoint, stop, show)
-            for sentence in (*launcher.warnings("coordinator"), *launcher.warnings("recorder")):
+            warned = ("segmentation", "coordinator", "recorder")
+            for sentence in (sentence for service in warned for sentence in launcher.warnings(service)):
                 warn(sentence)
     except ServiceFailedError as error:
         raise ServiceFailedError(f"{error}; the logs are in {logs}") from None
     folder = next((f for f, before in earlier.items() if _written_ns(f) != before), None)
-    report = None if folder is None else _add_fit(folder, take, fitted)
+    report = None if folder is None else _completed(folder, take, fitted, segmenter)
     if folder is not None:
         shutil.rmtree(folder / LOGS, ignore_errors=True)
         shutil.move(logs, folder / LOGS)
@@ -183,9 +184,15 @@ def _thin(take: Take, fitted: Path | None, search: SearchSettings) -> None:
         levels_of(build_body(actor))
 
 
-def _add_fit(folder: Path, take: Take, fitted: Path | None) -> dict[str, Any]:
-    """The run.json of a folder of results, in which the fit now is that the actor comes from, if any."""
+def _completed(folder: Path, take: Take, fitted: Path | None, segmenter: str) -> dict[str, Any]:
+    """The run.json of a folder of results, in which the segmenter and the actor's fit, if any, now are.
+
+    report.html tells of the fit too.
+    """
     report: dict[str, Any] = json.loads((folder / RUN_JSON).read_text())
+    report["settings"]["segmenter"] = chosen_segmenter(take, segmenter)
+    with atomic_file(folder / RUN_JSON) as part:
+        part.write_text(json.dumps(report, indent=2) + "\n")
     source = fitted or take.folder / FIT_FOLDER
     record = read_record(source)
     if record is None or record.actor != read_actor(folder / ACTOR).content_hash:
@@ -217,6 +224,7 @@ def _start(
     search: SearchSettings,
     fitted: Path | None,
     output: OutputSettings,
+    segmenter: str,
 ) -> None:
     """Start all processes of a run."""
     asked = f"{frames.start}:{frames.stop}"
@@ -227,7 +235,7 @@ def _start(
     wanted = (*expected, *energy, *search_arguments(search), *actor)
     launcher.start("coordinator", *source, "--bind", endpoint, "--frames", asked, *wanted)
     launcher.start("limb_worker", *connect, *energy, copies=workers)
-    launcher.start("segmentation", *source, *connect)
+    launcher.start("segmentation", *source, *connect, "--segmenter", segmenter)
     drawing = "--overlay" if overlay else "--no-overlay"
     results = ("--out", str(out), drawing, "--no-report", *output_arguments(output))  # it comes with the fit
     launcher.start("recorder", *source, *connect, *results)

@@ -10,7 +10,8 @@ from services.mocap.result.result import Result, load_result
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Mask
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.source import Segmenter, make_segmenter
+from services.segmentation.segmenters import make_segmenters
+from services.segmentation.source import Segmenter
 from services.viewer.finished import FinishedFrames
 from services.viewer.pictures import TakePictures
 from services.viewer.reel import Reel
@@ -61,7 +62,7 @@ def _segmentation(take: Take) -> Callable[[Camera, int, int], Iterator[Mask]]:
 
     def silhouettes(camera: Camera, start: int, stop: int) -> Iterator[Mask]:
         if camera.name not in learnt:
-            learnt[camera.name] = make_segmenter(take, camera, SegmentationSettings())
+            (learnt[camera.name],) = make_segmenters(take, [camera], SegmentationSettings())
         return learnt[camera.name].silhouettes(start, stop)
 
     return silhouettes

@@ -2,7 +2,8 @@
 
 import csv
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -30,7 +31,8 @@ from services.mocap.take.settings import read_settings, write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import Bytes, Floats, Mask
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.source import Segmenter, make_segmenter
+from services.segmentation.segmenters import make_segmenters
+from services.segmentation.source import Segmenter
 
 CPU, QUICK = EngineSettings(backend="cpu"), SearchSettings(max_passes=1)
 TALLER_M = 1.76543219
@@ -123,15 +125,19 @@ def masks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Mask]:
     """Camera -> the silhouette (H, W) that is seen in all frames in place of the one in its video."""
     shown: dict[str, Mask] = {}
 
-    def segmenter(take: Take, camera: Camera, settings: SegmentationSettings) -> Segmenter:
-        real = make_segmenter(take, camera, settings)
-        if camera.name in shown:
-            monkeypatch.setattr(
-                real, "silhouettes", lambda start, stop: iter([shown[camera.name]] * (stop - start))
-            )
+    def segmenters(
+        take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str
+    ) -> list[Segmenter]:
+        real = make_segmenters(take, cameras, settings, name)
+        for camera, segmenter in zip(cameras, real, strict=True):
+            if (mask := shown.get(camera.name)) is not None:
+                monkeypatch.setattr(segmenter, "silhouettes", partial(repeated, mask))
         return real
 
-    monkeypatch.setattr("services.fit.make_segmenter", segmenter)
+    def repeated(mask: Mask, start: int, stop: int) -> Iterator[Mask]:
+        return iter([mask] * (stop - start))
+
+    monkeypatch.setattr("services.fit.make_segmenters", segmenters)
     return shown
 
 

@@ -19,9 +19,17 @@ from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError, nearest
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Bytes
-from services.process import KeysOption, StopRequest, keys_of_client, run_service
+from services.process import (
+    DEFAULT_SEGMENTER,
+    KeysOption,
+    SegmenterOption,
+    StopRequest,
+    keys_of_client,
+    run_service,
+)
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.source import make_segmenter, packed
+from services.segmentation.segmenters import make_segmenters
+from services.segmentation.source import packed
 
 _LOOK_S = 0.2
 _RESEND_S = 3.0
@@ -33,9 +41,11 @@ log = logging.getLogger(__name__)
 class Feed:
     """The packed silhouettes of a group of cameras, from any frame on."""
 
-    def __init__(self, take: Take, cameras: list[int], settings: SegmentationSettings) -> None:
+    def __init__(
+        self, take: Take, cameras: list[int], settings: SegmentationSettings, segmenter: str
+    ) -> None:
         self._height, self._width = Rig.of(take.cameras).shape_px
-        self._segmenters = [make_segmenter(take, take.cameras[c], settings) for c in cameras]
+        self._segmenters = make_segmenters(take, [take.cameras[c] for c in cameras], settings, segmenter)
         self._end = take.settings.frames
 
     def planes(self, start: int) -> Iterator[Bytes]:
@@ -80,12 +90,17 @@ class Sender:
 
 
 def serve(
-    take_folder: Path, cameras: str, endpoint: str, stop: StopRequest, keys: ClientKeys | None = None
+    take_folder: Path,
+    cameras: str,
+    endpoint: str,
+    stop: StopRequest,
+    keys: ClientKeys | None = None,
+    segmenter: str = DEFAULT_SEGMENTER,
 ) -> None:
     """Send silhouettes until the take ends or a stop is asked for."""
     take = open_take(take_folder)
     chosen = _choose(take, cameras)
-    feed = Feed(take, chosen, SegmentationSettings())
+    feed = Feed(take, chosen, SegmentationSettings(), segmenter)
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     silhouettes = Line(context, endpoint, "silhouettes", keys)
     poses = Line(context, endpoint, "poses", keys)
@@ -133,11 +148,12 @@ def main(
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     cameras: Annotated[str, typer.Option(help="Cameras to serve, with commas between; all by default.")] = "",
     keys: KeysOption = None,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
 ) -> None:
     """Make and send the silhouettes of a take's cameras."""
 
     def work(stop: StopRequest) -> None:
-        serve(take, cameras, connect, stop, keys_of_client(keys, "segmentation"))
+        serve(take, cameras, connect, stop, keys_of_client(keys, "segmentation"), segmenter)
 
     run_service("segmentation", work)
 

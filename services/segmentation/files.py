@@ -9,22 +9,23 @@ from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.writer import write_picture
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.source import CleanPlateSegmenter
+from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenters
 
 
-def write_silhouettes(take: Take, out: Path, advance: Callable[[], None]) -> None:
+def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmenter: str = AUTO) -> None:
     """Write silhouettes/<camera>/000000.png … of a take with videos into out, all or nothing.
 
     They are those of the raw pictures, lens distortion included, as a take folder holds them. advance is
-    called after each picture. Raises UserError where the take has silhouettes already, or out is not free.
+    called after each picture. segmenter: what makes them. Raises UserError where that is silhouettes which
+    the take has already, or out is not free.
     """
-    if take.source == "silhouettes":
-        raise UserError(f"{take.folder}: has silhouettes already: expected videos and clean plates")
+    if chosen_segmenter(take, segmenter) == READY:
+        raise UserError(f"{take.folder}: has silhouettes already: expected videos, or --segmenter")
     settings = SegmentationSettings()
     with atomic_folder(out) as part:
-        for camera in take.cameras:
-            segmenter = CleanPlateSegmenter(take, camera, settings)
+        made = make_segmenters(take, take.cameras, settings, segmenter)
+        for camera, of_camera in zip(take.cameras, made, strict=True):
             folder = part / layout.SILHOUETTES / camera.name
-            for frame, mask in enumerate(segmenter.raw_silhouettes(0, take.settings.frames)):
+            for frame, mask in enumerate(of_camera.raw_silhouettes(0, take.settings.frames)):
                 write_picture(layout.silhouette_path(folder, frame), mask)
                 advance()

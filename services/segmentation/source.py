@@ -8,41 +8,46 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, n_planes
-from services.mocap.errors import UserError
 from services.mocap.take.folder import Take
 from services.mocap.types import Bytes, Mask
-from services.segmentation.clean_plate import CleanPlate
-from services.segmentation.cleanup import SegmentationSettings
 
 
 class Segmenter(Protocol):
-    """Makes the undistorted silhouettes of one camera."""
+    """Makes the silhouettes of one camera of a take. The same frame is the same wherever reading starts."""
 
     def silhouettes(self, start: int, stop: int) -> Iterator[Mask]:
-        """Masks (h, w) of frames start up to and without stop."""
+        """Undistorted masks (h, w) of frames start up to and without stop."""
+        ...
+
+    def raw_silhouettes(self, start: int, stop: int) -> Iterator[Mask]:
+        """Masks (h, w) of the pictures as they are, not undistorted."""
         ...
 
 
-class CleanPlateSegmenter:
-    """Silhouettes from a camera's video and its clean plate (the paper, section 3.1)."""
+class Matte(Protocol):
+    """Cuts the actor out of one camera's pictures, each by itself."""
 
-    def __init__(self, take: Take, camera: Camera, settings: SegmentationSettings) -> None:
-        self._take, self._camera = take, camera
+    def silhouette(self, image_bgr: Bytes, /) -> Mask:
+        """The actor in a raw picture (H, W, 3) BGR uint8: a mask (H, W)."""
+        ...
+
+
+class VideoSegmenter:
+    """Silhouettes that a matte makes of a camera's video."""
+
+    def __init__(self, take: Take, camera: Camera, matte: Matte) -> None:
+        self._take, self._camera, self._matte = take, camera, matte
         self._undistorter = Undistorter(camera)
-        try:
-            self._plate = CleanPlate.learn(take.background(camera), settings)
-        except UserError as error:
-            raise UserError(f"{take.folder}: clean plate of {camera.name}: {error}") from None
 
     def silhouettes(self, start: int, stop: int) -> Iterator[Mask]:
         """See Segmenter.silhouettes."""
         return map(self._undistorter.mask, self.raw_silhouettes(start, stop))
 
     def raw_silhouettes(self, start: int, stop: int) -> Iterator[Mask]:
-        """Masks (h, w) of the pictures as they are, not undistorted."""
+        """See Segmenter.raw_silhouettes."""
         with self._take.video(self._camera, start, stop) as video:
             for picture in video:
-                yield self._plate.silhouette(picture)
+                yield self._matte.silhouette(picture)
 
 
 class ReadySegmenter:
@@ -54,15 +59,11 @@ class ReadySegmenter:
 
     def silhouettes(self, start: int, stop: int) -> Iterator[Mask]:
         """See Segmenter.silhouettes."""
-        for mask in self._take.silhouettes(self._camera, start, stop):
-            yield self._undistorter.mask(mask)
+        return map(self._undistorter.mask, self.raw_silhouettes(start, stop))
 
-
-def make_segmenter(take: Take, camera: Camera, settings: SegmentationSettings) -> Segmenter:
-    """The segmenter that suits what the take has of a camera; learns the clean plate."""
-    if take.source == "silhouettes":
-        return ReadySegmenter(take, camera)
-    return CleanPlateSegmenter(take, camera, settings)
+    def raw_silhouettes(self, start: int, stop: int) -> Iterator[Mask]:
+        """See Segmenter.raw_silhouettes."""
+        return iter(self._take.silhouettes(self._camera, start, stop))
 
 
 def packed(masks: Sequence[Mask], width_px: int, height_px: int) -> Bytes:

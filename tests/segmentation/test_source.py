@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import pack
-from services.mocap.take.folder import open_take
+from services.mocap.take.folder import Take, open_take
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.source import in_common_size, make_segmenter, packed
+from services.segmentation.segmenters import make_segmenters
+from services.segmentation.source import Segmenter, in_common_size, packed
 
 
 @pytest.mark.parametrize("n_cameras", [1, 8, 11])
@@ -20,11 +22,17 @@ def test_packing_one_by_one_is_packing(n_cameras: int) -> None:
     assert np.array_equal(packed(masks, 64, 48), pack(stacked))
 
 
+def segmenter(take: Take, camera: Camera, name: str) -> Segmenter:
+    (made,) = make_segmenters(take, [camera], SegmentationSettings(), name)
+    return made
+
+
 def test_a_frame_is_the_same_wherever_reading_starts(shared_takes: Path) -> None:
     take = open_take(shared_takes / "studio-a")
     camera = take.cameras[3]
-    through = list(make_segmenter(take, camera, SegmentationSettings()).silhouettes(0, 30))
-    for start in (7, 29):
-        late = make_segmenter(take, camera, SegmentationSettings()).silhouettes(start, 30)
-        for frame, mask in islice(enumerate(late, start), 3):
-            assert np.array_equal(mask, through[frame])
+    for name in ("clean-plate", "mog2", "bgsegm"):
+        through = list(segmenter(take, camera, name).silhouettes(0, 30))
+        for start in (7, 29):
+            late = segmenter(take, camera, name).silhouettes(start, 30)
+            for frame, mask in islice(enumerate(late, start), 3):
+                assert np.array_equal(mask, through[frame])

@@ -52,6 +52,11 @@ class Take:
         """False for a camera with silhouettes only."""
         return layout.video_path(self.folder, camera.name).exists()
 
+    def has_background(self, camera: Camera) -> bool:
+        """False for a camera without a clean plate."""
+        video = layout.background_video_path(self.folder, camera.name)
+        return video.exists() or layout.background_picture_path(self.folder, camera.name).exists()
+
     def silhouettes(self, camera: Camera, start: int = 0, stop: int | None = None) -> SilhouetteReader:
         """A camera's raw silhouettes of frames `start` up to and without `stop` (default: the take's end)."""
         folder, ahead = (
@@ -125,7 +130,7 @@ def _check_silhouettes(take: Take, camera: Camera) -> None:
 
 
 def _check_is_recorded(take: Take, camera: Camera) -> None:
-    """A camera has a video and a clean plate."""
+    """A camera has a video and a clean plate, unless no camera has one: then the take itself has to do."""
     video = layout.video_path(take.folder, camera.name)
     if not video.exists():
         raise TakeError(
@@ -140,10 +145,11 @@ def _check_is_recorded(take: Take, camera: Camera) -> None:
         _check_decodes(index, index.n_frames)
     elif picture.exists():
         check_png(picture, camera)
-    else:
+    elif plate.parent.is_dir():
         raise TakeError(
-            f"{plate}: is missing: expected the clean plate of {camera.name} (the empty stage), as this "
-            f"video or as {picture.name}"
+            f"{plate}: is missing: expected the clean plate of {camera.name} (the empty stage), "
+            f"as this video or as {picture.name}, or no folder "
+            f"{plate.parent.name} at all"
         )
 
 

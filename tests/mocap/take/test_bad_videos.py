@@ -1,3 +1,4 @@
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
@@ -30,8 +31,16 @@ def test_a_missing_clean_plate_names_the_camera(
     (folder / "background" / ("cam02.mp4" if clean_plate == "video" else "cam02.png")).unlink()
     assert refusal(folder) == (
         "background/cam02.mp4: is missing: expected the clean plate of cam02 (the empty stage), as this "
-        "video or as cam02.png"
+        "video or as cam02.png, or no folder background at all"
     )
+
+
+def test_without_any_clean_plate_the_take_itself_has_to_do(small_take: SmallTake) -> None:
+    folder = small_take()
+    shutil.rmtree(folder / "background")
+    take = open_take(folder)
+    assert take.source == "videos"
+    assert not any(take.has_background(camera) for camera in take.cameras)
 
 
 def rewrite_video(path: Path, n_frames: int, fps: float = 10.0, size_px: tuple[int, int] = (64, 48)) -> None:

@@ -1,0 +1,90 @@
+"""Silhouettes by a matting network of the user's, from an ONNX file: `--segmenter onnx:FILE`."""
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from services.mocap.errors import UserError
+from services.mocap.types import Bytes, Mask
+from services.segmentation.cleanup import SegmentationSettings, cleanup
+
+_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+
+
+class OnnxMatte:
+    """Runs a network that takes a picture, and the clean plate if it has a second input.
+
+    Inputs are (1, 3, h, w) RGB from 0 to 1, at the network's own size where it has one. The first output of
+    one channel is the actor's opacity, 0 to 1; half and more is actor.
+    """
+
+    def __init__(self, file: Path, plate_bgr: Bytes | None, settings: SegmentationSettings) -> None:
+        """Raises UserError where the file, the package or the clean plate is missing, or inputs differ."""
+        self._file, self._settings = file, settings
+        self._session = _session(file)
+        self._inputs = list(self._session.get_inputs())
+        self._pictures: list[Bytes] = []
+        if len(self._inputs) not in (1, 2) or any(i.type not in _TYPES for i in self._inputs):
+            found = ", ".join(f"{i.name}: {i.type}" for i in self._inputs)
+            raise UserError(
+                f"{file}: expected one input for a picture, and a second at most for the clean plate, of "
+                f"floats; found {found}"
+            )
+        if len(self._inputs) == 2:
+            if plate_bgr is None:
+                raise UserError(
+                    f"{file}: its second input is for the clean plate, but the take has no background/: "
+                    "record the empty stage, or take a network that needs none"
+                )
+            self._pictures.append(plate_bgr)
+
+    def silhouette(self, image_bgr: Bytes) -> Mask:
+        """The actor in an image (H, W, 3) BGR uint8: a mask (H, W). Raises UserError for no such output."""
+        feeds = {
+            put.name: _as_input(picture, put.shape, _TYPES[put.type])
+            for put, picture in zip(self._inputs, [image_bgr, *self._pictures], strict=True)
+        }
+        height, width = image_bgr.shape[:2]
+        for output in self._session.run(None, feeds):
+            opacity = np.squeeze(output)
+            if opacity.ndim == 2:
+                whole = cv2.resize(
+                    opacity.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR
+                )
+                return cleanup(whole >= 0.5, self._settings)
+        raise UserError(f"{self._file}: expected an output of one channel, the actor's opacity from 0 to 1")
+
+
+def _session(file: Path) -> Any:
+    try:
+        onnxruntime = import_module("onnxruntime")
+    except ImportError:
+        raise UserError(
+            f"--segmenter onnx:{file}: needs the package onnxruntime, which is not installed: "
+            "pip install 'xormocap[onnx]'"
+        ) from None
+    if not file.is_file():
+        raise UserError(f"{file}: is missing: expected the ONNX file of a matting network")
+    try:
+        return onnxruntime.InferenceSession(str(file), providers=onnxruntime.get_available_providers())
+    except Exception as problem:
+        reason = next(iter(str(problem).splitlines()), type(problem).__name__)
+        raise UserError(f"{file}: cannot be loaded as a network ({reason}): export it again") from None
+
+
+def _as_input(picture_bgr: Bytes, shape: list[int | str | None], dtype: Any) -> NDArray[Any]:
+    """A picture as (1, 3, h, w) RGB from 0 to 1; h and w of the input's shape where these are numbers."""
+    height, width = (
+        asked if isinstance(asked, int) else own
+        for asked, own in zip(shape[-2:], picture_bgr.shape[:2], strict=True)
+    )
+    if (height, width) != picture_bgr.shape[:2]:
+        picture_bgr = np.asarray(
+            cv2.resize(picture_bgr, (width, height), interpolation=cv2.INTER_AREA), np.uint8
+        )
+    rgb = picture_bgr[..., ::-1].transpose(2, 0, 1)[None]
+    return (np.ascontiguousarray(rgb, np.float32) / 255).astype(dtype)

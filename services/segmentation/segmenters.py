@@ -1,0 +1,191 @@
+"""The table of segmenters: what `--segmenter NAME` may say, and what each is made of.
+
+Others come in from outside, as entry points of the group `xormocap.segmenters`.
+"""
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.errors import UserError, nearest
+from services.mocap.take.folder import Take
+from services.mocap.types import Bytes
+from services.segmentation import opencv_models
+from services.segmentation.chroma import ChromaKey
+from services.segmentation.clean_plate import CleanPlate
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.foreign import ForeignMatte
+from services.segmentation.onnx_matte import OnnxMatte
+from services.segmentation.samples import spread_pictures
+from services.segmentation.source import Matte, ReadySegmenter, Segmenter, VideoSegmenter
+from services.segmentation.take_plate import SAMPLES, TakePlate, plate_of_samples
+
+log = logging.getLogger(__name__)
+
+AUTO = "auto"
+READY = "silhouettes"
+USUAL = "clean-plate"
+GROUP = "xormocap.segmenters"
+_KEY_PICTURES = 8
+"""From which a screen's colour is estimated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What there is to learn one camera's background from."""
+
+    take: Take
+    camera: Camera
+    settings: SegmentationSettings
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether the take has a clean plate of this camera."""
+        return self.take.has_background(self.camera)
+
+    @cached_property
+    def unsure_share(self) -> float:
+        """Of the picture, that a plate made of the take does not tell for sure."""
+        return self._made.unsure_share
+
+    def plate(self) -> Iterable[Bytes]:
+        """Pictures (H, W, 3) of the empty scene: the clean plate, or what the take itself tells of it."""
+        return self.take.background(self.camera) if self.is_recorded else self._made.frames
+
+    def plate_picture(self) -> Bytes | None:
+        """The recorded clean plate as one picture (H, W, 3); None without one."""
+        if not self.is_recorded:
+            return None
+        total, count = np.zeros(1), 0
+        for picture in self.take.background(self.camera):
+            total, count = total + picture, count + 1
+        mean: Bytes = np.rint(total / max(count, 1)).astype(np.uint8)
+        return mean
+
+    @cached_property
+    def _made(self) -> TakePlate:
+        return plate_of_samples(spread_pictures(self.take, self.camera, SAMPLES))
+
+
+class Kind(NamedTuple):
+    """A row of the table."""
+
+    make: Callable[[Scene, str], Matte]
+    """Takes the scene and what stands after the colon of `NAME:ARGUMENT`, "" for nothing."""
+    argument: str
+    """What may stand there, for messages; "" for nothing."""
+    needs_argument: bool
+    needs_plate: bool
+    """Whether the empty scene has to be known."""
+
+
+def _chroma(scene: Scene, colour: str) -> Matte:
+    if colour:
+        red, green, blue = bytes.fromhex(colour)
+        return ChromaKey.of_colour((blue, green, red), scene.settings)
+    return ChromaKey.of_pictures(spread_pictures(scene.take, scene.camera, _KEY_PICTURES), scene.settings)
+
+
+KINDS: dict[str, Kind] = {
+    USUAL: Kind(lambda scene, _: CleanPlate.learn(scene.plate(), scene.settings), "", False, True),
+    "mog2": Kind(lambda scene, _: opencv_models.mog2(scene.plate(), scene.settings), "", False, True),
+    "bgsegm": Kind(lambda scene, _: opencv_models.bgsegm(scene.plate(), scene.settings), "", False, True),
+    "chroma": Kind(_chroma, "RRGGBB", False, False),
+    "onnx": Kind(
+        lambda scene, file: OnnxMatte(Path(file), scene.plate_picture(), scene.settings), "FILE", True, False
+    ),
+}
+
+
+def known_segmenters() -> list[str]:
+    """Names that --segmenter takes here, those of installed plug-ins last."""
+    return [AUTO, READY, *KINDS, *sorted(entry_points(group=GROUP).names)]
+
+
+def check_segmenter(name: str) -> None:
+    """Raise UserError, in one sentence, for what --segmenter cannot mean."""
+    kind, colon, argument = name.partition(":")
+    if kind not in known_segmenters():
+        raise UserError(
+            f"--segmenter {name}: there is no such segmenter: {nearest(kind, known_segmenters())}"
+        )
+    expected, needed = (KINDS[kind].argument, KINDS[kind].needs_argument) if kind in KINDS else ("", False)
+    if colon and not expected:
+        raise UserError(f"--segmenter {name}: {kind} takes nothing after its name: leave out :{argument}")
+    if needed and not argument:
+        raise UserError(f"--segmenter {name}: expected {kind}:{expected}")
+    if kind == "chroma" and colon and not _is_colour(argument):
+        raise UserError(f"--segmenter {name}: expected chroma:RRGGBB in hexadecimal, such as chroma:00b140")
+
+
+def _is_colour(text: str) -> bool:
+    return len(text) == 6 and all(digit in "0123456789abcdefABCDEF" for digit in text)
+
+
+def chosen_segmenter(take: Take, name: str = AUTO) -> str:
+    """The segmenter for a take: the one asked for, or with auto the one that suits what the take has.
+
+    Raises UserError where there is none of that name, or the take lacks what it needs.
+    """
+    check_segmenter(name)
+    chosen = name if name != AUTO else READY if take.source == "silhouettes" else USUAL
+    if chosen == READY and take.source != "silhouettes":
+        raise UserError(f"--segmenter {READY}: {take.folder} has none: expected silhouettes/ beside videos/")
+    if chosen != READY:
+        for camera in take.cameras:
+            if not take.has_video(camera):
+                raise UserError(f"--segmenter {name}: {take.folder} has no video of {camera.name} to work on")
+    return chosen
+
+
+def make_segmenters(
+    take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str = AUTO
+) -> list[Segmenter]:
+    """A segmenter for each of some cameras of a take, trained; logs one warning where the plate is a guess.
+
+    Raises UserError where there is none of that name, or the take lacks what it needs.
+    """
+    chosen = chosen_segmenter(take, name)
+    if chosen == READY:
+        return [ReadySegmenter(take, camera) for camera in cameras]
+    kind, _, argument = chosen.partition(":")
+    made: list[Segmenter] = []
+    unsure_shares: dict[str, float] = {}
+    for camera in cameras:
+        scene = Scene(take, camera, settings)  # let go of with this camera: it may hold many pictures
+        made.append(VideoSegmenter(take, camera, _matte(scene, kind, argument)))
+        if kind in KINDS and KINDS[kind].needs_plate and not scene.is_recorded:
+            unsure_shares[camera.name] = scene.unsure_share
+    if unsure_shares:
+        _warn_of_guesses(take, unsure_shares)
+    return made
+
+
+def _matte(scene: Scene, kind: str, argument: str) -> Matte:
+    if kind not in KINDS:
+        return ForeignMatte(kind, scene.camera, scene.plate_picture(), GROUP)
+    try:
+        return KINDS[kind].make(scene, argument)
+    except UserError as error:
+        if kind == "onnx" or argument:
+            raise
+        what = "clean plate of " if KINDS[kind].needs_plate else ""
+        raise UserError(f"{scene.take.folder}: {what}{scene.camera.name}: {error}") from None
+
+
+def _warn_of_guesses(take: Take, unsure_shares: dict[str, float]) -> None:
+    """Say how far plates made of the take can be trusted, by the worst of the cameras."""
+    worst = max(unsure_shares, key=lambda name: unsure_shares[name])
+    log.warning(
+        "%s/background: is missing: the empty scene was taken from the videos themselves; in %s, the worst, "
+        "%.1f%% of the picture shows it in fewer than half of %d frames and cannot be trusted, and whoever "
+        "stands still for most of the take is lost: record the empty stage",
+        take.folder, worst, 100 * unsure_shares[worst], min(SAMPLES, take.settings.frames),
+    )  # fmt: skip
