@@ -141,8 +141,8 @@ def track(
     nowhere. segmenter: what makes the silhouettes.
     run.json tells of the fit that the actor comes from. warn is called with each warning of segmentation,
     coordinator and recorder at the end; started once with the launcher when all processes run. Raises
-    UserError; ServiceFailedError, after which the logs stay; or Interrupted, once a stop was asked for and what was done
-    by then is written.
+    UserError; ServiceFailedError, after which the logs stay; or Interrupted, once a stop was asked for and
+    what was done by then is written.
     """
     endpoint, logs = free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     earlier = {folder: _written_ns(folder) for folder in (out, partial_of(out))}
