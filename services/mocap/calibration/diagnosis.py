@@ -15,6 +15,7 @@ from services.mocap.errors import CalibrationError
 from services.mocap.types import Bytes, Floats, Ints
 
 _SAMPLES, _FEW_SAMPLES = 12, 4
+_SHRUNK_WIDTH_PX = 800
 _SAME_PX, _SAME_SHARE, _FEWEST_SAME = 0.05, 0.9, 5
 _SIZES = range(3, 16)
 _FEWEST_MARKERS = 4
@@ -70,7 +71,8 @@ def _what_is_wrong(pictures: list[Bytes], board: Board) -> str | None:
 
 def _wrong_chessboard(pictures: list[Bytes], board: Board) -> str | None:
     """Another size of chessboard that is seen more often than the one named."""
-    pictures = pictures[:: max(1, len(pictures) // _FEW_SAMPLES)]  # each size is looked for in all of them
+    # each size is looked for in all of them, which takes long in large pictures
+    pictures = [_shrunk(picture) for picture in pictures[:: max(1, len(pictures) // _FEW_SAMPLES)]]
     best = max(_sizes_near(board), key=lambda other: _n_found(pictures, other))
     if _n_found(pictures, best) <= max(_n_found(pictures, board), 1):
         return None
@@ -78,6 +80,11 @@ def _wrong_chessboard(pictures: list[Bytes], board: Board) -> str | None:
         f"shows a chessboard of {best.columns}x{best.rows} squares and not of {board.columns}x{board.rows}: "
         f"give --squares {best.columns}x{best.rows} (squares are counted, not the corners between them)"
     )
+
+
+def _shrunk(picture: Bytes) -> Bytes:
+    share = min(1.0, _SHRUNK_WIDTH_PX / picture.shape[1])
+    return np.asarray(cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _sizes_near(board: Board) -> Iterable[Board]:
