@@ -98,14 +98,13 @@ def look(port: int) -> None:
 
 
 def _attempts(port: int, protocols: list[Subprotocol]) -> Iterator[Connection]:
-    """A connection, once somebody listens."""
+    """A connection, once somebody listens, and another whenever that is cut."""
     while True:
         try:
             with connect(
                 f"ws://127.0.0.1:{port}", subprotocols=protocols, max_size=None, compression=None
             ) as connection:
                 yield connection
-                return
         except OSError:
             continue
 
