@@ -28,8 +28,9 @@ from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Bytes, Floats, Mask
+from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import AUTO, make_segmenters
+from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenters
 from services.segmentation.source import in_common_size
 
 log = logging.getLogger(__name__)
@@ -122,6 +123,8 @@ def _silhouettes(
         for f, mask in enumerate(islice(segmenter.silhouettes(frames.start, frames.stop), len(frames))):
             masks[f, c] = in_common_size(mask, width_px, height_px)
         progress((c + 1) / len(take.cameras))
+    if chosen_segmenter(take, name) != READY:
+        _keep_supported(take, masks)
     look = look_first(Rig.of(take.cameras), masks[0], [camera.name for camera in take.cameras])
     for remark in look.remarks:
         log.warning("%s", remark)
@@ -129,6 +132,17 @@ def _silhouettes(
     cameras = tuple(take.cameras[c] for c in chosen)
     height_px, width_px = Rig.of(cameras).shape_px
     return cameras, np.array([pack(of_frame) for of_frame in masks[:, chosen, :height_px, :width_px]])
+
+
+def _keep_supported(take: Take, masks: Mask) -> None:
+    """Clear what only one camera sees in silhouettes (F, C, H, W), as segmentation does."""
+    rig = Rig.of(take.cameras)
+    for of_frame in masks:
+        seen = [mask[:height, :width] for mask, (width, height) in zip(of_frame, rig.sizes_px, strict=True)]
+        for mask, kept in zip(
+            seen, drop_unsupported(rig, list(map(np.ascontiguousarray, seen))), strict=True
+        ):
+            mask[:] = kept
 
 
 def _without(search: SearchSettings, take: Take, left: tuple[Camera, ...]) -> SearchSettings:

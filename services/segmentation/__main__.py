@@ -27,8 +27,9 @@ from services.process import (
     keys_of_client,
     run_service,
 )
+from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import make_segmenters
+from services.segmentation.segmenters import READY, chosen_segmenter, make_segmenters
 from services.segmentation.source import packed
 
 _LOOK_S = 0.2
@@ -46,13 +47,16 @@ class Feed:
     ) -> None:
         self._height, self._width = Rig.of(take.cameras).shape_px
         self._segmenters = make_segmenters(take, [take.cameras[c] for c in cameras], settings, segmenter)
+        sees_all = len(cameras) == len(take.cameras) and chosen_segmenter(take, segmenter) != READY
+        self._rig = Rig.of(tuple(take.cameras[c] for c in cameras)) if sees_all else None
         self._end = take.settings.frames
 
     def planes(self, start: int) -> Iterator[Bytes]:
         """Bit-planes (P, H, W) of frames start to the take's end."""
         streams = [segmenter.silhouettes(start, self._end) for segmenter in self._segmenters]
         for masks in zip(*streams, strict=True):
-            yield packed(masks, self._width, self._height)
+            kept = masks if self._rig is None else drop_unsupported(self._rig, masks)
+            yield packed(kept, self._width, self._height)
 
 
 class Sender:

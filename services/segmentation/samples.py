@@ -5,16 +5,27 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
-from services.mocap.take.video import VideoReader, index_video
+from services.mocap.take.video import VideoIndex, VideoReader, index_video
 from services.mocap.types import Bytes
 
 
 def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
-    """Up to so many raw pictures (N, H, W, 3) of a camera, from the first frame to the last.
+    """Up to so many raw pictures (N, H, W, 3) of a camera, from the first frame to the last."""
+    index = index_video(layout.video_path(take.folder, camera.name))
+    return _spread_over(index, take.settings.frames, most)
 
-    Long videos are read at their keyframes only, which need no other frame to be decoded.
-    """
-    index, frames = index_video(layout.video_path(take.folder, camera.name)), take.settings.frames
+
+def spread_plate(take: Take, camera: Camera, most: int) -> Bytes:
+    """Up to so many pictures (N, H, W, 3) of a camera's recorded clean plate, likewise."""
+    path = layout.background_video_path(take.folder, camera.name)
+    if not path.exists():
+        return np.array(list(take.background(camera)))
+    index = index_video(path)
+    return _spread_over(index, index.n_frames, most)
+
+
+def _spread_over(index: VideoIndex, frames: int, most: int) -> Bytes:
+    """Long videos are read at their keyframes only, which need no other frame to be decoded."""
     keys = [key for key, _ in index.keyframes if key < frames]
     if len(keys) >= most:
         pictures = []

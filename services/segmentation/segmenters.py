@@ -22,8 +22,9 @@ from services.segmentation.chroma import ChromaKey
 from services.segmentation.clean_plate import CleanPlate
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.foreign import ForeignMatte
+from services.segmentation.ghosts import LOOKS, find_ghost
 from services.segmentation.onnx_matte import OnnxMatte
-from services.segmentation.samples import spread_pictures
+from services.segmentation.samples import spread_pictures, spread_plate
 from services.segmentation.source import Matte, ReadySegmenter, Segmenter, VideoSegmenter
 from services.segmentation.take_plate import SAMPLES, TakePlate, plate_of_samples
 
@@ -33,6 +34,8 @@ AUTO = "auto"
 READY = "silhouettes"
 USUAL = "clean-plate"
 GROUP = "xormocap.segmenters"
+_UNSURE = 0.1
+"""Of the part where anything moves; with more in doubt the actor is likely to be part of the plate."""
 _KEY_PICTURES = 8
 """From which a screen's colour is estimated."""
 
@@ -52,7 +55,7 @@ class Scene:
 
     @cached_property
     def unsure_share(self) -> float:
-        """Of the picture, that a plate made of the take does not tell for sure."""
+        """Of the part in which anything moves, what a plate made of the take does not tell for sure."""
         return self._made.unsure_share
 
     def plate(self) -> Iterable[Bytes]:
@@ -163,6 +166,8 @@ def make_segmenters(
         made.append(VideoSegmenter(take, camera, _matte(scene, kind, argument)))
         if kind in KINDS and KINDS[kind].needs_plate and not scene.is_recorded:
             unsure_shares[camera.name] = scene.unsure_share
+        if kind in KINDS and KINDS[kind].needs_plate and scene.is_recorded:
+            _check_plate(scene)
     if unsure_shares:
         _warn_of_guesses(take, unsure_shares)
     return made
@@ -180,12 +185,29 @@ def _matte(scene: Scene, kind: str, argument: str) -> Matte:
         raise UserError(f"{scene.take.folder}: {what}{scene.camera.name}: {error}") from None
 
 
+def _check_plate(scene: Scene) -> None:
+    """Warn of a recorded clean plate that is not clean."""
+    pictures = spread_plate(scene.take, scene.camera, LOOKS)
+    ghost = find_ghost(pictures, spread_pictures(scene.take, scene.camera, LOOKS))
+    if ghost is None:
+        return
+    what = "something moves in it" if ghost.moves else "shows something that is in no frame of the take"
+    log.warning(
+        "%s/background: clean plate of %s: %s (%.1f%% of the picture, about column %d, row %d), which spoils "
+        "the silhouettes: record the empty stage with nobody in it",
+        scene.take.folder, scene.camera.name, what, 100 * ghost.share, *ghost.centre_px,
+    )  # fmt: skip
+
+
 def _warn_of_guesses(take: Take, unsure_shares: dict[str, float]) -> None:
     """Say how far plates made of the take can be trusted, by the worst of the cameras."""
     worst = max(unsure_shares, key=lambda name: unsure_shares[name])
     log.warning(
         "%s/background: is missing: the empty scene was taken from the videos themselves; in %s, the worst, "
-        "%.1f%% of the picture shows it in fewer than half of %d frames and cannot be trusted, and whoever "
-        "stands still for most of the take is lost: record the empty stage",
+        "%.1f%% of the part where anything moves shows it in fewer than half of %d frames%s: record the "
+        "empty stage",
         take.folder, worst, 100 * unsure_shares[worst], min(SAMPLES, take.settings.frames),
+        ", so that the actor hardly leaves the place and silhouettes will be wrong there"
+        if unsure_shares[worst] > _UNSURE
+        else " and cannot be trusted",
     )  # fmt: skip

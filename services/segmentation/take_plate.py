@@ -21,6 +21,8 @@ _LEAST_TOLERANCE = 8.0
 _SIGMAS = 4.0
 _MAD_SIGMA = 1.4826
 """Deviation of normal noise over the median of its size."""
+_STILL = 0.9
+"""Of the samples, that have to agree where nothing moves."""
 _ROWS_AT_ONCE = 64
 
 
@@ -35,8 +37,8 @@ class TakePlate:
 
     @property
     def unsure_share(self) -> float:
-        """The share of the pixels that fewer than half of the samples show as background."""
-        return float((self.support < 0.5).mean())
+        """Of the pixels at which anything moves, the share that fewer than half of the samples show empty."""
+        return float((self.support < 0.5).sum() / max(int((self.support < _STILL).sum()), 1))
 
 
 def plate_of_samples(samples: Bytes) -> TakePlate:
@@ -46,13 +48,13 @@ def plate_of_samples(samples: Bytes) -> TakePlate:
     most of them share.
     """
     evened = _evened(samples)
-    background = _median(evened)
+    background = median_picture(evened)
     tolerance = _tolerance(evened, background)
-    agree = _agreeing(evened, background, tolerance)
+    agree = agreeing(evened, background, tolerance)
     doubtful = agree.mean(axis=0) < 0.5
     if doubtful.any():
         background[doubtful] = _most_shared(evened[:, doubtful], tolerance)
-        agree[:, doubtful] = _agreeing(evened[:, doubtful], background[doubtful], tolerance)
+        agree[:, doubtful] = agreeing(evened[:, doubtful], background[doubtful], tolerance)
     support = agree.mean(axis=0).astype(np.float32)
     before = background
     for sample, is_background in zip(evened, agree, strict=True):
@@ -63,12 +65,12 @@ def plate_of_samples(samples: Bytes) -> TakePlate:
 
 def _evened(samples: Bytes) -> Bytes:
     """Copies of the samples at the exposure of their median."""
-    gauge = Gauge.on(_median(samples).astype(np.float32))
+    gauge = Gauge.on(median_picture(samples).astype(np.float32))
     evened = [cv2.convertScaleAbs(s, alpha=1 / gauge.gain(s, _FLICKER_LIMIT)) for s in samples]
     return np.array(evened, np.uint8)
 
 
-def _median(samples: Bytes) -> Bytes:
+def median_picture(samples: Bytes) -> Bytes:
     """The lower median (H, W, 3) over samples (N, H, W, 3), some rows at a time, to spare memory."""
     middle = (len(samples) - 1) // 2
     rows = range(0, samples.shape[1], _ROWS_AT_ONCE)
@@ -82,7 +84,7 @@ def _tolerance(samples: Bytes, background: Bytes) -> float:
     return max(_LEAST_TOLERANCE, _SIGMAS * _MAD_SIGMA * float(np.median(sizes)))
 
 
-def _agreeing(samples: Bytes, background: Bytes, tolerance: float) -> Mask:
+def agreeing(samples: Bytes, background: Bytes, tolerance: float) -> Mask:
     """Which samples (N, …, 3) show a background (…, 3): (N, …)."""
     agree: Mask = np.empty(samples.shape[:-1], np.bool_)
     for n, sample in enumerate(samples):
@@ -93,7 +95,7 @@ def _agreeing(samples: Bytes, background: Bytes, tolerance: float) -> Mask:
 
 def _most_shared(samples: Bytes, tolerance: float) -> Bytes:
     """The sample (P, 3) of each pixel that most other samples (N, P, 3) agree with."""
-    counts: Ints = np.array([_agreeing(samples, s, tolerance).sum(axis=0) for s in samples], np.int32)
+    counts: Ints = np.array([agreeing(samples, s, tolerance).sum(axis=0) for s in samples], np.int32)
     best = counts.argmax(axis=0)
     chosen: Bytes = samples[best, np.arange(samples.shape[1])]
     return chosen

@@ -1,0 +1,76 @@
+"""Blobs that only one camera sees go; what several see, and what nobody can judge, stays."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
+from services.mocap.types import Mask
+from services.segmentation.across import drop_unsupported
+
+Cameras = Callable[[int], list[Camera]]
+Ball = Callable[[Camera, int], Mask]
+
+
+def seen(cameras: list[Camera], ball: Ball) -> tuple[Rig, list[Mask]]:
+    return Rig.of(tuple(cameras)), [ball(camera, 2) for camera in cameras]
+
+
+def with_blob(mask: Mask) -> Mask:
+    added = mask.copy()
+    added[4:14, 2:8] = True
+    return added
+
+
+def test_a_passer_by_in_one_camera_goes(small_cameras: Cameras, ball_silhouette: Ball) -> None:
+    rig, masks = seen(small_cameras(6), ball_silhouette)
+    for c in range(6):
+        shown = [with_blob(mask) if k == c else mask for k, mask in enumerate(masks)]
+        for kept, true in zip(drop_unsupported(rig, shown), masks, strict=True):
+            assert np.array_equal(kept, true)
+
+
+def test_the_actor_may_be_in_pieces(small_cameras: Cameras, ball_silhouette: Ball) -> None:
+    rig, masks = seen(small_cameras(6), ball_silhouette)
+    cut = masks[1].copy()
+    cut[:, 30:33] = False
+    shown = [masks[0], cut, *masks[2:]]
+    assert all(
+        np.array_equal(kept, mask) for kept, mask in zip(drop_unsupported(rig, shown), shown, strict=True)
+    )
+
+
+def test_one_camera_that_misses_a_piece_takes_it_from_no_other(
+    small_cameras: Cameras, ball_silhouette: Ball
+) -> None:
+    rig, masks = seen(small_cameras(6), ball_silhouette)
+    masks[1][:, 30:33] = False
+    masks[4][24:] = False
+    assert np.array_equal(drop_unsupported(rig, masks)[1], masks[1])
+
+
+@pytest.mark.parametrize("n_cameras", [2, 3])
+def test_few_cameras_cannot_judge(small_cameras: Cameras, ball_silhouette: Ball, n_cameras: int) -> None:
+    rig, masks = seen(small_cameras(n_cameras), ball_silhouette)
+    shown = [with_blob(masks[0]), *masks[1:]]
+    assert np.array_equal(drop_unsupported(rig, shown)[0], shown[0])
+
+
+def test_a_camera_that_fits_nowhere_is_left_to_others_to_judge(
+    small_cameras: Cameras, ball_silhouette: Ball
+) -> None:
+    rig, masks = seen(small_cameras(6), ball_silhouette)
+    elsewhere = np.zeros_like(masks[0])
+    elsewhere[2:10, 2:10] = elsewhere[38:46, 2:8] = True
+    shown = [elsewhere, *masks[1:]]
+    assert np.array_equal(drop_unsupported(rig, shown)[0], elsewhere)
+
+
+def test_nobody_in_view(small_cameras: Cameras, ball_silhouette: Ball) -> None:
+    rig, masks = seen(small_cameras(5), ball_silhouette)
+    nothing = [np.zeros_like(mask) for mask in masks]
+    assert not np.any(drop_unsupported(rig, nothing))
+    blobs = [with_blob(nothing[0]) | np.roll(with_blob(nothing[0]), 20, axis=1), *nothing[1:]]
+    assert np.array_equal(drop_unsupported(rig, blobs)[0], blobs[0])
