@@ -5,6 +5,7 @@ On the tasks stream it also says hello, beats, and registers again after a loss.
 
 import logging
 import time
+from collections.abc import Callable
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
@@ -126,8 +127,16 @@ class Line:
 class Link:
     """A DEALER on the tasks stream that keeps itself registered with the coordinator."""
 
-    def __init__(self, context: Context, endpoint: str, hello: Hello, keys: ClientKeys | None = None) -> None:
-        self._hello = hello
+    def __init__(
+        self,
+        context: Context,
+        endpoint: str,
+        hello: Hello,
+        keys: ClientKeys | None = None,
+        also: Callable[[], Message] | None = None,
+    ) -> None:
+        """Also: what is said after every hello."""
+        self._hello, self._also = hello, also
         self._line = Line(context, endpoint, "tasks", keys)
         self._retry_s = _FIRST_RETRY_S
         self._register()
@@ -142,6 +151,8 @@ class Link:
         self._heard = self._sent = time.monotonic()
         self._answered = False
         send(self.socket, self._hello)
+        if self._also is not None:
+            send(self.socket, self._also())
 
     def send(self, message: Message) -> bool:
         """Send without waiting; False where the queue is full."""

@@ -10,22 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
+MAX_TOLD = 200
+"""Clients that telemetry tells of by name."""
 MAX_BACKENDS = 20
 """Energy backends that one run may tell apart."""
 
 Count: TypeAlias = Annotated[int, Field(ge=0, lt=2**31)]
 Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=200)]
 Hash: TypeAlias = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Run: TypeAlias = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 Scalar: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Whole: TypeAlias = Annotated[int, Field(ge=-(2**31), lt=2**31)]
 _Number: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 _Text: TypeAlias = Annotated[str, Field(max_length=200)]
+Limb: TypeAlias = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 Part: TypeAlias = Literal["torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"]
 Share: TypeAlias = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Setting: TypeAlias = bool | _Whole | _Number | _Text | list[_Whole] | list[_Number]
+Memory: TypeAlias = Annotated[
+    dict[Name, Annotated[list[_Whole], Field(max_length=100)]], Field(max_length=20)
+]
 Settings: TypeAlias = Annotated[dict[Name, Setting], Field(max_length=100)]
 
 
@@ -69,11 +76,13 @@ class LimbTask(Message):
     type: ClassVar[str] = "limb_task"
     take: Name
     """The take's name, from take.toml."""
+    run: Run
+    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
     frame: Count
     """The frame's number in the take."""
     pass_index: Count
     """Tells the searches of one frame apart; no more follows from it."""
-    limb: Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+    limb: Limb
     """An arm with its hand, or a leg with its foot."""
     shard: Count
     """Which part of the limb's grid to search, less than shards: every shards-th point from this one on."""
@@ -100,11 +109,13 @@ class LimbResult(Message):
     type: ClassVar[str] = "limb_result"
     take: Name
     """As in the task."""
+    run: Run
+    """As in the task."""
     frame: Count
     """As in the task."""
     pass_index: Count
     """As in the task."""
-    limb: Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+    limb: Limb
     """As in the task."""
     shard: Count
     """As in the task."""
@@ -129,11 +140,13 @@ class LimbRefusal(Message):
     type: ClassVar[str] = "limb_refusal"
     take: Name
     """As in the task."""
+    run: Run
+    """As in the task."""
     frame: Count
     """As in the task."""
     pass_index: Count
     """As in the task."""
-    limb: Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+    limb: Limb
     """As in the task."""
     shard: Count
     """As in the task."""
@@ -169,6 +182,8 @@ class Silhouettes(Message):
     type: ClassVar[str] = "silhouettes"
     take: Name
     """The take's name, from take.toml."""
+    run: Run
+    """As in the credit."""
     frame: Count
     """The frame's number in the take."""
     cameras: Annotated[list[Count], Field(min_length=1, max_length=256)]
@@ -183,6 +198,8 @@ class Credit(Message):
     type: ClassVar[str] = "credit"
     take: Name
     """The take's name, from take.toml."""
+    run: Run
+    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
     next_frame: Count
     """The first frame of which a camera is still lacking; those before it are no longer wanted."""
     end_frame: Count
@@ -195,12 +212,18 @@ class TakeInfo(Message):
     type: ClassVar[str] = "take_info"
     take: Name
     """The take's name, from take.toml."""
+    run: Run
+    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
     fps: Annotated[float, Field(gt=0, lt=10000)]
     """Frames per second of the recording."""
     first_frame: Count
     """The first frame that is tracked."""
     end_frame: Count
     """One past the last frame that is to be tracked."""
+    plan: Hash
+    """Names what poses depend on: take, frames, settings. Runs of one plan can go on from each other."""
+    shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
+    """Into how many parts limbs' grids are divided in this run."""
     actor: Hash
     """Names the blob of kind actor."""
     rig: Hash
@@ -221,6 +244,8 @@ class Pose(Message):
     type: ClassVar[str] = "pose"
     take: Name
     """The take's name, from take.toml."""
+    run: Run
+    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
     frame: Count
     """The frame's number in the take."""
     time_s: Scalar
@@ -241,7 +266,8 @@ class Pose(Message):
     """Limb results that counted and came from workers since the take began, by their energy backend."""
     seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
     """Wall time in seconds per stage: torso (or the whole body's alignment), head, limbs; by a limb's name
-    what solving it took; frame: since the frame before was published."""
+    what solving it took; frame: since the frame before was published; overhead: the coordinator's processor
+    time that went into anything but fitting."""
     prior: Scalar = 0.0
     """What being off the expected pose counts, beside the energy: the setting steadiness times the
     squares."""
@@ -249,6 +275,8 @@ class Pose(Message):
     """How far each part may be trusted in this frame, from 0 to 1; a part that is left out was not judged."""
     distrusted: Annotated[list[Part], Field(max_length=6)] = Field(default_factory=list)
     """Parts that must not be trusted in this frame, none twice; the torso stands for the whole body."""
+    memory: Memory = Field(default_factory=dict)
+    """What the coordinator knows by then beside the last two poses, for one that goes on after it."""
     pose: Annotated[NDArray[np.float64], Array("float64", (35,))]
     """The body's 35 parameters, in metres and radians, in the z-up world."""
 
@@ -257,6 +285,8 @@ class PoseRequest(Message):
     """A recorder missed frames: send them again."""
 
     type: ClassVar[str] = "pose_request"
+    run: Run
+    """The run whose frames these are."""
     first_frame: Count
     """The first frame that is missing."""
     end_frame: Count
@@ -271,12 +301,76 @@ class SilhouettesRequest(Message):
     """The frame's number in the take."""
 
 
+class Recording(Message):
+    """What a recorder has on disk of a take; said after its hello, even if it is nothing, and as it grows."""
+
+    type: ClassVar[str] = "recording"
+    take: Name
+    """The take's name, from take.toml."""
+    run: Annotated[str, Field(pattern=r"^([0-9a-f]{32})?$")]
+    """The run that it has poses of; empty where it has none."""
+    plan: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]
+    """As in the take's description; empty where there is no run."""
+    shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
+    """As in the take's description; 1 where there is no run."""
+    end_frame: Count
+    """One past the last frame before which it has them all."""
+    retries: Count
+    """As in the last of these poses; 0 where there is none."""
+    worker_backends: Annotated[dict[Name, Count], Field(max_length=MAX_BACKENDS)]
+    """As in the last of these poses."""
+    memory: Memory
+    """As in the last of these poses."""
+    poses: Annotated[NDArray[np.float64], Array("float64", ("k", 35))]
+    """The last two of these poses, or fewer where there are not so many."""
+    actor: Annotated[NDArray[np.uint8], Array("uint8", ("n",))]
+    """UTF-8 text: actor.toml of the run; empty where it is not known yet."""
+
+
+class Telemetry(Message):
+    """How a coordinator is doing; published about twice a second, also before a take has begun."""
+
+    type: ClassVar[str] = "telemetry"
+    take: Name
+    """The take's name, from take.toml."""
+    run: Annotated[str, Field(pattern=r"^([0-9a-f]{32})?$")]
+    """The run; empty as long as it waits for clients."""
+    stage: Literal["waiting for clients", "first frame", "tracking", "ended"]
+    """What it is at."""
+    first_frame: Count
+    """The first frame that is tracked."""
+    next_frame: Count
+    """One past the last frame that was solved."""
+    end_frame: Count
+    """One past the last frame that is to be tracked."""
+    frames_ready: Count
+    """Frames whose silhouettes are all there and that are not being solved yet."""
+    unrecorded: Count
+    """Poses that a recorder has not got on disk yet."""
+    deadline_s: Scalar
+    """How long a limb task may take, in seconds, before it is given to somebody else too."""
+    tasks_waiting: Count
+    """Limb tasks that no worker has."""
+    workers: Annotated[dict[Name, Name], Field(max_length=MAX_TOLD)]
+    """Limb workers by name (role@host:process id), with the energy backend that each began with."""
+    limbs: Annotated[dict[Name, Limb], Field(max_length=MAX_TOLD)]
+    """What those workers that have a task are searching."""
+    recorders: Annotated[dict[Name, Count], Field(max_length=MAX_TOLD)]
+    """Recorders by name, and one past the last frame before which each has them all on disk."""
+    counts: Annotated[dict[Name, Count], Field(max_length=20)]
+    """Since it was started: retries (tasks given out again), and what was dropped and why."""
+    seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
+    """As in the last pose."""
+
+
 class TakeEnd(Message):
     """No pose will follow."""
 
     type: ClassVar[str] = "take_end"
     take: Name
     """The take's name, from take.toml."""
+    run: Run
+    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
     first_frame: Count
     """The first frame that was asked for."""
     end_frame: Count
@@ -287,6 +381,8 @@ class Recorded(Message):
     """A recorder has every frame before end_frame."""
 
     type: ClassVar[str] = "recorded"
+    run: Run
+    """The run whose frames these are."""
     end_frame: Count
     """One past the last frame that it has."""
 
@@ -307,6 +403,8 @@ MESSAGES: dict[str, type[Message]] = {
         Pose,
         PoseRequest,
         SilhouettesRequest,
+        Recording,
+        Telemetry,
         TakeEnd,
         Recorded,
     )

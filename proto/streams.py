@@ -44,12 +44,13 @@ STREAMS: dict[StreamName, Stream] = {
             "pose",
             "silhouettes_request",
             "silhouettes",
+            "recording",
             "take_end",
             "recorded",
         ),
     ),
     "silhouettes": Stream(1, zmq.PULL, zmq.PUSH, ("silhouettes",)),
-    "poses": Stream(2, zmq.PUB, zmq.SUB, ("credit", "take_info", "pose", "take_end")),
+    "poses": Stream(2, zmq.PUB, zmq.SUB, ("credit", "take_info", "pose", "telemetry", "take_end")),
 }
 
 

@@ -55,6 +55,7 @@ from services.process import (
 from services.recorder.result_folder import check_out
 from services.segmentation.files import write_silhouettes
 from services.segmentation.segmenters import chosen_segmenter
+from services.status import status
 from services.sync import sync
 from services.track import Interrupted
 from services.track import Progress as Run
@@ -72,6 +73,7 @@ app.command()(export)
 app.command()(view)
 app.command()(calibrate)
 app.command()(sync)
+app.command()(status)
 out_console, err_console = Console(), Console(stderr=True)
 _STATE_WORDS = {
     machine.State.OK: "[green]ok[/]",
@@ -111,6 +113,10 @@ def track(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     watch: ViewOption = False,
     port: PortOption = DEFAULT_PORT,
+    endpoint: Annotated[
+        str | None,
+        typer.Option(help="Where the coordinator listens, for xormocap status; free ports by default."),
+    ] = None,
 ) -> None:
     """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
     engine, output = engine_settings(backend, threads), output_settings(smooth, cutoff_hz)
@@ -145,6 +151,7 @@ def track(
             warnings,
             watch_at,
             segmenter,
+            endpoint,
         )
     _warn(warnings)
     _summarise(report, folder)
@@ -180,6 +187,7 @@ def _track(
     warnings: list[str],
     page: str | None,
     segmenter: str,
+    endpoint: str | None,
 ) -> dict[str, Any]:
     """Track with a progress bar; returns run.json, adds to the warnings."""
     columns = (
@@ -218,10 +226,11 @@ def _track(
                 page=page,
                 segmenter=segmenter,
                 warn=warnings.append,
+                endpoint=endpoint,
             )
         except Interrupted as stopped:
             done = (
-                f"what was tracked by then is in {stopped.folder}"
+                f"what was tracked by then is in {stopped.folder}; the same command goes on from there"
                 if stopped.folder
                 else "nothing was tracked"
             )

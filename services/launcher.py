@@ -2,21 +2,29 @@
 
 import logging
 import os
+import secrets
 import signal
 import socket
 import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from services import logs
 from services.mocap.errors import UserError
-from services.process import EXIT_STOPPED, EXIT_USER_ERROR, KEYS_VARIABLE, PARENT_VARIABLE
+from services.process import (
+    EXIT_STOPPED,
+    EXIT_USER_ERROR,
+    KEYS_VARIABLE,
+    METRICS_VARIABLE,
+    PARENT_VARIABLE,
+)
 
 log = logging.getLogger(__name__)
 
@@ -25,8 +33,9 @@ _STOP_S = 4.0
 """How long processes may take to end after a SIGTERM before they get another."""
 _ORDERLY = (0, EXIT_STOPPED, -signal.SIGTERM)
 """How a process ends that was told to; the last, when it was told before it could listen."""
-_MOST_RESTARTS = 20
-"""Restarts of one kind of process in one run; more mean that it cannot work here."""
+_LOWEST_PORT, _HIGHEST_PORT = 20_000, 32_000
+"""Below the ports that Linux lends to clients: one that calls a port where nobody listens just then may be
+lent that very port, talk to itself, and keep a coordinator that is started again out."""
 
 
 @dataclass(frozen=True)
@@ -34,18 +43,18 @@ class ServiceSpec:
     """A kind of process."""
 
     module: str
-    restarts: bool
-    """Whether another takes the place of one that dies; the others' end ends the run."""
+    most_restarts: int
+    """How often in one run another takes the place of one that dies; more mean that it cannot work here."""
     stop_s: float = 5.0
     """How long a process may take to end after a second SIGTERM before it is killed."""
 
 
 SERVICES: dict[str, ServiceSpec] = {
-    "coordinator": ServiceSpec("services.coordinator", restarts=False),
-    "limb_worker": ServiceSpec("services.limb_worker", restarts=True),
-    "segmentation": ServiceSpec("services.segmentation", restarts=True),
-    "viewer": ServiceSpec("services.viewer", restarts=True),
-    "recorder": ServiceSpec("services.recorder", restarts=False, stop_s=60.0),  # it may be writing
+    "coordinator": ServiceSpec("services.coordinator", most_restarts=5),
+    "limb_worker": ServiceSpec("services.limb_worker", most_restarts=20),
+    "segmentation": ServiceSpec("services.segmentation", most_restarts=20),
+    "viewer": ServiceSpec("services.viewer", most_restarts=20),
+    "recorder": ServiceSpec("services.recorder", most_restarts=5, stop_s=60.0),  # it may be writing
 }
 
 
@@ -59,6 +68,7 @@ class _Running:
     arguments: list[str]
     log_path: Path
     process: "subprocess.Popen[bytes]"
+    started_s: float = field(default_factory=time.monotonic)
 
 
 class Launcher:
@@ -92,7 +102,7 @@ class Launcher:
                 stdin=subprocess.DEVNULL,
                 stdout=log_file,
                 stderr=log_file,
-                env={**_without_keys(os.environ), PARENT_VARIABLE: str(os.getpid())},
+                env={**_own_environment(os.environ), PARENT_VARIABLE: str(os.getpid())},
                 start_new_session=True,  # Ctrl-C reaches the launcher only, which ends the run in order
             )
 
@@ -104,25 +114,41 @@ class Launcher:
         """Whether no process of a kind is left."""
         return not self.pids(name)
 
-    def watch(self) -> None:
-        """Restart what may be restarted; raise for what may not.
+    def is_done(self, name: str) -> bool:
+        """Whether all processes of a kind have ended in order."""
+        ours = [running for running in self._running if running.name == name]
+        return bool(ours) and all(self._ended_well(running) for running in ours)
 
-        Raises UserError with a service's own sentence, or ServiceFailedError.
+    def _ended_well(self, running: _Running) -> bool:
+        code = running.process.poll()
+        return code == 0 or (running.name in self._told and code in _ORDERLY)
+
+    def up_s(self, name: str) -> float:
+        """How long ago the latest process of a kind was started."""
+        return time.monotonic() - max(running.started_s for running in self._running if running.name == name)
+
+    def watch(self, over: Collection[str] = ()) -> None:
+        """Start another for each process that has died; over: kinds that have nothing to do any more.
+
+        Raises UserError with a service's own sentence, or ServiceFailedError for what dies again and again.
         """
         for running in self._running:
-            code = running.process.poll()
-            if code is None or code == 0 or (running.name in self._told and code in _ORDERLY):
+            code, name = running.process.poll(), running.name
+            if code is None or self._ended_well(running):
                 continue
-            if code == EXIT_USER_ERROR:
-                raise UserError(_last_line(running.log_path))
-            self._restarts[running.name] += 1
-            if not SERVICES[running.name].restarts or self._restarts[running.name] > _MOST_RESTARTS:
-                raise ServiceFailedError(
-                    f"{running.name} ended with code {code}: {_last_line(running.log_path)}"
-                )
             last = _last_line(running.log_path)
-            log.warning("%s ended with code %d: starting another; it said: %s", running.name, code, last)
-            running.process = self._spawn(running.name, running.arguments, running.log_path)
+            if code == EXIT_USER_ERROR:
+                raise UserError(last)
+            if name in over:
+                continue
+            self._restarts[name] += 1
+            if self._restarts[name] > SERVICES[name].most_restarts:
+                times = f"was started again {SERVICES[name].most_restarts} times and"
+                raise ServiceFailedError(f"{name} {times} ended with code {code} at last: {last}")
+            log.warning("%s ended with code %d: starting another; it said: %s", name, code, last)
+            self._told.discard(name)
+            running.process = self._spawn(name, running.arguments, running.log_path)
+            running.started_s = time.monotonic()
 
     def tell_to_stop(self, name: str) -> None:
         """Ask a kind's processes to end in order, once."""
@@ -159,18 +185,17 @@ class Launcher:
                 running.process.wait(max(left_s, 0.01))
 
 
-def _without_keys(environment: Mapping[str, str]) -> dict[str, str]:
-    """What is meant for services beyond this machine is not for those on its loopback."""
-    return {name: value for name, value in environment.items() if name != KEYS_VARIABLE}
+def _own_environment(environment: Mapping[str, str]) -> dict[str, str]:
+    """What is meant for services on machines of their own is not for those on this one's loopback."""
+    left_out = (KEYS_VARIABLE, METRICS_VARIABLE, logs.VARIABLE)
+    return {name: value for name, value in environment.items() if name not in left_out}
 
 
 def free_endpoint() -> str:
     """A loopback endpoint whose ports are free at this moment."""
     for _ in range(100):
-        with socket.socket() as first:
-            first.bind(("127.0.0.1", 0))
-            port = first.getsockname()[1]
-        if port + _PORTS < 65536 and all(_is_free(port + k) for k in range(_PORTS)):
+        port = _LOWEST_PORT + secrets.randbelow(_HIGHEST_PORT - _LOWEST_PORT)
+        if all(_is_free(port + k) for k in range(_PORTS)):
             return f"tcp://127.0.0.1:{port}"
     raise ServiceFailedError("no three free ports in a row on 127.0.0.1")
 

@@ -15,7 +15,11 @@ import typer
 
 from proto.keys import ClientKeys, KeysError, client_keys
 from proto.streams import AddressError
+from services import logs
 from services.health import answering
+from services.logs import about as about
+from services.metrics import TIME_BUCKETS_S as TIME_BUCKETS_S
+from services.metrics import offering
 from services.mocap.energy.settings import MOST_THREADS, Choice, EngineSettings
 from services.mocap.errors import UserError, validated
 from services.mocap.motion.settings import OutputSettings, Smoother
@@ -109,7 +113,7 @@ def output_arguments(settings: OutputSettings) -> tuple[str, ...]:
     return ("--smooth", settings.smooth, *cutoff)
 
 
-KEYS_VARIABLE = "XORMOCAP_KEYS"
+KEYS_VARIABLE, METRICS_VARIABLE = "XORMOCAP_KEYS", "XORMOCAP_METRICS"
 KeysOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
@@ -117,6 +121,17 @@ KeysOption: TypeAlias = Annotated[
         metavar="DIR",
         envvar=KEYS_VARIABLE,
         help="The folder with this service's keys, made by xormocap keys; needed beyond this machine.",
+    ),
+]
+
+
+MetricsOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--metrics",
+        metavar="[HOST:]PORT",
+        envvar=METRICS_VARIABLE,
+        help="Answer Prometheus there, on loopback unless a host is given; off by default.",
     ),
 ]
 
@@ -167,45 +182,21 @@ def on_hangup(act: Callable[[], None]) -> None:
     signal.signal(signal.SIGHUP, lambda *_: act())
 
 
-class SparingLog(logging.Filter):
-    """Lets no line of the program fill a log, whatever a hostile sender makes it say how often."""
-
-    def __init__(self, most: int = 100, period_s: float = 60.0) -> None:
-        super().__init__()
-        self._most, self._period_s = most, period_s
-        self._seen: dict[tuple[str, int], tuple[float, int]] = {}
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a record is one of the first of its kind in a while; its kind is the program's line."""
-        kind, now = (record.pathname, record.lineno), time.monotonic()
-        began_s, count = self._seen.get(kind, (now, 0))
-        if now - began_s > self._period_s:
-            if count > self._most:
-                record.msg = f"{record.msg} (and {count - self._most} of that kind that were not shown)"
-            began_s, count = now, 0
-        self._seen[kind] = began_s, count + 1
-        return count < self._most
-
-
 def client_name(role: str) -> str:
     """A name that no other process has: role, host and process id."""
     return f"{role}@{socket.gethostname()}:{os.getpid()}"
 
 
-def run_service(name: str, main: Callable[[StopRequest], None]) -> None:
-    """Run a service's main function as this process, then exit.
+def run_service(name: str, main: Callable[[StopRequest], None], metrics: str | None = None) -> None:
+    """Run a service's main function as this process, then exit. metrics: what --metrics says.
 
     The exit code is 0 when its work is done, EXIT_STOPPED after a stop, 2 for an error of the user's, else 1.
     The last line of the log says in one sentence what an error was.
     """
     stop = StopRequest()
-    logging.basicConfig(
-        stream=sys.stderr, level=logging.INFO, format=f"%(asctime)s {name} %(levelname)s %(message)s"
-    )
-    for handler in logging.getLogger().handlers:
-        handler.addFilter(SparingLog())
+    logs.begin(name)
     try:
-        with answering(name, lambda: stop.looked_s):
+        with answering(name, lambda: stop.looked_s), offering(metrics):
             main(stop)
     except (UserError, AddressError, KeysError) as error:
         print(error, file=sys.stderr)  # noqa: T201  (the one sentence that a launcher shows)

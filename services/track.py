@@ -16,7 +16,7 @@ from proto.framing import MalformedMessage
 from proto.messages import Pose
 from proto.sockets import connect, make_socket, receive, wait
 from proto.streams import stream_endpoint
-from services.launcher import Launcher, ServiceFailedError, free_endpoint
+from services.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
 from services.mocap.energy.detail.cache import levels_of
@@ -43,6 +43,10 @@ from services.segmentation.segmenters import chosen_segmenter
 _LOOK_S = 0.2
 _ALONE_S = 2.0
 """How long after the coordinator's end a recorder that still waits for it is left waiting."""
+_LEAVE_S = 10.0
+"""How long a coordinator may take to end after the recorder."""
+_STARTING_S = 10.0
+"""How long a recorder may take to start."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,8 @@ class Interrupted(Exception):  # noqa: N818  (a request, not an error)
 class _PoseWatch:
     """Follows the poses of a run for its progress."""
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, endpoint: str, frames: range) -> None:
+        self._start, self._end = frames.start, frames.start
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._socket = make_socket(self._context, zmq.SUB)
         connect(self._socket, stream_endpoint(endpoint, "poses"))
@@ -85,12 +90,14 @@ class _PoseWatch:
                 if isinstance(message, Pose):
                     self._first_s = self._first_s or time.monotonic()
                     self._frames.add(message.frame)
+                    self._end = max(self._end, message.frame + 1)
                     self._energy_px = message.energy_px
         except MalformedMessage:
             pass  # progress only; the recorder counts
         stage = "writing results" if ended else "tracking" if self._frames else "finding the first pose"
-        done, elapsed_s = len(self._frames), time.monotonic() - (self._first_s or self._started_s)
-        return Progress(done, max(done - 1, 0) / elapsed_s if elapsed_s > 0 else 0.0, self._energy_px, stage)
+        seen, elapsed_s = len(self._frames), time.monotonic() - (self._first_s or self._started_s)
+        frames_per_s = max(seen - 1, 0) / elapsed_s if elapsed_s > 0 else 0.0
+        return Progress(self._end - self._start, frames_per_s, self._energy_px, stage)
 
     def close(self) -> None:
         self._socket.close()
@@ -132,6 +139,7 @@ def track(
     segmenter: str = DEFAULT_SEGMENTER,
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
+    endpoint: str | None = None,
 ) -> dict[str, Any]:
     """Track frames of a checked take into out and return its run.json; the processes' logs go to out/logs.
 
@@ -140,11 +148,11 @@ def track(
     output: how the recorder makes results of the poses. page: where browsers can watch, as HOST:PORT; None:
     nowhere. segmenter: what makes the silhouettes.
     run.json tells of the fit that the actor comes from. warn is called with each warning of segmentation,
-    coordinator and recorder at the end; started once with the launcher when all processes run. Raises
-    UserError; ServiceFailedError, after which the logs stay; or Interrupted, once a stop was asked for and
-    what was done by then is written.
+    coordinator and recorder at the end; started once with the launcher when all processes run. endpoint:
+    where the coordinator listens, by default at ports that are free. Raises UserError; ServiceFailedError,
+    after which the logs stay; or Interrupted, once a stop was asked for and what was done by then is written.
     """
-    endpoint, logs = free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
+    endpoint, logs = endpoint or free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     earlier = {folder: _written_ns(folder) for folder in (out, partial_of(out))}
     try:
         with StopSignals() as stop, Launcher(logs) as launcher:
@@ -157,7 +165,7 @@ def track(
                 watched = ("--take", str(take.folder), "--connect", endpoint)
                 launcher.start("viewer", *watched, "--bind", page, "--results", str(out))
             started(launcher)
-            _follow(launcher, endpoint, stop, show)
+            _follow(launcher, endpoint, frames, stop, show)
             warned = ("segmentation", "coordinator", "recorder")
             for sentence in (sentence for service in warned for sentence in launcher.warnings(service)):
                 warn(sentence)
@@ -241,19 +249,28 @@ def _start(
     launcher.start("recorder", *source, *connect, *results)
 
 
-def _follow(launcher: Launcher, endpoint: str, stop: StopSignals, show: Callable[[Progress], None]) -> None:
+def _follow(
+    launcher: Launcher, endpoint: str, frames: range, stop: StopSignals, show: Callable[[Progress], None]
+) -> None:
     """Watch until recorder and coordinator have ended, or a second stop is asked for."""
-    watch, alone_since_s = _PoseWatch(endpoint), None
+    watch, ended_s = _PoseWatch(endpoint, frames), dict[str, float]()
     try:
-        while stop.count < 2 and not (launcher.has_ended("recorder") and launcher.has_ended("coordinator")):
-            launcher.watch()
-            show(watch.look(ended=launcher.has_ended("coordinator")))
+        while stop.count < 2 and not (launcher.is_done("recorder") and launcher.has_ended("coordinator")):
+            launcher.watch(over=SERVICES if "recorder" in ended_s else ())
+            show(watch.look(ended=launcher.is_done("coordinator")))
+            for name in ("coordinator", "recorder"):
+                if launcher.is_done(name):
+                    ended_s.setdefault(name, time.monotonic())
             if stop.count:
                 launcher.tell_to_stop("coordinator")
-            if launcher.has_ended("coordinator"):
-                alone_since_s = alone_since_s or time.monotonic()
-                if time.monotonic() - alone_since_s > _ALONE_S:
+            if "recorder" in ended_s and time.monotonic() - ended_s["recorder"] > _LEAVE_S:
+                break
+            if "coordinator" in ended_s:
+                alone_s = min(
+                    time.monotonic() - ended_s["coordinator"], launcher.up_s("recorder") - _STARTING_S
+                )
+                if alone_s > _ALONE_S:
                     launcher.tell_to_stop("recorder")  # it writes what it has
-        launcher.watch()
+        launcher.watch(over=SERVICES if launcher.is_done("recorder") else ())
     finally:
         watch.close()

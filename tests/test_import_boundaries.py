@@ -29,6 +29,7 @@ COMMAND = (
     "services.keys",
     "services.view",
     "services.view_show",
+    "services.status",
     "services.bench",
     "services.soak",
 )

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from typer import Typer
 from typer.testing import CliRunner
 
+from services.logs import SparingLog
 from services.mocap.energy.settings import MOST_THREADS, EngineSettings
 from services.mocap.errors import UserError
 from services.mocap.search.overrides import search_settings
@@ -20,7 +21,6 @@ from services.process import (
     BackendOption,
     SetOption,
     SettingsOption,
-    SparingLog,
     ThreadsOption,
     engine_arguments,
     engine_settings,

@@ -1,14 +1,20 @@
 """Coordinator process: `python -m services.coordinator --take TAKE --bind tcp://127.0.0.1:5550`."""
 
 import logging
+import signal
 from pathlib import Path
 from typing import Annotated
+
+# Who has changed the list of clients may say so before there is a handler: loading takes a second.
+# ruff: noqa: E402
+_default_hangup = signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
 import typer
 
 from proto.auth import Admission
 from proto.streams import DEFAULT_ENDPOINT
-from services.coordinator.session import Plan, Session
+from services.coordinator.plan import Plan
+from services.coordinator.session import Session
 from services.mocap.energy.engine import check_cost, open_engine
 from services.mocap.search.overrides import search_settings
 from services.mocap.search.settings import SearchSettings
@@ -21,6 +27,7 @@ from services.process import (
     DEFAULT_ENGINE,
     BackendOption,
     KeysOption,
+    MetricsOption,
     SearchOption,
     SetOption,
     SettingsOption,
@@ -52,13 +59,17 @@ def main(
         Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
     ] = None,
     keys: KeysOption = None,
+    metrics: MetricsOption = None,
 ) -> None:
     """Track a take with the limb workers that are there."""
 
     def serve(stop: StopRequest) -> None:
         admission = None if keys is None else Admission(keys)
-        if admission is not None:
+        if admission is None:
+            signal.signal(signal.SIGHUP, _default_hangup)
+        else:
             on_hangup(admission.ask_again)
+            admission.ask_again()  # the list may have changed just before
         opened = open_take(take)
         engine_choice = engine_settings(backend, threads)
         search = search_settings(changes or [], settings, len(opened.cameras), preset)
@@ -66,11 +77,9 @@ def main(
         plan = _plan(opened, frame_range(frames, opened), search, fitted)
         with open_engine(engine_choice) as engine:
             log.info("%s", engine)
-            session = Session(plan, engine, bind, stop, admission)
-            session.await_clients(workers, recorders, _CLIENTS_S)
-            session.run()
+            Session(plan, engine, bind, stop, admission).run(workers, recorders, _CLIENTS_S)
 
-    run_service("coordinator", serve)
+    run_service("coordinator", serve, metrics)
 
 
 def _plan(take: Take, frames: range, search: SearchSettings, fitted: Path | None) -> Plan:

@@ -9,14 +9,14 @@ from services.mocap.types import Bytes, Mask
 
 
 class FrameAssembler:
-    """Collects the cameras of each frame; hands frames out whole and in order."""
+    """Collects the cameras of each frame of a run; hands frames out whole and in order."""
 
-    def __init__(self, take: str, rig: Rig, first_frame: int, end_frame: int) -> None:
-        self._take, self._rig = take, rig
+    def __init__(self, take: str, run: str, rig: Rig, first_frame: int, end_frame: int) -> None:
+        self._ids, self._rig = (take, run), rig
         self._next, self._end = first_frame, end_frame
         self._partial: dict[int, dict[int, Mask]] = {}
         self.dropped = 0
-        """Messages that belonged to another take or frame, or made no sense."""
+        """Messages that belonged to another take, run or frame, or made no sense."""
 
     @property
     def next_frame(self) -> int:
@@ -29,7 +29,8 @@ class FrameAssembler:
         credit_end: frames from it on were not asked for, so that memory stays bounded.
         """
         wanted = range(self._next, min(self._end, credit_end))
-        if message.take != self._take or message.frame not in wanted or not self._fits(message):
+        ids = (message.take, message.run)
+        if ids != self._ids or message.frame not in wanted or not self._fits(message):
             self.dropped += 1
             return
         masks = unpack(message.planes, len(message.cameras))
@@ -55,6 +56,11 @@ class FrameAssembler:
         while len(self._partial.get(frame, {})) == self._rig.n_cameras:
             frame += 1
         return frame
+
+    @property
+    def n_ready(self) -> int:
+        """Whole frames that wait to be handed out."""
+        return self.first_lacking() - self._next
 
     def waiting_for(self) -> list[int]:
         """Cameras that the next frame still lacks."""

@@ -10,13 +10,13 @@ import numpy as np
 
 from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
 from services.mocap.body.skeleton import LOWER, UPPER
-from services.mocap.search.chains import LIMBS
+from services.mocap.search.chains import LIMBS, LimbName
 
 log = logging.getLogger(__name__)
 
 Identity: TypeAlias = bytes
-Key: TypeAlias = tuple[str, int, int, str, int, int]
-"""Take, frame, pass, limb, shard and shards: what a result is recognised by."""
+Key: TypeAlias = tuple[str, str, int, int, str, int, int]
+"""Take, run, frame, pass, limb, shard and shards: what a result is recognised by."""
 
 SILENCE_S = 10.0
 """An idle worker that has not beaten for so long is forgotten."""
@@ -30,7 +30,14 @@ DEADLINE_FLOOR_S = 0.5
 
 def key_of(message: LimbTask | LimbResult | LimbRefusal) -> Key:
     """What a limb task, its result and its refusal have in common."""
-    return (message.take, message.frame, message.pass_index, message.limb, message.shard, message.shards)
+    where = (message.frame, message.pass_index, message.limb)
+    return (message.take, message.run, *where, message.shard, message.shards)
+
+
+def in_words(key: Key) -> str:
+    """A task for a line of the log."""
+    take, _, frame, pass_index, limb, shard, shards = key
+    return f"the task take={take} frame={frame} pass={pass_index} limb={limb} shard={shard}/{shards}"
 
 
 def is_sound(result: LimbResult) -> bool:
@@ -42,6 +49,7 @@ def is_sound(result: LimbResult) -> bool:
 @dataclass
 class _Worker:
     name: str
+    backend: str
     heard_s: float
     task: Key | None = None
     given_s: float = 0.0
@@ -76,6 +84,22 @@ class Dispatcher:
         """Results of workers that counted, by their energy backend; at most MAX_BACKENDS of those."""
 
     @property
+    def workers(self) -> dict[str, str]:
+        """Names of the workers that are registered, and the energy backends that they began with."""
+        return {worker.name: worker.backend for worker in self._workers.values()}
+
+    @property
+    def busy(self) -> dict[str, LimbName]:
+        """What those workers that have a task are searching, by their names."""
+        open_tasks = {w.name: self._open[w.task] for w in self._workers.values() if w.task in self._open}
+        return {name: opened.task.limb for name, opened in open_tasks.items()}
+
+    @property
+    def n_waiting(self) -> int:
+        """Tasks that no worker has."""
+        return len(self._queue)
+
+    @property
     def n_workers(self) -> int:
         """Workers that are registered."""
         return len(self._workers)
@@ -97,7 +121,7 @@ class Dispatcher:
         if hello is not None:
             for old in [i for i, w in self._workers.items() if i == identity or w.name == hello.name]:
                 self._forget(old, "registered anew")
-            self._workers[identity] = _Worker(hello.name, self._now())
+            self._workers[identity] = _Worker(hello.name, hello.backend or "unknown", self._now())
             self._assign()
         if identity not in self._workers:
             return False
@@ -126,7 +150,8 @@ class Dispatcher:
         else:
             self.dropped += isinstance(message, LimbResult)
             reason = message.reason if isinstance(message, LimbRefusal) else "its result makes no sense"
-            log.warning("%s failed at %s: %s", worker.name if worker else "a stranger", key, reason)
+            name = worker.name if worker else "a stranger"
+            log.warning("%s failed at %s: %s", name, in_words(key), reason)
         if holder is not None:
             self._release(holder)
         self._assign()
@@ -168,7 +193,7 @@ class Dispatcher:
         for key, opened in self._open.items():
             late = opened.given_to and now - opened.given_s > self.deadline_s
             if late and key not in self._queue:
-                log.warning("task %s is late after %.1f s", key, now - opened.given_s)
+                log.warning("%s is late after %.1f s", in_words(key), now - opened.given_s)
                 self._again(key)
         self._assign()
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from proto.messages import MAX_SHARDS, LimbResult, LimbTask
 from services.coordinator.dispatch import Dispatcher
+from services.coordinator.overhead import Overhead
 from services.mocap.search.chains import LIMBS, LimbName
 from services.mocap.search.jobs import LimbJob
 from services.mocap.search.limb import solve_limb
@@ -21,32 +22,39 @@ class RemoteLimbs:
         self,
         model: Model,
         take: str,
+        run: str,
         actor: str,
         dispatcher: Dispatcher,
         pump: Callable[[float], None],
         shards: int = 1,
+        overhead: Overhead | None = None,
     ) -> None:
         """`pump(seconds)` lets messages in and out, waiting that long for some. actor: its content hash.
 
         shards: how many workers share a limb's grid, if there are so many. Fixed, since poses depend on it
-        in the last digits and must not depend on which workers die.
+        in the last digits and must not depend on which workers die. overhead: where it is booked what all of
+        this costs beside the solving.
         """
         self._model, self._dispatcher, self._pump = model, dispatcher, pump
-        self._take, self._actor, self._rig = take, actor, model.rig.content_hash
+        self._take, self._run = take, run
+        self._actor, self._rig = actor, model.rig.content_hash
         self._shards = min(shards, MAX_SHARDS)
         self._jobs: dict[LimbName, LimbJob] = {}
+        self._overhead = overhead or Overhead()
         self.frame = 0
         """The frame that jobs belong to."""
 
     def start(self, jobs: list[LimbJob]) -> None:
         """See LimbPool.start."""
-        self._pump(0.0)
-        self._jobs = {job.limb: job for job in jobs}
-        self._dispatcher.submit([self._task(job, k) for job in jobs for k in range(self._shards)])
+        with self._overhead.talking():
+            self._pump(0.0)
+            self._jobs = {job.limb: job for job in jobs}
+            self._dispatcher.submit([self._task(job, k) for job in jobs for k in range(self._shards)])
 
     def _task(self, job: LimbJob, shard: int) -> LimbTask:
         return LimbTask(
             take=self._take,
+            run=self._run,
             frame=self.frame,
             pass_index=job.pass_index,
             limb=job.limb,
@@ -62,15 +70,15 @@ class RemoteLimbs:
 
     def finish(self) -> Iterator[tuple[LimbName, Solution]]:
         """See LimbPool.finish. Of a limb's shards the one of least energy counts, the first of equals."""
-        results: list[LimbResult] = []
-        while self._dispatcher.pending:
-            self._pump(0.0)
-            self._dispatcher.tick()
-            task = self._dispatcher.take_waiting()
-            if task is not None:
-                self._dispatcher.solved_here(self._solve_here(task))
-            elif self._dispatcher.pending:
-                self._pump(0.02)
+        with self._overhead.talking():
+            while self._dispatcher.pending:
+                self._pump(0.0)
+                self._dispatcher.tick()
+                task = self._dispatcher.take_waiting()
+                if task is not None:
+                    self._dispatcher.solved_here(self._solve_here(task))
+                elif self._dispatcher.pending:
+                    self._pump(0.02)
         results = sorted(self._dispatcher.collect(), key=lambda result: (result.energy_px, result.shard))
         for name in self._jobs:
             shards = [result for result in results if result.limb == name]
@@ -85,9 +93,10 @@ class RemoteLimbs:
         job = self._jobs[task.limb]
         shard = (task.shard, task.shards)
         began_s = time.perf_counter()
-        found = solve_limb(self._model, job.limb, job.window, job.pose, job.settings, shard)
+        with self._overhead.fitting():
+            found = solve_limb(self._model, job.limb, job.window, job.pose, job.settings, shard)
         return LimbResult(
-            **task.model_dump(include={"take", "frame", "pass_index", "limb", "shard", "shards"}),
+            **task.model_dump(include={"take", "run", "frame", "pass_index", "limb", "shard", "shards"}),
             energy_px=found.energy_px,
             evaluations=found.evaluations,
             seconds=time.perf_counter() - began_s,

@@ -63,7 +63,7 @@ def solve_opening(
     """
     picture = Picture.whole(rig, silhouettes)
     if actor is not None and fitted_pose is not None:
-        model = _model(actor, rig, engine)
+        model = model_of(actor, rig, engine)
         limbs = pool(model, actor)
         return Opening(actor, model, solve_frame(model, picture, fitted_pose[None], settings, limbs))
     masks = unpack(silhouettes, rig.n_cameras)
@@ -80,7 +80,7 @@ def solve_opening(
     height_m = fit_height(rig, picture, pose, opening.actor.height, pool, engine, settings)
     actor = Actor(height=round(height_m, 3))
     log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
-    model = _model(actor, rig, engine)
+    model = model_of(actor, rig, engine)
     limbs, wide = pool(model, actor), settings.widened()
     fitted = solve_frame(model, picture, pose[None], wide, limbs, first_pass=_FITTED_PASS)
     return Opening(actor, model, fitted)
@@ -120,7 +120,7 @@ def first_guess(
             hull.height_m,
             actor.height,
         )
-    model = _model(actor, rig, engine)
+    model = model_of(actor, rig, engine)
     return Opening(actor, model, _first_pose(model, picture, hull, hints, pool(model, actor), settings))
 
 
@@ -134,7 +134,8 @@ def _plausible_height_m(hull: Hull) -> float:
     return hull.height_m
 
 
-def _model(actor: Actor, rig: Rig, engine: Engine) -> Model:
+def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:
+    """The model of an actor before a rig, with a backend of the engine's."""
     body = build_body(actor)
     return Model(body, rig, engine.backend(body, rig))
 

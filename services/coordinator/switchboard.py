@@ -19,10 +19,12 @@ from proto.messages import (
     Pose,
     PoseRequest,
     Recorded,
+    Recording,
     Silhouettes,
     SilhouettesRequest,
     TakeEnd,
     TakeInfo,
+    Telemetry,
 )
 from proto.streams import StreamName
 from services.coordinator.dispatch import Dispatcher, Identity
@@ -38,11 +40,21 @@ _MOST_AT_ONCE = 64
 """Messages taken from one socket before the others get their turn."""
 
 
+_KEPT_POSES = 1000
+"""The latest poses are kept for viewers, and for recorders that nobody waits for; others longer."""
+
+
+class LostFramesError(Exception):
+    """A recorder that is waited for lacks frames that are gone; a coordinator that restarts solves them."""
+
+
 @dataclass
 class _Recorder:
     name: str
+    recording: Recording | None = None
+    """What it said last that it has on disk; None before it has said anything."""
     end_frame: int = 0
-    """It has all frames before this one."""
+    """It has confirmed all frames before this one at the end."""
 
 
 class Switchboard:
@@ -59,19 +71,55 @@ class Switchboard:
         self.dispatcher = Dispatcher(self._ports.send, time.monotonic)
         self._blobs: dict[str, Blob] = {}
         self._recorders: dict[Identity, _Recorder] = {}
+        self._run, self._expected = "", 0
+        self._forgotten_end = self._recorded_end = 0
         self._take_info: TakeInfo | None = None
         self._poses: dict[int, Pose] = {}
         self._seen: OrderedDict[int, dict[tuple[int, ...], Silhouettes]] = OrderedDict()
         self._end: TakeEnd | None = None
         self._credit: Credit | None = None
-        self._credit_sent_s = 0.0
+        self._repeated_s = 0.0
+        self.telemetry: Callable[[], Telemetry] | None = None
+        """Says how the take is doing; published with what is repeated."""
+        self._foreign = 0
         self.recorders_heard_s = 0.0
         """When a recorder last asked for or confirmed something, or the take ended."""
 
     @property
     def n_recorders(self) -> int:
-        """Recorders that are registered."""
-        return len(self._recorders)
+        """Recorders that are registered and have said what they hold."""
+        return len(self._recordings())
+
+    def _recordings(self) -> list[Recording]:
+        return [known.recording for known in self._recorders.values() if known.recording is not None]
+
+    def recording(self, take: str, plan: str) -> Recording | None:
+        """What all recorders hold of an earlier run of a plan; None where one of them has nothing."""
+        held = self._recordings()
+        least = min(held, key=lambda recording: recording.end_frame, default=None)
+        if least is None or not len(least.poses):
+            return None
+        same = all((one.take, one.plan, one.run) == (take, plan, least.run) for one in held)
+        return least if same else None
+
+    def begin(self, run: str, first_frame: int, recorders: int) -> None:
+        """From now on only this run counts, from a frame on, for so many recorders at least."""
+        self._run, self._expected = run, recorders
+        self._forgotten_end = self._recorded_end = first_frame
+
+    @property
+    def recorders(self) -> dict[str, int]:
+        """Recorders by name, and the end of what each has on disk of this run."""
+        known = {one.name: one.recording for one in self._recorders.values()}
+        return {
+            name: recording.end_frame if recording and recording.run == self._run else 0
+            for name, recording in known.items()
+        }
+
+    @property
+    def n_unrecorded(self) -> int:
+        """Poses that are kept since a recorder has not got them on disk yet."""
+        return sum(frame >= self._recorded_end for frame in self._poses)
 
     def counts(self) -> dict[str, int]:
         """What was given out again, and what was dropped."""
@@ -79,6 +127,7 @@ class Switchboard:
         return {
             "retries": dispatcher.retries,
             "results_dropped": dispatcher.dropped,
+            "foreign": self._foreign,
             **self._ports.counts(),
         }
 
@@ -115,32 +164,35 @@ class Switchboard:
         self._publish_credit()
 
     def publish(self, pose: Pose) -> None:
-        """Send a solved frame to all who listen, and keep it for recorders that missed it."""
+        """Send a solved frame to all who listen, and keep it until all recorders have it on disk."""
         self._poses[pose.frame] = pose
         self._ports.publish(pose)
+        self._forget_oldest()
 
     def end(self, message: TakeEnd) -> None:
         """Say that no pose will follow."""
         self._end, self.recorders_heard_s = message, time.monotonic()
-        self._ports.publish(message)
+        self._repeat()
         for identity in self._recorders:
             self._ports.send(identity, message)
 
     def _publish_credit(self) -> None:
-        self._credit_sent_s = time.monotonic()
         if self._credit is not None:
             self._ports.publish(self._credit)
 
     def _repeat(self) -> None:
         """Publish once more what those who joined late have missed."""
+        self._repeated_s = time.monotonic()
         self._publish_credit()
         for message in (self._take_info, self._end):
             if message is not None:
                 self._ports.publish(message)
+        if self.telemetry is not None:
+            self._ports.publish(self.telemetry())
 
     def pump(self, timeout_s: float) -> None:
         """Wait up to timeout_s for a message, then act on all that have come."""
-        if time.monotonic() - self._credit_sent_s > _PUBLISH_S:
+        if time.monotonic() - self._repeated_s > _PUBLISH_S:
             self._repeat()
         self._ports.wait(timeout_s)
         for _ in range(_MOST_AT_ONCE):
@@ -182,16 +234,42 @@ class Switchboard:
             self.dispatcher.finished(identity, message)
         elif isinstance(message, BlobRequest | SilhouettesRequest):
             self._send_content(identity, message)
+        elif isinstance(message, Recording | PoseRequest | Recorded):
+            self._hear_recorder(identity, message)
+        else:
+            self._ports.drop(message)
+
+    def _hear_recorder(self, identity: Identity, message: Recording | PoseRequest | Recorded) -> None:
+        """Act on what a recorder says, or a viewer that asks for poses; of other runs only what there is."""
+        if identity in self._recorders:
+            self.recorders_heard_s = time.monotonic()
+        if isinstance(message, Recording):
+            if identity in self._recorders:  # else late, from a connection that is gone: hello comes first
+                self._recorders[identity].recording = message
+                self._note_recorded()
+        elif message.run != self._run:
+            self._foreign += 1
         elif isinstance(message, PoseRequest):
-            self.recorders_heard_s = time.monotonic()
             self._send_poses(identity, message)
-        elif isinstance(message, Recorded):
-            self.recorders_heard_s = time.monotonic()
+        else:
             if identity not in self._recorders:  # its connection was made anew, and it has not registered yet
                 self._add_recorder(identity, "a recorder")
             self._recorders[identity].end_frame = message.end_frame
-        else:
-            self._ports.drop(message)
+
+    def _note_recorded(self) -> None:
+        """Note which poses all recorders have on disk."""
+        ours = [one.end_frame if one.run == self._run else 0 for one in self._recordings()]
+        if len(ours) >= max(1, self._expected):
+            self._recorded_end = max(self._recorded_end, min(ours))
+
+    def _forget_oldest(self) -> None:
+        """Let go of the oldest poses where there are many, but of none that a recorder is to get yet."""
+        while len(self._poses) > _KEPT_POSES:
+            oldest = next(iter(self._poses))
+            if self._expected and oldest >= self._recorded_end:
+                break
+            del self._poses[oldest]
+            self._forgotten_end = oldest + 1
 
     def _welcome(self, identity: Identity, hello: Hello) -> None:
         log.info("%s says hello", hello.name)
@@ -208,7 +286,7 @@ class Switchboard:
     def _add_recorder(self, identity: Identity, name: str) -> None:
         """Note a recorder, and forget those that are gone, lest there be ever more."""
         here = {i: known for i, known in self._recorders.items() if self._ports.send(i, Beat())}
-        self._recorders = here | {identity: _Recorder(name)}
+        self._recorders = {**here, identity: _Recorder(name)}
 
     def _send_content(self, identity: Identity, request: BlobRequest | SilhouettesRequest) -> None:
         if isinstance(request, SilhouettesRequest):
@@ -220,6 +298,12 @@ class Switchboard:
             log.warning("unknown content %s was asked for", request.hash[:8])
 
     def _send_poses(self, identity: Identity, request: PoseRequest) -> None:
+        if request.first_frame < self._forgotten_end:
+            name = self._recorders[identity].name if identity in self._recorders else "a recorder"
+            problem = f"{name} lacks frame {request.first_frame}, which is kept no longer"
+            if self._expected and identity in self._recorders:  # a viewer may miss some
+                raise LostFramesError(f"{problem}: a coordinator that is started again solves it anew")
+            log.info("%s", problem)
         for frame in range(request.first_frame, min(request.end_frame, request.first_frame + _MOST_AT_ONCE)):
             if frame in self._poses and not self._ports.send(identity, self._poses[frame]):
                 break  # its queue is full; it asks again

@@ -1,6 +1,7 @@
 """One actor followed from frame to frame, lost, and found again."""
 
 import logging
+from collections.abc import Mapping
 
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.picture import Picture
@@ -19,6 +20,8 @@ from services.mocap.types import Bytes, Floats
 
 log = logging.getLogger(__name__)
 
+_TRACKER = "tracker"
+"""Name of its own numbers in a memory."""
 _HULL_HEIGHTS = (0.4, 1.5)
 """Height of the visual hull over the actor's, from crouching to arms raised."""
 _LONGEST_WAIT = 16
@@ -28,11 +31,25 @@ _LONGEST_WAIT = 16
 class Tracker:
     """Solves frame after frame, each from those before; finds the actor anew after a loss."""
 
-    def __init__(self, model: Model, settings: SearchSettings, limbs: LimbPool, first: FrameSolution) -> None:
+    def __init__(self, model: Model, settings: SearchSettings, limbs: LimbPool, poses: Floats) -> None:
+        """poses: (N, 35) the first one, or else the last two of a tracker that this one goes on from."""
         self._model, self._settings, self._limbs = model, settings, limbs
         self._trust = Trust(model.rig, settings.doubt_px)
-        self._poses: list[Floats] = [first.pose]
+        self._poses: list[Floats] = list(poses)
         self._lost_frames = self._tries = self._wait = 0
+
+    def memory(self) -> dict[str, list[int]]:
+        """All that it knows by now beside the last two poses that it gave."""
+        known = [len(self._poses), self._lost_frames, self._tries, self._wait]
+        return {_TRACKER: known, **self._trust.as_lists()}
+
+    def recall(self, memory: Mapping[str, list[int]]) -> None:
+        """Go on with what another one knew; raises ValueError where that makes no sense."""
+        n_poses, self._lost_frames, self._tries, self._wait = memory.get(_TRACKER, [])
+        if not 0 < n_poses <= len(self._poses):
+            raise ValueError(f"{n_poses} poses to remember, {len(self._poses)} given")
+        self._poses = self._poses[-n_poses:]
+        self._trust.recall(memory)
 
     def solve(self, silhouettes: Bytes) -> FrameSolution:
         """Find the pose in the next frame's silhouettes (P, H, W).

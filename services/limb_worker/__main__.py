@@ -9,9 +9,10 @@ import zmq
 from proto.framing import MalformedMessage
 from proto.keys import ClientKeys
 from proto.link import Link
-from proto.messages import Blob, BlobRequest, Hello, LimbTask, Message
+from proto.messages import Blob, BlobRequest, Hello, LimbRefusal, LimbTask, Message
 from proto.sockets import wait
 from proto.streams import DEFAULT_ENDPOINT
+from services.limb_worker.metrics import DROPPED, WAITING, note_answer
 from services.limb_worker.solver import LimbSolver, UnusableBlobError
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.search.warm_up import warm_up
@@ -19,8 +20,10 @@ from services.process import (
     DEFAULT_ENGINE,
     BackendOption,
     KeysOption,
+    MetricsOption,
     StopRequest,
     ThreadsOption,
+    about,
     client_name,
     engine_settings,
     keys_of_client,
@@ -64,8 +67,14 @@ class Worker:
     def _solve_ready(self) -> None:
         ready = [task for task in self._waiting if not self._solver.missing(task)]
         self._waiting = [task for task in self._waiting if self._solver.missing(task)]
+        WAITING.set(len(self._waiting))
         for task in ready:
-            self._link.send(self._solver.solve(task))
+            about(take=task.take, frame=task.frame, limb=task.limb, **{"pass": task.pass_index})
+            answer = self._solver.solve(task)
+            if isinstance(answer, LimbRefusal):
+                log.warning("refused a task: %s", answer.reason)
+            note_answer(answer)
+            self._link.send(answer)
 
 
 def serve(endpoint: str, engine: Engine, stop: StopRequest, keys: ClientKeys | None = None) -> None:
@@ -83,6 +92,7 @@ def serve(endpoint: str, engine: Engine, stop: StopRequest, keys: ClientKeys | N
             while (message := link.receive()) is not None:
                 worker.handle(message)
         except MalformedMessage as error:
+            DROPPED.inc()
             log.warning("dropped a malformed message: %s", error)
         link.tick()
     link.close()
@@ -94,6 +104,7 @@ def main(
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
     keys: KeysOption = None,
+    metrics: MetricsOption = None,
 ) -> None:
     """Solve limb tasks for a coordinator until stopped."""
 
@@ -102,7 +113,7 @@ def main(
         with open_engine(engine_settings(backend, threads)) as engine:
             serve(connect, engine, stop, own_keys)
 
-    run_service("limb_worker", start)
+    run_service("limb_worker", start, metrics)
 
 
 if __name__ == "__main__":

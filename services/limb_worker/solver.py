@@ -84,7 +84,7 @@ class LimbSolver:
 
     def solve(self, task: LimbTask) -> LimbResult | LimbRefusal:
         """Solve a task none of whose content is missing; one that makes no sense is refused."""
-        key = task.model_dump(include={"take", "frame", "pass_index", "limb", "shard", "shards"})
+        key = task.model_dump(include={"take", "run", "frame", "pass_index", "limb", "shard", "shards"})
         began = time.perf_counter()
         try:
             model = self._model(task)

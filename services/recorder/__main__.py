@@ -20,19 +20,26 @@ from services.process import (
     DEFAULT_OUTPUT,
     CutoffOption,
     KeysOption,
+    MetricsOption,
     SmoothOption,
     StopRequest,
+    about,
     client_name,
     keys_of_client,
     output_settings,
     run_service,
 )
 from services.recorder.collection import Collection
-from services.recorder.result_folder import check_out
+from services.recorder.metrics import ASKED, DROPPED, FOREIGN, FRAMES, SYNC
+from services.recorder.result_folder import check_out, clear_leftovers, partial_of
 from services.recorder.results import write_results
+from services.recorder.store import Store
 
 _LOOK_S = 0.2
 _ASK_AGAIN_S = 0.5
+_TELL_AGAIN_S = 1.0
+_ALONE_S = 20.0
+"""How long a recorder whose journal holds the whole take waits for a coordinator before it goes on alone."""
 _GRACE_S = 1.5
 """How long after a stop the end of the take may take to arrive."""
 
@@ -42,14 +49,18 @@ log = logging.getLogger(__name__)
 class Listener:
     """Listens to poses and asks for what is missing until the take is complete."""
 
-    def __init__(self, take: str, endpoint: str, keys: ClientKeys | None = None) -> None:
-        self._take = take
+    def __init__(self, take: str, endpoint: str, store: Store, keys: ClientKeys | None = None) -> None:
+        """Store: where what comes in is kept, and what it holds already."""
+        self._take, self._store = take, store
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self.collection = Collection(store)
         self._poses = Line(self._context, endpoint, "poses", keys)
         hello = Hello(role="recorder", name=client_name("recorder"), backend="")
-        self._link = Link(self._context, endpoint, hello, keys)
-        self._asked_s = 0.0
-        self.collection = Collection()
+        self._link = Link(
+            self._context, endpoint, hello, keys, also=lambda: self.collection.recording(self._take)
+        )
+        self._asked_s = self._told_s = 0.0
+        self._told_end = 0
 
     def listen(self) -> None:
         """Wait for messages a moment, take them in, and ask for what is missing."""
@@ -60,10 +71,16 @@ class Listener:
             while (message := self._link.receive()) is not None:
                 self._take_in(message)
         except MalformedMessage as error:
+            DROPPED.inc()
             log.warning("dropped a malformed message: %s", error)
+        with SYNC.time():
+            self._store.sync()
+        FRAMES.set(self.collection.n_recorded)
+        FOREIGN.set(self.collection.foreign)
         self._poses.tick()
         self._link.tick()
         self._ask()
+        self._tell()
 
     def _take_in(self, message: Message) -> None:
         mine = isinstance(message, Blob) or getattr(message, "take", None) == self._take
@@ -76,13 +93,23 @@ class Listener:
         self._asked_s = time.monotonic()
         for content in self.collection.missing_blobs():
             self._link.send(BlobRequest(hash=content))
-        gap = self.collection.missing_frames()
-        if gap is not None:
-            self._link.send(PoseRequest(first_frame=gap[0], end_frame=gap[1]))
+        info, gap = self.collection.info, self.collection.missing_frames()
+        if info is not None and gap is not None:
+            ASKED.inc()
+            self._link.send(PoseRequest(run=info.run, first_frame=gap[0], end_frame=gap[1]))
+
+    def _tell(self) -> None:
+        """Say now and then what is on disk, so that the coordinator need not keep it."""
+        now, end = time.monotonic(), self.collection.held_end
+        if end != self._told_end and now - self._told_s > _TELL_AGAIN_S:
+            self._told_s, self._told_end = now, end
+            self._link.send(self.collection.recording(self._take))
 
     def confirm(self) -> None:
         """Tell the coordinator that every frame is here."""
-        self._link.send(Recorded(end_frame=self.collection.end_frame))
+        if self.collection.info is not None:
+            self._link.send(self.collection.recording(self._take))
+            self._link.send(Recorded(run=self.collection.info.run, end_frame=self.collection.end_frame))
 
     def close(self) -> None:
         """Close the sockets, letting what was sent go out."""
@@ -104,32 +131,50 @@ def serve(
     """Listen until the take is over, then write its results.
 
     After a stop the coordinator has a moment to end the take; then what is there is written. A second stop
-    leaves the overlay out.
+    leaves the overlay out. Everything taken in is kept in a journal until all frames are among the results.
     """
     take = open_take(take_folder)
+    about(take=take.settings.name)
     check_out(out)
-    listener = Listener(take.settings.name, endpoint, keys)
-    log.info("ready, coordinator at %s", endpoint)
-    stopped_s: float | None = None
-    while not listener.collection.complete:
+    store, is_whole = Store.in_folder(partial_of(out)), False
+    try:
+        clear_leftovers(out)
+        listener = Listener(take.settings.name, endpoint, store, keys)
+        log.info("ready with %d frames, coordinator at %s", len(store.frames), endpoint)
+        collection = listener.collection
+        _listen(listener, stop)
+        if collection.complete:
+            listener.confirm()
+        listener.close()
+        if collection.foreign:
+            log.warning("dropped %d messages of other runs", collection.foreign)
+        if collection.n_recorded:  # else the coordinator says why there is nothing
+            is_whole = write_results(
+                out,
+                take,
+                collection,
+                output,
+                overlay=overlay,
+                report=report,
+                hurry=lambda: stop.count > 1,
+            )
+    finally:
+        store.close(remove=is_whole)
+
+
+def _listen(listener: Listener, stop: StopRequest) -> None:
+    """Listen until the take is complete or a stop is asked for.
+
+    What a journal holds may be complete without a word from a coordinator, which has left, or which has not
+    yet said that it begins another run.
+    """
+    collection, began_s, stopped_s = listener.collection, time.monotonic(), None
+    while not (collection.complete and (collection.is_live or time.monotonic() - began_s > _ALONE_S)):
         if stop:
             stopped_s = stopped_s or time.monotonic()
             if time.monotonic() - stopped_s > _GRACE_S:
                 break
         listener.listen()
-    if listener.collection.complete:
-        listener.confirm()
-    listener.close()
-    if listener.collection.poses:  # else the coordinator says why
-        write_results(
-            out,
-            take,
-            listener.collection,
-            output,
-            overlay=overlay,
-            report=report,
-            hurry=lambda: stop.count > 1,
-        )
 
 
 def main(
@@ -141,6 +186,7 @@ def main(
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
     cutoff_hz: CutoffOption = None,
     keys: KeysOption = None,
+    metrics: MetricsOption = None,
 ) -> None:
     """Record a take's poses and write its results."""
 
@@ -148,7 +194,7 @@ def main(
         own_keys = keys_of_client(keys, "recorder")
         serve(take, out, connect, stop, overlay, report, output_settings(smooth, cutoff_hz), own_keys)
 
-    run_service("recorder", work)
+    run_service("recorder", work, metrics)
 
 
 if __name__ == "__main__":

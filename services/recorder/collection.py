@@ -2,45 +2,98 @@
 
 import hashlib
 from contextlib import suppress
-from itertools import count, takewhile
 
-from proto.messages import Blob, Pose, TakeEnd, TakeInfo
+import numpy as np
+
+from proto.messages import Blob, Pose, Recording, TakeEnd, TakeInfo
 from services.mocap.body.actor import Actor, mesh_named_in
 from services.mocap.body.body_mesh import OwnMesh
+from services.mocap.body.kinematics import N_DOF
+from services.recorder.store import Store
+
+_REMEMBERED = 2
+"""Poses that a tracker needs to go on."""
 
 
 class Collection:
-    """Gathers what is needed to write a take's results."""
+    """Gathers what is needed to write a take's results; all of one run, the coordinator's latest."""
 
-    def __init__(self) -> None:
+    def __init__(self, store: Store) -> None:
+        """Store: where everything is kept; what it holds already has been taken in before."""
+        self._store = store
         self.info: TakeInfo | None = None
-        self.poses: dict[int, Pose] = {}
         self._end: int | None = None
         self._is_empty = False
+        self._run: str | None = None
+        self._held_end = 0
+        self.is_live = False
+        """Whether a coordinator has described this run, and not only the journal of a recorder before."""
         self._blobs: dict[str, str] = {}
         self._meshes: dict[str, bytes] = {}
+        self.foreign = 0
+        """Messages of other runs, which were dropped."""
+        for message in store.described:
+            self._describe(message)
+        if store.frames:
+            self._run = store.pose(store.frames[0]).run
+        if self.info is not None and self._count_held() == self.info.end_frame:
+            self._end = self.info.end_frame  # nothing can follow
 
     def add(self, message: TakeInfo | Pose | TakeEnd | Blob) -> None:
-        """Take in a message; repeated, foreign and damaged ones change nothing."""
-        if isinstance(message, TakeInfo):
-            self.info = self.info or message
-        elif isinstance(message, Blob):
-            self._add_blob(message)
-        elif isinstance(message, Pose):
-            self.poses.setdefault(message.frame, message)
-        else:
-            self._end, self._is_empty = message.end_frame, message.first_frame == message.end_frame
+        """Take in a message; repeated, foreign and damaged ones change nothing.
 
-    def _add_blob(self, blob: Blob) -> None:
+        The description of another run says that the coordinator has begun anew: what is here is forgotten.
+        """
+        if isinstance(message, TakeInfo):
+            if self._run is not None and message.run != self._run:
+                self._begin_anew()
+            self.is_live = True
+        if isinstance(message, TakeInfo | Blob):
+            if self._describe(message):
+                self._store.keep(message)
+        elif self._run not in (None, message.run):
+            self._refuse(message)
+        else:
+            self._run = message.run
+            self._take_in(message)
+
+    def _begin_anew(self) -> None:
+        self.info, self._end, self._held_end = None, None, 0
+        self._blobs, self._meshes = {}, {}
+        self._store.forget()
+
+    def _take_in(self, message: Pose | TakeEnd) -> None:
+        if isinstance(message, TakeEnd):
+            self._end, self._is_empty = message.end_frame, message.first_frame == message.end_frame
+        elif message.frame not in self._store:
+            self._store.keep(message)
+
+    def _refuse(self, message: Pose | TakeEnd) -> None:
+        """Drop another run's message; if that run has ended, nobody will go on with what a journal held."""
+        self.foreign += 1
+        if isinstance(message, TakeEnd) and not self.is_live:
+            self.info, self._end, self._is_empty = None, message.end_frame, True
+
+    def _describe(self, message: TakeInfo | Blob) -> bool:
+        """Take in a description or content; False for what is known, not wanted or damaged."""
+        if isinstance(message, Blob):
+            return self._add_blob(message)
+        if self.info is not None:
+            return False
+        self.info, self._run, self._held_end = message, message.run, message.first_frame
+        return True
+
+    def _add_blob(self, blob: Blob) -> bool:
         """Keep content that is wanted and whole; what is not is asked for again."""
         content = blob.content.tobytes()
         if blob.hash not in self.missing_blobs() or hashlib.sha256(content).hexdigest() != blob.hash:
-            return
+            return False
         if blob.kind == "mesh":
             self._meshes[blob.hash] = content
         else:
             with suppress(UnicodeDecodeError):
                 self._blobs[blob.hash] = content.decode()
+        return blob.hash in self._meshes or blob.hash in self._blobs
 
     def blob(self, content_hash: str) -> str:
         """Content that has arrived."""
@@ -65,17 +118,52 @@ class Collection:
         """The first gap in the frames, as a range; up to the latest pose or, once known, the take's end."""
         if self.info is None:
             return None
-        end = self._end if self._end is not None else max(self.poses, default=0)
-        lacking = [frame for frame in range(self.info.first_frame, end) if frame not in self.poses]
-        if not lacking:
+        end = self._end if self._end is not None else self._store.last_frame
+        first = self._count_held()
+        if first >= end:
             return None
-        gap_end = next((f for f in range(lacking[0], end) if f in self.poses), end)
-        return lacking[0], gap_end
+        return first, next((f for f in range(first, end) if f in self._store), end)
+
+    def _count_held(self) -> int:
+        """One past the last frame before which all are here."""
+        while self.info is not None and self._held_end in self._store:
+            self._held_end += 1
+        return self._held_end
+
+    @property
+    def held_end(self) -> int:
+        """One past the last frame before which all are here."""
+        return self._count_held()
+
+    @property
+    def n_recorded(self) -> int:
+        """Poses from the first frame on up to the first that is missing."""
+        return 0 if self.info is None else self._count_held() - self.info.first_frame
 
     def recorded(self) -> list[Pose]:
         """The poses from the first frame on up to the first that is missing."""
-        first = self.info.first_frame if self.info else 0
-        return [self.poses[f] for f in takewhile(self.poses.__contains__, count(first))]
+        end = self._count_held()
+        return [self._store.pose(frame) for frame in range(end - self.n_recorded, end)]
+
+    def recording(self, take: str) -> Recording:
+        """What is here, for a coordinator that may have to go on from it."""
+        info, end = self.info, self._count_held()
+        last = self._store.pose(end - 1) if self.n_recorded else None
+        remembered = range(max(end - _REMEMBERED, end - self.n_recorded), end)
+        poses = np.array([self._store.pose(frame).pose for frame in remembered], np.float64)
+        actor = "" if info is None else self._blobs.get(info.actor, "")
+        return Recording(
+            take=take,
+            run=info.run if info else "",
+            plan=info.plan if info else "",
+            shards=info.shards if info else 1,
+            end_frame=end,
+            retries=last.retries if last else 0,
+            worker_backends=last.worker_backends if last else {},
+            memory=last.memory if last else {},
+            poses=poses.reshape(-1, N_DOF),
+            actor=np.frombuffer(actor.encode(), np.uint8),
+        )
 
     @property
     def complete(self) -> bool:

@@ -1,6 +1,7 @@
 """The folder that results go to: what may be there already, and how new results take its place whole."""
 
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
@@ -10,6 +11,9 @@ from pathlib import Path
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
 from services.mocap.result.layout import KNOWN, RUN_JSON
+from services.mocap.take.journal import JOURNAL
+
+_OLD = ".old"
 
 
 def check_out(folder: Path) -> None:
@@ -28,9 +32,22 @@ def check_out(folder: Path) -> None:
 
 
 def partial_of(folder: Path) -> Path:
-    """Where the results of a run that did not reach its end go, if a folder holds older ones."""
+    """Where a run's journal is; and its results if they lack frames and a folder holds older ones."""
     folder = folder.resolve()
     return folder.with_name(f"{folder.name}.partial")
+
+
+def clear_leftovers(out: Path) -> None:
+    """Undo what a recorder has left half-done that died while it wrote the results of this folder."""
+    for folder in (out.resolve(), partial_of(out)):
+        name, tag = re.escape(folder.name), "[0-9a-f]{8}"
+        parts = re.compile(rf"\.{name}\.{tag}\.(new|old)|\.\.{name}\.{tag}\.{tag}\.part\.new")
+        found = [path for path in folder.parent.glob(".*") if parts.fullmatch(path.name)]
+        for path in found:
+            if path.suffix == _OLD and not folder.exists():
+                path.rename(folder)
+            else:
+                shutil.rmtree(path, ignore_errors=True)
 
 
 @contextmanager
@@ -53,15 +70,25 @@ def _put_in_place(fresh: Path, out: Path) -> None:
     if not out.exists():
         fresh.rename(out)
         return
-    old = out.with_name(f".{out.name}.{secrets.token_hex(4)}.old")
+    if (out / JOURNAL).exists():  # it is being written to, and outlasts these results
+        _move_into(fresh, out)
+        return
+    old = out.with_name(f".{out.name}.{secrets.token_hex(4)}{_OLD}")
     try:
         out.rename(old)
-    except (
-        OSError
-    ):  # out is a mount point, which stays; the report goes last, since it says that all is there
-        for path in sorted(fresh.iterdir(), key=lambda path: path.name == RUN_JSON):
-            shutil.move(path, out / path.name)
-        fresh.rmdir()
+    except OSError:  # out is a mount point, which stays
+        _move_into(fresh, out)
         return
     fresh.rename(out)
     shutil.rmtree(old)
+
+
+def _move_into(fresh: Path, out: Path) -> None:
+    """Replace the results in a folder that stays; the report goes last, since it says that all is there."""
+    (out / RUN_JSON).unlink(missing_ok=True)
+    for path in out.iterdir():
+        if path.is_file() and path.name != JOURNAL:
+            path.unlink()
+    for path in sorted(fresh.iterdir(), key=lambda path: path.name == RUN_JSON):
+        shutil.move(path, out / path.name)
+    fresh.rmdir()

@@ -45,8 +45,10 @@ def write_results(
     overlay: bool,
     report: bool,
     hurry: Callable[[], bool],
-) -> None:
+) -> bool:
     """Write poses.csv, joints.csv, actor.toml, run.json, the DEFAULT_FORMATS, and overlay.mp4 if wanted.
+
+    Returns whether that is every frame that was asked for.
 
     Where output smooths, poses.csv and the overlay still show what was tracked; joints.csv, the exported
     motion and a poses_smooth.csv hold the smoothed motion. Older results are replaced once the new ones are
@@ -66,7 +68,8 @@ def write_results(
     marks = marks_of(recorded)
     shown = smoothed(poses, info.fps, output, distrusted_values(marks))
     joints_world_m = reference_joints(shown, body.offsets_m)
-    with results_into(out, complete=len(recorded) == info.end_frame - info.first_frame) as part:
+    is_whole = len(recorded) == info.end_frame - info.first_frame
+    with results_into(out, complete=is_whole) as part:
         table = PoseTable(frames, times_s, poses, energies_px, marks=marks, extra={"prior": priors})
         write_poses_csv(part / POSES, table)
         if output.smooth != "none":
@@ -83,3 +86,4 @@ def write_results(
         write_run_json(part / RUN_JSON, take, info, actor, recorded, motion)
         formats = [name for name in DEFAULT_FORMATS if report or name != "report"]
         write_defaults(part, load_result(part), formats, log.warning)
+    return is_whole

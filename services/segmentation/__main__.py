@@ -22,13 +22,16 @@ from services.mocap.types import Bytes
 from services.process import (
     DEFAULT_SEGMENTER,
     KeysOption,
+    MetricsOption,
     SegmenterOption,
     StopRequest,
+    about,
     keys_of_client,
     run_service,
 )
 from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.metrics import CREDIT, DROPPED, FRAMES, SECONDS
 from services.segmentation.segmenters import READY, chosen_segmenter, make_segmenters
 from services.segmentation.source import packed
 
@@ -64,16 +67,26 @@ class Sender:
 
     def __init__(self, take: Take, cameras: list[int], feed: Feed, line: Line) -> None:
         self._take, self._cameras, self._feed, self._line = take, cameras, feed, line
-        self._next = 0
+        self._run, self._next = "", 0
         self._planes: Iterator[Bytes] | None = None
         self._unsent: Silhouettes | None = None
         self._advanced_s = time.monotonic()
 
+    @property
+    def next_frame(self) -> int:
+        """The frame that is sent next."""
+        return self._next
+
+    def begin_anew(self) -> None:
+        """Go to where the next credit says: what was sent to another connection may be lost with it."""
+        self._planes = None
+
     def follow(self, credit: Credit) -> None:
-        """Go to where the coordinator is, should it be behind (it restarted) or far ahead."""
+        """Go to where the coordinator is, should it be behind (it restarted), far ahead, or another run's."""
         stalled = credit.next_frame < self._next and time.monotonic() - self._advanced_s > _RESEND_S
-        if self._planes is None or stalled or credit.next_frame > self._next:
-            self._next, self._unsent = credit.next_frame, None
+        is_other = credit.run != self._run
+        if self._planes is None or stalled or is_other or credit.next_frame > self._next:
+            self._run, self._next, self._unsent = credit.run, credit.next_frame, None
             self._planes = self._feed.planes(self._next)
             self._advanced_s = time.monotonic()
 
@@ -82,12 +95,19 @@ class Sender:
         if self._unsent is None:
             if self._planes is None or self._next >= credit.end_frame:
                 return False
-            planes = next(self._planes)
+            about(frame=self._next)
+            with SECONDS.time():
+                planes = next(self._planes)
             self._unsent = Silhouettes(
-                take=self._take.settings.name, frame=self._next, cameras=self._cameras, planes=planes
+                take=self._take.settings.name,
+                run=self._run,
+                frame=self._next,
+                cameras=self._cameras,
+                planes=planes,
             )
         if not send(self._line.socket, self._unsent):
             return False
+        FRAMES.inc()
         self._next, self._unsent = self._next + 1, None
         self._advanced_s = time.monotonic()
         return True
@@ -103,6 +123,7 @@ def serve(
 ) -> None:
     """Send silhouettes until the take ends or a stop is asked for."""
     take = open_take(take_folder)
+    about(take=take.settings.name)
     chosen = _choose(take, cameras)
     feed = Feed(take, chosen, SegmentationSettings(), segmenter)
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
@@ -128,13 +149,16 @@ def _send_all(take: Take, sender: Sender, silhouettes: Line, poses: Line, stop: 
                     return
                 if isinstance(message, Credit) and message.take == take.settings.name:
                     credit = message
+                    CREDIT.set(max(credit.end_frame - sender.next_frame, 0))
                     sender.follow(credit)
         except MalformedMessage as error:
+            DROPPED.inc()
             log.warning("dropped a malformed message: %s", error)
         if credit is None or not sender.send_next(credit):
             wait([poses.socket], _LOOK_S)
-        silhouettes.tick()
-        poses.tick()
+        is_cut = [silhouettes.tick(), poses.tick()]
+        if any(is_cut):
+            sender.begin_anew()
 
 
 def _choose(take: Take, names: str) -> list[int]:
@@ -153,13 +177,14 @@ def main(
     cameras: Annotated[str, typer.Option(help="Cameras to serve, with commas between; all by default.")] = "",
     keys: KeysOption = None,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    metrics: MetricsOption = None,
 ) -> None:
     """Make and send the silhouettes of a take's cameras."""
 
     def work(stop: StopRequest) -> None:
         serve(take, cameras, connect, stop, keys_of_client(keys, "segmentation"), segmenter)
 
-    run_service("segmentation", work)
+    run_service("segmentation", work, metrics)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,11 @@ from rich.progress import Progress
 from rich.table import Table
 
 from services.launcher import ServiceFailedError
+from services.mocap.errors import UserError
 from services.soak import fuzz as decoder
 from services.soak import siege
+from services.soak.kills import kill_at_random, show_kills
+from services.soak.memory import MOST_GROWTH_MIB, show_memory, watch_memory
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -23,11 +26,6 @@ app = typer.Typer(
 _MOST_GROWTH_MIB = 32.0
 """What an allocator may keep; a message of every thousand that stayed would be more."""
 _console = Console(highlight=False)
-
-
-@app.callback()
-def _commands() -> None:
-    """Keep `fuzz` a subcommand, since others come beside it."""
 
 
 @app.command()
@@ -61,6 +59,57 @@ def fuzz(
     grown = {"decoder": report.growth_mib} | (besieged.growth_mib if besieged else {})
     if max(grown.values()) > _MOST_GROWTH_MIB:
         _console.print(f"broken: memory grew, in MiB: {grown}", style="red")
+        raise typer.Exit(1)
+
+
+@app.command()
+def kills(
+    count: Annotated[
+        int, typer.Option("--kills", min=1, help="How often a service is killed or held up.")
+    ] = 100,
+    frames: Annotated[
+        int, typer.Option(min=10, help="Frames of the take that is tracked again and again.")
+    ] = 120,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Repeats what is done, if not just when; else it differs each time."),
+    ] = None,
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")] = None,
+) -> None:
+    """Services die and hang at random moments: no frame may be lost, and none may be altered."""
+    chosen = int(np.random.default_rng().integers(2**31)) if seed is None else seed
+    _console.print(f"--seed {chosen}")
+    try:
+        with Progress(console=Console(stderr=True)) as bar:
+            task = bar.add_task("killing", total=count)
+            report = kill_at_random(chosen, count, frames, lambda done: bar.update(task, completed=done))
+    except (ServiceFailedError, UserError) as error:
+        _console.print(f"broken: {error}", style="red", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
+    show_kills(report, _console)
+    if json_path is not None:
+        json_path.write_text(json.dumps(report.as_json(), indent=2) + "\n", encoding="utf-8")
+    if report.lost or report.altered:
+        raise typer.Exit(1)
+
+
+@app.command()
+def memory(
+    frames: Annotated[int, typer.Option(min=100, help="Frames of the take.")] = 10_000,
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")] = None,
+) -> None:
+    """A long take: the memory of every service must stay as it is."""
+    try:
+        with Progress(console=Console(stderr=True)) as bar:
+            task = bar.add_task("tracking", total=frames)
+            report = watch_memory(frames, lambda done: bar.update(task, completed=done))
+    except (ServiceFailedError, UserError) as error:
+        _console.print(f"broken: {error}", style="red", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
+    show_memory(report, _console)
+    if json_path is not None:
+        json_path.write_text(json.dumps(report.as_json(), indent=2) + "\n", encoding="utf-8")
+    if any(report.growth_mib(name) > MOST_GROWTH_MIB for name in report.seen_mib):
         raise typer.Exit(1)
 
 

@@ -19,17 +19,11 @@ from proto.messages import BlobRequest, Hello, Message, Recorded
 from proto.sockets import bind, connect, make_socket, receive_from, take, wait
 from proto.streams import StreamName, stream_endpoint
 from services.launcher import Launcher, free_endpoint
-from services.mocap.body.actor import Actor
-from services.mocap.body.skeleton import DOFS
-from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.actor_file import write_actor
-from services.mocap.take.layout import ACTOR, SETTINGS
-from services.mocap.take.settings import read_settings
-from services.mocap.take.tables import read_poses_csv
 from services.soak.dice import Dice
 from services.soak.fuzz import rss_mib
 from services.soak.hostile import Frames, Hostile
 from services.soak.specimens import specimens
+from services.soak.stage import make_take
 
 _FRAMES = 24
 _CAMERAS = 4
@@ -109,7 +103,7 @@ def besiege(seed: int, messages: int) -> Report:
     report, began_s = Report(seed), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="xormocap-soak-") as temporary:
         folder = Path(temporary)
-        stage = _make_take(folder / "siege")
+        stage = make_take(folder / "siege", _FRAMES, _CAMERAS)
         _besiege_worker(folder, Hostile(Dice(seed, 1), "siege", _NO_FRAME), report, messages)
         quiet = _track(stage, folder / "quiet", None, report, 0)
         fired = _track(stage, folder / "fire", Hostile(Dice(seed, 2), "siege", _NO_FRAME), report, messages)
@@ -117,17 +111,6 @@ def besiege(seed: int, messages: int) -> Report:
         raise BrokenServiceError(f"--seed {seed}: poses under fire differ from those of a quiet run")
     report.seconds = round(time.monotonic() - began_s, 1)
     return report
-
-
-def _make_take(folder: Path) -> Path:
-    """A synthetic take of which actor and first pose are said, so that every frame is solved soon."""
-    write_synthetic_take(folder, n_frames=_FRAMES, n_cameras=_CAMERAS)
-    write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
-    pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
-    said = "".join(f"{dof.column} = {value}\n" for dof, value in zip(DOFS, pose.tolist(), strict=True))
-    with (folder / SETTINGS).open("a", encoding="utf-8") as settings:
-        settings.write(f"[initial_pose]\n{said}")
-    return folder
 
 
 def _track(stage: Path, folder: Path, hostile: Hostile | None, report: Report, messages: int) -> str:

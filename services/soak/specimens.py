@@ -17,21 +17,33 @@ from proto.messages import (
     Pose,
     PoseRequest,
     Recorded,
+    Recording,
     Silhouettes,
     SilhouettesRequest,
     TakeEnd,
     TakeInfo,
+    Telemetry,
 )
 from services.mocap.search.settings import SearchSettings
 
 _CAMERAS = 8
 _HASH = "0" * 64
+_RUN = "f" * 32
+"""No real run has it."""
 _PASS = 1_000_003
 """No task of a real run has it."""
 
 
 def _of_limbs(take: str, frame: int) -> list[Message]:
-    ids = {"take": take, "frame": frame, "pass_index": _PASS, "limb": "left_arm", "shard": 0, "shards": 1}
+    ids = {
+        "take": take,
+        "run": _RUN,
+        "frame": frame,
+        "pass_index": _PASS,
+        "limb": "left_arm",
+        "shard": 0,
+        "shards": 1,
+    }
     measured = {"energy_px": 120.5, "evaluations": 900, "seconds": 0.05, "backend": "cpu"}
     task = LimbTask.model_validate(
         ids
@@ -49,8 +61,17 @@ def _of_limbs(take: str, frame: int) -> list[Message]:
 
 
 def _of_takes(take: str, frame: int) -> list[Message]:
-    info = {"fps": 15.0, "first_frame": 0, "end_frame": 9, "actor": _HASH, "rig": _HASH, "backend": "cpu"}
-    info |= {"backend_reason": "no GPU", "threads": 1, "search": SearchSettings().to_wire()}
+    info = {
+        "run": _RUN,
+        "plan": _HASH,
+        "shards": 1,
+        "first_frame": 0,
+        "end_frame": 9,
+        "actor": _HASH,
+        "rig": _HASH,
+        "backend": "cpu",
+    }
+    info |= {"fps": 15.0, "backend_reason": "no GPU", "threads": 1, "search": SearchSettings().to_wire()}
     solved: dict[str, object] = {
         "frame": frame,
         "time_s": 0.5,
@@ -61,12 +82,47 @@ def _of_takes(take: str, frame: int) -> list[Message]:
     }
     solved |= {"retries": 0, "backend": "cpu", "worker_backends": {"cpu": 8}, "seconds": {"torso": 0.1}}
     return [
-        Silhouettes(take=take, frame=frame, cameras=[0, 1], planes=np.ones((1, 12, 16), np.uint8)),
-        Credit(take=take, next_frame=frame, end_frame=frame + 8),
+        Silhouettes(take=take, run=_RUN, frame=frame, cameras=[0, 1], planes=np.ones((1, 12, 16), np.uint8)),
+        Credit(take=take, run=_RUN, next_frame=frame, end_frame=frame + 8),
         TakeInfo.model_validate({"take": take} | info),
-        Pose.model_validate({"take": take} | solved | {"pose": np.zeros(35)}),
-        TakeEnd(take=take, first_frame=0, end_frame=frame),
+        Pose.model_validate({"take": take, "run": _RUN} | solved | {"pose": np.zeros(35)}),
+        TakeEnd(take=take, run=_RUN, first_frame=0, end_frame=frame),
     ]
+
+
+def _recording(take: str, frame: int) -> Recording:
+    return Recording(
+        take=take,
+        run=_RUN,
+        plan=_HASH,
+        shards=1,
+        end_frame=frame,
+        retries=0,
+        worker_backends={"cpu": 8},
+        memory={"rest": [0, 3]},
+        poses=np.zeros((2, 35)),
+        actor=np.frombuffer(b"height = 1.8\n", np.uint8),
+    )
+
+
+def _telemetry(take: str, frame: int) -> Telemetry:
+    return Telemetry(
+        take=take,
+        run=_RUN,
+        stage="tracking",
+        first_frame=0,
+        next_frame=frame,
+        end_frame=frame + 9,
+        frames_ready=2,
+        unrecorded=1,
+        deadline_s=0.7,
+        tasks_waiting=0,
+        workers={"limb_worker@somewhere:1": "cpu"},
+        limbs={"limb_worker@somewhere:1": "left_arm"},
+        recorders={"recorder@somewhere:2": frame},
+        counts={"retries": 0},
+        seconds={"torso": 0.1},
+    )
 
 
 def specimens(take: str, frame: int) -> dict[str, list[bytes]]:
@@ -76,9 +132,11 @@ def specimens(take: str, frame: int) -> dict[str, list[bytes]]:
         Beat(),
         BlobRequest(hash=_HASH),
         Blob(hash=_HASH, kind="rig", content=np.frombuffer(b"{}", np.uint8)),
-        PoseRequest(first_frame=0, end_frame=frame),
+        _recording(take, frame),
+        _telemetry(take, frame),
+        PoseRequest(run=_RUN, first_frame=0, end_frame=frame),
         SilhouettesRequest(frame=frame),
-        Recorded(end_frame=frame),
+        Recorded(run=_RUN, end_frame=frame),
     ]
     messages = [*_of_limbs(take, frame), *_of_takes(take, frame), *others]
     made = {message.type: [bytes(part) for part in encode(message)] for message in messages}

@@ -118,7 +118,9 @@ class Listener:
         if self._reel is not None and self._reel.is_over and (shot := finished.shot(frame)) is not None:
             return shot
         first = max(0, frame - _CHUNK_FRAMES // 4)
-        self._requests.put(PoseRequest(first_frame=first, end_frame=first + _CHUNK_FRAMES))
+        if self._info is not None:
+            end = first + _CHUNK_FRAMES
+            self._requests.put(PoseRequest(run=self._info.run, first_frame=first, end_frame=end))
         return None
 
     def _raise_curtain(self) -> None:
@@ -157,8 +159,9 @@ class Listener:
         for content in self._contents.missing() if self._contents is not None else []:
             send(self._tasks.socket, BlobRequest(hash=content))
         gap = None if self._reel is None else self._reel.first_gap()
-        if gap is not None:
-            send(self._tasks.socket, PoseRequest(first_frame=gap.start, end_frame=gap.stop))
+        if gap is not None and self._info is not None:
+            wanted = PoseRequest(run=self._info.run, first_frame=gap.start, end_frame=gap.stop)
+            send(self._tasks.socket, wanted)
 
     def close(self) -> None:
         """Close the sockets."""

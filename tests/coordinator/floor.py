@@ -12,14 +12,15 @@ from services.mocap.search.chains import LIMBS, LimbName
 from services.mocap.types import Floats
 
 LIMB_NAMES: tuple[LimbName, ...] = get_args(LimbName)
-_KEY = {"take", "frame", "pass_index", "limb", "shard", "shards"}
+_RUN = "0" * 32
+_KEY = {"take", "run", "frame", "pass_index", "limb", "shard", "shards"}
 
 
 def limb_task(limb: LimbName = "left_arm", frame: int = 0, shard: int = 0, shards: int = 1) -> LimbTask:
     """A task of one camera, as small as they come."""
     return LimbTask(
-        take="walk", frame=frame, pass_index=0, limb=limb, shard=shard, shards=shards, actor="a" * 64,
-        rig="b" * 64, search={}, pose=np.zeros(35), origin_px=np.zeros((1, 2), np.int32),
+        take="walk", run=_RUN, frame=frame, pass_index=0, limb=limb, shard=shard, shards=shards,
+        actor="a" * 64, rig="b" * 64, search={}, pose=np.zeros(35), origin_px=np.zeros((1, 2), np.int32),
         window=np.zeros((1, 2, 2), np.uint8),
     )  # fmt: skip
 

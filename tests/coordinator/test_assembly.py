@@ -13,6 +13,7 @@ from services.mocap.types import Bytes, Mask
 
 _HEIGHT_PX, _WIDTH_PX = 4, 6
 _N_CAMERAS = 10
+_RUN, _OTHER = "0" * 32, "1" * 32
 _GROUPS = ([0, 1, 2, 3, 4, 5, 6, 7, 8], [9])
 
 
@@ -22,7 +23,7 @@ def make_rig(n_cameras: int = _N_CAMERAS) -> Rig:
 
 
 def assembler(first: int = 0, end: int = 20) -> FrameAssembler:
-    return FrameAssembler("walk", make_rig(), first, end)
+    return FrameAssembler("walk", _RUN, make_rig(), first, end)
 
 
 def masks_of(frame: int) -> Mask:
@@ -30,9 +31,11 @@ def masks_of(frame: int) -> Mask:
     return rng.random((_N_CAMERAS, _HEIGHT_PX, _WIDTH_PX)) < 0.5
 
 
-def message(frame: int, cameras: list[int], take: str = "walk", planes: Bytes | None = None) -> Silhouettes:
+def message(
+    frame: int, cameras: list[int], take: str = "walk", planes: Bytes | None = None, run: str = _RUN
+) -> Silhouettes:
     sent = pack(masks_of(frame)[cameras]) if planes is None else planes
-    return Silhouettes(take=take, frame=frame, cameras=cameras, planes=sent)
+    return Silhouettes(take=take, run=run, frame=frame, cameras=cameras, planes=sent)
 
 
 def assert_frame(planes: Bytes | None, frame: int) -> None:
@@ -90,6 +93,7 @@ def test_a_group_that_sends_twice_is_not_counted_twice() -> None:
     "foreign",
     [
         message(0, _GROUPS[0], take="run"),
+        message(0, _GROUPS[0], run=_OTHER),
         message(8, _GROUPS[0]),
         message(2**31 - 1, _GROUPS[0]),
         message(0, [0, 10], planes=np.zeros((1, _HEIGHT_PX, _WIDTH_PX), np.uint8)),

@@ -63,7 +63,7 @@ def test_workers_change_nothing(changed: dict[str, Any], n_workers: int) -> None
 
     workshop = Workshop()
     workshop.workers(n_workers)
-    remote = RemoteLimbs(model, "walk", ACTOR.content_hash, workshop.dispatcher, workshop.pump)
+    remote = RemoteLimbs(model, "walk", "0" * 32, ACTOR.content_hash, workshop.dispatcher, workshop.pump)
     apart = solve_frame(model, picture, start[None], search, remote)
     alone = solve_frame(model, picture, start[None], search, LocalLimbs(model))
     assert apart.pose.tobytes() == alone.pose.tobytes()
@@ -78,7 +78,9 @@ def test_workers_that_come_or_go_change_nothing_where_limbs_are_shared() -> None
     for n_workers in (0, 1, 3, 8):
         workshop = Workshop()
         workshop.workers(n_workers)
-        remote = RemoteLimbs(model, "walk", ACTOR.content_hash, workshop.dispatcher, workshop.pump, shards=2)
+        remote = RemoteLimbs(
+            model, "walk", "0" * 32, ACTOR.content_hash, workshop.dispatcher, workshop.pump, shards=2
+        )
         poses.add(solve_frame(model, picture, start[None], QUICK, remote).pose.tobytes())
         assert sum(workshop.dispatcher.helped.values()) == (8 if n_workers else 0)
     assert len(poses) == 1

@@ -11,7 +11,6 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SEGMENTS
-from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
@@ -41,7 +40,7 @@ def _drawn(model: Model, pose: Floats) -> Bytes:
 
 def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:
     here, there = _pose(model, 0.0, 0.5), _pose(model, 0.6, -2.0)
-    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), FrameSolution(here, 0.0))
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), here[None])
     seen = tracker.solve(_drawn(model, here))
     assert seen.distrusted == []
     nobody = np.zeros_like(_drawn(model, here))
@@ -57,3 +56,33 @@ def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:
     moved[0] += 0.05
     after = tracker.solve(_drawn(model, moved))
     assert abs(after.pose[0] - moved[0]) < 0.01
+
+
+@pytest.mark.parametrize("ends", range(1, 7))
+def test_another_tracker_goes_on_as_the_one_before_would_have(model: Model, ends: int) -> None:
+    """Wherever the first ends: on the way, while the actor is lost, just after they were found again."""
+    steps = [0.0, 0.04, 0.09, None, None, 0.6, 0.63]
+    empty = np.zeros_like(_drawn(model, _pose(model, 0.0, 0.5)))
+    shown = [empty if x_m is None else _drawn(model, _pose(model, x_m, 0.5)) for x_m in steps]
+    first = _pose(model, 0.0, 0.5)[None]
+    undisturbed = Tracker(model, SearchSettings(), LocalLimbs(model), first)
+    solved = [undisturbed.solve(picture) for picture in shown]
+
+    before = Tracker(model, SearchSettings(), LocalLimbs(model), first)
+    poses = [first[0], *(before.solve(picture).pose for picture in shown[:ends])]
+    after = Tracker(model, SearchSettings(), LocalLimbs(model), np.array(poses[-2:]))
+    after.recall(before.memory())
+    for picture, expected in zip(shown[ends:], solved[ends:], strict=True):
+        found = after.solve(picture)
+        assert found.pose.tobytes() == expected.pose.tobytes()
+        assert (found.energy_px, found.distrusted) == (expected.energy_px, expected.distrusted)
+    assert after.memory() == undisturbed.memory()
+
+
+@pytest.mark.parametrize(
+    "memory", [{}, {"tracker": [1, 0]}, {"tracker": [3, 0, 0, 0]}, {"tracker": [0, 0, 0, 0]}]
+)
+def test_a_memory_that_makes_no_sense_is_refused(model: Model, memory: dict[str, list[int]]) -> None:
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), np.zeros((2, N_DOF)))
+    with pytest.raises(ValueError, match=r"values to unpack|poses to remember"):
+        tracker.recall(memory)

@@ -16,6 +16,7 @@ from services.launcher import Launcher, ServiceFailedError
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
+from services.mocap.take.journal import JOURNAL, read_poses
 from services.mocap.take.tables import read_poses_csv
 from services.track import Interrupted, Progress, track
 
@@ -66,10 +67,10 @@ class Run:
             entry[1](self._launchers[0])
 
     def _started(self, launcher: Launcher) -> None:
-        self._launchers.append(launcher)
+        self._launchers[:] = [launcher]
         self._pids = _children(os.getpid())
 
-    def go(self) -> dict:
+    def go(self, warn: Callable[[str], None] = lambda _: None) -> dict:
         try:
             return track(
                 open_take(self._take),
@@ -81,6 +82,7 @@ class Run:
                 search=SLOW,
                 show=self._show,
                 started=self._started,
+                warn=warn,
             )
         finally:
             assert not self._deeds, "the run ended before something was done to it"
@@ -96,7 +98,11 @@ def after(frames: int) -> Callable[[Progress], bool]:
 
 
 def kill(name: str, number: signal.Signals) -> Deed:
-    return lambda launcher: os.kill(launcher.pids(name)[0], number)
+    def deed(launcher: Launcher) -> None:
+        if launcher.pids(name):  # else it has not been started again yet
+            os.kill(launcher.pids(name)[0], number)
+
+    return deed
 
 
 def ask_to_stop(_: Launcher) -> None:
@@ -128,14 +134,53 @@ def test_a_segmentation_that_dies_or_is_ended_goes_on_at_the_right_frame(run: Ru
     assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
 
 
-def test_a_dead_coordinator_is_said_and_its_frames_are_kept(run: Run) -> None:
-    # What one listener has may still be on its way to the other: two frames are, five are not.
-    run.when(after(5), kill("coordinator", signal.SIGKILL))
-    with pytest.raises(ServiceFailedError, match="coordinator ended with code -9") as failure:
+@pytest.mark.parametrize("frames", [1, 5])
+def test_a_coordinator_that_dies_goes_on_as_if_nothing_had_happened(
+    run: Run, undisturbed: Path, frames: int
+) -> None:
+    said: list[str] = []
+    run.when(after(frames), kill("coordinator", signal.SIGKILL)).go(warn=said.append)
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
+    assert any("going on with run" in sentence for sentence in said)
+
+
+def test_a_recorder_that_dies_goes_on_with_its_journal(run: Run, undisturbed: Path) -> None:
+    run.when(after(4), kill("recorder", signal.SIGKILL)).go()
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
+    assert [path.name for path in run.out.parent.iterdir()] == ["out"], "the journal is not needed any more"
+
+
+def test_all_that_knew_the_poses_die_at_once(run: Run, undisturbed: Path) -> None:
+    def both(launcher: Launcher) -> None:
+        kill("coordinator", signal.SIGKILL)(launcher)
+        kill("recorder", signal.SIGKILL)(launcher)
+
+    run.when(after(6), both).go()
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
+
+
+def test_a_recorder_that_dies_while_it_writes_results_writes_them_after_all(
+    run: Run, undisturbed: Path
+) -> None:
+    run.when(lambda progress: progress.stage == "writing results", kill("recorder", signal.SIGKILL)).go()
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
+    assert [path.name for path in run.out.parent.iterdir()] == ["out"]
+
+
+def test_a_coordinator_that_dies_again_and_again_is_said_and_its_frames_are_kept(
+    run: Run, undisturbed: Path
+) -> None:
+    for frames in range(3, 9):
+        run.when(after(frames), kill("coordinator", signal.SIGKILL))
+    with pytest.raises(ServiceFailedError, match="coordinator was started again 5 times") as failure:
         run.go()
-    assert len(run.frames()) >= 2
+    assert len(run.frames()) >= 7
     assert run.frames() == list(range(len(run.frames())))
     shutil.rmtree(str(failure.value).rpartition(" ")[2])  # the logs
+    journal = run.out.with_name("out.partial") / JOURNAL
+    assert read_poses(journal).frames.tolist() == run.frames()
+    run.go()  # the same run again goes on from there
+    assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
 
 
 def test_a_recorder_that_hangs_for_a_while_still_writes_all(run: Run, undisturbed: Path) -> None:

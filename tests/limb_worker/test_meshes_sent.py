@@ -1,6 +1,7 @@
 """Actors with an own mesh: workers and recorders ask for it once they have the actor."""
 
 import hashlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from services.mocap.body.body_mesh import OwnMesh, generic_mesh
 from services.mocap.energy.engine import open_engine
 from services.mocap.energy.settings import EngineSettings
 from services.recorder.collection import Collection
+from services.recorder.store import Store
 
 MESH = OwnMesh.of(generic_mesh())
 ACTOR = Actor(height=1.7, mesh=MESH)
@@ -49,15 +51,16 @@ def test_a_damaged_mesh_is_not_kept(task: LimbTask) -> None:
     assert solver.missing(task)[0] == MESH.content_hash
 
 
-def test_a_recorder_is_not_done_without_the_mesh() -> None:
+def test_a_recorder_is_not_done_without_the_mesh(tmp_path: Path) -> None:
     rig = blob("rig", b"{}")
-    collection = Collection()
-    collection.add(
-        TakeInfo.model_construct(actor=ACTOR.content_hash, rig=rig.hash, first_frame=0, take="walk")
-    )
+    collection = Collection(Store.in_folder(tmp_path))
+    info = {"actor": ACTOR.content_hash, "rig": rig.hash, "plan": "0" * 64, "backend": "cpu"}
+    info |= {"first_frame": 0, "end_frame": 2, "fps": 25.0, "shards": 1, "threads": 1, "search": {}}
+    collection.add(TakeInfo(take="walk", run="0" * 32, backend_reason="asked for", **info))
     for content in (rig, MESH_BLOB, ACTOR_BLOB):  # what nobody has named yet is not kept
         collection.add(content)
     assert collection.missing_blobs() == [MESH.content_hash]
     collection.add(MESH_BLOB)
     assert collection.missing_blobs() == []
     assert collection.actor() == ACTOR
+    assert collection.recording("walk").actor.tobytes() == ACTOR.to_toml().encode()

@@ -56,7 +56,8 @@ class Stage:
     def task(self, limb: LimbName = "left_arm", **changed: Any) -> LimbTask:
         window = stage_window(self.model, LIMBS[limb].main, self.picture, self.pose)
         fields: dict[str, Any] = {
-            "take": "walk", "frame": 5, "pass_index": 2, "limb": limb, "shard": 0, "shards": 1,
+            "take": "walk", "run": "0" * 32, "frame": 5, "pass_index": 2, "limb": limb,
+            "shard": 0, "shards": 1,
             "actor": self.actor.content_hash, "rig": self.rig.content_hash, "search": _SETTINGS.to_wire(),
             "pose": self.pose, "origin_px": window.region.origin_px, "window": window.silhouettes,
         }  # fmt: skip

@@ -19,7 +19,7 @@ from services.coordinator.ports import Ports
 from services.launcher import free_endpoint
 
 _PATIENCE_S = 10.0
-_CREDIT = Credit(take="walk", next_frame=0, end_frame=8)
+_CREDIT = Credit(take="walk", run="0" * 32, next_frame=0, end_frame=8)
 Context = zmq.Context[zmq.Socket[bytes]]
 
 

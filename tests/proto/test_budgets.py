@@ -24,6 +24,7 @@ def wire_bytes(message: Message, but: str = "") -> int:
 def test_a_limb_task_costs_less_than_two_kilobytes_beyond_its_windows(cameras: int) -> None:
     ids = {
         "take": _LONG_NAME,
+        "run": "f" * 32,
         "frame": 99_999,
         "pass_index": 9_001,
         "limb": "right_arm",

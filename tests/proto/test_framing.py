@@ -24,7 +24,7 @@ from proto.messages import (
 )
 
 _TASK: dict[str, Any] = {
-    "take": "walk", "frame": 3, "pass_index": 1, "limb": "left_leg", "shard": 0, "shards": 1,
+    "take": "walk", "run": "0" * 32, "frame": 3, "pass_index": 1, "limb": "left_leg", "shard": 0, "shards": 1,
 }  # fmt: skip
 
 
@@ -78,9 +78,12 @@ def test_settings_keep_their_kinds() -> None:
     }
     info = TakeInfo(
         take="t",
+        run="0" * 32,
         fps=25.0,
         first_frame=0,
         end_frame=9,
+        plan="2" * 64,
+        shards=1,
         actor="0" * 64,
         rig="1" * 64,
         backend="cpu",
@@ -138,11 +141,15 @@ def test_what_nobody_would_take_is_not_sent(values: Any, reason: str) -> None:
 
 def test_sizes_are_bounded_for_senders_too() -> None:
     with pytest.raises(MalformedMessage, match=r"^silhouettes\.planes: 134217728 bytes; at most 67108864$"):
-        encode(Silhouettes(take="t", frame=0, cameras=[0], planes=np.zeros((2, 8192, 8192), np.uint8)))
+        encode(
+            Silhouettes(
+                take="t", run="0" * 32, frame=0, cameras=[0], planes=np.zeros((2, 8192, 8192), np.uint8)
+            )
+        )
     many: dict[str, Setting] = {f"{k:03d}" + "x" * 190: "y" * 200 for k in range(100)}
     full = TakeInfo(
-        take="t", fps=1.0, first_frame=0, end_frame=1, actor="0" * 64, rig="0" * 64, backend="b",
-        backend_reason="", threads=0, search=many,
+        take="t", run="0" * 32, fps=1.0, first_frame=0, end_frame=1, plan="2" * 64, shards=1,
+        actor="0" * 64, rig="0" * 64, backend="b", backend_reason="", threads=0, search=many,
     )  # fmt: skip
     assert len(encode(full)[0]) < MAX_HEADER_BYTES
     with pytest.raises(MalformedMessage, match=r"^take_info: a header of"):

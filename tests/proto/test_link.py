@@ -94,13 +94,13 @@ def test_beats_are_not_handed_out_and_other_messages_are(context: Context) -> No
     coordinator = Coordinator(context, "tcp://127.0.0.1:*")
     link = Link(context, coordinator.endpoint, _HELLO)
     both_until(link, coordinator, 1)
-    for message in (Beat(), TakeEnd(take="walk", first_frame=0, end_frame=3), Beat()):
+    for message in (Beat(), TakeEnd(take="walk", run="0" * 32, first_frame=0, end_frame=3), Beat()):
         coordinator.tell(message)
     wait([link.socket], _PATIENCE_S)
     deadline = time.monotonic() + _PATIENCE_S
     while (message := link.receive()) is None:  # type: ignore[assignment]
         assert time.monotonic() < deadline
-    assert message == TakeEnd(take="walk", first_frame=0, end_frame=3)
+    assert message == TakeEnd(take="walk", run="0" * 32, first_frame=0, end_frame=3)
     assert link.receive() is None
 
 
@@ -126,8 +126,8 @@ def test_registers_again_with_a_coordinator_that_came_back(context: Context) -> 
     second = reborn(context, first.endpoint)
     both_until(link, second, 1)
     assert list(second.known.values()) == [_HELLO.name]
-    second.tell(TakeEnd(take="walk", first_frame=0, end_frame=3))
-    work_until_message(link, TakeEnd(take="walk", first_frame=0, end_frame=3))
+    second.tell(TakeEnd(take="walk", run="0" * 32, first_frame=0, end_frame=3))
+    work_until_message(link, TakeEnd(take="walk", run="0" * 32, first_frame=0, end_frame=3))
     link.close()
 
 

@@ -25,13 +25,13 @@ def frames_of(message: Message) -> list[bytes]:
 
 def silhouettes_frames() -> list[bytes]:
     planes = np.ones((1, 2, 3), np.uint8)
-    return frames_of(Silhouettes(take="walk", frame=7, cameras=[0, 1], planes=planes))
+    return frames_of(Silhouettes(take="walk", run="0" * 32, frame=7, cameras=[0, 1], planes=planes))
 
 
 def pose_frames(pose: bytes) -> list[bytes]:
     message = Pose(
-        take="walk", frame=0, time_s=0.0, energy_px=1.0, passes=1, evaluations=1, workers=0, retries=0,
-        backend="cpu", worker_backends={}, seconds={}, pose=np.zeros(35),
+        take="walk", run="0" * 32, frame=0, time_s=0.0, energy_px=1.0, passes=1, evaluations=1,
+        workers=0, retries=0, backend="cpu", worker_backends={}, seconds={}, pose=np.zeros(35),
     )  # fmt: skip
     return [frames_of(message)[0], pose]
 
@@ -67,23 +67,23 @@ def silhouettes_with(**changed: Any) -> list[bytes]:
         ([b"\x81\xa1v\x91" + b"\x91" * 5000 + b"\x01"], "header is not msgpack"),
         ([b"\x81\xa1v\xdb\xff\xff\xff\xff"], "header is not msgpack"),
         ([b"\x81\xa1v\xdd\xff\xff\xff\xff"], _CROWDED),
-        ([msgpack.packb({"v": 3, "x": [0] * 1001})], _CROWDED),
+        ([msgpack.packb({"v": 4, "x": [0] * 1001})], _CROWDED),
         ([msgpack.packb({str(k): 0 for k in range(1001)})], _CROWDED),
-        ([msgpack.packb({"v": 3, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
+        ([msgpack.packb({"v": 4, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
         ([b"\x81\xa1v\xd5\xff\x00\x00"], "header is not msgpack"),
         ([b"\x81\xa1v\xa1\xff"], "header is not msgpack"),
-        ([msgpack.packb({"v": 3, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
-        ([msgpack.packb({})], "protocol version is not 3"),
-        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], "protocol version is not 3"),
-        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 3"),
-        ([msgpack.packb({"v": 3.0, "type": "beat", "shapes": []})], "protocol version is not 3"),
-        ([msgpack.packb({"v": 3, "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 3, "type": "dance", "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 3, "type": ["beat"], "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 3, "type": "beat"})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 3, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 3, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 3, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 4, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
+        ([msgpack.packb({})], "protocol version is not 4"),
+        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], "protocol version is not 4"),
+        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 4"),
+        ([msgpack.packb({"v": 4.0, "type": "beat", "shapes": []})], "protocol version is not 4"),
+        ([msgpack.packb({"v": 4, "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 4, "type": "dance", "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 4, "type": ["beat"], "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 4, "type": "beat"})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 4, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 4, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 4, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
     ],
 )  # fmt: skip
 def test_bad_headers(frames: list[bytes], reason: str) -> None:
@@ -249,6 +249,6 @@ def test_any_shapes(shapes: list[list[int]]) -> None:
 
 
 def test_reading_on_after_malformed_ones() -> None:
-    good = frames_of(Credit(take="walk", next_frame=0, end_frame=8))
+    good = frames_of(Credit(take="walk", run="0" * 32, next_frame=0, end_frame=8))
     reason_for([b"junk", *good])
-    assert decode(good) == Credit(take="walk", next_frame=0, end_frame=8)
+    assert decode(good) == Credit(take="walk", run="0" * 32, next_frame=0, end_frame=8)

@@ -74,7 +74,8 @@ def test_the_message_byte_by_byte(document: str) -> None:
         for name in ("header", "frame 1")
     ]
     planes = np.array([[[0, 1, 0], [0, 3, 2]]], np.uint8)
-    message = Silhouettes(take="walk", frame=7, cameras=[0, 1], planes=planes)
+    run = "0123456789abcdef0123456789abcdef"
+    message = Silhouettes(take="walk", run=run, frame=7, cameras=[0, 1], planes=planes)
     assert [bytes(frame) for frame in encode(message)] == frames
     assert f"a header of {len(frames[0])} bytes and one\narray frame of {len(frames[1])}." in document
     back = decode(frames)

@@ -144,7 +144,7 @@ def test_malformed_ones_are_told_and_the_next_is_read(make: Callable[[int], Sock
 def test_published_to_all_who_listen(make: Callable[[int], Socket]) -> None:
     pub, subs = make(zmq.PUB), [make(zmq.SUB), make(zmq.SUB)]
     address = bind(pub, "tcp://127.0.0.1:*")
-    credit = Credit(take="walk", next_frame=0, end_frame=8)
+    credit = Credit(take="walk", run="0" * 32, next_frame=0, end_frame=8)
     for sub in subs:
         connect(sub, address)
         assert until(lambda sub=sub: send(pub, credit) and bool(sub.poll(10)))  # type: ignore[misc]
@@ -155,7 +155,9 @@ def test_arrays_arrive_whole(make: Callable[[int], Socket]) -> None:
     pull, push = make(zmq.PULL), make(zmq.PUSH)
     connect(push, bind(pull, "tcp://127.0.0.1:*"))
     planes = np.random.default_rng(1).integers(0, 256, (2, 480, 640), np.uint8)
-    assert until(lambda: send(push, Silhouettes(take="t", frame=1, cameras=[*range(9)], planes=planes)))
+    assert until(
+        lambda: send(push, Silhouettes(take="t", run="0" * 32, frame=1, cameras=[*range(9)], planes=planes))
+    )
     wait([pull], _PATIENCE_S)
     arrived = receive(pull)
     assert isinstance(arrived, Silhouettes)

@@ -1,6 +1,8 @@
 """A recorder knows what it has, what it lacks, and when it is done."""
 
 import hashlib
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,10 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from proto.framing import encode
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
+from services.mocap.take.journal import JOURNAL, Journal, Record
 from services.recorder.collection import Collection
+from services.recorder.store import Store
 
+RUN, OTHER = "0" * 32, "1" * 32
 _ACTOR, _RIG = "height = 1.8\n", '{"rig": "größe"}'
+
+
+_TEMPORARY = tempfile.TemporaryDirectory()
 
 
 def hash_of(text: str) -> str:
@@ -20,14 +29,16 @@ def hash_of(text: str) -> str:
 
 def info(first: int = 0, end: int = 10, **changed: Any) -> TakeInfo:
     fields = {"actor": hash_of(_ACTOR), "rig": hash_of(_RIG), "search": {}, "fps": 25.0}
-    fields |= {"backend": "cpu", "backend_reason": "asked for", "threads": 1}
+    fields |= {"backend": "cpu", "backend_reason": "asked for", "threads": 1, "run": RUN}
+    fields |= {"plan": "0" * 64, "shards": 1}
     return TakeInfo(**{"take": "walk", "first_frame": first, "end_frame": end, **fields, **changed})
 
 
-def pose(frame: int, energy_px: float = 1.0) -> Pose:
+def pose(frame: int, energy_px: float = 1.0, run: str = RUN) -> Pose:
     return Pose(
-        take="walk", frame=frame, time_s=frame / 25, energy_px=energy_px, passes=1, evaluations=1, workers=0,
-        retries=0, backend="cpu", worker_backends={}, seconds={"frame": 0.1}, pose=np.zeros(35),
+        take="walk", run=run, frame=frame, time_s=frame / 25, energy_px=energy_px, passes=1, evaluations=1,
+        workers=0, retries=frame, backend="cpu", worker_backends={"gl": 2}, seconds={"frame": 0.1},
+        memory={"tracker": [2, 0, 0, 0], "rest": [frame]}, pose=np.full(35, frame / 7),
     )  # fmt: skip
 
 
@@ -35,19 +46,23 @@ def blob(text: str, kind: Any = "actor", name: str | None = None) -> Blob:
     return Blob(hash=name or hash_of(text), kind=kind, content=np.frombuffer(text.encode(), np.uint8))
 
 
-def end(frame: int) -> TakeEnd:
-    return TakeEnd(take="walk", first_frame=0, end_frame=frame)
+def end(frame: int, run: str = RUN) -> TakeEnd:
+    return TakeEnd(take="walk", run=run, first_frame=0, end_frame=frame)
+
+
+def store(folder: Path | None = None) -> Store:
+    return Store.in_folder(folder or Path(tempfile.mkdtemp(dir=_TEMPORARY.name)))
 
 
 def collection(*messages: TakeInfo | Pose | TakeEnd | Blob) -> Collection:
-    made = Collection()
+    made = Collection(store())
     for message in messages:
         made.add(message)
     return made
 
 
 def test_a_new_one_lacks_nothing_that_it_knows_of() -> None:
-    new = Collection()
+    new = collection()
     assert new.missing_blobs() == []
     assert new.missing_frames() is None
     assert new.recorded() == []
@@ -180,9 +195,98 @@ def test_asking_for_gaps_completes_in_any_order(order: list[int], repeats: list[
     while (gap := some.missing_frames()) is not None:
         first, last = gap
         assert first < last
-        assert all(frame not in some.poses for frame in range(first, last))
+        assert not {message.frame for message in some.recorded()} & set(range(first, last))
         some.add(pose(last - 1))
         asked += 1
     assert asked <= 6
     assert some.complete
     assert [message.frame for message in some.recorded()] == list(range(3, 9))
+
+
+def test_another_run_begins_anew() -> None:
+    some = collection(info(), pose(0), blob(_ACTOR), info(run=OTHER))
+    assert some.recorded() == []
+    assert some.missing_blobs() == [hash_of(_ACTOR), hash_of(_RIG)]
+    some.add(pose(0, run=OTHER))
+    assert [message.run for message in some.recorded()] == [OTHER]
+
+
+def test_messages_of_other_runs_are_dropped_and_counted() -> None:
+    some = collection(info(), pose(0), pose(1, run=OTHER), end(1, run=OTHER))
+    assert len(some.recorded()) == 1
+    assert not some.complete
+    assert some.foreign == 2
+
+
+def test_another_recorder_goes_on_with_the_journal(tmp_path: Path) -> None:
+    parts: list[TakeInfo | Pose | Blob] = [
+        info(3, 9),
+        blob(_ACTOR),
+        blob(_RIG, "rig"),
+        pose(3),
+        pose(4),
+        pose(6),
+    ]
+    first = store(tmp_path)
+    one = Collection(first)
+    for message in parts:
+        one.add(message)
+    before = one.recording("walk")
+    first.close(remove=False)
+    two = Collection(store(tmp_path))
+    assert encode(two.recording("walk")) == encode(before)
+    assert two.missing_frames() == (5, 6)
+    assert two.missing_blobs() == []
+    assert [message.frame for message in two.recorded()] == [3, 4]
+    assert not two.complete
+    assert not two.is_live
+    two.add(info(3, 9))
+    assert two.is_live
+    assert len(two.recorded()) == 2
+
+
+def test_a_journal_of_the_whole_take_is_complete(tmp_path: Path) -> None:
+    first = store(tmp_path)
+    one = Collection(first)
+    for message in (info(0, 2), blob(_ACTOR), blob(_RIG, "rig"), pose(1), pose(0)):
+        one.add(message)
+    assert not one.complete
+    first.close(remove=False)
+    assert Collection(store(tmp_path)).complete
+
+
+def test_a_journal_that_nobody_goes_on_with_is_left_alone(tmp_path: Path) -> None:
+    first = store(tmp_path)
+    one = Collection(first)
+    for message in (info(0, 4), blob(_ACTOR), blob(_RIG, "rig"), pose(0)):
+        one.add(message)
+    first.close(remove=False)
+    second = store(tmp_path)
+    two = Collection(second)
+    two.add(end(0, run=OTHER))  # the coordinator was stopped before its run's first frame
+    assert two.complete
+    assert two.n_recorded == 0
+    second.close(remove=False)
+    assert Collection(store(tmp_path)).n_recorded == 1
+
+
+def test_what_a_recorder_says_that_it_has() -> None:
+    nothing = collection().recording("walk")
+    assert (nothing.run, nothing.plan, nothing.end_frame, nothing.poses.shape) == ("", "", 0, (0, 35))
+    some = collection(info(2, 9, shards=3), pose(2), blob(_ACTOR), pose(5))
+    said = some.recording("walk")
+    assert (said.run, said.shards, said.end_frame, said.retries) == (RUN, 3, 3, 2)
+    assert said.actor.tobytes().decode() == _ACTOR
+    np.testing.assert_array_equal(said.poses, [np.full(35, 2 / 7)])
+    for frame in (3, 4):
+        some.add(pose(frame))
+    said = some.recording("walk")
+    assert (said.end_frame, said.retries, said.memory) == (6, 5, {"tracker": [2, 0, 0, 0], "rest": [5]})
+    np.testing.assert_array_equal(said.poses, [np.full(35, 4 / 7), np.full(35, 5 / 7)])
+
+
+def test_a_journal_of_another_version_is_dropped(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / JOURNAL)
+    journal.append(Record("take_info", {"take": "walk", "of": "another version"}))
+    journal.close()
+    assert Collection(store(tmp_path)).info is None

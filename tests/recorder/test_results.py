@@ -19,8 +19,9 @@ from services.mocap.types import Floats
 from services.recorder.collection import Collection
 from services.recorder.marks import distrusted_values, marks_of
 from services.recorder.results import write_results
+from services.recorder.store import Store
 
-N, FPS = 12, 10.0
+N, FPS, RUN = 12, 10.0, "0" * 32
 ACTOR = Actor(height=1.7)
 
 
@@ -44,7 +45,7 @@ def recorded(poses: Floats, **changed: dict[int, Any]) -> list[Pose]:
     """Messages of the poses; changed: fields by frame."""
     seconds = {"torso": 0.02, "head": 0.01, "limbs": 0.05, "frame": 0.1}
     counts = {"passes": 1, "evaluations": 7, "workers": 0, "retries": 0}
-    same = {"take": "walk", "energy_px": 100.0, "backend": "cpu", "worker_backends": {}, **counts}
+    same = {"take": "walk", "run": RUN, "energy_px": 100.0, "backend": "cpu", "worker_backends": {}, **counts}
     messages = []
     for frame, pose in enumerate(poses):
         own = {name: values[frame] for name, values in changed.items() if frame in values}
@@ -57,16 +58,20 @@ def results(folder: Path, take: Path, messages: list[Pose], output: OutputSettin
     """Write into folder; returns run.json."""
     actor, rig = blob(ACTOR.to_toml(), "actor"), blob("{}", "rig")
     info = TakeInfo(
-        take="walk", fps=FPS, first_frame=0, end_frame=N, actor=actor.hash, rig=rig.hash, backend="cpu",
+        take="walk", run=RUN, plan="0" * 64, shards=1, fps=FPS, first_frame=0, end_frame=N,
+        actor=actor.hash, rig=rig.hash, backend="cpu",
         backend_reason="asked for", threads=1, search={},
     )  # fmt: skip
-    collection = Collection()
-    for message in (info, actor, rig, *messages, TakeEnd(take="walk", first_frame=0, end_frame=N)):
+    store = Store.in_folder(folder.with_name("out.partial"))
+    collection = Collection(store)
+    for message in (info, actor, rig, *messages, TakeEnd(take="walk", run=RUN, first_frame=0, end_frame=N)):
         collection.add(message)
     assert collection.complete
-    write_results(
+    assert write_results(
         folder, open_take(take), collection, output, overlay=False, report=False, hurry=lambda: False
     )
+    store.close(remove=True)
+    assert not folder.with_name("out.partial").exists()
     report: dict[str, Any] = json.loads((folder / "run.json").read_text())
     return report
 

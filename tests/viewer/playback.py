@@ -31,6 +31,8 @@ from services.segmentation.source import packed
 
 _INFO_S = 0.3
 
+RUN = "0" * 32
+
 
 class Playback:
     """Sends a frame more every period, round and round, from a thread of its own; a context manager."""
@@ -50,7 +52,8 @@ class Playback:
             for kind, content in contents.items()
         }
         self._info = TakeInfo(
-            take=take.settings.name, fps=take.settings.fps, first_frame=0, end_frame=frames,
+            take=take.settings.name, run=RUN, fps=take.settings.fps, first_frame=0, end_frame=frames,
+            plan="0" * 64, shards=1,
             actor=hashes["actor"], rig=hashes["rig"], backend="cpu", backend_reason="test", threads=1,
             search=SearchSettings().to_wire(),
         )  # fmt: skip
@@ -63,7 +66,7 @@ class Playback:
     def pose(self, frame: int) -> Pose:
         """A frame's message."""
         return Pose(
-            take=self._take.settings.name, frame=frame, time_s=frame / self._take.settings.fps,
+            take=self._take.settings.name, run=RUN, frame=frame, time_s=frame / self._take.settings.fps,
             energy_px=500 + 50 * np.sin(frame / 5), passes=1, evaluations=10, workers=4, retries=0,
             backend="cpu", worker_backends={}, seconds={"torso": 0.02, "limbs": 0.01, "frame": 0.04},
             prior=1.0, confidence={"torso": 0.9, "left_arm": 0.7}, distrusted=self.distrusted,
@@ -98,7 +101,10 @@ class Playback:
                 send(self._publisher, self.pose(self.next_frame))
                 self.next_frame, sent_s = self.next_frame + 1, now
                 if self.next_frame == self.frames:
-                    send(self._publisher, TakeEnd(take=self._info.take, first_frame=0, end_frame=self.frames))
+                    send(
+                        self._publisher,
+                        TakeEnd(take=self._info.take, run=RUN, first_frame=0, end_frame=self.frames),
+                    )
             wait([self._router], min(self._period_s, 0.02))
             while (arrived := receive_from(self._router)) is not None:
                 self.asked.append(arrived[1])
@@ -123,4 +129,4 @@ class Playback:
         height, width = self._rig.shape_px
         cameras = list(range(len(masks)))
         planes = packed(masks, width, height)
-        return Silhouettes(take=self._info.take, frame=frame, cameras=cameras, planes=planes)
+        return Silhouettes(take=self._info.take, run=RUN, frame=frame, cameras=cameras, planes=planes)

@@ -2,6 +2,7 @@
 
 from services.mocap.body.actor import MESH_FILE
 from services.mocap.take.fit_record import FIT_FOLDER
+from services.mocap.take.journal import JOURNAL
 from services.mocap.take.layout import ACTOR
 
 POSES, POSES_SMOOTH, JOINTS = "poses.csv", "poses_smooth.csv", "joints.csv"
@@ -12,6 +13,6 @@ OVERLAY, REPORT, RUN_JSON, LOGS = "overlay.mp4", "report.html", "run.json", "log
 KNOWN = {
     *(POSES, POSES_SMOOTH, JOINTS, BVH, GLB, TRC, C3D, ANGLES, TIMINGS),
     *(POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET, OVERLAY, REPORT, RUN_JSON, LOGS),
-    *(ACTOR, MESH_FILE, FIT_FOLDER),
+    *(ACTOR, MESH_FILE, FIT_FOLDER, JOURNAL),
 }
 """All that a folder of results may hold."""

@@ -5,7 +5,7 @@ limb is somewhere else, or something is in the picture that is no part of the bo
 """
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,6 +127,25 @@ class Trust:
         self._usual: dict[Part, deque[int]] = {}
         self._fruitless: dict[Part, int] = {}
         self._rest: dict[Part, int] = {}
+
+    def as_lists(self) -> dict[str, list[int]]:
+        """What is remembered, for another one to go on with (recall)."""
+        parts = list(PART_STAGES)
+        return {f"usual.{part}": list(seen) for part, seen in self._usual.items()} | {
+            "fruitless": [self._fruitless.get(part, 0) for part in parts],
+            "rest": [self._rest.get(part, 0) for part in parts],
+        }
+
+    def recall(self, lists: Mapping[str, list[int]]) -> None:
+        """Go on where another one was (as_lists); names that no such memory has are left alone."""
+        parts = list(PART_STAGES)
+        self._usual = {
+            part: deque(lists[f"usual.{part}"], maxlen=_REMEMBERED)
+            for part in parts
+            if f"usual.{part}" in lists
+        }
+        self._fruitless = dict(zip(parts, lists.get("fruitless", []), strict=False))
+        self._rest = dict(zip(parts, lists.get("rest", []), strict=False))
 
     def doubtful(self, found: Differences) -> list[Part]:
         """Limbs and head that may be elsewhere, and the torso where all is."""

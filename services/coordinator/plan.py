@@ -1,0 +1,45 @@
+"""What a session is to do, and the name of that: runs of one plan can go on from each other."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from importlib.metadata import version
+
+from proto.messages import PROTOCOL_VERSION
+from services.mocap.body.actor import Actor
+from services.mocap.camera.rig import Rig
+from services.mocap.search.settings import SearchSettings
+from services.mocap.take.folder import Take
+from services.mocap.types import Floats
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a session is to do."""
+
+    take: Take
+    frames: range
+    settings: SearchSettings
+    actor: Actor | None
+    """None: the generic body in the height that the take gives, or else the one that fits the first frame."""
+    fitted_pose: Floats | None = None
+    """(35,) of the first frame, where it was found along with the actor."""
+
+    @property
+    def name(self) -> str:
+        """The SHA-256 of what poses depend on; recordings count by their sizes and times of writing."""
+        inputs = {
+            path.relative_to(self.take.folder).as_posix(): (path.stat().st_size, path.stat().st_mtime_ns)
+            for path in self.take.inputs()
+        }
+        content = {
+            "versions": [version("xormocap"), PROTOCOL_VERSION],
+            "take": self.take.settings.model_dump(mode="json"),
+            "inputs": inputs,
+            "rig": Rig.of(self.take.cameras).content_hash,
+            "frames": [self.frames.start, self.frames.stop],
+            "search": self.settings.to_wire(),
+            "actor": self.actor.content_hash if self.actor else None,
+            "fitted_pose": None if self.fitted_pose is None else self.fitted_pose.tolist(),
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,23 @@
+"""A limb worker's figures for Prometheus."""
+
+from prometheus_client import Counter, Gauge, Histogram
+
+from proto.messages import LimbRefusal, LimbResult
+from services.process import TIME_BUCKETS_S
+
+_SECONDS = Histogram(
+    "xormocap_task_seconds", "Time that solving a limb task took.", ["limb"], buckets=TIME_BUCKETS_S
+)
+_EVALUATIONS = Counter("xormocap_energy_evaluations", "Evaluations of the energy.", ["backend"])
+_REFUSED = Counter("xormocap_tasks_refused", "Limb tasks that made no sense here.")
+WAITING = Gauge("xormocap_tasks_without_content", "Limb tasks that wait for an actor, a mesh or a rig.")
+DROPPED = Counter("xormocap_messages_dropped", "Messages that could not be understood.")
+
+
+def note_answer(answer: LimbResult | LimbRefusal) -> None:
+    """Count a task that was answered."""
+    if isinstance(answer, LimbRefusal):
+        _REFUSED.inc()
+        return
+    _SECONDS.labels(answer.limb).observe(answer.seconds)
+    _EVALUATIONS.labels(answer.backend).inc(answer.evaluations)

@@ -1,0 +1,86 @@
+"""Lines of a service's log: what each is about, and nobody to fill it up.
+
+Every line says what the service was at: take, frame, pass and limb, where they are known. XORMOCAP_LOG=json
+makes each line a JSON object.
+"""
+
+import json
+import logging
+import os
+import sys
+import time
+
+VARIABLE = "XORMOCAP_LOG"
+"""`text` (the default) or `json`."""
+_about: dict[str, str | int] = {}
+"""What the process is at; services do one thing at a time."""
+
+
+def about(**facts: str | int | None) -> None:
+    """From now on lines tell these facts; None: no longer."""
+    for name, fact in facts.items():
+        if fact is None:
+            _about.pop(name, None)
+        else:
+            _about[name] = fact
+
+
+class SparingLog(logging.Filter):
+    """Lets no line of the program fill a log, whatever a hostile sender makes it say how often."""
+
+    def __init__(self, most: int = 100, period_s: float = 60.0) -> None:
+        super().__init__()
+        self._most, self._period_s = most, period_s
+        self._seen: dict[tuple[str, int], tuple[float, int]] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a record is one of the first of its kind in a while; its kind is the program's line."""
+        kind, now = (record.pathname, record.lineno), time.monotonic()
+        began_s, count = self._seen.get(kind, (now, 0))
+        if now - began_s > self._period_s:
+            if count > self._most:
+                record.msg = f"{record.msg} (and {count - self._most} of that kind that were not shown)"
+            began_s, count = now, 0
+        self._seen[kind] = began_s, count + 1
+        return count < self._most
+
+
+class _Facts(logging.Filter):
+    """Gives each record what the process is at."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        record.facts = dict(_about)
+        told = " ".join(f"{name}={fact}" for name, fact in _about.items())
+        record.about = f"[{told}] " if told else ""
+        return True
+
+
+class _AsJson(logging.Formatter):
+    def __init__(self, service: str) -> None:
+        super().__init__()
+        self._service = service
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One line."""
+        content = {
+            "time": self.formatTime(record),
+            "service": self._service,
+            "pid": os.getpid(),
+            "level": record.levelname,
+            **record.__dict__.get("facts", {}),
+            "message": record.getMessage(),
+        }
+        if record.exc_info:
+            content["exception"] = self.formatException(record.exc_info)
+        return json.dumps(content, ensure_ascii=False)
+
+
+def begin(service: str) -> None:
+    """Log to standard error as this service."""
+    handler = logging.StreamHandler(sys.stderr)
+    text = f"%(asctime)s {service} %(about)s%(levelname)s %(message)s"
+    is_json = os.environ.get(VARIABLE, "text") == "json"
+    handler.setFormatter(_AsJson(service) if is_json else logging.Formatter(text))
+    handler.addFilter(SparingLog())
+    handler.addFilter(_Facts())
+    logging.basicConfig(level=logging.INFO, handlers=[handler])

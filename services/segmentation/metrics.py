@@ -1,0 +1,13 @@
+"""A segmentation's figures for Prometheus."""
+
+from prometheus_client import Counter, Gauge, Histogram
+
+from services.process import TIME_BUCKETS_S
+
+FRAMES = Counter("xormocap_silhouettes_sent", "Frames sent; those sent again count again.")
+SECONDS = Histogram(
+    "xormocap_segmentation_seconds", "Time that a frame's silhouettes took, of all cameras here.",
+    buckets=TIME_BUCKETS_S,
+)  # fmt: skip
+CREDIT = Gauge("xormocap_credit_frames", "Frames that the coordinator would take now.")
+DROPPED = Counter("xormocap_messages_dropped", "Messages that could not be understood.")

@@ -1,0 +1,166 @@
+"""How the services of a run are doing, as the coordinator's telemetry tells: `xormocap status`."""
+
+import sys
+import time
+from collections import deque
+from pathlib import Path
+from typing import Annotated, Self
+
+import typer
+import zmq
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from proto.framing import MalformedMessage
+from proto.keys import ClientKeys, KeysError
+from proto.link import Line
+from proto.messages import Pose, TakeEnd, Telemetry
+from proto.sockets import receive, wait
+from proto.streams import DEFAULT_ENDPOINT, AddressError
+from services.mocap.errors import UserError
+from services.process import KeysOption, keys_of_client
+
+_LOOK_S = 0.25
+_PATIENCE_S = 30.0
+"""How long --once waits for a word; a coordinator that finds a first pose says nothing for some seconds."""
+_SILENCE_S = 2.0
+"""From here on the table says for how long nothing was heard."""
+_RATE_FRAMES = 30
+_IN_MS = "{:.1f}".format
+
+
+class Watch:
+    """Follows a coordinator; a context manager."""
+
+    def __init__(self, endpoint: str, keys: ClientKeys | None) -> None:
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._line = Line(self._context, endpoint, "poses", keys)
+        self._took_s: deque[float] = deque(maxlen=_RATE_FRAMES)
+        self._heard_s = time.monotonic()
+        self.latest: Telemetry | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._line.close()
+        self._context.term()
+
+    def look(self) -> None:
+        """Wait a moment for news."""
+        wait([self._line.socket], _LOOK_S)
+        try:
+            while (message := receive(self._line.socket)) is not None:
+                self._heard_s = time.monotonic()
+                if isinstance(message, Telemetry):
+                    self.latest = message
+                elif isinstance(message, TakeEnd) and self.latest is not None:
+                    self.latest = self.latest.model_copy(update={"stage": "ended"})
+                elif isinstance(message, Pose):
+                    self._took_s.append(message.seconds.get("frame", 0.0))
+        except MalformedMessage as error:
+            raise UserError(
+                f"what was heard cannot be understood: {error}: is it of another version?"
+            ) from None
+        self._line.tick()
+
+    @property
+    def silent_s(self) -> float:
+        """For how long nothing was heard."""
+        return time.monotonic() - self._heard_s
+
+    @property
+    def frames_per_s(self) -> float | None:
+        """Of the last frames that were heard of; None where there were none."""
+        total_s = sum(self._took_s)
+        return len(self._took_s) / total_s if total_s > 0 else None
+
+
+def as_json(told: Telemetry) -> str:
+    """One line that a script can read: the fields of the message `telemetry`."""
+    return told.model_dump_json()
+
+
+def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> RenderableType:
+    """What a person wants to see."""
+    done, total = told.next_frame - told.first_frame, told.end_frame - told.first_frame
+    speed = "" if frames_per_s is None else f", {frames_per_s:.1f} frames per second"
+    head = Text(f"{told.take}: {told.stage}, {done} of {total} frames{speed}")
+    if silent_s > _SILENCE_S:
+        head.append(f"; nothing heard for {silent_s:.0f} s", style="yellow")
+    return Group(head, Text(), _services(told), Text(), _numbers(told))
+
+
+def _services(told: Telemetry) -> Table:
+    """Who is there, and what they are doing."""
+    table = Table("service", "where", "backend", "doing", box=None, header_style="bold")
+    ahead = f"{told.frames_ready} frames ready"
+    table.add_row("segmentation", "", "", ahead)
+    for name, backend in sorted(told.workers.items()):
+        role, _, where = name.partition("@")
+        limb = told.limbs.get(name)
+        table.add_row(role, Text(where), Text(backend), limb.replace("_", " ") if limb else "idle")
+    for name, end in sorted(told.recorders.items()):
+        role, _, where = name.partition("@")
+        table.add_row(role, Text(where), "", f"{max(end - told.first_frame, 0)} frames on disk")
+    return table
+
+
+def _numbers(told: Telemetry) -> Table:
+    """Milliseconds of the last frame, queues, and what went wrong."""
+    table = Table(show_header=False, box=None)
+    stages = [f"{name.replace('_', ' ')} {_IN_MS(1000 * s)}" for name, s in told.seconds.items()]
+    table.add_row("last frame, ms", ", ".join(stages) or "none yet")
+    table.add_row("limb tasks waiting", f"{told.tasks_waiting}; deadline {told.deadline_s:.2f} s")
+    table.add_row("frames not on disk", f"{told.unrecorded}")
+    for name, count in told.counts.items():
+        style = "yellow" if count and name != "retries" else ""
+        table.add_row(name.replace("_", " "), Text(f"{count}", style=style))
+    return table
+
+
+def status(
+    connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
+    once: Annotated[bool, typer.Option("--once", help="Say it once and leave.")] = False,
+    in_json: Annotated[bool, typer.Option("--json", help="Say it once, as one line of JSON.")] = False,
+    keys: KeysOption = None,
+) -> None:
+    """Show how the services of a run are doing: a table that lives until the run ends."""
+    try:
+        with Watch(connect, _keys(keys)) as watch:
+            told = _first_word(watch, connect)
+            if in_json:
+                sys.stdout.write(as_json(told) + "\n")
+            elif once:
+                Console().print(as_table(told, watch.frames_per_s, watch.silent_s))
+            else:
+                _live(watch, told)
+    except (AddressError, KeysError) as error:
+        raise UserError(str(error)) from None
+
+
+def _keys(folder: Path | None) -> ClientKeys | None:
+    return keys_of_client(folder, "viewer")
+
+
+def _first_word(watch: Watch, endpoint: str) -> Telemetry:
+    """What the coordinator says first; raises UserError where it says nothing."""
+    deadline_s = time.monotonic() + _PATIENCE_S
+    while watch.latest is None:
+        if time.monotonic() > deadline_s:
+            raise UserError(
+                f"{endpoint}: nothing heard: is a coordinator running there, and is this its address?"
+            )
+        watch.look()
+    return watch.latest
+
+
+def _live(watch: Watch, told: Telemetry) -> None:
+    """Renew the table until the run has ended and its coordinator has left."""
+    with Live(as_table(told, None, 0.0), auto_refresh=False) as live:
+        while told.stage != "ended" or watch.silent_s < _SILENCE_S:
+            watch.look()
+            told = watch.latest or told
+            live.update(as_table(told, watch.frames_per_s, watch.silent_s), refresh=True)

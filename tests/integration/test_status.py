@@ -1,0 +1,106 @@
+"""`xormocap status` tells of a run, before it begins, while it goes on and when nobody is there."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import pytest
+
+from services.launcher import Launcher, free_endpoint
+from services.soak.latency import Stopwatch
+
+pytestmark = pytest.mark.timeout(280)
+Command = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+def told(xormocap: Command, endpoint: str) -> dict[str, Any]:
+    done = xormocap("status", "--connect", endpoint, "--json", timeout_s=60)
+    assert done.returncode == 0, done.stderr
+    answer: dict[str, Any] = json.loads(done.stdout)
+    return answer
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + 150
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+
+
+def test_a_run_from_its_beginning_to_its_end(known_take: Path, xormocap: Command, tmp_path: Path) -> None:
+    take, out, endpoint = ("--take", str(known_take)), tmp_path / "out", free_endpoint()
+    connect, clients = ("--connect", endpoint), ("--workers", "1", "--recorders", "1")
+    with Launcher(tmp_path) as launcher:
+        port = int(endpoint.rpartition(":")[2]) + 3
+        options = ("--search", "plain", *clients, "--metrics", str(port))
+        launcher.start("coordinator", *take, "--bind", endpoint, *options)
+        launcher.start("limb_worker", *connect)
+        before = told(xormocap, endpoint)
+        assert (before["take"], before["stage"], before["run"]) == ("walk", "waiting for clients", "")
+        assert (before["next_frame"], before["end_frame"], before["recorders"]) == (0, 24, {})
+
+        live = subprocess.Popen(
+            [sys.executable, "-m", "services.cli", "status", *connect],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        launcher.start("recorder", *take, *connect, "--out", str(out), "--no-overlay")
+        with Stopwatch(endpoint) as stopwatch:
+            launcher.start("segmentation", *take, *connect)
+            until(lambda: stopwatch.frame >= 2)
+            os.kill(
+                launcher.pids("segmentation")[0], signal.SIGSTOP
+            )  # so that the run does not end meanwhile
+        answer = told(xormocap, endpoint)
+        assert answer["stage"] == "tracking"
+        assert len(answer["run"]) == 32
+        assert list(answer["workers"].values()) == ["cpu"]
+        assert list(answer["limbs"]) in ([], list(answer["workers"]))
+        assert len(answer["recorders"]) == 1
+        assert answer["seconds"]["frame"] > 0
+        assert answer["counts"]["malformed"] == 0
+
+        shown = xormocap("status", *connect, "--once", timeout_s=60)
+        assert shown.returncode == 0, shown.stderr
+        assert "limb_worker" in shown.stdout
+        assert "of 24 frames" in shown.stdout
+
+        with urlopen(f"http://127.0.0.1:{port}/metrics") as figures:
+            told_there = figures.read().decode()
+        for name in (
+            "frames_solved_total",
+            "task_retries_total 0",
+            'stage_seconds_sum{stage="limbs"}',
+            "workers 1",
+        ):
+            assert f"xormocap_{name}" in told_there
+
+        os.kill(launcher.pids("segmentation")[0], signal.SIGCONT)
+        until(lambda: launcher.is_done("recorder"))
+        said, _ = live.communicate(timeout=60)
+        assert live.returncode == 0, said
+        assert "24 of 24 frames" in said
+
+
+def test_nobody_is_there(xormocap: Command) -> None:
+    done = xormocap("status", "--connect", free_endpoint(), "--once", timeout_s=60)
+    assert done.returncode == 2
+    assert "nothing heard: is a coordinator running there" in done.stderr.replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [(("--connect", "nonsense"), "expected an address"), (("--keys", "/nowhere"), "/nowhere")],
+)
+def test_what_cannot_be(xormocap: Command, arguments: tuple[str, ...], sentence: str) -> None:
+    done = xormocap("status", *arguments, timeout_s=60)
+    assert done.returncode == 2
+    assert sentence in done.stderr
