@@ -12,7 +12,8 @@ from services.mocap.types import Bytes
 def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
     """Up to so many raw pictures (N, H, W, 3) of a camera, from the first frame to the last."""
     index = index_video(layout.video_path(take.folder, camera.name))
-    return _spread_over(index, take.settings.frames, most)
+    first = take.settings.offset(camera.name)
+    return _spread_over(index, first, first + take.settings.frames, most)
 
 
 def spread_plate(take: Take, camera: Camera, most: int) -> Bytes:
@@ -21,20 +22,20 @@ def spread_plate(take: Take, camera: Camera, most: int) -> Bytes:
     if not path.exists():
         return np.array(list(take.background(camera)))
     index = index_video(path)
-    return _spread_over(index, index.n_frames, most)
+    return _spread_over(index, 0, index.n_frames, most)
 
 
-def _spread_over(index: VideoIndex, frames: int, most: int) -> Bytes:
+def _spread_over(index: VideoIndex, first: int, end: int, most: int) -> Bytes:
     """Long videos are read at their keyframes only, which need no other frame to be decoded."""
-    keys = [key for key, _ in index.keyframes if key < frames]
+    keys = [key for key, _ in index.keyframes if first <= key < end]
     if len(keys) >= most:
         pictures = []
         for key in (keys[i] for i in _spread(len(keys), most)):
             with VideoReader(index, key, key + 1) as video:
                 pictures += list(video)
         return np.array(pictures)
-    wanted = set(_spread(frames, most))
-    with VideoReader(index, 0, frames) as video:
+    wanted = set(_spread(end - first, most))
+    with VideoReader(index, first, end) as video:
         return np.array([picture for frame, picture in enumerate(video) if frame in wanted])
 
 
