@@ -24,15 +24,13 @@ from services.launcher import ServiceFailedError
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.energy.engine import check_cost
-from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
-from services.mocap.motion.settings import OutputSettings
 from services.mocap.search.overrides import search_settings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import check_place, take_actor, write_actor
 from services.mocap.take.fit_record import FIT_FOLDER
-from services.mocap.take.folder import Take, open_take
+from services.mocap.take.folder import open_take
 from services.mocap.take.frame_range import frame_range
 from services.mocap.take.layout import ACTOR
 from services.process import (
@@ -52,13 +50,13 @@ from services.process import (
     engine_settings,
     output_settings,
 )
+from services.progress import Progress as Run
 from services.recorder.result_folder import check_out
 from services.segmentation.files import write_silhouettes
 from services.segmentation.segmenters import chosen_segmenter
 from services.status import status
 from services.sync import sync
-from services.track import Interrupted
-from services.track import Progress as Run
+from services.track import Interrupted, Job
 from services.track import track as track_take
 from services.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 
@@ -138,21 +136,21 @@ def track(
                 opened, init_frames(opened), engine, search, fitted, err_console, own, segmenter
             )
             warnings += [_why_fitted(take, mesh), *found.warnings]
-        report = _track(
+        job = Job(
             opened,
             folder,
-            workers,
             asked,
+            workers,
             overlay,
             engine,
             search,
             fitted,
             output,
-            warnings,
-            watch_at,
             segmenter,
+            watch_at,
             endpoint,
         )
+        report = _track(job, warnings)
     _warn(warnings)
     _summarise(report, folder)
     if watch:
@@ -174,21 +172,7 @@ def _why_fitted(take: Path, mesh: Path | None) -> str:
     return f"{mesh}: was fitted for this run; xormocap fit {take} --mesh {mesh} keeps it in the take"
 
 
-def _track(
-    opened: Take,
-    folder: Path,
-    workers: int,
-    frames: range,
-    overlay: bool,
-    engine: EngineSettings,
-    search: SearchSettings,
-    fitted: Path | None,
-    output: OutputSettings,
-    warnings: list[str],
-    page: str | None,
-    segmenter: str,
-    endpoint: str | None,
-) -> dict[str, Any]:
+def _track(job: Job, warnings: list[str]) -> dict[str, Any]:
     """Track with a progress bar; returns run.json, adds to the warnings."""
     columns = (
         TextColumn("{task.description}"),
@@ -200,7 +184,7 @@ def _track(
         TimeRemainingColumn(),
     )
     with Progress(*columns, *speed, console=err_console) as bar:
-        task = bar.add_task("starting", total=len(frames), fps=0.0, energy=0.0)
+        task = bar.add_task("starting", total=len(job.frames), fps=0.0, energy=0.0)
 
         def show(run: Run) -> None:
             bar.update(
@@ -212,22 +196,7 @@ def _track(
             )
 
         try:
-            return track_take(
-                opened,
-                folder,
-                workers=workers,
-                frames=frames,
-                overlay=overlay,
-                engine=engine,
-                search=search,
-                show=show,
-                fitted=fitted,
-                output=output,
-                page=page,
-                segmenter=segmenter,
-                warn=warnings.append,
-                endpoint=endpoint,
-            )
+            return track_take(job, show=show, warn=warnings.append)
         except Interrupted as stopped:
             done = (
                 f"what was tracked by then is in {stopped.folder}; the same command goes on from there"

@@ -10,12 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-import zmq
-
-from proto.framing import MalformedMessage
-from proto.messages import Pose
-from proto.sockets import connect, make_socket, receive, wait
-from proto.streams import stream_endpoint
 from services.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
@@ -37,27 +31,16 @@ from services.process import (
     output_arguments,
     search_arguments,
 )
+from services.progress import PoseWatch, Progress
 from services.recorder.result_folder import partial_of
 from services.segmentation.segmenters import chosen_segmenter
 
-_LOOK_S = 0.2
 _ALONE_S = 2.0
 """How long after the coordinator's end a recorder that still waits for it is left waiting."""
 _LEAVE_S = 10.0
 """How long a coordinator may take to end after the recorder."""
 _STARTING_S = 10.0
 """How long a recorder may take to start."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a run is."""
-
-    frames_done: int
-    frames_per_s: float
-    energy_px: float
-    stage: str
-    """What is being done, in words."""
 
 
 class Interrupted(Exception):  # noqa: N818  (a request, not an error)
@@ -67,41 +50,6 @@ class Interrupted(Exception):  # noqa: N818  (a request, not an error)
         """Folder: where the frames solved by then are; None where there were none."""
         super().__init__(folder)
         self.folder = folder
-
-
-class _PoseWatch:
-    """Follows the poses of a run for its progress."""
-
-    def __init__(self, endpoint: str, frames: range) -> None:
-        self._start, self._end = frames.start, frames.start
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._socket = make_socket(self._context, zmq.SUB)
-        connect(self._socket, stream_endpoint(endpoint, "poses"))
-        self._frames: set[int] = set()
-        self._started_s = time.monotonic()
-        self._first_s: float | None = None
-        self._energy_px = 0.0
-
-    def look(self, ended: bool) -> Progress:
-        """Wait a moment for poses; returns the state of things."""
-        wait([self._socket], _LOOK_S)
-        try:
-            while (message := receive(self._socket)) is not None:
-                if isinstance(message, Pose):
-                    self._first_s = self._first_s or time.monotonic()
-                    self._frames.add(message.frame)
-                    self._end = max(self._end, message.frame + 1)
-                    self._energy_px = message.energy_px
-        except MalformedMessage:
-            pass  # progress only; the recorder counts
-        stage = "writing results" if ended else "tracking" if self._frames else "finding the first pose"
-        seen, elapsed_s = len(self._frames), time.monotonic() - (self._first_s or self._started_s)
-        frames_per_s = max(seen - 1, 0) / elapsed_s if elapsed_s > 0 else 0.0
-        return Progress(self._end - self._start, frames_per_s, self._energy_px, stage)
-
-    def close(self) -> None:
-        self._socket.close()
-        self._context.term()
 
 
 class StopSignals:
@@ -123,61 +71,67 @@ class StopSignals:
         self.count += 1
 
 
+@dataclass(frozen=True)
+class Job:
+    """What to track, and how."""
+
+    take: Take
+    """Checked."""
+    out: Path
+    """The folder of the results."""
+    frames: range
+    workers: int
+    """Limb workers."""
+    overlay: bool
+    engine: EngineSettings
+    """Of the coordinator and every worker."""
+    search: SearchSettings
+    """Of the coordinator, whose tasks carry them."""
+    fitted: Path | None = None
+    """A folder of xormocap fit, whose actor and poses take the place of the take's; out/fit gets a copy of it."""
+    output: OutputSettings = DEFAULT_OUTPUT
+    """How the recorder makes results of the poses."""
+    segmenter: str = DEFAULT_SEGMENTER
+    """What makes the silhouettes."""
+    page: str | None = None
+    """Where browsers can watch, as HOST:PORT; None: nowhere."""
+    endpoint: str | None = None
+    """Where the coordinator listens; None: at ports that are free."""
+
+
 def track(
-    take: Take,
-    out: Path,
+    job: Job,
     *,
-    workers: int,
-    frames: range,
-    overlay: bool,
-    engine: EngineSettings,
-    search: SearchSettings,
     show: Callable[[Progress], None],
-    fitted: Path | None = None,
-    output: OutputSettings = DEFAULT_OUTPUT,
-    page: str | None = None,
-    segmenter: str = DEFAULT_SEGMENTER,
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
-    endpoint: str | None = None,
 ) -> dict[str, Any]:
-    """Track frames of a checked take into out and return its run.json; the processes' logs go to out/logs.
+    """Do a job and return its run.json, which tells of the actor's fit too; the logs go to out/logs.
 
-    engine: for the coordinator and every worker; search: for the coordinator, whose tasks carry it. fitted: a
-    folder of xormocap fit, whose actor and poses take the place of the take's; out/fit gets a copy of it.
-    output: how the recorder makes results of the poses. page: where browsers can watch, as HOST:PORT; None:
-    nowhere. segmenter: what makes the silhouettes.
-    run.json tells of the fit that the actor comes from. warn is called with each warning of segmentation,
-    coordinator and recorder at the end; started once with the launcher when all processes run. endpoint:
-    where the coordinator listens, by default at ports that are free. Raises UserError; ServiceFailedError,
-    after which the logs stay; or Interrupted, once a stop was asked for and what was done by then is written.
+    warn is called with each warning of segmentation, coordinator and recorder at the end; started once with
+    the launcher when all processes run. Raises UserError; ServiceFailedError, after which the logs stay; or
+    Interrupted, once a stop was asked for and what was done by then is written.
     """
-    endpoint, logs = endpoint or free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
-    earlier = {folder: _written_ns(folder) for folder in (out, partial_of(out))}
+    endpoint, logs = job.endpoint or free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
+    earlier = {folder: _written_ns(folder) for folder in (job.out, partial_of(job.out))}
     try:
         with StopSignals() as stop, Launcher(logs) as launcher:
-            _thin(take, fitted, search)
-            _start(
-                launcher, take.folder, out, endpoint, workers, frames, overlay, engine, search, fitted,
-                output, segmenter,
-            )  # fmt: skip
-            if page is not None:
-                watched = ("--take", str(take.folder), "--connect", endpoint)
-                launcher.start("viewer", *watched, "--bind", page, "--results", str(out))
+            _thin(job)
+            _start(launcher, job, endpoint)
             started(launcher)
-            _follow(launcher, endpoint, frames, stop, show)
+            _follow(launcher, endpoint, job.frames, stop, show)
             warned = ("segmentation", "coordinator", "recorder")
             for sentence in (sentence for service in warned for sentence in launcher.warnings(service)):
                 warn(sentence)
     except ServiceFailedError as error:
         raise ServiceFailedError(f"{error}; the logs are in {logs}") from None
     folder = next((f for f, before in earlier.items() if _written_ns(f) != before), None)
-    report = None if folder is None else _completed(folder, take, fitted, segmenter)
+    report = None if folder is None else _completed(folder, job)
     if folder is not None:
         shutil.rmtree(folder / LOGS, ignore_errors=True)
         shutil.move(logs, folder / LOGS)
         write_defaults(folder, load_result(folder), ("report",), warn)
-    if report is not None and report["take"]["frames"] == len(frames):
+    if report is not None and report["take"]["frames"] == len(job.frames):
         return report
     if stop.count:
         shutil.rmtree(logs, ignore_errors=True)
@@ -185,32 +139,26 @@ def track(
     raise ServiceFailedError(f"the run ended before its last frame; the logs are in {logs}")
 
 
-def _thin(take: Take, fitted: Path | None, search: SearchSettings) -> None:
+def _thin(job: Job) -> None:
     """Thin the body here, if its actor is known, so that not every process does it at the same time."""
-    actor = take_actor(take) if fitted is None else read_actor(fitted / ACTOR)
-    if actor is not None and search.detail_px > 0:
+    actor = take_actor(job.take) if job.fitted is None else read_actor(job.fitted / ACTOR)
+    if actor is not None and job.search.detail_px > 0:
         levels_of(build_body(actor))
 
 
-def _completed(folder: Path, take: Take, fitted: Path | None, segmenter: str) -> dict[str, Any]:
-    """The run.json of a folder of results, in which the segmenter and the actor's fit, if any, now are.
-
-    report.html tells of the fit too.
-    """
+def _completed(folder: Path, job: Job) -> dict[str, Any]:
+    """The run.json of a folder of results, in which the segmenter and the actor's fit, if any, now are."""
     report: dict[str, Any] = json.loads((folder / RUN_JSON).read_text())
-    report["settings"]["segmenter"] = chosen_segmenter(take, segmenter)
+    report["settings"]["segmenter"] = chosen_segmenter(job.take, job.segmenter)
+    record = read_record(job.fitted or job.take.folder / FIT_FOLDER)
+    is_its_fit = record is not None and record.actor == read_actor(folder / ACTOR).content_hash
+    if record is not None and is_its_fit:
+        report["fit"] = record.model_dump()
     with atomic_file(folder / RUN_JSON) as part:
         part.write_text(json.dumps(report, indent=2) + "\n")
-    source = fitted or take.folder / FIT_FOLDER
-    record = read_record(source)
-    if record is None or record.actor != read_actor(folder / ACTOR).content_hash:
-        return report
-    report["fit"] = record.model_dump()
-    with atomic_file(folder / RUN_JSON) as part:
-        part.write_text(json.dumps(report, indent=2) + "\n")
-    if fitted is not None:
+    if is_its_fit and job.fitted is not None:
         shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)
-        shutil.copytree(fitted, folder / FIT_FOLDER)
+        shutil.copytree(job.fitted, folder / FIT_FOLDER)
     return report
 
 
@@ -220,40 +168,29 @@ def _written_ns(folder: Path) -> int | None:
     return report.stat().st_mtime_ns if report.exists() else None
 
 
-def _start(
-    launcher: Launcher,
-    take: Path,
-    out: Path,
-    endpoint: str,
-    workers: int,
-    frames: range,
-    overlay: bool,
-    engine: EngineSettings,
-    search: SearchSettings,
-    fitted: Path | None,
-    output: OutputSettings,
-    segmenter: str,
-) -> None:
-    """Start all processes of a run."""
-    asked = f"{frames.start}:{frames.stop}"
-    source, connect = ("--take", str(take)), ("--connect", endpoint)
-    expected = ("--workers", str(workers), "--recorders", "1")
-    energy = engine_arguments(engine)
-    actor = () if fitted is None else ("--fitted", str(fitted))
-    wanted = (*expected, *energy, *search_arguments(search), *actor)
-    launcher.start("coordinator", *source, "--bind", endpoint, "--frames", asked, *wanted)
-    launcher.start("limb_worker", *connect, *energy, copies=workers)
-    launcher.start("segmentation", *source, *connect, "--segmenter", segmenter)
-    drawing = "--overlay" if overlay else "--no-overlay"
-    results = ("--out", str(out), drawing, "--no-report", *output_arguments(output))  # it comes with the fit
-    launcher.start("recorder", *source, *connect, *results)
+def _start(launcher: Launcher, job: Job, endpoint: str) -> None:
+    """Start all processes of a job."""
+    source, connect = ("--take", str(job.take.folder)), ("--connect", endpoint)
+    asked = ("--frames", f"{job.frames.start}:{job.frames.stop}")
+    expected = ("--workers", str(job.workers), "--recorders", "1")
+    energy, segmenter = engine_arguments(job.engine), ("--segmenter", job.segmenter)
+    actor = () if job.fitted is None else ("--fitted", str(job.fitted))
+    wanted = (*asked, *expected, *energy, *search_arguments(job.search), *segmenter, *actor)
+    launcher.start("coordinator", *source, "--bind", endpoint, *wanted)
+    launcher.start("limb_worker", *connect, *energy, copies=job.workers)
+    launcher.start("segmentation", *source, *connect, *segmenter)
+    drawing = "--overlay" if job.overlay else "--no-overlay"
+    out = ("--out", str(job.out), drawing, "--no-report")  # the report comes with the fit
+    launcher.start("recorder", *source, *connect, *out, *output_arguments(job.output))
+    if job.page is not None:
+        launcher.start("viewer", *source, *connect, "--bind", job.page, "--results", str(job.out))
 
 
 def _follow(
     launcher: Launcher, endpoint: str, frames: range, stop: StopSignals, show: Callable[[Progress], None]
 ) -> None:
     """Watch until recorder and coordinator have ended, or a second stop is asked for."""
-    watch, ended_s = _PoseWatch(endpoint, frames), dict[str, float]()
+    watch, ended_s = PoseWatch(endpoint, frames), dict[str, float]()
     try:
         while stop.count < 2 and not (launcher.is_done("recorder") and launcher.has_ended("coordinator")):
             launcher.watch(over=SERVICES if "recorder" in ended_s else ())

@@ -22,7 +22,7 @@ from services.launcher import free_endpoint
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
-from services.track import track
+from services.track import Job, track
 
 WAYS = ("no viewer", "viewer, no browser", "viewer, one browser")
 _WORKERS = 4
@@ -56,17 +56,17 @@ def _frames_per_s(take: Path, way: str) -> float:
     opened, port = open_take(take), int(free_endpoint().rpartition(":")[2])
     page = None if way == WAYS[0] else f"127.0.0.1:{port}"
     with tempfile.TemporaryDirectory() as folder, _browser(port if way == WAYS[2] else None):
-        report = track(
+        job = Job(
             opened,
             Path(folder) / "result",
-            workers=_WORKERS,
-            frames=range(opened.settings.frames),
+            range(opened.settings.frames),
+            _WORKERS,
             overlay=False,
             engine=EngineSettings(),
             search=SearchSettings(),
-            show=lambda _: None,
             page=page,
         )
+        report = track(job, show=lambda _: None)
     return float(report["speed"]["frames_per_s"])
 
 

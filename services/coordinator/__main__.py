@@ -25,10 +25,12 @@ from services.mocap.take.frame_range import frame_range
 from services.mocap.take.layout import ACTOR
 from services.process import (
     DEFAULT_ENGINE,
+    DEFAULT_SEGMENTER,
     BackendOption,
     KeysOption,
     MetricsOption,
     SearchOption,
+    SegmenterOption,
     SetOption,
     SettingsOption,
     StopRequest,
@@ -58,6 +60,7 @@ def main(
     fitted: Annotated[
         Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
     ] = None,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     keys: KeysOption = None,
     metrics: MetricsOption = None,
 ) -> None:
@@ -74,7 +77,7 @@ def main(
         engine_choice = engine_settings(backend, threads)
         search = search_settings(changes or [], settings, len(opened.cameras), preset)
         check_cost(engine_choice, search.cost)
-        plan = _plan(opened, frame_range(frames, opened), search, fitted)
+        plan = _plan(opened, frame_range(frames, opened), search, segmenter, fitted)
         with open_engine(engine_choice) as engine:
             log.info("%s", engine)
             Session(plan, engine, bind, stop, admission).run(workers, recorders, _CLIENTS_S)
@@ -82,14 +85,14 @@ def main(
     run_service("coordinator", serve, metrics)
 
 
-def _plan(take: Take, frames: range, search: SearchSettings, fitted: Path | None) -> Plan:
+def _plan(take: Take, frames: range, search: SearchSettings, segmenter: str, fitted: Path | None) -> Plan:
     """What to do, with what a fit found: in a folder of its own, or in the take's."""
     actor = take_actor(take) if fitted is None else read_actor(fitted / ACTOR)
     if actor is None:
-        return Plan(take, frames, search, None)
+        return Plan(take, frames, search, segmenter, None)
     pose = fitted_pose(fitted or take.folder / FIT_FOLDER, actor, take.settings, frames.start)
     log.info("the first pose was %s", "fitted along with the actor" if pose is not None else "not fitted")
-    return Plan(take, frames, search, actor, pose)
+    return Plan(take, frames, search, segmenter, actor, pose)
 
 
 if __name__ == "__main__":

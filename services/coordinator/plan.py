@@ -20,6 +20,8 @@ class Plan:
     take: Take
     frames: range
     settings: SearchSettings
+    segmenter: str
+    """What makes the silhouettes, as --segmenter says it: a run goes on only with the same."""
     actor: Actor | None
     """None: the generic body in the height that the take gives, or else the one that fits the first frame."""
     fitted_pose: Floats | None = None
@@ -39,6 +41,7 @@ class Plan:
             "rig": Rig.of(self.take.cameras).content_hash,
             "frames": [self.frames.start, self.frames.stop],
             "search": self.settings.to_wire(),
+            "segmenter": self.segmenter,
             "actor": self.actor.content_hash if self.actor else None,
             "fitted_pose": None if self.fitted_pose is None else self.fitted_pose.tolist(),
         }

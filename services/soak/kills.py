@@ -16,11 +16,12 @@ from services.launcher import Launcher, free_endpoint
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
+from services.progress import Progress
 from services.soak.dice import Dice
 from services.soak.latency import Latency, Stopwatch
 from services.soak.stage import make_take
 from services.soak.villain import Habits, Villain
-from services.track import Progress, track
+from services.track import Job, track
 
 _CAMERAS = 4
 _WORKERS = 4
@@ -104,18 +105,17 @@ def _run(take: Path, out: Path, villain: Villain | None) -> _Outcome:
                 villain.begin(launcher, stopwatch)
 
         try:
-            track(
+            job = Job(
                 opened,
                 out,
-                workers=_WORKERS,
-                frames=range(opened.settings.frames),
+                range(opened.settings.frames),
+                _WORKERS,
                 overlay=False,
                 engine=EngineSettings(threads=1),
                 search=_SEARCH,
-                show=_say_nothing,
-                started=started,
                 endpoint=endpoint,
             )
+            track(job, show=_say_nothing, started=started)
         finally:
             if villain is not None:
                 villain.end()

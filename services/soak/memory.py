@@ -19,10 +19,11 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import SETTINGS, silhouette_folder, silhouette_path
 from services.mocap.take.settings import read_settings, write_settings
+from services.progress import Progress
 from services.segmentation.files import write_silhouettes
 from services.soak.fuzz import rss_mib
 from services.soak.stage import make_take
-from services.track import Progress, track
+from services.track import Job, track
 
 _MOTION_FRAMES = 30
 _CAMERAS = 4
@@ -72,17 +73,16 @@ def watch_memory(frames: int, progress: Callable[[int], None]) -> Report:
                 _look(launchers[0], run.frames_done, report)
                 progress(run.frames_done)
 
-        track(
+        job = Job(
             opened,
             Path(temporary) / "out",
-            workers=_WORKERS,
-            frames=range(frames),
+            range(frames),
+            _WORKERS,
             overlay=False,
             engine=EngineSettings(threads=1),
             search=SearchSettings(),
-            show=show,
-            started=launchers.append,
         )
+        track(job, show=show, started=launchers.append)
     report.seconds = round(time.monotonic() - began_s, 1)
     return report
 

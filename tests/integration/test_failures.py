@@ -18,7 +18,8 @@ from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
 from services.mocap.take.journal import JOURNAL, read_poses
 from services.mocap.take.tables import read_poses_csv
-from services.track import Interrupted, Progress, track
+from services.progress import Progress
+from services.track import Interrupted, Job, track
 
 pytestmark = pytest.mark.timeout(280)
 
@@ -72,18 +73,9 @@ class Run:
 
     def go(self, warn: Callable[[str], None] = lambda _: None) -> dict:
         try:
-            return track(
-                open_take(self._take),
-                self.out,
-                workers=4,
-                frames=range(FRAMES),
-                overlay=self._overlay,
-                engine=EngineSettings(),
-                search=SLOW,
-                show=self._show,
-                started=self._started,
-                warn=warn,
-            )
+            take = open_take(self._take)
+            job = Job(take, self.out, range(FRAMES), 4, self._overlay, EngineSettings(), SLOW)
+            return track(job, show=self._show, started=self._started, warn=warn)
         finally:
             assert not self._deeds, "the run ended before something was done to it"
             assert self._pids
