@@ -88,7 +88,7 @@ class Job:
     search: SearchSettings
     """Of the coordinator, whose tasks carry them."""
     fitted: Path | None = None
-    """A folder of xormocap fit, whose actor and poses take the place of the take's; out/fit gets a copy of it."""
+    """A folder of xormocap fit, whose actor and poses go before the take's; out/fit is a copy of it."""
     output: OutputSettings = DEFAULT_OUTPUT
     """How the recorder makes results of the poses."""
     segmenter: str = DEFAULT_SEGMENTER

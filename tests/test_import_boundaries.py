@@ -13,6 +13,7 @@ SHARED = "services.process"
 COMMAND = (
     "services.cli",
     "services.track",
+    "services.progress",
     "services.launcher",
     "services.doctor",
     "services.export",
