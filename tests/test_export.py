@@ -104,13 +104,18 @@ def test_a_run_goes_on_without_what_cannot_be_written(folder: Path, monkeypatch:
     def too_long(*_: object) -> None:
         raise UserError("motion.c3d: cannot hold so many frames")
 
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("no reason")
+
     monkeypatch.setitem(FORMATS, "c3d", Format(("motion.c3d",), too_long))
+    monkeypatch.setitem(FORMATS, "trc", Format(("motion.trc",), broken))
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     said: list[str] = []
     write_defaults(folder, load_result(folder), DEFAULT_FORMATS, said.append)
     assert said == [
+        "motion.trc is left out, by an error of its own: no reason",
         "motion.c3d: cannot hold so many frames",
         "report.html is left out without matplotlib: xormocap export --to report makes it",
     ]
-    written = {"motion.bvh", "motion.glb", "motion.trc", "angles.csv"}
+    written = {"motion.bvh", "motion.glb", "angles.csv"}
     assert {path.name for path in folder.iterdir()} == {"poses.csv", "actor.toml"} | written

@@ -17,6 +17,9 @@ from services.mocap.take.settings import read_settings
 from services.mocap.take.tables import read_poses_csv
 
 
+SLOWLY = "--search plain --set arm_grid=[7,7,3,7] --set leg_grid=[7,7,3,7]"
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "containers: needs a Docker engine with compose v2")
 
@@ -66,8 +69,8 @@ def local_poses(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="session")
 def local_poses_by_plain_search(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The same by the slowest search, whose frames take long enough to do something before the last."""
-    return _track(image, take, tmp_path_factory.mktemp("plain"), "--search", "plain")
+    """The same by a slow search, whose frames take long enough to do something before the last."""
+    return _track(image, take, tmp_path_factory.mktemp("plain"), *SLOWLY.split())
 
 
 @pytest.fixture(scope="session")
@@ -79,6 +82,6 @@ def local_poses_of_eight(image: str, take: Path, tmp_path_factory: pytest.TempPa
 @pytest.fixture
 def slow_stack(image: str, take: Path, tmp_path: Path) -> Iterator[Stack]:  # noqa: ARG001
     """compose.yaml's services, which take some seconds for the take's frames."""
-    settings = {"COORDINATOR_OPTIONS": "--search plain", "RECORDER_OPTIONS": "--no-overlay"}
+    settings = {"COORDINATOR_OPTIONS": SLOWLY, "RECORDER_OPTIONS": "--no-overlay"}
     with Stack(tmp_path / "out", TAKE=str(take), **settings) as made:
         yield made

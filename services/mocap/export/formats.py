@@ -1,5 +1,6 @@
 """The one table of the files that a result can be exported to."""
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -29,6 +30,8 @@ from services.mocap.result.layout import (
 )
 from services.mocap.result.result import Result
 from services.mocap.take.folder import open_take
+
+log = logging.getLogger(__name__)
 
 FormatName: TypeAlias = Literal["bvh", "glb", "trc", "c3d", "angles", "report", "parquet", "overlay"]
 
@@ -152,3 +155,6 @@ def write_defaults(
             write_formats(folder, result, (name,))
         except UserError as error:
             warn(str(error))
+        except Exception as error:
+            log.exception("%s cannot be written", name)
+            warn(f"{FORMATS[name].files[0]} is left out, by an error of its own: {error}")
