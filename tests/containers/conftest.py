@@ -16,7 +16,6 @@ from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_settings
 from services.mocap.take.tables import read_poses_csv
 
-
 SLOWLY = "--search plain --set arm_grid=[7,7,3,7] --set leg_grid=[7,7,3,7]"
 
 
