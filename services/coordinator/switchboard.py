@@ -133,12 +133,17 @@ class Switchboard:
 
     def recorded_up_to(self, end_frame: int, recorders: int) -> bool:
         """Whether so many recorders have all frames before end_frame, and no other lacks any."""
-        behind = [i for i, recorder in self._recorders.items() if recorder.end_frame < end_frame]
-        for identity in behind:
-            if not self._ports.send(identity, Beat()):
-                log.warning("lost %s", self._recorders.pop(identity).name)
+        gone = [i for i in self._behind(end_frame) if not self._ports.send(i, Beat())]
+        if gone:
+            self.pump(0)  # who has confirmed and left may have said so in words that still wait here
+        for identity in set(gone) & self._behind(end_frame):
+            log.warning("lost %s", self._recorders.pop(identity).name)
         done = [recorder for recorder in self._recorders.values() if recorder.end_frame >= end_frame]
         return len(done) >= recorders and len(done) == len(self._recorders)
+
+    def _behind(self, end_frame: int) -> set[Identity]:
+        """Recorders that have not confirmed all frames before end_frame."""
+        return {i for i, recorder in self._recorders.items() if recorder.end_frame < end_frame}
 
     def offer(self, blob: Blob) -> None:
         """Keep content for those who ask for it."""

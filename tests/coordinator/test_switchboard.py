@@ -1,0 +1,68 @@
+"""The coordinator's ports at the end of a take: who has everything, who is gone."""
+
+import logging
+import time
+from collections.abc import Iterator
+
+import pytest
+import zmq
+
+from proto.link import Link
+from proto.messages import Hello, Recorded
+from services.coordinator.switchboard import Switchboard
+from services.launcher import free_endpoint
+
+RUN = "0123456789abcdef" * 2
+END_FRAME = 10
+_PATIENCE_S = 10.0
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture
+def board(endpoint: str) -> Iterator[Switchboard]:
+    """A coordinator whose take has begun, with one recorder to come."""
+    board = Switchboard(endpoint, on_silhouettes=lambda _: None)
+    board.begin(RUN, first_frame=0, recorders=1)
+    yield board
+    board.close()
+
+
+@pytest.fixture
+def recorder(board: Switchboard, endpoint: str) -> Iterator[Link]:
+    """A recorder that the coordinator knows."""
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    hello = Hello(role="recorder", name="recorder@test:1", backend="")
+    link = Link(context, endpoint, hello)
+    deadline_s = time.monotonic() + _PATIENCE_S
+    while not board.recorders:
+        assert time.monotonic() < deadline_s, "never registered"
+        board.pump(0.01)
+        link.receive()
+        link.tick()
+    yield link
+    context.destroy(linger=0)
+
+
+def test_a_recorder_that_confirms_and_leaves_at_once_is_not_lost(
+    board: Switchboard, recorder: Link, caplog: pytest.LogCaptureFixture
+) -> None:
+    recorder.send(Recorded(run=RUN, end_frame=END_FRAME))
+    recorder.close()
+    time.sleep(0.3)  # its connection is gone, its word unread
+    with caplog.at_level(logging.WARNING):
+        assert board.recorded_up_to(END_FRAME, recorders=1)
+    assert not caplog.records
+
+
+def test_a_recorder_that_leaves_without_a_word_is_lost(
+    board: Switchboard, recorder: Link, caplog: pytest.LogCaptureFixture
+) -> None:
+    recorder.close()
+    time.sleep(0.3)
+    with caplog.at_level(logging.WARNING):
+        assert not board.recorded_up_to(END_FRAME, recorders=1)
+    assert "lost recorder@test:1" in caplog.text
