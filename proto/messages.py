@@ -269,8 +269,8 @@ class Pose(Message):
     what solving it took; frame: since the frame before was published; overhead: the coordinator's processor
     time that went into anything but fitting."""
     prior: Scalar = 0.0
-    """What being off the expected pose counts, beside the energy: the setting steadiness times the
-    squares."""
+    """What being off the pose that is likely without looking counts, beside the energy: the settings
+    steadiness and rest."""
     confidence: Annotated[dict[Part, Share], Field(max_length=6)] = Field(default_factory=dict)
     """How far each part may be trusted in this frame, from 0 to 1; a part that is left out was not judged."""
     distrusted: Annotated[list[Part], Field(max_length=6)] = Field(default_factory=list)

@@ -19,7 +19,7 @@ class FrameSolution:
     """Differing pixels of the whole body's full mesh in the whole pictures, over all cameras, whatever was
     minimised."""
     prior: float = 0.0
-    """What being off the expected pose counts, beside the energy: steadiness times the squares of how far."""
+    """What being off the pose that is likely without looking counts, beside the energy."""
     passes: int = 0
     evaluations: int = 0
     """Of the energy; steps of an alignment count as well, since each draws the whole body once."""

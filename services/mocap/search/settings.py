@@ -40,6 +40,9 @@ class SearchSettings(BaseModel):
     steadiness: float = Field(default=300.0, ge=0, le=1e6, description="a number from 0 to 1000000")
     """How firmly parameters that the contours do not tell are held where they are expected: what a radian or
     a metre off costs against a pixel squared on a pixel of contour."""
+    rest: float = Field(default=300.0, ge=0, le=1e6, description="a number from 0 to 1000000")
+    """How firmly hands that the contours do not tell are drawn to being straight, feet with a third of it,
+    and limbs with a tenth to no twist; in the unit of steadiness."""
     doubt_px: float = Field(default=30.0, ge=0, le=10000, description="a number from 0 to 10000")
     """A limb is in doubt when about so many pixels more than usual differ near it, by more than the rim, of
     pictures 320 wide in eight cameras."""

@@ -23,7 +23,7 @@ from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.alignment.pulls import SHARES
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
-from services.mocap.search.chains import ALL_SEGMENTS, REFERENCE_WIDTH_PX
+from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, REFERENCE_WIDTH_PX
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats, Ints
 
@@ -40,6 +40,21 @@ _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
 _ALL_JOINTS = np.arange(N_JOINTS, dtype=np.int32)
 _EVERYTHING = np.array(ALL_SEGMENTS, np.int32)
 _LIMITS = np.array([LOWER, UPPER])
+_HAND_SHARE, _FOOT_SHARE, _TWIST_SHARE = 1.0, 0.3, 0.1
+
+
+def _rest_shares() -> Floats:
+    """(35,) how firmly each parameter is drawn to zero, against the firmest."""
+    shares = np.zeros(N_DOF)
+    for name, limb in LIMBS.items():
+        shares[list(limb.extremity.dofs)] = _HAND_SHARE if name.endswith("arm") else _FOOT_SHARE
+        shares[[d for d in limb.dofs if DOFS[d].role == "twist"]] = _TWIST_SHARE
+    return shares
+
+
+_REST_SHARES = _rest_shares()
+"""Zero is a straight hand, a foot square to the shank, and no twist: silhouettes tell these least, and people
+are seldom far from it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +64,7 @@ class Aligned:
     pose: Floats
     """(35,)"""
     prior_cost: float
-    """What being off the expected pose counts: the steadiness times the squares of how far."""
+    """What being off the pose that is likely without looking counts: weights times the squares of how far."""
     rim_px: Floats
     """(16, 3) per segment, summed over the cameras: the length of its rim that shows, what of it lies on a
     contour, and what found none in reach."""
@@ -81,9 +96,9 @@ class Aligner:
 
         The picture is at full resolution: whole ones, or windows. A rim outside of it does not count.
         """
-        free, prior = np.zeros(N_DOF), np.zeros((3, N_DOF))
+        free = np.zeros(N_DOF)
         free[list(dofs)] = 1.0
-        prior[0], prior[1], prior[2] = pose, settings.steadiness, _LONGEST
+        prior = _prior(pose, settings)
         moved, account, rim_px = pose.copy(), np.zeros(2), np.zeros((len(SEGMENT_NAMES), SHARES))
         region = picture.region
         P_px_world = region.projections(self._rig)
@@ -121,3 +136,11 @@ class Aligner:
         damping = _FIRST_DAMPING * (_LAST_DAMPING / _FIRST_DAMPING) ** share
         every = np.where(np.arange(settings.contour_steps) < settings.contour_steps - _FULL_STEPS, _EVERY, 1)
         return np.column_stack([np.ceil(reach_px), cap_px, damping, every])
+
+
+def _prior(expected: Floats, settings: SearchSettings) -> Floats:
+    """(3, 35) as follow takes it: a pose between the expected one and rest, how firmly, the longest steps."""
+    rest = settings.rest * _REST_SHARES
+    weights = settings.steadiness + rest
+    likely = expected * np.divide(settings.steadiness, weights, out=np.zeros(N_DOF), where=weights > 0)
+    return np.stack([likely, weights, _LONGEST])

@@ -11,7 +11,7 @@ from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.alignment.aligner import Aligner
+from services.mocap.search.alignment.aligner import Aligned, Aligner
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
 from services.mocap.search.limb import limb_picture
 from services.mocap.search.model import Model
@@ -95,12 +95,27 @@ def test_a_camera_of_no_weight_has_no_say(
     np.testing.assert_array_equal(a.pose, b.pose)
 
 
+def _unseen(model: Model, start: Floats, settings: SearchSettings) -> Aligned:
+    """A pose aligned with pictures that show nobody."""
+    blank = Picture.whole(model.rig, np.zeros((1, *model.rig.shape_px), np.uint8))
+    return model.aligner(settings).align(blank, start, settings)
+
+
 def test_what_nothing_tells_stays_as_it_was(model: Model, standing: Maker) -> None:
     start = standing(**BENT)
-    blank = Picture.whole(model.rig, np.zeros((1, *model.rig.shape_px), np.uint8))
-    found = model.aligner(SETTINGS).align(blank, start, SETTINGS)
+    found = _unseen(model, start, SearchSettings(rest=0.0))
     np.testing.assert_array_equal(found.pose, start)
     assert found.prior_cost == 0.0
+
+
+def test_hands_feet_and_twists_that_nothing_tells_are_drawn_to_rest(model: Model, standing: Maker) -> None:
+    start = standing(wrist_flexion=20.0, wrist_twist=-30.0, ankle_inversion=10.0, elbow_flexion=40.0)
+    found = _unseen(model, start, SearchSettings(steadiness=100.0, rest=300.0))
+    kept = {"wrist_flexion": 1 / 4, "wrist_twist": 10 / 13, "ankle_inversion": 10 / 19, "elbow_flexion": 1.0}
+    for name, share in kept.items():
+        for side in ("left", "right"):
+            d = DOF_INDEX[f"{side}_{name}"]
+            assert found.pose[d] == pytest.approx(share * start[d], abs=1e-4)
 
 
 def test_a_joint_at_its_limit_stays_there(
