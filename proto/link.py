@@ -168,9 +168,13 @@ class Link:
                 return message
         return None
 
-    def tick(self) -> None:
-        """Beat when it is time, and register anew when the coordinator has long been silent."""
-        if self._line.tick():
+    def tick(self) -> bool:
+        """Beat when it is time, and register anew when the coordinator has long been silent.
+
+        True where it has registered anew: a coordinator has then forgotten what it gave before.
+        """
+        is_anew = self._line.tick()
+        if is_anew:
             self._register()
         now = time.monotonic()
         patience_s = LIVENESS_S if self._answered else self._retry_s
@@ -178,8 +182,10 @@ class Link:
             self._retry_s = min(self._retry_s * 2, _LAST_RETRY_S)
             self._line.reopen()  # the old socket's unsent hello would reach a coordinator that comes back
             self._register()
+            is_anew = True
         elif now - self._sent > BEAT_S:
             self.send(Beat())
+        return is_anew
 
     def close(self) -> None:
         """Close the socket, letting what was sent go out."""

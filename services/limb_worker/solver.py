@@ -17,8 +17,8 @@ from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 
-_MODELS_KEPT = 4
-"""Pairs of actor and rig; a worker may serve several takes in turn."""
+_KEPT_BESIDE = 3
+"""Pairs of actor and rig that are kept beside one for each take: of takes just over, or fitted just now."""
 _FARTHEST = 10_000.0
 """Poses with larger numbers, in metres or radians, are not of this world."""
 
@@ -33,8 +33,9 @@ class UnusableBlobError(Exception):
 class LimbSolver:
     """Solves limb tasks; keeps actors, meshes, rigs and what was built from them, and nothing else."""
 
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
+    def __init__(self, engine: Engine, takes: int = 1) -> None:
+        """takes: how many are served at the same time."""
+        self._engine, self._most = engine, takes + _KEPT_BESIDE
         self._actors: OrderedDict[str, Actor] = OrderedDict()
         self._rigs: OrderedDict[str, Rig] = OrderedDict()
         self._waiting: OrderedDict[str, tuple[str, str]] = (
@@ -58,12 +59,12 @@ class LimbSolver:
             raise UnusableBlobError(f"{blob.kind} {blob.hash[:8]}: damaged: its hash is another one")
         try:
             if blob.kind == "mesh":
-                _keep(self._meshes, blob.hash, OwnMesh.from_bytes(content))
+                self._keep(self._meshes, blob.hash, OwnMesh.from_bytes(content))
                 self._complete(blob.hash)
             elif blob.kind == "actor":
                 self._store_actor(blob.hash, content.decode())
             else:
-                _keep(self._rigs, blob.hash, Rig.from_json(content.decode()))
+                self._keep(self._rigs, blob.hash, Rig.from_json(content.decode()))
         except (ValueError, RecursionError) as error:  # TOML's reader recurses into nested arrays
             raise UnusableBlobError(f"{blob.kind} {blob.hash[:8]}: {error}") from None
 
@@ -71,9 +72,9 @@ class LimbSolver:
         """Keep an actor, or its text until its mesh is here."""
         mesh = mesh_named_in(text)
         if mesh is None or mesh in self._meshes:
-            _keep(self._actors, name, Actor.from_toml(text, lambda named: self._meshes[named.sha256]))
+            self._keep(self._actors, name, Actor.from_toml(text, lambda named: self._meshes[named.sha256]))
         else:
-            _keep(self._waiting, name, (text, mesh))
+            self._keep(self._waiting, name, (text, mesh))
 
     def _complete(self, mesh: str) -> None:
         """Keep the actors that waited for a mesh."""
@@ -108,10 +109,16 @@ class LimbSolver:
         key = (task.actor, task.rig)
         if key not in self._models:
             rig, body = self._rigs[task.rig], build_body(self._actors[task.actor])
-            for forgotten in _keep(self._models, key, Model(body, rig, self._engine.backend(body, rig))):
+            for forgotten in self._keep(self._models, key, Model(body, rig, self._engine.backend(body, rig))):
                 forgotten.backend.close()
         self._models.move_to_end(key)
         return self._models[key]
+
+    def _keep(self, kept: OrderedDict[K, V], key: K, value: V) -> list[V]:
+        """Add to a table that forgets the oldest; returns those."""
+        kept[key] = value
+        kept.move_to_end(key)
+        return [kept.popitem(last=False)[1] for _ in range(len(kept) - self._most)]
 
 
 def _check(task: LimbTask, rig: Rig) -> None:
@@ -127,10 +134,3 @@ def _check(task: LimbTask, rig: Rig) -> None:
         raise ValueError(f"origin_px: a window is farther than {largest_px} pixels from its picture")
     if np.abs(task.pose).max() > _FARTHEST:
         raise ValueError(f"pose: expected metres and radians up to {_FARTHEST:.0f}")
-
-
-def _keep(kept: OrderedDict[K, V], key: K, value: V) -> list[V]:
-    """Add to a table that forgets the oldest; returns those."""
-    kept[key] = value
-    kept.move_to_end(key)
-    return [kept.popitem(last=False)[1] for _ in range(len(kept) - _MODELS_KEPT)]

@@ -1,0 +1,83 @@
+"""What a limb worker does between its links and its solver."""
+
+import logging
+from collections.abc import Sequence
+from itertools import islice
+
+from proto.framing import MalformedMessage
+from proto.link import Link
+from proto.messages import Blob, BlobRequest, LimbRefusal, LimbTask, Message
+from proto.sockets import wait
+from services.limb_worker.metrics import DROPPED, HELD, WAITING, note_answer
+from services.limb_worker.solver import LimbSolver, UnusableBlobError
+from services.limb_worker.turns import Turns
+from services.mocap.energy.engine import Engine
+from services.process import about
+
+_LOOK_S = 0.2
+"""How long to wait for messages before looking after beats and a request to stop."""
+_MOST_AT_ONCE = 64
+"""Messages taken from one coordinator before the others get their turn."""
+
+log = logging.getLogger(__name__)
+
+
+class Worker:
+    """Takes tasks from coordinators, asks for what they lack, and sends back what it finds."""
+
+    def __init__(self, links: Sequence[Link], engine: Engine) -> None:
+        self._links, self._turns = links, Turns(len(links))
+        self._solver = LimbSolver(engine, takes=len(links))
+
+    def listen(self) -> None:
+        """Act on what has come, unless a task is ready after waiting a moment for something."""
+        wait([link.socket for link in self._links], 0.0 if self._is_ready() else _LOOK_S)
+        for number, link in enumerate(self._links):
+            try:
+                for message in islice(iter(link.receive, None), _MOST_AT_ONCE):
+                    self._act(number, message)
+            except MalformedMessage as error:
+                DROPPED.inc()
+                log.warning("dropped a malformed message: %s", error)
+
+    def _is_ready(self) -> bool:
+        return any(not self._solver.missing(task) for _, task in self._turns)
+
+    def _act(self, number: int, message: Message) -> None:
+        """Act on one message of a coordinator."""
+        if isinstance(message, LimbTask):
+            self._turns.add(number, message)
+            self._ask_for(number, message)
+        elif isinstance(message, Blob):
+            try:
+                self._solver.store(message)
+            except UnusableBlobError as error:
+                log.warning("unusable content: %s", error)
+            if message.kind == "actor":  # it may name a mesh
+                for giver, task in self._turns:
+                    self._ask_for(giver, task)
+
+    def _ask_for(self, number: int, task: LimbTask) -> None:
+        for content in self._solver.missing(task):
+            self._links[number].send(BlobRequest(hash=content))
+
+    def work(self) -> None:
+        """Solve the task whose turn it is, if any is ready."""
+        taken = self._turns.take(lambda task: not self._solver.missing(task))
+        WAITING.set(sum(bool(self._solver.missing(task)) for _, task in self._turns))
+        HELD.set(len(self._turns))
+        if taken is None:
+            return
+        number, task = taken
+        about(take=task.take, frame=task.frame, limb=task.limb, **{"pass": task.pass_index})
+        answer = self._solver.solve(task)
+        if isinstance(answer, LimbRefusal):
+            log.warning("refused a task: %s", answer.reason)
+        note_answer(answer)
+        self._links[number].send(answer)
+
+    def tick(self) -> None:
+        """Keep registered everywhere; whoever is told anew that this worker is there gives tasks anew."""
+        for number, link in enumerate(self._links):
+            if link.tick():
+                self._turns.forget(number)
