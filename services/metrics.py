@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from prometheus_client import start_http_server
+from prometheus_client import Counter, start_http_server
 
 from services.mocap.errors import UserError
 
@@ -12,6 +12,8 @@ _ADDRESS = re.compile(r"(?:(?P<host>[\w.-]+|\[[0-9A-Fa-f:.]+\]):)?(?P<port>[0-9]
 _LAST_PORT = 65535
 TIME_BUCKETS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Upper ends of what durations are sorted into."""
+DROPPED = Counter("xormocap_messages_dropped", "Messages that could not be understood.")
+"""Of clients; a coordinator's are in xormocap_dropped. What one service alone tells is in its metrics.py."""
 
 
 @contextmanager

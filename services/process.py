@@ -18,6 +18,7 @@ from proto.streams import AddressError
 from services import logs
 from services.health import answering
 from services.logs import about as about
+from services.metrics import DROPPED as DROPPED
 from services.metrics import TIME_BUCKETS_S as TIME_BUCKETS_S
 from services.metrics import offering
 from services.mocap.energy.settings import MOST_THREADS, Choice, EngineSettings

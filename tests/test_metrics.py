@@ -1,13 +1,21 @@
 """What Prometheus gets, and where it may ask."""
 
+import importlib
+import re
 import socket
+from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
-from prometheus_client import Counter
+from prometheus_client import REGISTRY, Counter
 
+from proto.framing import decode
+from proto.messages import Telemetry
 from services.metrics import offering
 from services.mocap.errors import UserError
+from services.soak.specimens import specimens
+
+_ROOT = Path(__file__).resolve().parents[1]
 
 _ANSWERS = Counter("xormocap_test_answers", "For this test.")
 
@@ -50,3 +58,27 @@ def test_a_port_that_is_taken() -> None:
         port = other.getsockname()[1]
         with pytest.raises(UserError, match="cannot listen there"), offering(str(port)):
             pass
+
+
+def test_all_services_fit_into_one_process_and_the_table_tells_of_every_figure() -> None:
+    modules = {path.parent.name: path for path in (_ROOT / "services").glob("*/metrics.py")}
+    assert sorted(modules) == ["coordinator", "limb_worker", "recorder", "segmentation", "viewer"]
+    loaded = {name: importlib.import_module(f"services.{name}.metrics") for name in modules}
+    gauges = loaded["coordinator"].Gauges()
+    gauges.latest = decode(specimens("walk", 3)["telemetry"])
+    try:
+        assert isinstance(gauges.latest, Telemetry)
+        found = {
+            f"{family.name}_total" if family.type == "counter" else family.name
+            for family in REGISTRY.collect()
+            if family.name.startswith("xormocap_") and not family.name.startswith("xormocap_test")
+        }
+    finally:
+        REGISTRY.unregister(gauges)
+    table = (_ROOT / "docker" / "README.md").read_text()
+    told = [
+        name
+        for line in re.findall(r"^\| (`xormocap_.*?) \|", table, re.MULTILINE)
+        for name in re.findall(r"`(.*?)`", line)
+    ]
+    assert sorted(told) == sorted(found)

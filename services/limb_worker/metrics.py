@@ -12,7 +12,6 @@ _EVALUATIONS = Counter("xormocap_energy_evaluations", "Evaluations of the energy
 _REFUSED = Counter("xormocap_tasks_refused", "Limb tasks that made no sense here.")
 WAITING = Gauge("xormocap_tasks_without_content", "Limb tasks that wait for an actor, a mesh or a rig.")
 HELD = Gauge("xormocap_tasks_held", "Limb tasks of all coordinators that this worker has not begun.")
-DROPPED = Counter("xormocap_messages_dropped", "Messages that could not be understood.")
 
 
 def note_answer(answer: LimbResult | LimbRefusal) -> None:

@@ -18,6 +18,7 @@ from services.mocap.motion.settings import OutputSettings
 from services.mocap.take.folder import open_take
 from services.process import (
     DEFAULT_OUTPUT,
+    DROPPED,
     CutoffOption,
     KeysOption,
     MetricsOption,
@@ -30,7 +31,7 @@ from services.process import (
     run_service,
 )
 from services.recorder.collection import Collection
-from services.recorder.metrics import ASKED, DROPPED, FOREIGN, FRAMES, SYNC
+from services.recorder.metrics import ASKED, FOREIGN, FRAMES, SYNC
 from services.recorder.result_folder import check_out, clear_leftovers, partial_of
 from services.recorder.results import write_results
 from services.recorder.store import Store

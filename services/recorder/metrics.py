@@ -7,7 +7,6 @@ from services.process import TIME_BUCKETS_S
 FRAMES = Gauge("xormocap_recorded_frames", "Frames on disk from the first on, without a gap.")
 FOREIGN = Gauge("xormocap_messages_foreign", "Messages of other runs that were dropped.")
 ASKED = Counter("xormocap_frames_asked_for", "Requests for frames that were missed.")
-DROPPED = Counter("xormocap_messages_dropped", "Messages that could not be understood.")
 SYNC = Histogram(
     "xormocap_journal_sync_seconds", "Time until the journal was on disk.", buckets=TIME_BUCKETS_S
 )

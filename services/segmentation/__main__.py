@@ -21,6 +21,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Bytes
 from services.process import (
     DEFAULT_SEGMENTER,
+    DROPPED,
     KeysOption,
     MetricsOption,
     SegmenterOption,
@@ -31,7 +32,7 @@ from services.process import (
 )
 from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.metrics import CREDIT, DROPPED, FRAMES, SECONDS
+from services.segmentation.metrics import CREDIT, FRAMES, SECONDS
 from services.segmentation.segmenters import READY, chosen_segmenter, make_segmenters
 from services.segmentation.source import packed
 

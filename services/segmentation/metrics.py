@@ -10,4 +10,3 @@ SECONDS = Histogram(
     buckets=TIME_BUCKETS_S,
 )  # fmt: skip
 CREDIT = Gauge("xormocap_credit_frames", "Frames that the coordinator would take now.")
-DROPPED = Counter("xormocap_messages_dropped", "Messages that could not be understood.")

@@ -10,10 +10,11 @@ import typer
 from proto.keys import ClientKeys
 from proto.streams import DEFAULT_ENDPOINT
 from services.mocap.take.folder import open_take
-from services.process import KeysOption, StopRequest, keys_of_client, run_service
+from services.process import KeysOption, MetricsOption, StopRequest, keys_of_client, run_service
 from services.viewer.address import DEFAULT_ADDRESS, Address, TokenOption, token_of
 from services.viewer.doors import open_doors
 from services.viewer.listener import Listener
+from services.viewer.metrics import watch_browsers
 
 _LOOK_S = 0.1
 
@@ -32,6 +33,7 @@ def serve(
     """Show what a coordinator tracks until a stop is asked for."""
     folder = None if take is None else open_take(take)
     with open_doors(address, token) as (server, url):
+        watch_browsers(lambda: server.n_browsers)
         listener = Listener(endpoint, keys, folder, server.show, results)
         log.info("coordinator at %s; look at %s", endpoint, url)
         try:
@@ -60,6 +62,7 @@ def main(
         typer.Option("--nice", min=0, max=19, help="How far tracking goes first where both want a core."),
     ] = 10,
     keys: KeysOption = None,
+    metrics: MetricsOption = None,
 ) -> None:
     """Show a take in browsers while it is tracked."""
 
@@ -76,7 +79,7 @@ def main(
             stop,
         )
 
-    run_service("viewer", work)
+    run_service("viewer", work, metrics)
 
 
 if __name__ == "__main__":

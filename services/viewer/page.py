@@ -17,6 +17,7 @@ from services.mocap.types import Bytes
 from services.viewer.controls import Controls
 from services.viewer.curves import Curves
 from services.viewer.markup import camera_grid, lines_of, notice, timeline
+from services.viewer.metrics import ANSWER, BEHIND
 from services.viewer.reel import STAGES, Shot
 from services.viewer.show import Show
 from services.viewer.stage import Stage
@@ -73,7 +74,8 @@ class Page:
                     shown = show
                     self._programme = Programme(self._client, show)
                 if self._programme is not None and self._programme.update():
-                    self._await_answer()
+                    with ANSWER.time():
+                        self._await_answer()
                     self._programme.note_answer()
         except _Gone:
             log.info("browser %d is gone", self._client.client_id)
@@ -162,6 +164,7 @@ class Programme:
         """The browser has taken in what was sent."""
         if self._placed is not None and self._show.is_live and self._controls.player.is_live:
             self._behind_s = time.monotonic() - self._placed.arrived_s
+            BEHIND.observe(self._behind_s)
             self._curves.note_lag(self._placed.frame, self._behind_s)
 
     def _show_body(self, shot: Shot) -> bool:

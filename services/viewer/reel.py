@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats, Ints, Mask
+from services.viewer.metrics import FRAMES
 
 RING_FRAMES = 4096
 """Frames kept in memory, at about 0.5 KB each; two to three minutes of a take at 25 frames per second."""
@@ -105,6 +106,7 @@ class Reel:
         """Take in a frame; one outside the range is left out, one before the newest may fill a gap."""
         if shot.frame not in self.frames:
             return
+        FRAMES.inc()
         row = self._rows[shot.frame % self.capacity]
         with self._lock:
             self._mark(shot)

@@ -153,6 +153,58 @@ def test_a_worker_that_is_revoked_in_mid_take_gets_no_further_task(
     assert run.poses() == (tracked / "poses.csv").read_text().splitlines()
 
 
+@pytest.fixture
+def young_coordinator(synthetic_take: Path) -> Callable[..., "subprocess.Popen[str]"]:
+    """Starts a coordinator, and returns once it has begun to load and no handler is there yet."""
+
+    def start(*arguments: object) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-m", "services.coordinator", "--take", str(synthetic_take)]
+        process = subprocess.Popen(
+            [*command, "--bind", free_endpoint(), *map(str, arguments)], stderr=subprocess.PIPE, text=True
+        )
+        status, deadline_s = Path(f"/proc/{process.pid}/status"), time.monotonic() + 20
+        while not _ignores(status.read_text(), signal.SIGHUP):
+            assert time.monotonic() < deadline_s
+        return process
+
+    return start
+
+
+def _ignores(status: str, number: signal.Signals) -> bool:
+    """Whether a process ignores a signal, as the kernel tells of it."""
+    mask = next(line.split()[1] for line in status.splitlines() if line.startswith("SigIgn"))
+    return bool(int(mask, 16) >> (number - 1) & 1)
+
+
+def test_a_change_of_the_list_that_is_told_before_anybody_listens_counts(
+    young_coordinator: Callable[..., "subprocess.Popen[str]"], keys: Path
+) -> None:
+    process = young_coordinator("--keys", keys)
+    process.send_signal(signal.SIGHUP)
+    said = ""
+    assert process.stderr is not None
+    while "read the list of clients again" not in said:
+        line = process.stderr.readline()
+        assert line, f"it has ended with {process.wait()}: {said}"
+        said += line
+    process.send_signal(signal.SIGHUP)
+    time.sleep(0.5)
+    process.terminate()
+    assert said.count("read the list") + process.communicate(timeout=60)[1].count("read the list") == 2
+
+
+def test_without_keys_a_hangup_ends_a_coordinator_as_it_ends_others(
+    young_coordinator: Callable[..., "subprocess.Popen[str]"],
+) -> None:
+    process, deadline_s = young_coordinator(), time.monotonic() + 60
+    status = Path(f"/proc/{process.pid}/status")
+    while _ignores(status.read_text(), signal.SIGHUP):
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+    process.send_signal(signal.SIGHUP)
+    assert process.wait(60) == -signal.SIGHUP
+
+
 @pytest.mark.parametrize("service", ["coordinator", "limb_worker"])
 def test_beyond_this_machine_nothing_starts_without_keys(service: str, synthetic_take: Path) -> None:
     role = {

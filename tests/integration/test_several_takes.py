@@ -13,18 +13,25 @@ import pytest
 from busy import BUSY
 
 from services.launcher import Launcher, free_endpoint
+from services.mocap.body.actor import Actor
+from services.mocap.take.actor_file import write_actor
+from services.mocap.take.layout import ACTOR, SETTINGS
+from services.mocap.take.settings import read_settings
 from services.soak.latency import Stopwatch
-from services.soak.stage import make_take
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(560)
 
-_FRAMES = 14
+_FRAMES = 10
 
 
 @pytest.fixture(scope="module")
 def takes(known_take: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two takes under the same name, of five cameras and of four."""
-    other = make_take(tmp_path_factory.mktemp("other") / "walk", _FRAMES, 4)
+    """Two takes of the same name and pictures, tracked with bodies of different heights."""
+    other = tmp_path_factory.mktemp("other") / "walk"
+    shutil.copytree(known_take, other)
+    height_m = read_settings(other / SETTINGS).actor_height
+    assert height_m is not None
+    write_actor(other / ACTOR, Actor(height=0.97 * height_m), "a worse one")
     return known_take, other
 
 

@@ -1,0 +1,24 @@
+"""A viewer's figures for Prometheus."""
+
+from collections.abc import Callable
+
+from prometheus_client import Counter, Gauge, Histogram
+
+from services.process import TIME_BUCKETS_S
+
+FRAMES = Counter(
+    "xormocap_frames_shown", "Poses that came in to be shown; those asked for again count again."
+)
+ANSWER = Histogram(
+    "xormocap_page_answer_seconds", "Time until a browser had taken in an update.", buckets=TIME_BUCKETS_S
+)
+BEHIND = Histogram(
+    "xormocap_page_behind_seconds", "How old a pose was when a browser that follows live had it.",
+    buckets=TIME_BUCKETS_S,
+)  # fmt: skip
+_BROWSERS = Gauge("xormocap_browsers", "Browsers that look at the page.")
+
+
+def watch_browsers(count: Callable[[], int]) -> None:
+    """Tell Prometheus what this counts whenever it asks."""
+    _BROWSERS.set_function(count)
