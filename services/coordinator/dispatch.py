@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
+from services.coordinator.metrics import note_turnaround
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.search.chains import LIMBS, LimbName
 
@@ -60,6 +61,7 @@ class _Open:
     """A task that has no result yet."""
 
     task: LimbTask
+    submitted_s: float
     given_to: list[Identity] = field(default_factory=list)
     given_s: float = 0.0
 
@@ -111,7 +113,8 @@ class Dispatcher:
 
     def submit(self, tasks: list[LimbTask]) -> None:
         """Take over new tasks; those of an earlier submission that are still open are given up."""
-        self._open = {key_of(task): _Open(task) for task in tasks}
+        now = self._now()
+        self._open = {key_of(task): _Open(task, now) for task in tasks}
         self._queue = deque(self._open)
         self._results = []
         self._assign()
@@ -166,7 +169,9 @@ class Dispatcher:
         self._close(key_of(result), result)
 
     def _close(self, key: Key, result: LimbResult) -> None:
-        if self._open.pop(key, None) is not None:
+        opened = self._open.pop(key, None)
+        if opened is not None:
+            note_turnaround(self._now() - opened.submitted_s)
             self._results.append(result)
             self._queue = deque(k for k in self._queue if k != key)
 

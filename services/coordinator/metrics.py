@@ -18,6 +18,11 @@ _ENERGY = Histogram(
 _STAGES = Histogram(
     "xormocap_stage_seconds", "Wall time of a frame's stages.", ["stage"], buckets=TIME_BUCKETS_S
 )
+_TURNAROUND = Histogram(
+    "xormocap_task_turnaround_seconds",
+    "Time that limb tasks are waited for: the rate of its sum is how many there are at a time.",
+    buckets=TIME_BUCKETS_S,
+)
 _DISTRUSTED = Counter("xormocap_frames_distrusted", "Frames in which a part must not be trusted.", ["part"])
 
 
@@ -61,3 +66,8 @@ def note_pose(pose: Pose) -> None:
         _STAGES.labels(stage).observe(seconds)
     for part in pose.distrusted:
         _DISTRUSTED.labels(part).inc()
+
+
+def note_turnaround(seconds: float) -> None:
+    """Count a limb task that was solved, so long after it was submitted."""
+    _TURNAROUND.observe(seconds)

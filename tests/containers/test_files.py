@@ -36,7 +36,7 @@ def test_the_kustomization_names_every_file() -> None:
 
 def test_no_service_runs_as_root_or_writes_to_its_image() -> None:
     pods = [d["spec"]["template"]["spec"] for d in _documents() if d["kind"] in ("Deployment", "Job")]
-    assert len(pods) == 4
+    assert len(pods) == 5
     for pod in pods:
         assert pod["securityContext"]["runAsNonRoot"]
         assert all(c["securityContext"]["readOnlyRootFilesystem"] for c in pod["containers"])
@@ -46,3 +46,22 @@ def test_every_variable_of_compose_is_told() -> None:
     used = set(re.findall(r"\$\{([A-Z_]+)[:}]", (_DOCKER.parent / "compose.yaml").read_text()))
     told = re.findall(r"^\| `([A-Z_]+)` \|", (_DOCKER / "README.md").read_text(), re.MULTILINE)
     assert sorted(used) == sorted(told)
+
+
+def test_every_service_is_deployed_everywhere() -> None:
+    """But for `prepare`, for which others have commands in README.md."""
+    files = {name: yaml.safe_load((_DOCKER / name).read_text()) for name in ("../compose.yaml", "stack.yaml")}
+    here = {name for name in files["../compose.yaml"]["services"] if name != "prepare"}
+    assert set(files["stack.yaml"]["services"]) == here
+    assert {d["metadata"]["name"] for d in _documents() if d["kind"] in ("Deployment", "Job")} == here
+
+
+def test_workers_are_scaled_by_a_figure_that_exists() -> None:
+    scaled = next(d for d in _documents() if d["kind"] == "HorizontalPodAutoscaler")
+    metric = scaled["spec"]["metrics"][0]["external"]["metric"]["name"]
+    rules = re.search(r"```yaml\n(rules:.*?)```", (_DOCKER / "README.md").read_text(), re.DOTALL)
+    assert rules is not None
+    (rule,) = yaml.safe_load(rules[1])["rules"]["external"]
+    assert rule["name"]["as"] == metric
+    family = rule["seriesQuery"].partition("_sum{")[0]
+    assert f"`{family}`" in (_DOCKER / "README.md").read_text()  # all figures' table, which a test compares
