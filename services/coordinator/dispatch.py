@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
+from services.coordinator.deadline import Deadline
 from services.coordinator.metrics import note_turnaround
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.search.chains import LIMBS, LimbName
@@ -23,10 +24,6 @@ SILENCE_S = 10.0
 """An idle worker that has not beaten for so long is forgotten."""
 PROBE_S = 0.2
 """How often a busy worker's connection is tried; libzmq reports one that is gone at once."""
-FIRST_DEADLINE_S = 20.0
-"""Deadline before any task was timed: a worker may have to build its meshes first."""
-DEADLINE_FACTOR = 4.0
-DEADLINE_FLOOR_S = 0.5
 
 
 def key_of(message: LimbTask | LimbResult | LimbRefusal) -> Key:
@@ -79,7 +76,7 @@ class Dispatcher:
         self._queue: deque[Key] = deque()
         self._results: list[LimbResult] = []
         self._probed_s = 0.0
-        self._usual_s: float | None = None
+        self._deadline = Deadline()
         self.retries = 0
         self.dropped = 0
         self.helped: Counter[str] = Counter()
@@ -147,7 +144,7 @@ class Dispatcher:
             self.dropped += 1
         elif isinstance(message, LimbResult) and is_sound(message):
             if holder is not None:
-                self._note_duration(self._now() - holder.given_s)
+                self._deadline.note(self._now() - holder.given_s)
             self._note_help(message.backend)
             self._close(key, message)
         else:
@@ -205,12 +202,7 @@ class Dispatcher:
     @property
     def deadline_s(self) -> float:
         """How long a task may take before it is given to somebody else too."""
-        if self._usual_s is None:
-            return FIRST_DEADLINE_S
-        return DEADLINE_FLOOR_S + DEADLINE_FACTOR * self._usual_s
-
-    def _note_duration(self, seconds: float) -> None:
-        self._usual_s = seconds if self._usual_s is None else 0.8 * self._usual_s + 0.2 * seconds
+        return self._deadline.seconds
 
     def _forget_lost(self, now: float) -> None:
         for identity, worker in list(self._workers.items()):

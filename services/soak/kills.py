@@ -58,7 +58,7 @@ class Report:
     def as_json(self) -> dict[str, object]:
         """For a file."""
         counts = {"runs": self.runs, "frames": self.frames, "lost": self.lost, "altered": self.altered}
-        told = {"seconds": self.seconds, "latencies": [vars(latency) for latency in self.latencies]}
+        told = {"seconds": self.seconds, "latencies": [latency.as_json() for latency in self.latencies]}
         return {"seed": self.seed, "deeds": dict(self.deeds), **counts, **told}
 
 
@@ -141,16 +141,13 @@ def _compare(report: Report, quiet: _Outcome, disturbed: _Outcome) -> None:
 
 def _latencies(villain: Villain, quiet: Stopwatch, disturbed: Stopwatch) -> list[Latency]:
     """How much longer frames took in which a worker was struck."""
-    return [
-        Latency(
-            deed.way,
-            deed.frame,
-            round(disturbed.seconds[deed.frame] - quiet.seconds[deed.frame], 3),
-            round(deed.deadline_s, 3),
-        )
-        for deed in villain.struck
-        if deed.frame in disturbed.seconds and deed.frame in quiet.seconds
-    ]
+    found = []
+    for deed in villain.struck:
+        lap, usual = disturbed.laps.get(deed.frame), quiet.laps.get(deed.frame)
+        if lap is not None and usual is not None:
+            times_s = (lap.seconds - usual.seconds, lap.deadline_s, lap.limb_s)
+            found.append(Latency(deed.way, deed.frame, *(round(seconds, 3) for seconds in times_s)))
+    return found
 
 
 def show_kills(report: Report, console: Console) -> None:
@@ -163,12 +160,22 @@ def show_kills(report: Report, console: Console) -> None:
         f"{report.deeds.total()} deeds in {report.runs} runs of {report.frames} frames together, "
         f"{report.seconds:.0f} s: {report.lost} frames lost, {report.altered} altered"
     )
+    _show_latencies(report.latencies, console)
+
+
+def _show_latencies(latencies: list[Latency], console: Console) -> None:
+    """What losing a worker cost, beside what it may cost."""
+    table = Table("frame", "its worker was", "took longer", "deadline", "one limb", "within both", box=None)
+    for latency in sorted(latencies, key=lambda one: (one.way, one.frame)):
+        seconds = (f"{s:.2f} s" for s in (latency.added_s, latency.deadline_s, latency.limb_s))
+        table.add_row(f"{latency.frame}", latency.way, *seconds, "yes" if latency.is_within else "no")
+    console.print(table)
     for way in ("killed", "held up"):
-        found = [latency for latency in report.latencies if latency.way == way]
+        found = [latency for latency in latencies if latency.way == way]
         if found:
-            added_s, deadlines_s = [x.added_s for x in found], [x.deadline_s for x in found]
+            added_s, within = [one.added_s for one in found], sum(one.is_within for one in found)
             console.print(
-                f"a worker {way} ({len(found)}): its frame took {median(added_s):.2f} s longer (median), "
-                f"{max(added_s):.2f} s at most; deadline {min(deadlines_s):.2f} to {max(deadlines_s):.2f} s",
+                f"a worker {way}: its frame took {median(added_s):.2f} s longer (median), {max(added_s):.2f} "
+                f"s at most; within the deadline and one limb's time in {within} of {len(found)}",
                 soft_wrap=True,
             )

@@ -42,8 +42,6 @@ class Deed:
     way: str
     frame: int
     """Which was being solved just then."""
-    deadline_s: float
-    """Of limb tasks just then."""
 
 
 class Villain:
@@ -96,9 +94,7 @@ class Villain:
         if self._counts[name] >= self._habits.most[name] or not pids:
             return False
         pid, is_killed = self._dice.pick(pids), self._dice.below(100) < _KILLED_SHARE
-        deed = Deed(
-            name, "killed" if is_killed else "held up", self._stopwatch.frame, self._stopwatch.deadline_s
-        )
+        deed = Deed(name, "killed" if is_killed else "held up", self._stopwatch.frame)
         try:
             os.kill(pid, signal.SIGKILL if is_killed else signal.SIGSTOP)
         except ProcessLookupError:  # it has just ended

@@ -5,7 +5,8 @@ import pytest
 from floor import LIMB_NAMES, Floor, limb_task, limbs_of, pass_tasks, refusal_of, result_of
 
 from proto.messages import MAX_BACKENDS, LimbRefusal, LimbResult
-from services.coordinator.dispatch import FIRST_DEADLINE_S, PROBE_S, SILENCE_S, key_of
+from services.coordinator.deadline import FIRST_DEADLINE_S
+from services.coordinator.dispatch import PROBE_S, SILENCE_S, key_of
 from services.mocap.body.skeleton import UPPER
 from services.mocap.search.chains import LIMBS, LimbName
 
@@ -211,11 +212,20 @@ def test_before_its_deadline_nothing_is_given_twice(floor: Floor) -> None:
 
 def test_the_deadline_follows_what_tasks_usually_take(floor: Floor) -> None:
     (one,) = floor.workers(1)
-    for frame, seconds in enumerate([0.1] * 30):
+    for frame, seconds in enumerate([0.1] * 60):
         floor.dispatcher.submit([limb_task(frame=frame)])
         floor.now_s += seconds
         floor.solve(one)
-    assert floor.dispatcher.deadline_s == pytest.approx(0.5 + 4 * 0.1)
+    assert floor.dispatcher.deadline_s == pytest.approx(0.5 + 0.1, abs=1e-6)
+
+
+def test_the_deadline_grants_what_tasks_differ_by(floor: Floor) -> None:
+    (one,) = floor.workers(1)
+    for frame, seconds in enumerate([0.1, 0.3] * 40):
+        floor.dispatcher.submit([limb_task(frame=frame)])
+        floor.now_s += seconds
+        floor.solve(one)
+    assert floor.dispatcher.deadline_s == pytest.approx(0.5 + 0.2 + 4 * 0.1, abs=0.05)
 
 
 def test_a_hedged_tasks_duration_is_that_of_who_solved_it(floor: Floor) -> None:
@@ -225,7 +235,7 @@ def test_a_hedged_tasks_duration_is_that_of_who_solved_it(floor: Floor) -> None:
     assert len(floor.inbox[two]) == 1
     floor.now_s += 1.0
     floor.solve(one)
-    assert floor.dispatcher.deadline_s == pytest.approx(0.5 + 4 * (FIRST_DEADLINE_S + 2.0))
+    assert floor.dispatcher.deadline_s == pytest.approx(0.5 + (1 + 4 / 2) * (FIRST_DEADLINE_S + 2.0))
 
 
 def test_an_idle_worker_that_is_silent_is_forgotten(floor: Floor) -> None:

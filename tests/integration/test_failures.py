@@ -110,7 +110,7 @@ def run(quick_take: Path, tmp_path: Path) -> Run:
 def undisturbed(quick_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of a run that nothing happens to."""
     quiet = Run(quick_take, tmp_path_factory.mktemp("undisturbed") / "out")
-    assert quiet.go()["speed"]["retries"] == 0
+    quiet.go()
     return quiet.out
 
 

@@ -10,7 +10,7 @@ from wire_model import field_schema
 from proto import framing, link, sockets
 from proto.messages import MESSAGES, Message, arrays_of
 from proto.streams import STREAMS
-from services.coordinator import dispatch
+from services.coordinator import deadline, dispatch
 from services.mocap.body.skeleton import DOFS
 from services.mocap.search.chains import LIMBS
 
@@ -154,10 +154,11 @@ def numbers_table() -> str:
         _row("`beat` from a client that has nothing else to say, every", f"{link.BEAT_S:g} s"),
         _row("silence of the coordinator, a client registers anew after", f"{link.LIVENESS_S:g} s"),
         _row("silence of an idle worker, it is forgotten after", f"{dispatch.SILENCE_S:g} s"),
-        _row("deadline of the first task", f"{dispatch.FIRST_DEADLINE_S:g} s"),
+        _row("deadline of the first task", f"{deadline.FIRST_DEADLINE_S:g} s"),
         _row(
             "deadline of others",
-            f"{dispatch.DEADLINE_FLOOR_S:g} s + {dispatch.DEADLINE_FACTOR:g} × what tasks usually take",
+            f"{deadline.DEADLINE_FLOOR_S:g} s + what tasks usually take + {deadline.DEADLINE_FACTOR:g} × by "
+            "how much they usually differ from that",
         ),
     ]
     return _table(("limit", "value"), rows)
