@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 4
+PROTOCOL_VERSION = 5
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
 MAX_TOLD = 200
@@ -275,6 +275,11 @@ class Pose(Message):
     """How far each part may be trusted in this frame, from 0 to 1; a part that is left out was not judged."""
     distrusted: Annotated[list[Part], Field(max_length=6)] = Field(default_factory=list)
     """Parts that must not be trusted in this frame, none twice; the torso stands for the whole body."""
+    part_px: Annotated[dict[Part, Count], Field(max_length=6)] = Field(default_factory=dict)
+    """The energy by the part that each differing pixel is nearest to; empty where nobody counted."""
+    iou: Annotated[list[Share], Field(max_length=256)] = Field(default_factory=list)
+    """Intersection over union of the body and the silhouette in each camera; 1 where neither shows anything;
+    empty where nobody counted."""
     memory: Memory = Field(default_factory=dict)
     """What the coordinator knows by then beside the last two poses, for one that goes on after it."""
     pose: Annotated[NDArray[np.float64], Array("float64", (35,))]

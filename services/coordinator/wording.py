@@ -108,6 +108,8 @@ class Wording:
             seconds=self._seconds,
             confidence=solution.confidence,
             distrusted=solution.distrusted,
+            part_px=solution.part_px,
+            iou=solution.iou,
             memory=memory,
             pose=solution.pose,
         )

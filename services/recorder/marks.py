@@ -6,6 +6,7 @@ import numpy as np
 
 from proto.messages import Pose
 from services.mocap.body.kinematics import N_DOF
+from services.mocap.result.energies import Energies
 from services.mocap.search.chains import HEAD, LIMBS
 from services.mocap.take.marks import PARTS, Marks
 from services.mocap.types import Mask
@@ -21,6 +22,18 @@ def marks_of(recorded: Sequence[Pose]) -> Marks:
         [[part in message.distrusted for part in PARTS] for message in recorded], bool
     )
     return Marks(np.array(confidence, np.float64), distrusted)
+
+
+def energies_of(recorded: Sequence[Pose], cameras: Sequence[str]) -> Energies | None:
+    """Where some frames differ from what the cameras saw; None where a coordinator has not counted all."""
+    if any(len(message.part_px) < len(PARTS) or len(message.iou) != len(cameras) for message in recorded):
+        return None
+    return Energies(
+        np.array([message.frame for message in recorded], np.int32),
+        np.array([[message.part_px[part] for part in PARTS] for message in recorded], np.float64),
+        cameras,
+        np.array([message.iou for message in recorded]),
+    )
 
 
 def distrusted_values(marks: Marks) -> Mask:

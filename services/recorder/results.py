@@ -13,7 +13,9 @@ from services.mocap.export.formats import DEFAULT_FORMATS, write_defaults
 from services.mocap.export.take_overlay import write_overlay
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
+from services.mocap.result.energies import write_energies_csv
 from services.mocap.result.layout import (
+    ENERGIES,
     JOINTS,
     OVERLAY,
     POSES,
@@ -29,7 +31,7 @@ from services.mocap.take.tables import PoseTable, reference_joints, write_joints
 from services.mocap.take.world import to_take_world
 from services.mocap.types import Ints
 from services.recorder.collection import Collection
-from services.recorder.marks import distrusted_values, marks_of
+from services.recorder.marks import distrusted_values, energies_of, marks_of
 from services.recorder.result_folder import results_into
 from services.recorder.run_report import Motion, write_run_json
 
@@ -79,6 +81,9 @@ def write_results(
         if actor.mesh is not None:
             (part / MESH_FILE).write_bytes(actor.mesh.content)
         write_timings_csv(part / TIMINGS, frames, [message.seconds for message in recorded])
+        energies = energies_of(recorded, [camera.name for camera in take.cameras])
+        if energies is not None:
+            write_energies_csv(part / ENERGIES, energies)
         if overlay:
             log.info("drawing the overlay")
             write_overlay(part / OVERLAY, take, body, table, hurry)

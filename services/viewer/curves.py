@@ -8,7 +8,6 @@ import numpy as np
 import viser
 import viser.uplot
 
-from services.mocap.search.doubt import PART_STAGES
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats, Ints
 from services.viewer.reel import STAGES, Reel
@@ -35,12 +34,11 @@ class Curves:
     def __init__(self, gui: viser.GuiApi, reel: Reel) -> None:
         self._reel = reel
         self._energy = self._chart(gui, "Energy (differing pixels)", ("energy",))
+        self._parts = self._chart(gui, "Energy by the nearest part", [_words(part) for part in PARTS])
         self._confidence = self._chart(gui, "Confidence", [_words(part) for part in PARTS], (0, 1.02))
         self._times = self._chart(gui, "Milliseconds", [_STAGE_WORDS[name] for name in _SHOWN_STAGES])
         self._speed = self._chart(gui, "Frames per second", ("tracked",))
-        self._parts = self._chart(gui, "Differing pixels in windows", [_words(part) for part in PART_STAGES])
         self._lag = self._chart(gui, "Seconds that this page is behind", ("behind",))
-        self._part_px: deque[tuple[int, Floats]] = deque(maxlen=SPAN_FRAMES)
         self._lags_s: deque[tuple[int, Floats]] = deque(maxlen=SPAN_FRAMES)
 
     @staticmethod
@@ -80,6 +78,7 @@ class Curves:
             return
         ms = 1e3 * known.seconds[:, [STAGES.index(name) for name in _SHOWN_STAGES]]
         self._fill(self._energy, known.frames, frame, known.energy_px[:, None])
+        self._fill(self._parts, known.frames, frame, known.part_px)
         self._fill(self._confidence, known.frames, frame, known.confidence)
         self._fill(self._times, known.frames, frame, ms)
         with np.errstate(divide="ignore"):
@@ -90,12 +89,7 @@ class Curves:
                 _smooth(1.0 / known.seconds[:, STAGES.index("frame")])[:, None],
             )
 
-        self._fill_noted(self._parts, self._part_px, frame)
         self._fill_noted(self._lag, self._lags_s, frame)
-
-    def note_parts(self, frame: int, part_px: dict[Part, int]) -> None:
-        """Remember what differs in the windows of limbs and head in a frame that was looked at."""
-        self._part_px.append((frame, np.array([part_px[part] for part in PART_STAGES], np.float64)))
 
     def note_lag(self, frame: int, behind_s: float) -> None:
         """Remember how late the browser was with a live frame."""

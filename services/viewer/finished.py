@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.errors import UserError
-from services.mocap.result.layout import RUN_JSON, TIMINGS
+from services.mocap.result.energies import read_energies_csv
+from services.mocap.result.layout import ENERGIES, RUN_JSON, TIMINGS
 from services.mocap.result.result import Result, load_result
 from services.mocap.result.timings import read_timings_csv
+from services.mocap.take.marks import PARTS
+from services.mocap.types import Floats
 from services.viewer.reel import STAGES, Shot
 
 log = logging.getLogger(__name__)
@@ -18,11 +21,12 @@ class FinishedFrames:
     """Results, frame by frame, as they were tracked."""
 
     def __init__(self, result: Result) -> None:
-        """Raises TakeError where the stages' times cannot be read."""
+        """Raises TakeError where energies or the stages' times cannot be read."""
         self._result, timings = result, result.folder / TIMINGS
         self.frames = range(int(result.frames[0]), int(result.frames[-1]) + 1)
         seconds_of = read_timings_csv(timings) if timings.exists() else {}
         unknown = np.full(len(self.frames), np.nan)
+        self._part_px = _part_px(result)
         self._seconds = np.column_stack([seconds_of.get(stage, unknown) for stage in STAGES])
 
     def shot(self, frame: int) -> Shot | None:
@@ -37,8 +41,18 @@ class FinishedFrames:
             energy_px=float(tracked.energies_px[row]),
             confidence=self._result.confidence[row],
             distrusted=self._result.distrusted[row],
+            part_px=self._part_px[row],
             seconds=self._seconds[row],
         )
+
+
+def _part_px(result: Result) -> Floats:
+    """(N, 6) the energy of each part; NaN where it was not written."""
+    path = result.folder / ENERGIES
+    known = read_energies_csv(path) if path.exists() else None
+    if known is None or not np.array_equal(known.frames, result.frames):
+        return np.full((len(result.frames), len(PARTS)), np.nan)
+    return known.part_px
 
 
 class FinishedTake:

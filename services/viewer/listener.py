@@ -178,6 +178,7 @@ def _shot(message: Pose) -> Shot:
         energy_px=message.energy_px,
         confidence=np.array([message.confidence.get(part, np.nan) for part in PARTS]),
         distrusted=np.array([part in message.distrusted for part in PARTS]),
+        part_px=np.array([message.part_px.get(part, np.nan) for part in PARTS]),
         seconds=np.array([message.seconds.get(stage, np.nan) for stage in STAGES]),
         arrived_s=time.monotonic(),
     )

@@ -230,12 +230,10 @@ class Programme:
         if not is_asked_for and not self._grid_rhythm.is_due():
             return False
         began_s = time.monotonic()
-        sheet = artist.draw(shot, look)
+        tiles = artist.draw(shot, look)
         self._grid.content = camera_grid(
-            sheet.tiles, self._show.camera_names, shot.frame, square=look.part is not None
+            tiles, self._show.camera_names, shot.frame, square=look.part is not None
         )
-        if sheet.part_px:
-            self._curves.note_parts(shot.frame, sheet.part_px)
         self._drawn = shot.frame, look
         self._grid_rhythm.done(began_s)
         return True

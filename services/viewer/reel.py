@@ -28,10 +28,12 @@ _ROW = np.dtype(
         ("energy_px", "f8"),
         ("confidence", "f8", len(PARTS)),
         ("distrusted", "?", len(PARTS)),
+        ("part_px", "f8", len(PARTS)),
         ("seconds", "f8", len(STAGES)),
         ("arrived_s", "f8"),
     ]
 )
+_CURVES = ("frame", "energy_px", "confidence", "part_px", "seconds", "arrived_s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,8 @@ class Shot:
     """(6,) of PARTS, 0 to 1; NaN where a part was not judged."""
     distrusted: Mask
     """(6,) parts that must not be trusted."""
+    part_px: Floats
+    """(6,) of PARTS, the energy near each; NaN where nobody counted it."""
     seconds: Floats
     """(8,) of STAGES; NaN where it is not known."""
     arrived_s: float = np.nan
@@ -60,6 +64,8 @@ class Stretch:
     frames: Ints
     energy_px: Floats
     confidence: Floats
+    """(N, 6)"""
+    part_px: Floats
     """(N, 6)"""
     seconds: Floats
     """(N, 8)"""
@@ -163,9 +169,7 @@ class Reel:
         with self._lock:
             rows = self._rows[wanted % self.capacity]
         rows = rows[rows["frame"] == wanted] if len(wanted) else rows[:0]
-        return Stretch(
-            *(rows[name].copy() for name in ("frame", "energy_px", "confidence", "seconds", "arrived_s"))
-        )
+        return Stretch(*(rows[name].copy() for name in _CURVES))
 
     def overview(self) -> Overview:
         """The whole take, in at most 600 bins."""

@@ -6,7 +6,7 @@ import viser
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_NAMES
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
-from services.mocap.search.doubt import PART_STAGES
+from services.mocap.search.shares import PART_STAGES
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats, Mask
 from services.viewer.reel import Shot

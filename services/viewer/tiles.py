@@ -13,7 +13,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.export.model_painter import ModelPainter
 from services.mocap.export.tiles import Grid, draw_difference, draw_outline, silhouette_picture
 from services.mocap.search.chains import window_origins_px, window_size_px
-from services.mocap.search.doubt import PART_STAGES
+from services.mocap.search.shares import PART_STAGES
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats, Mask
 from services.viewer.pictures import Pictures
@@ -53,16 +53,6 @@ class Tile:
     """Pixels of what is shown in which model and silhouette differ; None where no silhouette is known."""
 
 
-@dataclass(frozen=True, eq=False)
-class Sheet:
-    """What a look shows of one frame."""
-
-    tiles: tuple[Tile, ...]
-    part_px: dict[Part, int]
-    """Differing pixels within the windows of limbs and head, over all cameras; empty where no silhouettes are
-    known."""
-
-
 class TileArtist:
     """Draws tiles of one body before one rig; sheets that were drawn a moment ago are kept."""
 
@@ -70,9 +60,9 @@ class TileArtist:
         self._body, self._rig, self._pictures = body, rig, pictures
         self._painter = ModelPainter(body, rig)
         self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[int, Look], Sheet] = OrderedDict()
+        self._kept: OrderedDict[tuple[int, Look], tuple[Tile, ...]] = OrderedDict()
 
-    def draw(self, shot: Shot, look: Look) -> Sheet:
+    def draw(self, shot: Shot, look: Look) -> tuple[Tile, ...]:
         """The tiles of the cameras that a look names, in its order."""
         key = shot.frame, look
         with self._lock:
@@ -90,27 +80,10 @@ class TileArtist:
             silhouette = self._pictures.silhouette(camera, frame) if picture is None else None
         return _ground(picture, silhouette, (height, width))
 
-    def _draw(self, shot: Shot, look: Look) -> Sheet:
+    def _draw(self, shot: Shot, look: Look) -> tuple[Tile, ...]:
         masks = self._painter.segment_masks(shot.pose)
         windows = [_WHOLE] * self._rig.n_cameras if look.part is None else self._windows(shot.pose, look.part)
-        if look.content == "pictures":  # nobody needs silhouettes, which may cost a lot
-            tiles = [self._tile(shot.frame, c, masks[c], None, windows[c], look) for c in look.cameras]
-            return Sheet(tuple(tiles), {})
-        seen = [self._pictures.silhouette(c, shot.frame) for c in range(self._rig.n_cameras)]
-        tiles = [self._tile(shot.frame, c, masks[c], seen[c], windows[c], look) for c in look.cameras]
-        return Sheet(tuple(tiles), self._part_px(shot.pose, masks, seen))
-
-    def _part_px(self, pose: Floats, masks: list[Bytes], seen: list[Mask | None]) -> dict[Part, int]:
-        differing = [m != (model > 0) for m, model in zip(seen, masks, strict=True) if m is not None]
-        if len(differing) < len(seen):
-            return {}
-        return {
-            part: sum(
-                int(np.count_nonzero(mask[window]))
-                for mask, window in zip(differing, self._windows(pose, part), strict=True)
-            )
-            for part in PART_STAGES
-        }
+        return tuple(self._tile(shot.frame, c, masks[c], windows[c], look) for c in look.cameras)
 
     def _windows(self, pose: Floats, part: Part) -> list[tuple[slice, slice]]:
         """Rows and columns of each camera's picture in which a part is searched."""
@@ -124,13 +97,12 @@ class TileArtist:
         frame: int,
         camera: int,
         model: Bytes,
-        silhouette: Mask | None,
         window: tuple[slice, slice],
         look: Look,
     ) -> Tile:
         picture = None if look.content == "silhouettes" else self._pictures.picture(camera, frame)
-        if picture is None and silhouette is None:
-            silhouette = self._pictures.silhouette(camera, frame)
+        is_needed = picture is None or look.content != "pictures"  # silhouettes may cost a lot
+        silhouette = self._pictures.silhouette(camera, frame) if is_needed else None
         ground, model = _ground(picture, silhouette, model.shape)[window], model[window]
         height = max(2, round(look.tile_width_px * model.shape[0] / model.shape[1]))
         grid = Grid(1, 1, look.tile_width_px, height)

@@ -18,7 +18,8 @@ from services.mocap.take.tables import read_joints_csv, read_poses_csv
 pytestmark = pytest.mark.timeout(280)
 
 RESULTS = {
-    *("poses.csv", "poses_smooth.csv", "joints.csv", "angles.csv", "timings.csv", "report.html"),
+    *("poses.csv", "poses_smooth.csv", "joints.csv", "angles.csv"),
+    *("timings.csv", "energies.csv", "report.html"),
     *("motion.bvh", "motion.glb", "motion.trc", "motion.c3d"),
     *("actor.toml", "overlay.mp4", "run.json", "logs"),
 }

@@ -12,8 +12,10 @@ from proto.messages import Blob, Pose, TakeEnd, TakeInfo
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
+from services.mocap.result.energies import read_energies_csv
 from services.mocap.synth.motion import walk
 from services.mocap.take.folder import open_take
+from services.mocap.take.marks import PARTS
 from services.mocap.take.tables import read_joints_csv, read_poses_csv, reference_joints, write_joints_csv
 from services.mocap.types import Floats
 from services.recorder.collection import Collection
@@ -114,6 +116,22 @@ def test_without_smoothing_there_is_one_motion(take: Path, noisy: Floats, tmp_pa
     np.testing.assert_allclose(
         read_joints_csv(tmp_path / "out" / "joints.csv").joints_take_m, joints_m, atol=1e-5
     )
+
+
+def test_energies_by_part_and_camera_are_written_where_all_were_counted(
+    take: Path, truth: Floats, tmp_path: Path
+) -> None:
+    cameras = [camera.name for camera in open_take(take).cameras]
+    part_px = {frame: {part: 10 * k + frame for k, part in enumerate(PARTS)} for frame in range(N)}
+    iou = {frame: [0.9 - 0.01 * frame] * len(cameras) for frame in range(N)}
+    results(tmp_path / "out", take, recorded(truth, part_px=part_px, iou=iou), OutputSettings())
+    found = read_energies_csv(tmp_path / "out" / "energies.csv")
+    assert found.cameras == cameras
+    np.testing.assert_array_equal(found.part_px, [list(part_px[frame].values()) for frame in range(N)])
+    np.testing.assert_allclose(found.iou, [iou[frame] for frame in range(N)], atol=5e-5)
+    del iou[3]
+    results(tmp_path / "other", take, recorded(truth, part_px=part_px, iou=iou), OutputSettings())
+    assert not (tmp_path / "other" / "energies.csv").exists()
 
 
 def test_marks_reach_the_table_the_report_and_the_smoother(take: Path, truth: Floats, tmp_path: Path) -> None:

@@ -43,6 +43,7 @@ def shot() -> Callable[..., Shot]:
             energy_px=100.0 + frame,
             confidence=np.full(len(PARTS), 0.5),
             distrusted=np.array([part in distrusted for part in PARTS]),
+            part_px=np.full(len(PARTS), 10.0 + frame),
             seconds=np.full(len(STAGES), 0.04),
             arrived_s=arrived_s,
         )

@@ -26,6 +26,7 @@ from services.mocap.export.model_painter import ModelPainter
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
+from services.mocap.take.marks import PARTS
 from services.mocap.take.tables import read_poses_csv
 from services.segmentation.source import packed
 
@@ -70,6 +71,8 @@ class Playback:
             energy_px=500 + 50 * np.sin(frame / 5), passes=1, evaluations=10, workers=4, retries=0,
             backend="cpu", worker_backends={}, seconds={"torso": 0.02, "limbs": 0.01, "frame": 0.04},
             prior=1.0, confidence={"torso": 0.9, "left_arm": 0.7}, distrusted=self.distrusted,
+            part_px={part: round(50 + 10 * k * np.sin(frame / 9)) for k, part in enumerate(PARTS)},
+            iou=[0.9] * len(self._take.cameras),
             pose=self._poses_of[frame % self._n],
         )  # fmt: skip
 

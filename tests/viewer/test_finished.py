@@ -20,7 +20,7 @@ def test_results_with_their_take(result: Path, walk: Take) -> None:
     shot = show.reel.shot(7)
     assert shot is not None and show.artist is not None
     np.testing.assert_array_equal(shot.pose, read_poses_csv(result / "poses.csv").poses[7])
-    (tile,) = show.artist.draw(shot, Look("difference", (2,), None)).tiles
+    (tile,) = show.artist.draw(shot, Look("difference", (2,), None))
     assert tile.differing_px is not None and 0 < tile.differing_px < 500  # the true pose before a real mask
 
 

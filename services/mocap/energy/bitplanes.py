@@ -5,9 +5,11 @@ Camera c stands in bit c % 8 of plane c // 8, so that any number of cameras make
 
 import numpy as np
 
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import Bytes, Ints, Mask
 
 CAMERAS_PER_PLANE = 8
+_BITS: Ints = (np.arange(256)[:, None] >> np.arange(CAMERAS_PER_PLANE) & 1).astype(np.int32)
+"""(256, 8) the bits of every byte."""
 
 
 def n_planes(n_cameras: int) -> int:
@@ -37,3 +39,9 @@ def camera_bit(planes: Bytes, camera: int) -> Mask:
 def count_bits(planes: Bytes) -> int:
     """The number of set bits."""
     return int(np.bitwise_count(planes).sum())
+
+
+def count_by_camera(planes: Bytes, n_cameras: int) -> Ints:
+    """The number of set pixels (C,) of each camera in planes (P, H, W)."""
+    counts = [np.bincount(plane[plane != 0], minlength=len(_BITS)) @ _BITS for plane in planes]
+    return np.concatenate(counts)[:n_cameras].astype(np.int32)

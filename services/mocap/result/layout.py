@@ -7,11 +7,11 @@ from services.mocap.take.layout import ACTOR
 
 POSES, POSES_SMOOTH, JOINTS = "poses.csv", "poses_smooth.csv", "joints.csv"
 BVH, GLB, TRC, C3D = "motion.bvh", "motion.glb", "motion.trc", "motion.c3d"
-ANGLES, TIMINGS = "angles.csv", "timings.csv"
+ANGLES, TIMINGS, ENERGIES = "angles.csv", "timings.csv", "energies.csv"
 POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET = "poses.parquet", "joints.parquet", "angles.parquet"
 OVERLAY, REPORT, RUN_JSON, LOGS = "overlay.mp4", "report.html", "run.json", "logs"
 KNOWN = {
-    *(POSES, POSES_SMOOTH, JOINTS, BVH, GLB, TRC, C3D, ANGLES, TIMINGS),
+    *(POSES, POSES_SMOOTH, JOINTS, BVH, GLB, TRC, C3D, ANGLES, TIMINGS, ENERGIES),
     *(POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET, OVERLAY, REPORT, RUN_JSON, LOGS),
     *(ACTOR, MESH_FILE, FIT_FOLDER, JOURNAL),
 }

@@ -10,25 +10,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.body.kinematics import N_JOINTS, SEGMENT_JOINTS, joint_transforms
 from services.mocap.body.skeleton import SEGMENT_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import camera_bit, count_bits
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import (
-    HEAD,
-    LIMBS,
     REFERENCE_WIDTH_PX,
     Stage,
     window_origins_px,
     window_size_px,
 )
 from services.mocap.search.model import Model
+from services.mocap.search.shares import PART_STAGES, pixels_by_part
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats
 
-PART_STAGES: dict[Part, Stage] = {"head": HEAD, **{name: limb.main for name, limb in LIMBS.items()}}
-"""Parts with a window of their own."""
 _TORSO = tuple(SEGMENT_INDEX[name] for name in ("pelvis", "torso"))
 _REFERENCE_CAMERAS = 8
 _REMEMBERED = 15
@@ -66,7 +62,7 @@ def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> D
         return Differences(px, px.copy(), share)
     for part, stage in PART_STAGES.items():
         px[part] = _within(thick, model, stage, pose)
-    return Differences(px, _by_nearest(thick, model, pose), share)
+    return Differences(px, pixels_by_part(thick, model, pose), share)
 
 
 def _inner(planes: Bytes) -> Bytes:
@@ -83,35 +79,6 @@ def _within(planes: Bytes, model: Model, stage: Stage, pose: Floats) -> int:
     for c, (x, y) in enumerate(window_origins_px(stage, pose, model.body, model.rig)):
         total += int(np.count_nonzero(camera_bit(planes[:, y : y + size, x : x + size], c)))
     return total
-
-
-def _by_nearest(planes: Bytes, model: Model, pose: Floats) -> dict[Part, int]:
-    """Set bits by the part whose joints and middles of segments are nearest in the picture."""
-    body, counts = model.body, np.zeros(len(PARTS), np.int64)
-    T_world_joint = joint_transforms(pose[None], body.offsets_m)[0]
-    T_world_segment = T_world_joint[SEGMENT_JOINTS]
-    middles_m = (
-        np.einsum("sij,sj->si", T_world_segment[:, :3, :3], body.centres_m) + T_world_segment[:, :3, 3]
-    )
-    points_m = np.vstack([T_world_joint[:, :3, 3], middles_m])
-    for c, P_px_world in enumerate(model.rig.P_px_world):
-        y, x = np.nonzero(camera_bit(planes, c))
-        homogeneous = points_m @ P_px_world[:, :3].T + P_px_world[:, 3]
-        points_px = homogeneous[:, :2] / np.maximum(homogeneous[:, 2:], 1e-3)
-        off_px = np.hypot(x[:, None] - points_px[:, 0], y[:, None] - points_px[:, 1])
-        counts += np.bincount(_POINT_PARTS[off_px.argmin(axis=1)], minlength=len(PARTS))
-    return dict(zip(PARTS, counts.tolist(), strict=True))
-
-
-def _part_of(segment: int) -> int:
-    parts = [part for part, stage in PART_STAGES.items() if segment in stage.segments]
-    return PARTS.index(parts[0]) if parts else PARTS.index("torso")
-
-
-_SEGMENT_PARTS = [_part_of(s) for s in range(len(SEGMENT_JOINTS))]
-_CARRIED = {int(joint): part for joint, part in zip(SEGMENT_JOINTS, _SEGMENT_PARTS, strict=True)}
-_POINT_PARTS = np.array([_CARRIED.get(j, PARTS.index("head")) for j in range(N_JOINTS)] + _SEGMENT_PARTS)
-"""(33,) the part of every joint, then of every segment; head_top carries none."""
 
 
 class Trust:

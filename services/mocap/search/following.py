@@ -17,6 +17,7 @@ from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.shares import shares_of
 from services.mocap.search.stages import solve_head, whole_body_energy
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
@@ -120,7 +121,9 @@ def solve_by_contours(
         if k and not better:
             break
     trust.note_search(searched, gained=gained)
-    found.pose, found.energy_px = best.pose, _plain_px(model, whole, best.pose)
+    shares = shares_of(model, whole, best.pose)
+    found.pose, found.energy_px = best.pose, float(shares.energy_px)
+    found.note_shares(shares)
     found.prior = best.aligned.prior_cost
     found.evaluations += search.evaluations + 1
     found.confidence, found.distrusted = confidences(best.aligned.rim_px), trust.distrusted(left)
@@ -164,9 +167,3 @@ def _search_parts(
     aligned = search.align(searched)
     clock.book("torso")
     return aligned
-
-
-def _plain_px(model: Model, whole: Picture, pose: Floats) -> float:
-    """Plain XOR of the full mesh."""
-    covered = model.backend.coverage(pose[None], ALL_SEGMENTS, whole.region)[0]
-    return float(count_bits((covered ^ whole.silhouettes) & ~whole.ignored))

@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass, field
 
 from services.mocap.search.chains import LimbName
+from services.mocap.search.shares import Shares
 from services.mocap.search.stages import Solution
 from services.mocap.take.marks import Part
 from services.mocap.types import Floats
@@ -32,11 +33,19 @@ class FrameSolution:
     """0 to 1: the share of each part's visible rim that lies on a contour, where it was looked at."""
     distrusted: list[Part] = field(default_factory=list)
     """Parts whose pose is likely to be wrong; the torso stands for the whole body."""
+    part_px: dict[Part, int] = field(default_factory=dict)
+    """The energy by the part that each differing pixel is nearest to."""
+    iou: list[float] = field(default_factory=list)
+    """Intersection over union of model and input in each camera; 1 where neither shows anything."""
 
     def note_limb(self, name: LimbName, solution: Solution) -> None:
         """Book what a limb took."""
         self.evaluations += solution.evaluations
         self.limb_seconds[name] = self.limb_seconds.get(name, 0.0) + solution.seconds
+
+    def note_shares(self, shares: Shares) -> None:
+        """Book where the pose and the input differ."""
+        self.part_px, self.iou = shares.part_px, shares.iou
 
 
 class Clock:

@@ -6,6 +6,7 @@ from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.shares import shares_of
 from services.mocap.search.stages import solve_head, solve_torso, whole_body_energy
 from services.mocap.types import Floats
 
@@ -36,6 +37,7 @@ def solve_by_passes(
         if before - energy_px <= settings.pass_tolerance * before:
             break
     _report_plainly(model, whole, settings, best)
+    best.note_shares(shares_of(model, whole, best.pose))
     return best
 
 

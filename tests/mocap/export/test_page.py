@@ -14,6 +14,7 @@ import pytest
 
 from services.mocap.export.page.key_frames import key_frames
 from services.mocap.export.page.page import write_report
+from services.mocap.result.energies import Energies, read_energies_csv, write_energies_csv
 from services.mocap.result.result import load_result
 from services.mocap.result.timings import read_timings_csv, write_timings_csv
 from services.mocap.take.writer import video_writer
@@ -109,13 +110,29 @@ def test_all_that_a_run_knows_is_told(folder: Path) -> None:
     (folder / "run.json").write_text(json.dumps(run))
     frames = np.arange(100, 116, dtype=np.int32)
     write_timings_csv(folder / "timings.csv", frames, [{"frame": 0.05, "torso": 0.01}] * 16)
+    iou = np.full((16, 2), 0.9)
+    iou[7, 1] = 0.3
+    energies = Energies(frames, np.full((16, 6), 50.0), ["cam01", "cam <2>"], iou)
+    write_energies_csv(folder / "energies.csv", energies)
     page = page_of(folder)
     for words in (
+        *("left arm", "cam01 (0.900)", "cam &lt;2&gt; (0.863)"),
         *("dance &amp; more", "9.8.7", "max passes", "mean 5.3 mm, 95 % below 10.9 mm", "2.7 mm"),
         *("12.3 frames per second", "cam02", "0.620", "whole frame", "frames 0 to 9"),
     ):
         assert words in page, words
-    assert Reader(page).seen.count("svg") == 5
+    assert Reader(page).seen.count("svg") == 7
+
+
+def test_energies_go_there_and_back(tmp_path: Path) -> None:
+    frames, rng = np.array([4, 5, 6], np.int32), np.random.default_rng(0)
+    part_px, iou = np.floor(100 * rng.random((3, 6))), np.round(rng.random((3, 2)), 4)
+    write_energies_csv(tmp_path / "energies.csv", Energies(frames, part_px, ["a, b", "c"], iou))
+    found = read_energies_csv(tmp_path / "energies.csv")
+    np.testing.assert_array_equal(found.frames, frames)
+    np.testing.assert_array_equal(found.part_px, part_px)
+    np.testing.assert_array_equal(found.iou, iou)
+    assert found.cameras == ["a, b", "c"]
 
 
 def test_key_frames_are_the_overlays(folder: Path) -> None:

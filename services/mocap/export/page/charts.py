@@ -5,12 +5,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
 from services.mocap.export.tiles import LEFT_BGR, RIGHT_BGR
 from services.mocap.motion.angles import ANGLES
+from services.mocap.result.energies import Energies
 from services.mocap.result.result import Result
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
@@ -71,6 +73,42 @@ def energy(result: Result) -> str:
     return svg_of(1.9 if prior is None else 3.2, draw)
 
 
+def parts(result: Result, energies: Energies) -> str:
+    """The energy over time by the part that it is near to, limbs in the colours of their sides."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for part, values in zip(PARTS, energies.part_px.T, strict=True):
+            side, _, limb = part.rpartition("_")
+            style = "--" if limb == "leg" or part == "head" else "-"
+            axes.plot(result.times_s, values, style, color=_COLOURS[side], label=part.replace("_", " "))
+        axes.set_ylabel("energy (pixels)")
+        _legend_beside(axes)
+        _finish([axes], result)
+
+    return svg_of(2.2, draw)
+
+
+def overlaps_over_time(result: Result, energies: Energies) -> str:
+    """Intersection over union over time, a curve for each camera."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, max(len(energies.cameras), 1)))
+        for colour, camera, values in zip(colours, energies.cameras, energies.iou.T, strict=True):
+            axes.plot(result.times_s, values, color=colour, label=f"{camera} ({values.mean():.3f})")
+        axes.set_ylabel("IoU")
+        _legend_beside(axes)
+        _finish([axes], result)
+        axes.set_ylim(max(0.0, float(energies.iou.min()) - 0.02), 1.0)
+
+    return svg_of(2.2, draw)
+
+
+def _legend_beside(axes: Axes) -> None:
+    axes.legend(ncols=1, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
 def trust(result: Result) -> str:
     """How far each part may be trusted over time; red where it must not be."""
 
@@ -129,7 +167,7 @@ def timings(result: Result, seconds: Mapping[str, Floats]) -> str:
         axes.set_yscale("symlog", linthresh=10)  # the first frame takes a hundred times as long
         axes.yaxis.set_major_formatter(ScalarFormatter())
         axes.set_ylabel("ms")
-        axes.legend(ncols=1, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        _legend_beside(axes)
         _finish([axes], result)
 
     return svg_of(2.2, draw)

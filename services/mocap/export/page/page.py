@@ -10,7 +10,8 @@ from jinja2 import Environment, StrictUndefined
 from services.mocap.atomic import atomic_file
 from services.mocap.export.page import charts
 from services.mocap.export.page.key_frames import key_frames
-from services.mocap.result.layout import OVERLAY, TIMINGS
+from services.mocap.result.energies import Energies, read_energies_csv
+from services.mocap.result.layout import ENERGIES, OVERLAY, TIMINGS
 from services.mocap.result.result import Result
 from services.mocap.result.timings import read_timings_csv
 
@@ -64,6 +65,19 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
         "expected pose costs. Red: frames that are not to be trusted.",
         charts.energy(result),
     )
+    energies = _energies(result)
+    if energies is not None:
+        yield (
+            "Energy by part",
+            "The same, each pixel counted to the part of the body that it is nearest to; legs, head dashed.",
+            charts.parts(result, energies),
+        )
+        yield (
+            "Overlap, by camera",
+            "Intersection over union of model and silhouette in every frame, and its mean. A camera that "
+            "stands out is badly calibrated or badly segmented.",
+            charts.overlaps_over_time(result, energies),
+        )
     fit = result.run.get("fit")
     if fit:
         yield (
@@ -87,6 +101,12 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
     seconds = _seconds(result)
     if seconds:
         yield "Time per frame", "Wall time of every frame and its stages.", charts.timings(result, seconds)
+
+
+def _energies(result: Result) -> Energies | None:
+    path = result.folder / ENERGIES
+    energies = read_energies_csv(path) if path.exists() else None
+    return energies if energies is not None and np.array_equal(energies.frames, result.frames) else None
 
 
 def _seconds(result: Result) -> dict[str, Any]:
