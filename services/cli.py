@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from services import doctor as machine
+from services.bridge.__main__ import bridge
 from services.calibrate import calibrate
 from services.export import export
 from services.fit import init_frames, kept_warnings
@@ -72,6 +73,7 @@ app.command()(view)
 app.command()(calibrate)
 app.command()(sync)
 app.command()(status)
+app.command()(bridge)
 out_console, err_console = Console(), Console(stderr=True)
 _STATE_WORDS = {
     machine.State.OK: "[green]ok[/]",

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SHARED = "services.process"
-"""What every service's entry shares: it stands beside the services, not in one."""
+SHARED = ("services.process", "services.follower", "services.contents")
+"""What services share: the entry of all, and what those share that only follow a coordinator; beside the
+services, not in one."""
 COMMAND = (
     "services.cli",
     "services.track",
@@ -105,7 +106,7 @@ def late():
 
 def test_there_is_something_to_hold() -> None:
     assert {"services.coordinator", "services.limb_worker", "services.recorder"} <= set(SERVICES)
-    assert {SHARED, *COMMAND, "services.mocap.search.frame", "proto.messages"} <= set(IMPORTS)
+    assert {*SHARED, *COMMAND, "services.mocap.search.frame", "proto.messages"} <= set(IMPORTS)
 
 
 def test_the_library_imports_no_service_and_no_protocol() -> None:
@@ -126,7 +127,7 @@ def test_no_service_imports_another_one_or_the_command(service: str) -> None:
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_a_service_imports_the_library_the_protocol_and_what_is_shared(service: str) -> None:
-    allowed = (service, "services.mocap", SHARED)
+    allowed = (service, "services.mocap", *SHARED)
     for module, targets in IMPORTS.items():
         if belongs(module, service):
             ours = {target for target in targets if belongs(target, "services")}
@@ -135,8 +136,9 @@ def test_a_service_imports_the_library_the_protocol_and_what_is_shared(service: 
             )
 
 
-def test_what_is_shared_imports_no_service() -> None:
-    assert breaches(SHARED, *SERVICES, *COMMAND) == []
+@pytest.mark.parametrize("shared", SHARED)
+def test_what_is_shared_imports_no_service(shared: str) -> None:
+    assert breaches(shared, *SERVICES, *COMMAND) == []
 
 
 @pytest.mark.parametrize("outside", sorted(WORLDLY))

@@ -38,8 +38,14 @@ RUN = "0" * 32
 class Playback:
     """Sends a frame more every period, round and round, from a thread of its own; a context manager."""
 
-    def __init__(self, take: Take, endpoint: str, *, frames: int = 10_000, period_s: float = 0.1) -> None:
-        """frames: how many the take pretends to have; its poses repeat."""
+    def __init__(
+        self, take: Take, endpoint: str, *, frames: int = 10_000, period_s: float = 0.1, waits: bool = False
+    ) -> None:
+        """frames: how many the take pretends to have; its poses repeat.
+
+        waits: no frame is sent before somebody has asked for something.
+        """
+        self._waits = waits
         actor = take_actor(take)
         assert actor is not None
         self.endpoint, self._take, self._period_s, self.frames = endpoint, take, period_s, frames
@@ -100,7 +106,8 @@ class Playback:
             if now - told_s > _INFO_S:
                 send(self._publisher, self._info)
                 told_s = now
-            if now - sent_s > self._period_s and self.next_frame < self.frames:
+            is_held = self._waits and not self.asked
+            if now - sent_s > self._period_s and self.next_frame < self.frames and not is_held:
                 send(self._publisher, self.pose(self.next_frame))
                 self.next_frame, sent_s = self.next_frame + 1, now
                 if self.next_frame == self.frames:

@@ -1,0 +1,1 @@
+"""Bridge: poses in, the messages out that animation tools listen to."""

@@ -1,0 +1,105 @@
+"""Bridge process: `python -m services.bridge --connect tcp://HOST:5550 --vmc 127.0.0.1:39539`."""
+
+import logging
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Annotated
+from urllib.parse import urlsplit
+
+import typer
+
+from proto.keys import ClientKeys
+from proto.streams import DEFAULT_ENDPOINT
+from services.mocap.errors import UserError
+from services.mocap.motion.settings import CUTOFFS_HZ
+from services.process import KeysOption, StopRequest, keys_of_client, run_service
+
+if TYPE_CHECKING:
+    from pythonosc.osc_bundle import OscBundle
+
+DEFAULT_LISTENER = "127.0.0.1:39539"
+"""Where tools listen for VMC by default, on this machine."""
+_LOOK_S = 0.1
+
+log = logging.getLogger(__name__)
+
+
+def address_of(text: str) -> tuple[str, int]:
+    """Read HOST:PORT; raises UserError where it is none."""
+    try:
+        parts = urlsplit(f"//{text}")
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port or parts.path or parts.username is not None:
+        raise UserError(f"--vmc {text}: expected HOST:PORT, such as {DEFAULT_LISTENER}")
+    return host, port
+
+
+def open_sender(host: str, port: int) -> "Callable[[OscBundle], None]":
+    """What sends packets there, whether anybody listens or not; raises UserError for an unknown host."""
+    from pythonosc.udp_client import UDPClient
+
+    try:
+        client = UDPClient(host, port)
+    except OSError as error:
+        raise UserError(f"--vmc {host}:{port}: is not to be found ({error}): expected HOST:PORT") from None
+
+    def send(bundle: "OscBundle") -> None:
+        try:
+            client.send(bundle)
+        except OSError as error:  # the network is down, or busy: the next pose is a newer one
+            log.debug("a packet was dropped: %s", error)
+
+    return send
+
+
+def serve(
+    endpoint: str,
+    listener: str,
+    take: str | None,
+    cutoff_hz: float | None,
+    keys: ClientKeys | None,
+    stop: StopRequest,
+) -> None:
+    """Send what a coordinator tracks until a stop is asked for."""
+    if find_spec("pythonosc") is None:
+        raise UserError("the bridge needs python-osc, which is not here: pip install python-osc")
+    from services.bridge.puppeteer import Puppeteer
+
+    send = open_sender(*address_of(listener))
+    puppeteer = Puppeteer(endpoint, keys, send, take=take, cutoff_hz=cutoff_hz)
+    log.info("coordinator at %s; sending VMC to %s", endpoint, listener)
+    try:
+        while not stop:
+            puppeteer.listen(_LOOK_S)
+    finally:
+        puppeteer.close()
+
+
+def bridge(
+    connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
+    vmc: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Where a tool listens for the VMC protocol (UDP).")
+    ] = DEFAULT_LISTENER,
+    take: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Only the take of this name; any by default.")
+    ] = None,
+    cutoff_hz: Annotated[
+        float,
+        typer.Option(
+            min=0, max=1000, metavar="HZ", help="Smoothing of a body at rest by one-euro; 0: as tracked."
+        ),
+    ] = CUTOFFS_HZ["one-euro"],
+    keys: KeysOption = None,
+) -> None:
+    """Send poses, while they are tracked, to animation tools that listen to the VMC protocol."""
+
+    def work(stop: StopRequest) -> None:
+        serve(connect, vmc, take, cutoff_hz or None, keys_of_client(keys, "viewer"), stop)
+
+    run_service("bridge", work)
+
+
+if __name__ == "__main__":
+    typer.run(bridge)

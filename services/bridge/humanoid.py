@@ -1,0 +1,49 @@
+"""A pose as Unity's humanoid skeleton takes it.
+
+Unity's world is left-handed: x right, y up, z ahead of somebody with heading zero. Bones have Unity's names
+(HumanBodyBones), and turn against their parents, counted from a T pose in which no bone is turned.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from services.mocap.body.kinematics import joint_transforms
+from services.mocap.body.skeleton import JOINT_INDEX
+from services.mocap.export.bone_names import bone_names
+from services.mocap.motion.rest import rest_rotations, turns_from_rest
+from services.mocap.types import Floats
+
+R_UNITY_ZUP: Floats = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""From the z-up world's axes (x ahead, y left, z up) to Unity's; it mirrors, since that is left-handed."""
+BONES: dict[str, str] = bone_names("unity")
+"""Our joint -> the bone of Unity's humanoid that turns there, one for each of the 16 segments."""
+_JOINTS = [JOINT_INDEX[joint] for joint in BONES]
+
+
+@dataclass(frozen=True)
+class Bone:
+    """Where a bone is, and how it is turned."""
+
+    name: str
+    position_m: tuple[float, ...]
+    """(3,) of its joint, in the axes of the bone above; the hips', in the world."""
+    rotation_xyzw: tuple[float, ...]
+    """(4,) against the bone above; the hips', against the world."""
+
+
+def bones_of(pose: Floats, offsets_m: Floats) -> list[Bone]:
+    """The bones of a pose (35,), parents first. offsets_m: (17, 3), as joint_transforms takes them."""
+    T_world_joint = joint_transforms(pose[None], offsets_m)
+    turns = turns_from_rest(T_world_joint, rest_rotations("T"))[0, _JOINTS]
+    quaternions = Rotation.from_matrix(R_UNITY_ZUP @ turns @ R_UNITY_ZUP.T).as_quat(canonical=True)
+    places_m = offsets_m.copy()
+    places_m[0] = T_world_joint[0, 0, :3, 3]
+    positions_m = places_m[_JOINTS] @ R_UNITY_ZUP.T
+    return [
+        Bone(name, tuple(position), tuple(quaternion))
+        for name, position, quaternion in zip(
+            BONES.values(), positions_m.tolist(), quaternions.tolist(), strict=True
+        )
+    ]

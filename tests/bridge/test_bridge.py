@@ -1,0 +1,168 @@
+"""The bridge's process: what a tool that listens to VMC hears while a take is tracked."""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playback import Playback
+from pythonosc.dispatcher import Dispatcher
+from pythonosc.osc_server import BlockingOSCUDPServer
+from test_humanoid import places_of
+
+from services.bridge.__main__ import address_of
+from services.bridge.humanoid import BONES, Bone
+from services.launcher import free_endpoint
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.kinematics import joint_positions
+from services.mocap.body.skeleton import JOINT_INDEX
+from services.mocap.errors import UserError
+from services.mocap.motion.one_euro import OneEuro
+from services.mocap.synth.take import write_synthetic_take
+from services.mocap.take.actor_file import write_actor
+from services.mocap.take.folder import Take, open_take
+from services.mocap.take.layout import ACTOR, SETTINGS
+from services.mocap.take.settings import read_settings
+from services.mocap.types import Floats
+
+pytestmark = pytest.mark.timeout(120)
+
+
+class Tool:
+    """Listens as an animation tool does; frames as they came, in parts by address."""
+
+    def __init__(self) -> None:
+        self.said: list[tuple[str, tuple[object, ...]]] = []
+        dispatcher = Dispatcher()
+        dispatcher.set_default_handler(lambda address, *values: self.said.append((address, values)))
+        self._server = BlockingOSCUDPServer(("127.0.0.1", 0), dispatcher)
+        self.port = int(self._server.server_address[1])
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def close(self) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+    def oks(self) -> list[tuple[object, ...]]:
+        return [values for address, values in list(self.said) if address == "/VMC/Ext/OK"]
+
+    def frames(self) -> dict[float, list[Bone]]:
+        """The bones of whole frames by their time."""
+        found: dict[float, list[Bone]] = {}
+        bones: list[Bone] = []
+        for address, values in list(self.said):
+            if address == "/VMC/Ext/T":
+                bones = found.setdefault(round(float(str(values[0])), 3), [])
+            elif address == "/VMC/Ext/Bone/Pos":
+                numbers = tuple(float(str(value)) for value in values[1:])
+                bones.append(Bone(str(values[0]), numbers[:3], numbers[3:]))
+        return {time_s: bones for time_s, bones in found.items() if len(bones) == len(BONES)}
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Take:
+    folder = tmp_path_factory.mktemp("bridge") / "walk"
+    write_synthetic_take(folder, n_frames=24, n_cameras=3)
+    write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
+    return open_take(folder)
+
+
+@pytest.fixture
+def tool() -> Iterator[Tool]:
+    listening = Tool()
+    yield listening
+    listening.close()
+
+
+Bridge = Callable[..., "subprocess.Popen[bytes]"]
+
+
+@pytest.fixture
+def start_bridge(tool: Tool, tmp_path: Path) -> Iterator[Bridge]:
+    """`start_bridge(playback, …)`: the process, connected with both."""
+    running: list[subprocess.Popen[bytes]] = []
+
+    def start(playback: Playback, *more: str) -> "subprocess.Popen[bytes]":
+        where = ("--connect", playback.endpoint, "--vmc", f"127.0.0.1:{tool.port}")
+        command = [sys.executable, "-m", "services.bridge", *where, *more]
+        with (tmp_path / "bridge.log").open("wb") as log:
+            running.append(subprocess.Popen(command, stdout=log, stderr=log))
+        return running[-1]
+
+    yield start
+    for process in running:
+        process.terminate()
+        process.wait(20)
+
+
+def _until(condition: Callable[[], bool], what: str, timeout_s: float = 60) -> None:
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline_s, what
+        time.sleep(0.05)
+
+
+def _expected(take: Take, pose: Floats) -> Floats:
+    """(16, 3) our joints in Unity's axes."""
+    height = read_settings(take.folder / SETTINGS).actor_height
+    joints_m = joint_positions(pose[None], build_body(Actor(height=height)).offsets_m)[0]
+    joints_m = joints_m[[JOINT_INDEX[joint] for joint in BONES]]
+    return np.column_stack([-joints_m[:, 1], joints_m[:, 2], joints_m[:, 0]])
+
+
+def test_a_tool_hears_the_tracked_poses(walk: Take, tool: Tool, start_bridge: Bridge) -> None:
+    with Playback(walk, free_endpoint(), period_s=0.05) as playback:
+        process = start_bridge(playback, "--cutoff-hz", "0")
+        _until(lambda: len(tool.frames()) > 5, "no frame was heard")
+        playback.distrusted = ["left_arm"]
+        _until(lambda: (1, 3, 0, 0) in tool.oks(), "nobody says that a frame is not to be trusted")
+        for time_s, bones in tool.frames().items():
+            pose = playback.pose(round(time_s * walk.settings.fps)).pose
+            found = np.array(list(places_of(bones).values()))
+            np.testing.assert_allclose(found, _expected(walk, pose), atol=1e-3)
+    assert (1, 3, 0, 1) in tool.oks()
+    n_frames = len(tool.frames())
+    _until(lambda: tool.oks()[-1] == (0, 3, 0, 0), "nobody says that nothing comes any more")
+    assert len(tool.frames()) >= n_frames
+    process.terminate()
+    assert process.wait(20) == 143
+
+
+def test_the_end_of_a_take_is_told_and_poses_are_smoothed(
+    walk: Take, tool: Tool, start_bridge: Bridge
+) -> None:
+    with Playback(walk, free_endpoint(), frames=48, waits=True) as playback:
+        start_bridge(playback, "--cutoff-hz", "1.5")
+        _until(lambda: (1, 3, 0, 1) in tool.oks(), "no frame was heard")
+        _until(lambda: tool.oks()[-1] == (0, 3, 0, 0), "the end is not told")
+        frames, one_euro = tool.frames(), OneEuro(1.5)
+        for time_s, bones in frames.items():
+            message = playback.pose(round(time_s * walk.settings.fps))
+            expected = _expected(walk, one_euro(message.pose, message.time_s))
+            np.testing.assert_allclose(list(places_of(bones).values()), expected, atol=1e-3)
+    assert max(frames) == pytest.approx(47 / walk.settings.fps, abs=1e-3)
+
+
+def test_another_take_is_left_out(walk: Take, tool: Tool, start_bridge: Bridge) -> None:
+    with Playback(walk, free_endpoint(), period_s=0.02) as playback:
+        start_bridge(playback, "--take", "another")
+        _until(lambda: len(tool.oks()) > 2, "the bridge says nothing")
+        assert tool.frames() == {}
+        assert set(tool.oks()) == {(0, 3, 0, 0)}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "localhost", ":39539", "host:", "host:0", "host:70000", "a:1/b", "u@a:1"]
+)
+def test_addresses_that_are_none(text: str) -> None:
+    with pytest.raises(UserError, match=r"--vmc .*: expected HOST:PORT"):
+        address_of(text)
+
+
+def test_addresses() -> None:
+    assert address_of("127.0.0.1:39539") == ("127.0.0.1", 39539)
+    assert address_of("[::1]:39540") == ("::1", 39540)
