@@ -35,6 +35,8 @@ class Follower(ABC):
         self._asked_s = 0.0
         self.info: TakeInfo | None = None
         """The take that is tracked."""
+        self.heard_s = 0.0
+        """When a message came last (time.monotonic)."""
         self._contents: Contents | None = None
         """Its content, as long as some of it is missing."""
 
@@ -75,6 +77,7 @@ class Follower(ABC):
         self._ask()
 
     def _take_in(self, message: Message) -> None:
+        self.heard_s = time.monotonic()
         if isinstance(message, TakeInfo):
             if message != self.info:
                 log.info("take %s, frames %d to %d", message.take, message.first_frame, message.end_frame - 1)

@@ -68,6 +68,8 @@ class Playback:
         self.asked: list[Message] = []
         """What viewers asked for."""
         self.distrusted: list[str] = []
+        self.forgotten_end = 0
+        """It has no frames before this one any more."""
         self._ending = threading.Event()
 
     def pose(self, frame: int) -> Pose:
@@ -126,7 +128,7 @@ class Playback:
             return [self._blobs[message.hash]]
         if isinstance(message, PoseRequest):
             end = min(message.end_frame, message.first_frame + 64, self.next_frame)
-            return [self.pose(frame) for frame in range(message.first_frame, end)]
+            return [self.pose(frame) for frame in range(max(message.first_frame, self.forgotten_end), end)]
         if isinstance(message, SilhouettesRequest):
             return [self.silhouettes(message.frame)]
         return []

@@ -14,6 +14,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
+from services.viewer.asking import Asking
 from services.viewer.finished import FinishedTake
 from services.viewer.pictures import TakePictures
 from services.viewer.reel import RING_FRAMES, STAGES, Reel, Shot
@@ -45,11 +46,13 @@ class Listener(Follower):
         super().__init__(endpoint, keys)
         self._folder, self._present, self._results = folder, present, results
         self._reel: Reel | None = None
+        self._filling, self._scrubbing = Asking(), Asking()
         self._pictures: LivePictures | None = None
 
     def begin(self, info: TakeInfo) -> None:
         """Begin anew."""
         self._pictures = None
+        self._filling, self._scrubbing = Asking(), Asking()
         finished = FinishedTake(self._results, info.take)
         frames = range(info.first_frame, info.end_frame)
         self._reel = Reel(frames, RING_FRAMES, lambda frame: self._older(frame, finished))
@@ -67,10 +70,10 @@ class Listener(Follower):
         """A frame that has left the ring: from the results, or asked for, with those about it."""
         if self._reel is not None and self._reel.is_over and (shot := finished.shot(frame)) is not None:
             return shot
-        first = max(0, frame - _CHUNK_FRAMES // 4)
-        if self.info is not None:
-            end = first + _CHUNK_FRAMES
-            self.ask(PoseRequest(run=self.info.run, first_frame=first, end_frame=end))
+        is_wanted = self._scrubbing.asks(range(frame, frame + 1), time.monotonic(), self.heard_s)
+        if self.info is not None and is_wanted:
+            end = frame + _CHUNK_FRAMES
+            self.ask(PoseRequest(run=self.info.run, first_frame=frame, end_frame=end))
         return None
 
     def learn(self, actor: Actor, rig: Rig) -> None:
@@ -97,11 +100,14 @@ class Listener(Follower):
         return fits
 
     def lacking(self) -> Sequence[Message]:
-        """The first gap in the frames."""
-        gap = None if self._reel is None else self._reel.first_gap()
+        """The end of the last gap in the frames, unless the coordinator has nothing so old."""
+        gap = None if self._reel is None else self._reel.last_gap(self._filling.gone_end)
         if gap is None or self.info is None:
             return ()
-        return (PoseRequest(run=self.info.run, first_frame=gap.start, end_frame=gap.stop),)
+        wanted = gap[-_CHUNK_FRAMES:]
+        if not self._filling.asks(wanted, time.monotonic(), self.heard_s):
+            return ()
+        return (PoseRequest(run=self.info.run, first_frame=wanted.start, end_frame=wanted.stop),)
 
 
 def _shot(message: Pose) -> Shot:

@@ -150,18 +150,18 @@ class Reel:
                 self._keep_fetched(found)
         return found
 
-    def first_gap(self) -> range | None:
-        """The first frames that the ring could hold and lacks, before the newest."""
+    def last_gap(self, start: int = 0) -> range | None:
+        """The last frames, from a start on, that the ring could hold and lacks, before the newest."""
         if self.newest is None:
             return None
-        start = max(self.frames.start, self.newest - self.capacity + 1)
+        start = max(start, self.frames.start, self.newest - self.capacity + 1)
         with self._lock:
             wanted = np.arange(start, self.newest)
             lacking = wanted[self._rows["frame"][wanted % self.capacity] != wanted]
         if not lacking.size:
             return None
         jumps = np.flatnonzero(np.diff(lacking) > 1)
-        return range(int(lacking[0]), int(lacking[jumps[0] if jumps.size else -1]) + 1)
+        return range(int(lacking[jumps[-1] + 1 if jumps.size else 0]), int(lacking[-1]) + 1)
 
     def stretch(self, start: int, stop: int) -> Stretch:
         """What the ring holds of frames start up to and without stop."""

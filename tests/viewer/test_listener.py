@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from playback import Playback
 
-from proto.messages import SilhouettesRequest
+from proto.messages import PoseRequest, SilhouettesRequest
 from services.launcher import free_endpoint
 from services.mocap.take.folder import Take
 from services.viewer.listener import Listener
@@ -36,7 +36,7 @@ def test_a_late_viewer_has_all_frames(walk: Take, shows: list[Show]) -> None:
         while playback.next_frame < 12:
             time.sleep(0.05)
         listener = Listener(playback.endpoint, None, walk, shows.append)
-        _until(listener, lambda: _newest(shows) > 12 and shows[-1].reel.first_gap() is None)
+        _until(listener, lambda: _newest(shows) > 12 and shows[-1].reel.last_gap() is None)
         show = shows[-1]
         assert show.camera_names == tuple(camera.name for camera in walk.cameras)
         for frame in (0, 7, 12):
@@ -58,6 +58,30 @@ def test_what_left_the_ring_is_fetched_from_the_coordinator(
         assert reel.shot(20) is None
         _until(listener, lambda: reel.shot(20) is not None)
         assert reel.capacity == 50
+        listener.close()
+
+
+def test_what_a_restarted_coordinator_has_not_got_is_not_asked_for_again_and_again(
+    walk: Take, shows: list[Show]
+) -> None:
+    with Playback(walk, free_endpoint(), period_s=0.02) as playback:
+        playback.forgotten_end = 100
+        while playback.next_frame < 200:
+            time.sleep(0.05)
+        listener = Listener(playback.endpoint, None, walk, shows.append)
+        _until(listener, lambda: _newest(shows) > 200 and shows[-1].reel.last_gap() == range(100))
+        for _ in range(150):  # three seconds
+            listener.listen(0.02)
+        asked = [message for message in playback.asked if isinstance(message, PoseRequest)]
+        in_vain = [message for message in asked if message.first_frame < 100]
+        assert 1 <= len(in_vain) <= 4
+        listener.listen(0.5)
+        n_asked = len(playback.asked)
+        for _ in range(100):
+            assert shows[-1].reel.shot(50) is None  # as a page does that somebody scrubs there
+            listener.listen(0.02)
+        assert len(playback.asked) - n_asked <= 4
+        assert shows[-1].reel.shot(150) is not None
         listener.close()
 
 
@@ -94,5 +118,5 @@ def test_the_end_of_a_take_is_noticed(walk: Take, shows: list[Show]) -> None:
     with Playback(walk, free_endpoint(), frames=30, period_s=0.01) as playback:
         listener = Listener(playback.endpoint, None, walk, shows.append)
         _until(listener, lambda: bool(shows) and shows[-1].reel.is_over)
-        _until(listener, lambda: _newest(shows) == 29 and shows[-1].reel.first_gap() is None)
+        _until(listener, lambda: _newest(shows) == 29 and shows[-1].reel.last_gap() is None)
         listener.close()

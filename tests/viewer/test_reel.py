@@ -57,20 +57,22 @@ def test_older_frames_may_come_at_once(shot: Make) -> None:
     assert found is not None and found.energy_px == 103
 
 
-def test_gaps_are_found_one_after_the_other(shot: Make) -> None:
+def test_gaps_are_found_the_latest_first(shot: Make) -> None:
     reel = Reel(range(100), capacity=50)
-    assert reel.first_gap() is None
+    assert reel.last_gap() is None
     for frame in (0, 1, 5, 6, 9):
         reel.put(shot(frame))
-    assert reel.first_gap() == range(2, 5)
-    for frame in (2, 3, 4):
-        reel.put(shot(frame))
-    assert reel.first_gap() == range(7, 9)
+    assert reel.last_gap() == range(7, 9)
     for frame in (7, 8):
         reel.put(shot(frame))
-    assert reel.first_gap() is None
+    assert reel.last_gap() == range(2, 5)
+    assert reel.last_gap(4) == range(4, 5)
+    assert reel.last_gap(5) is None
+    for frame in (2, 3, 4):
+        reel.put(shot(frame))
+    assert reel.last_gap() is None
     reel.put(shot(99))
-    assert reel.first_gap() == range(50, 99)  # no more than the ring could hold
+    assert reel.last_gap() == range(50, 99)  # no more than the ring could hold
 
 
 def test_a_stretch_has_known_frames_only(shot: Make) -> None:
