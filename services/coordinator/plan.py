@@ -4,12 +4,14 @@ import hashlib
 import json
 from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
 
 from proto.messages import PROTOCOL_VERSION
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
+from services.mocap.take.segmenter_name import files_of_segmenter, looks_at_videos
 from services.mocap.types import Floats
 
 
@@ -29,11 +31,10 @@ class Plan:
 
     @property
     def name(self) -> str:
-        """The SHA-256 of what poses depend on; recordings count by their sizes and times of writing."""
-        inputs = {
-            path.relative_to(self.take.folder).as_posix(): (path.stat().st_size, path.stat().st_mtime_ns)
-            for path in self.take.inputs()
-        }
+        """The SHA-256 of what poses depend on; files count by their sizes and times of writing."""
+        from_videos = looks_at_videos(self.segmenter, self.take.source == "silhouettes")
+        files = [*self.take.inputs(from_videos), *files_of_segmenter(self.segmenter)]
+        inputs = {self._known_as(path): (path.stat().st_size, path.stat().st_mtime_ns) for path in files}
         content = {
             "versions": [version("xormocap"), PROTOCOL_VERSION],
             "take": self.take.settings.model_dump(mode="json"),
@@ -46,3 +47,8 @@ class Plan:
             "fitted_pose": None if self.fitted_pose is None else self.fitted_pose.tolist(),
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def _known_as(self, path: Path) -> str:
+        """A file's place in the take folder, or else on this machine."""
+        inside = path.is_relative_to(self.take.folder)
+        return (path.relative_to(self.take.folder) if inside else path.absolute()).as_posix()

@@ -16,6 +16,9 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError, nearest
 from services.mocap.take.folder import Take
+from services.mocap.take.segmenter_name import AUTO as AUTO
+from services.mocap.take.segmenter_name import GROUP as GROUP
+from services.mocap.take.segmenter_name import READY as READY
 from services.mocap.types import Bytes
 from services.segmentation import opencv_models
 from services.segmentation.chroma import ChromaKey
@@ -30,10 +33,7 @@ from services.segmentation.take_plate import SAMPLES, TakePlate, plate_of_sample
 
 log = logging.getLogger(__name__)
 
-AUTO = "auto"
-READY = "silhouettes"
 USUAL = "clean-plate"
-GROUP = "xormocap.segmenters"
 _UNSURE = 0.1
 """Of the part where anything moves; with more in doubt the actor is likely to be part of the plate."""
 _KEY_PICTURES = 8

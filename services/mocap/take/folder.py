@@ -71,17 +71,19 @@ class Take:
         """The same with every camera's files as they are, from their first frame on."""
         return replace(self, settings=self.settings.model_copy(update={"offsets": {}}))
 
-    def inputs(self) -> list[Path]:
-        """The files that poses come from: recordings, clean plates or silhouettes, and the calibration."""
-        folders = {
-            layout.silhouette_folder(self.folder, camera.name)
-            if self.source == "silhouettes"
-            else layout.video_path(self.folder, camera.name).parent
-            for camera in self.cameras
-        }
-        plates = {layout.background_video_path(self.folder, camera.name).parent for camera in self.cameras}
-        wanted = folders if self.source == "silhouettes" else folders | plates
-        files = [path for folder in sorted(wanted) for path in sorted(folder.glob("*")) if path.is_file()]
+    def inputs(self, from_videos: bool) -> list[Path]:
+        """The files that poses come from: recordings and clean plates, or silhouettes; and the calibration.
+
+        from_videos: whether silhouettes are made of videos, or the take's own.
+        """
+        folders: set[Path] = set()
+        for camera in self.cameras:
+            if from_videos:
+                folders.add(layout.video_path(self.folder, camera.name).parent)
+                folders.add(layout.background_video_path(self.folder, camera.name).parent)
+            else:
+                folders.add(layout.silhouette_folder(self.folder, camera.name))
+        files = [path for folder in sorted(folders) for path in sorted(folder.glob("*")) if path.is_file()]
         return [self.folder / layout.CALIBRATION, *files]
 
     def background(self, camera: Camera) -> Iterator[Bytes]:

@@ -1,0 +1,79 @@
+"""When a run may go on from another: only where nothing that poses depend on has changed."""
+
+import os
+from collections.abc import Callable
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+
+import pytest
+
+from services.coordinator.plan import Plan
+from services.mocap.search.settings import SearchSettings
+from services.mocap.take import segmenter_name
+from services.mocap.take.folder import open_take
+
+SmallTake = Callable[..., Path]
+
+
+def name_of(folder: Path, segmenter: str = "auto") -> str:
+    take = open_take(folder)
+    return Plan(take, range(take.settings.frames), SearchSettings(), segmenter, None).name
+
+
+def write_anew(path: Path, content: bytes) -> None:
+    """With the same size and a later time of writing, at least."""
+    before_ns = path.stat().st_mtime_ns
+    path.write_bytes(content)
+    os.utime(path, ns=(before_ns + 10**9, before_ns + 10**9))
+
+
+def test_a_plan_keeps_its_name_until_a_recording_changes(small_take: SmallTake) -> None:
+    folder = small_take()
+    before = name_of(folder)
+    assert name_of(folder) == before != name_of(folder, "mog2")
+    video = folder / "videos/cam02.mp4"
+    write_anew(video, video.read_bytes())
+    assert name_of(folder) != before
+
+
+def test_another_network_is_another_plan(small_take: SmallTake, tmp_path: Path) -> None:
+    network = tmp_path / "net.onnx"
+    network.write_bytes(b"one network")
+    folder = small_take()
+    before = name_of(folder, f"onnx:{network}")
+    assert name_of(folder, f"onnx:{network}") == before
+    write_anew(network, b"two network")
+    assert name_of(folder, f"onnx:{network}") != before
+    network.unlink()
+    assert name_of(folder, f"onnx:{network}") != before  # as on a host without it
+
+
+@pytest.mark.parametrize("is_package", [True, False])
+def test_a_plug_in_that_changes_is_another_plan(
+    small_take: SmallTake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_package: bool
+) -> None:
+    module = f"plugged_{is_package}".lower()
+    code = tmp_path / (f"{module}/inner.py" if is_package else f"{module}.py")
+    code.parent.mkdir(exist_ok=True)
+    code.write_text("raise AssertionError('nothing of it is imported')")
+    if is_package:
+        code.with_name("__init__.py").write_text("raise AssertionError('nothing of it is imported')")
+    monkeypatch.syspath_prepend(tmp_path)
+    value = f"{module}.inner:Mine" if is_package else f"{module}:Mine"
+    installed = EntryPoints([EntryPoint("mine", value, segmenter_name.GROUP)])
+    monkeypatch.setattr(segmenter_name, "entry_points", lambda **asked: installed.select(**asked))
+    folder = small_take()
+    before, other = name_of(folder, "mine"), name_of(folder, "clean-plate")
+    assert name_of(folder, "mine") == before
+    write_anew(code, code.read_bytes())
+    assert name_of(folder, "mine") != before
+    assert name_of(folder, "clean-plate") == other
+
+
+def test_videos_count_where_they_are_looked_at_beside_silhouettes(small_take: SmallTake) -> None:
+    folder = small_take("both", source="silhouettes")
+    (folder / "videos").mkdir()
+    own, made = name_of(folder), name_of(folder, "mog2")
+    (folder / "videos/notes.txt").write_text("anything")
+    assert name_of(folder) == own
+    assert name_of(folder, "mog2") != made
