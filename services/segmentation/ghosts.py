@@ -11,7 +11,7 @@ from services.segmentation.pixels import Levels
 from services.segmentation.take_plate import agreeing, median_picture, plate_of_samples
 
 LOOKS = 12
-"""Pictures of a plate, and of a take, that are looked at."""
+"""Pictures of a plate, and of a take, that are looked at, at least where there are so many."""
 _FLICKER_LIMIT = 0.25
 _DIFFERENT_LEVELS = 16.0
 """In one channel at least; less may be a codec's or a light's doing."""
@@ -33,8 +33,13 @@ class Ghost:
     """Whether it moves in the plate; else it stands there and is gone in the take."""
     share: float
     """Of the picture, 0 to 1."""
-    centre_px: tuple[int, int]
-    """Column and row of the middle of its largest part."""
+    centre: tuple[float, float]
+    """Column and row of the middle of its largest part, over the picture's width."""
+
+    def centre_px(self, width_px: int) -> tuple[int, int]:
+        """The same in a picture of a width."""
+        column, row = (round(width_px * part) for part in self.centre)
+        return column, row
 
 
 def find_ghost(plate: Bytes, samples: Bytes) -> Ghost | None:
@@ -89,4 +94,5 @@ def _patches(mask: Mask) -> list[Mask]:
 def _ghost(moves: bool, patches: list[Mask]) -> Ghost:
     rows, columns = np.nonzero(patches[0])
     share = float(np.sum([patch.mean() for patch in patches]))
-    return Ghost(moves, share, (round(float(columns.mean())), round(float(rows.mean()))))
+    width_px = patches[0].shape[1]
+    return Ghost(moves, share, (float(columns.mean()) / width_px, float(rows.mean()) / width_px))

@@ -1,5 +1,8 @@
 """Pictures spread over a camera's video, by which what does not move is told from what does."""
 
+from collections.abc import Iterable, Iterator
+
+import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
@@ -7,6 +10,10 @@ from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.video import VideoIndex, VideoReader, index_video
 from services.mocap.types import Bytes
+
+_LOOK_WIDTH_PX = 160
+_MOST_DECODED = 48
+"""Frames that quick looks decode, in all."""
 
 
 def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
@@ -16,13 +23,55 @@ def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
     return _spread_over(index, first, first + take.settings.frames, most)
 
 
-def spread_plate(take: Take, camera: Camera, most: int) -> Bytes:
-    """Up to so many pictures (N, H, W, 3) of a camera's recorded clean plate, likewise."""
-    path = layout.background_video_path(take.folder, camera.name)
-    if not path.exists():
-        return np.array(list(take.background(camera)))
-    index = index_video(path)
-    return _spread_over(index, 0, index.n_frames, most)
+def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:
+    """Up to so many small copies (N, h, w, 3) of a camera's raw pictures, of which few need to be decoded.
+
+    Keyframes, and where there are too few of them, frames soon after each.
+    """
+    index = index_video(layout.video_path(take.folder, camera.name))
+    first = take.settings.offset(camera.name)
+    end = first + take.settings.frames
+    begins = [key for key, _ in index.keyframes if first < key < end]
+    runs = [range(*ends) for ends in zip([first, *begins], [*begins, end], strict=True)]
+    runs = [runs[i] for i in _spread(len(runs), most)]
+    each, longest = -(-most // len(runs)), max(1, _MOST_DECODED // len(runs))
+    pictures: list[Bytes] = []
+    for run in runs:
+        wanted = _spread(min(len(run), longest), each)
+        with VideoReader(index, run.start, run.start + wanted[-1] + 1) as video:
+            pictures += [shrunk(picture) for n, picture in enumerate(video) if n in wanted]
+    return np.array(pictures)
+
+
+class KeptLooks:
+    """Small copies of some of the pictures that go by, evenly spread, however many there will be."""
+
+    def __init__(self, fewest: int) -> None:
+        """Fewest: how many are kept at least of so many or more; never more than twice as many."""
+        self._fewest, self._every = fewest, 1
+        self._kept: list[Bytes] = []
+
+    def of(self, pictures: Iterable[Bytes]) -> Iterator[Bytes]:
+        """The very pictures (H, W, 3), looked at as they go by."""
+        for n, picture in enumerate(pictures):
+            if n % self._every == 0:
+                self._kept.append(shrunk(picture))
+                if len(self._kept) == 2 * self._fewest:
+                    self._kept, self._every = self._kept[::2], 2 * self._every
+            yield picture
+
+    @property
+    def pictures(self) -> Bytes:
+        """(N, h, w, 3)"""
+        return np.array(self._kept)
+
+
+def shrunk(picture: Bytes) -> Bytes:
+    """A picture (H, W, 3), or a smaller one of it that shows people no worse."""
+    share = _LOOK_WIDTH_PX / picture.shape[1]
+    if share >= 1:
+        return picture
+    return np.asarray(cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _spread_over(index: VideoIndex, first: int, end: int, most: int) -> Bytes:

@@ -5,7 +5,7 @@ Others come in from outside, as entry points of the group `xormocap.segmenters`.
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -27,7 +27,7 @@ from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.foreign import ForeignMatte
 from services.segmentation.ghosts import LOOKS, find_ghost
 from services.segmentation.onnx_matte import OnnxMatte
-from services.segmentation.samples import spread_pictures, spread_plate
+from services.segmentation.samples import KeptLooks, quick_looks, spread_pictures
 from services.segmentation.source import Matte, ReadySegmenter, Segmenter, VideoSegmenter
 from services.segmentation.take_plate import SAMPLES, TakePlate, plate_of_samples
 
@@ -47,6 +47,8 @@ class Scene:
     take: Take
     camera: Camera
     settings: SegmentationSettings
+    looks: KeptLooks = field(default_factory=lambda: KeptLooks(LOOKS))
+    """At the recorded clean plate, once it was learnt."""
 
     @property
     def is_recorded(self) -> bool:
@@ -60,7 +62,7 @@ class Scene:
 
     def plate(self) -> Iterable[Bytes]:
         """Pictures (H, W, 3) of the empty scene: the clean plate, or what the take itself tells of it."""
-        return self.take.background(self.camera) if self.is_recorded else self._made.frames
+        return self.looks.of(self.take.background(self.camera)) if self.is_recorded else self._made.frames
 
     def plate_picture(self) -> Bytes | None:
         """The recorded clean plate as one picture (H, W, 3); None without one."""
@@ -187,15 +189,15 @@ def _matte(scene: Scene, kind: str, argument: str) -> Matte:
 
 def _check_plate(scene: Scene) -> None:
     """Warn of a recorded clean plate that is not clean."""
-    pictures = spread_plate(scene.take, scene.camera, LOOKS)
-    ghost = find_ghost(pictures, spread_pictures(scene.take, scene.camera, LOOKS))
+    ghost = find_ghost(scene.looks.pictures, quick_looks(scene.take, scene.camera, LOOKS))
     if ghost is None:
         return
     what = "something moves in it" if ghost.moves else "shows something that is in no frame of the take"
     log.warning(
         "%s/background: clean plate of %s: %s (%.1f%% of the picture, about column %d, row %d), which spoils "
         "the silhouettes: record the empty stage with nobody in it",
-        scene.take.folder, scene.camera.name, what, 100 * ghost.share, *ghost.centre_px,
+        scene.take.folder, scene.camera.name, what, 100 * ghost.share,
+        *ghost.centre_px(scene.camera.width_px),
     )  # fmt: skip
 
 

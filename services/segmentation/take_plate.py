@@ -88,8 +88,9 @@ def agreeing(samples: Bytes, background: Bytes, tolerance: float) -> Mask:
     """Which samples (N, …, 3) show a background (…, 3): (N, …)."""
     agree: Mask = np.empty(samples.shape[:-1], np.bool_)
     for n, sample in enumerate(samples):
-        difference = np.abs(sample.astype(np.int16) - background)
-        agree[n] = difference.max(axis=-1) <= tolerance
+        difference = cv2.absdiff(sample.reshape(-1, 3), background.reshape(-1, 3)) <= tolerance
+        blue, green, red = difference.T
+        agree[n] = (blue & green & red).reshape(background.shape[:-1])
     return agree
 
 

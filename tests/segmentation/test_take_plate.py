@@ -68,7 +68,7 @@ def test_somebody_who_stands_in_the_plate(n_plates: int) -> None:
     )
     assert ghost is not None
     assert not ghost.moves
-    assert ghost.centre_px == pytest.approx((84, 45), abs=3)
+    assert ghost.centre_px(WIDTH) == pytest.approx((84, 45), abs=3)
     assert ghost.share == pytest.approx(somebody(84).mean(), rel=0.1)
 
 
