@@ -30,6 +30,7 @@ from services.segmentation.pixels import (
 _STRIDE_PX = 32
 _PRIOR_FRAMES = 10.0  # a pixel's own covariance counts as much as the picture's mean one after so many
 _GAUGE_PIXELS = 5000  # more would not make the estimate of the exposure better
+_CAST_REACHES = (0.25, 0.1)  # how far a channel may be from the exposure, and its pixels from each other
 _GAUGE_LEVELS = (20.0, 245.0)  # darker pixels are noise, brighter ones may be clipped
 _PAIRS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))  # lower triangle of a (3, 3) matrix
 
@@ -40,8 +41,8 @@ class Gauge:
 
     places: Ints
     """(n,) flat pixel indices."""
-    brightness: Levels
-    """(n,) sums over the channels in the reference picture."""
+    reference: Levels
+    """(n, 3) their colours in the reference picture."""
 
     @staticmethod
     def on(reference: Levels) -> "Gauge":
@@ -52,16 +53,31 @@ class Gauge:
         # By lot: a regular step could hit the same few columns in every row.
         drawn = np.random.default_rng(0).permutation(usable)[:_GAUGE_PIXELS]
         places = np.sort(drawn).astype(np.int32)
-        return Gauge(places, pixels[places].sum(axis=1))
+        return Gauge(places, np.ascontiguousarray(pixels[places]))
 
-    def gain(self, image_bgr: Bytes, limit: float) -> float:
-        """Exposure of an image relative to the reference's, within 1 ± limit.
+    def gains(self, image_bgr: Bytes, limit: float) -> Levels:
+        """(3,) how much brighter than the reference's the channels of an image are: exposure, white balance.
 
-        The median holds as long as more than half of the picture shows the lit background.
+        The exposure lies within 1 ± limit. Medians hold as long as more than half of the picture shows the
+        lit background; what is far from the exposure does not count for a channel's.
         """
+        gains: Levels = np.ones(3, np.float32)
         if self.places.size == 0 or limit == 0:
-            return 1.0
-        return float(median_ratio(image_bgr.reshape(-1, 3), self.places, self.brightness, limit))
+            return gains
+        pixels = np.ascontiguousarray(image_bgr).reshape(-1, 3)
+        exposure = median_ratio(pixels, 0, 2, self.places, self.reference, 1.0, limit)
+        for c in range(3):
+            gain = exposure
+            for reach in _CAST_REACHES:
+                gain = median_ratio(pixels, c, c, self.places, self.reference, gain, reach)
+            gains[c] = gain
+        return gains
+
+    def evened(self, image_bgr: Bytes, limit: float) -> Bytes:
+        """A copy of an image (H, W, 3) in the reference's exposure and white balance."""
+        factors = 1 / self.gains(image_bgr, limit)
+        evened: Bytes = np.rint(image_bgr * factors).clip(0, 255).astype(np.uint8)
+        return evened
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +122,7 @@ class CleanPlate:
 
         It depends on this image alone. Raises UserError where the image is not of the plate's size.
         """
-        mask, spans, gain = self._marked(image_bgr)
+        mask, spans, gains = self._marked(image_bgr)
         settings = self.settings
         top, bottom, left, right = extent(mask, spans, settings.speck_area_ppm * 1e-6 * mask.size)
         silhouette = np.zeros(mask.shape, np.bool_)
@@ -118,7 +134,7 @@ class CleanPlate:
         columns = _in_full_strides(max(left - margin, 0), right + margin, mask.shape[1])
         part = np.ascontiguousarray(mask[rows, columns])
         corner_px = rows.start, columns.start
-        settle_edges(part, corner_px, self.channels, self.mean, gain, rim_px, settings.edge_misfit)
+        settle_edges(part, corner_px, self.channels, self.mean, gains, rim_px, settings.edge_misfit)
         cleanup_in_place(part, mask.size, settings)
         silhouette[rows, columns] = part
         return silhouette
@@ -127,20 +143,20 @@ class CleanPlate:
         """What differs from the plate and is no shadow, pixel by pixel: a mask (H, W), specks included."""
         return self._marked(image_bgr)[0].view(np.bool_)
 
-    def _marked(self, image_bgr: Bytes) -> tuple[Bytes, Ints, float]:
-        """The foreground (H, W), where its rows have to be looked at (H, 2), and the image's exposure."""
+    def _marked(self, image_bgr: Bytes) -> tuple[Bytes, Ints, Levels]:
+        """The foreground (H, W), where its rows have to be looked at (H, 2), and the image's gains (3,)."""
         height, width = self.turn_noise.shape
         _check_size(image_bgr, (height, width), "image", "the clean plate")
         settings = self.settings
-        gain = self.gauge.gain(image_bgr, settings.flicker_limit)
+        gains = self.gauge.gains(image_bgr, settings.flicker_limit)
         whole = np.zeros((height, -(-width // 8) * 8), np.uint8)
         cv2.split(image_bgr, list(self.channels))
-        mark_differences(self.channels, gain, self.mean, self.whitening, settings.distance_sigmas, whole)
+        mark_differences(self.channels, gains, self.mean, self.whitening, settings.distance_sigmas, whole)
         spans = drop_shadow(
-            whole, whole.view(np.uint64), self.channels, gain, self.mean, self.turn_noise,
+            whole, whole.view(np.uint64), self.channels, gains, self.mean, self.turn_noise,
             settings.shadow_ratio_min, tan(radians(settings.shadow_angle_deg)),
         )  # fmt: skip
-        return whole[:, :width], spans, gain
+        return whole[:, :width], spans, gains
 
 
 class _Sums:
@@ -159,9 +175,9 @@ class _Sums:
             self._products = np.zeros((6, frame[..., 0].size), np.float32)
         _check_size(frame, self._first.shape, f"clean plate, frame {self._count}", "its first frame")
         # Differences from the first frame are small, which keeps sums in single precision exact enough.
-        scale = np.float32(1 / self._gauge.gain(frame, self._flicker_limit))
+        scales = np.float32(1) / self._gauge.gains(frame, self._flicker_limit)
         pixels, first = np.ascontiguousarray(frame).reshape(-1, 3), self._first.reshape(-1, 3)
-        add_products(pixels, scale, first, self._sum, self._products)
+        add_products(pixels, scales, first, self._sum, self._products)
         self._count += 1
 
     def statistics(self, settings: SegmentationSettings) -> tuple[Levels, Levels]:

@@ -22,7 +22,7 @@ class SegmentationSettings(BaseModel):
     """levels over 0, per channel: deviation that a plate does not show (rounding, a codec's still scene)"""
     assumed_noise_levels: float = Field(2.5, gt=0)
     """levels over 0, per channel: the camera's noise, assumed where the plate is a single picture"""
-    flicker_limit: float = Field(0.25, ge=0, lt=1)
+    flicker_limit: float = Field(0.4, ge=0, lt=1)
     """a number from 0 to below 1: largest relative change of exposure that is evened out"""
     shadow_ratio_min: float = Field(0.45, gt=0, le=1)
     """a number over 0, at most 1: brightness of the darkest shadow over that of the lit background"""
@@ -32,8 +32,8 @@ class SegmentationSettings(BaseModel):
     """millionths of the picture's area, 0 or more: smaller foreground patches go (200: 15 px of 320x240)"""
     hole_area_ppm: float = Field(100.0, ge=0)
     """millionths of the picture's area, 0 or more: smaller holes are filled (100: 7 px of 320x240)"""
-    edge_width_permille: float = Field(6.25, ge=0, le=50)
-    """thousandths of the picture's width, 0 to 50: rim of mixed colours (6.25: 2 px of 320; 0: none)"""
+    edge_width_permille: float = Field(4.7, ge=0, le=50)
+    """thousandths of the picture's width, 0 to 50: rim of mixed colours (4.7: 1.5 px of 320; 0: none)"""
     edge_misfit: float = Field(0.4, gt=0)
     """a number over 0: how far a mixed colour may lie off the line between its two, over their distance"""
 

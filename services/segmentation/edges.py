@@ -8,6 +8,7 @@ Rows go through the passes one after the other, so that what neighbourhoods are 
 from math import ceil
 from typing import TypeAlias
 
+import cv2
 import numba
 import numpy as np
 
@@ -16,6 +17,9 @@ from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 _MIN_CONTRAST_LEVELS = 15.0  # below it, noise decides on which side of the middle a mixed pixel falls
 _MIN_PURITY = 1e-3
+_LEAST_OUTSIDE_PX = 2.0  # so far out of the mask, at least, there may be some actor: thin limbs before noise
+_RIM_PER_RADIUS = 1.5
+_EVEN_LEVELS = 8.0  # brightness that varies by less than this shows no edge
 _N_SUMS = 6
 
 _Sums: TypeAlias = tuple[float, float, float, float, float, float]
@@ -26,21 +30,31 @@ def settle_edges(
     corner_px: tuple[int, int],
     channels: Bytes,
     mean: Steps,
-    gain: float,
+    gains: Levels,
     rim_px: float,
     misfit: float,
 ) -> None:
     """Give each pixel of a mask's rim to whom more than half of it belongs, in place.
 
     part (h, w): the part of the mask that is set, and a margin; corner_px: its first row and column.
-    channels: the picture (3, H, W); mean, gain: the background (3, H, W) in steps, and how much brighter
-    the picture is. Where no mix of the colours on both sides explains a pixel, off their line by more than
-    misfit, or the two sides look alike, the mask stands.
+    channels: the picture (3, H, W); mean (3, H, W), gains (3,): the background in steps, and how much
+    brighter the picture is. Where no mix of the colours on both sides explains a pixel, off their line by
+    more than misfit, or the two sides look alike, the mask counts. Shares are evened out along the edges that
+    the picture shows (a guided filter), so that noise and codecs leave no ragged outline.
     """
-    if rim_px > 0 and part.size > 0:
-        inside2, outside2 = _depths2(part, ceil(rim_px + 1), np.float32((rim_px + 1) ** 2))
-        level, rim, misfit_1 = (np.float32(value) for value in (gain / MEAN_STEPS, rim_px, misfit))
-        _settle(part, corner_px, inside2, outside2, channels, mean, level, rim, misfit_1)
+    if rim_px <= 0 or part.size == 0:
+        return
+    inside2, outside2 = _depths2(part, ceil(rim_px + 1), np.float32((rim_px + 1) ** 2))
+    levels, rim, misfit_1 = gains / np.float32(MEAN_STEPS), np.float32(rim_px), np.float32(misfit)
+    share, on_rim = part.astype(np.float32), np.zeros_like(part)
+    _mix(share, on_rim, corner_px, inside2, outside2, channels, mean, levels, rim, misfit_1)
+    height, width = part.shape
+    (top, left), radius_px = corner_px, max(1, round(rim_px / _RIM_PER_RADIUS))
+    picture = cv2.merge([plane[top : top + height, left : left + width] for plane in channels])
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    evened = np.asarray(cv2.ximgproc.guidedFilter(grey, share, radius_px, _EVEN_LEVELS**2))
+    near_rim = np.asarray(cv2.dilate(on_rim, np.ones((3, 3), np.uint8)))
+    part[:] = np.where(near_rim > 0, evened > 0.5, part)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -80,22 +94,25 @@ def _depths2_along_rows(mask: Bytes, reach: int, most: np.float32) -> Levels:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _settle(
-    mask: Bytes, corner_px: tuple[int, int], inside2: Levels, outside2: Levels, channels: Bytes, mean: Steps,
-    level: np.float32, rim_px: np.float32, misfit: np.float32,
+def _mix(
+    share: Levels, on_rim: Bytes, corner_px: tuple[int, int], inside2: Levels, outside2: Levels,
+    channels: Bytes, mean: Steps, levels: Levels, rim_px: np.float32, misfit: np.float32,
 ) -> None:  # fmt: skip
-    """Settle a mask's rim by sums over square neighbourhoods."""
-    height, width = mask.shape
+    """Mark a mask's rim (h, w), and put in the actor's share in its pixels, by sums over neighbourhoods.
+
+    share (h, w): the mask's ones and zeros before.
+    """
+    height, width = share.shape
     top, left = corner_px
     reach = round(1.5 * rim_px)
     size = 2 * reach + 1
     ring = np.zeros((size + 1, _N_SUMS, width), np.float32)
     columns = np.zeros((_N_SUMS, width))
-    rim2, near2 = rim_px * rim_px, max(np.float32(1.0), rim_px / 2) ** 2
+    rim2, near2 = rim_px * rim_px, max(np.float32(_LEAST_OUTSIDE_PX), rim_px / 2) ** 2
     for ahead in range(height + reach):
         coming, leaving = ring[ahead % (size + 1)], ring[(ahead + 1) % (size + 1)]
         if ahead < height:
-            _weigh(inside2[ahead], outside2[ahead], channels, mean, top + ahead, left, level, rim2, coming)
+            _weigh(inside2[ahead], outside2[ahead], channels, mean, top + ahead, left, levels, rim2, coming)
         else:
             coming[:] = 0
         for k in range(_N_SUMS):
@@ -109,7 +126,8 @@ def _settle(
                 continue
             near = _sums_near(columns, max(x - reach, 0), min(x + reach + 1, width))
             if near[3] > _MIN_PURITY:
-                mask[y, x] = _side(mask[y, x], channels, mean, top + y, left + x, level, near, misfit)
+                on_rim[y, x] = 1
+                share[y, x] = _share(share[y, x], channels, mean, top + y, left + x, levels, near, misfit)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -128,7 +146,7 @@ def _sums_near(columns: Floats, begin: int, end: int) -> _Sums:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _weigh(
-    inside2: Levels, outside2: Levels, channels: Bytes, mean: Steps, y: int, left: int, level: np.float32,
+    inside2: Levels, outside2: Levels, channels: Bytes, mean: Steps, y: int, left: int, levels: Levels,
     rim2: np.float32, values: Levels,
 ) -> None:  # fmt: skip
     """What neighbourhoods are summed over (6, w), for one row (w,) of the part.
@@ -148,10 +166,10 @@ def _weigh(
         for x in range(inside2.size):
             values[c, x] = values[3, x] * seen[x]
         for x in range(inside2.size):
-            expected = min(level * plate[x], white)
+            expected = min(levels[c] * plate[x], white)
             values[4, x] += expected * expected
         for x in range(inside2.size):
-            values[5, x] += min(level * plate[x], white) * seen[x]
+            values[5, x] += min(levels[c] * plate[x], white) * seen[x]
     for x in range(inside2.size):
         beyond = np.float32(outside2[x] > rim2)
         values[4, x] *= beyond
@@ -159,16 +177,17 @@ def _weigh(
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _side(
-    was: int, channels: Bytes, mean: Steps, y: int, x: int, level: np.float32, near: _Sums, misfit: np.float32
-) -> int:  # fmt: skip
-    """1 where a pixel is more than half the actor's, else 0; what it was where no mix explains its colour."""
+def _share(
+    was: np.float32, channels: Bytes, mean: Steps, y: int, x: int, levels: Levels, near: _Sums,
+    misfit: np.float32,
+) -> np.float32:  # fmt: skip
+    """The actor's share in a pixel, 0 to 1; what it was where no mix explains its colour."""
     # Beside the feet the floor lies in shadow: as dark at the rim as nearby beyond it.
     one, white = np.float32(1), np.float32(255)
     shade, share = np.float32((near[5] + 1) / (near[4] + 1)), np.float32(1 / near[3])
     length2 = along = offset2 = np.float32(0)
     for c in range(3):
-        behind = min(level * mean[c, y, x], white) * shade
+        behind = min(levels[c] * mean[c, y, x], white) * shade
         span, offset = np.float32(near[c]) * share - behind, np.float32(channels[c, y, x]) - behind
         length2 += span * span
         along += offset * span
@@ -176,4 +195,4 @@ def _side(
     off_line2 = offset2 - along * along / max(length2, one)
     if length2 <= _MIN_CONTRAST_LEVELS**2 or off_line2 >= misfit * misfit * length2:
         return was
-    return int(along + along > length2)
+    return min(max(along / length2, np.float32(0)), one)

@@ -62,8 +62,7 @@ def _gone(plate: Bytes, samples: Bytes) -> Ghost | None:
     which a place that somebody has left does not have.
     """
     gauge = Gauge.on(plate.astype(np.float32))
-    gains = [gauge.gain(sample, _FLICKER_LIMIT) for sample in samples]
-    evened = np.array([cv2.convertScaleAbs(s, alpha=1 / g) for s, g in zip(samples, gains, strict=True)])
+    evened = np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
     differs: Mask = np.asarray(~agreeing(evened, plate, _DIFFERENT_LEVELS).any(axis=0))
     usual = median_picture(evened)
     same = agreeing(evened, usual, _DIFFERENT_LEVELS).mean(axis=0)

@@ -66,8 +66,7 @@ def plate_of_samples(samples: Bytes) -> TakePlate:
 def _evened(samples: Bytes) -> Bytes:
     """Copies of the samples at the exposure of their median."""
     gauge = Gauge.on(median_picture(samples).astype(np.float32))
-    evened = [cv2.convertScaleAbs(s, alpha=1 / gauge.gain(s, _FLICKER_LIMIT)) for s in samples]
-    return np.array(evened, np.uint8)
+    return np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
 
 
 def median_picture(samples: Bytes) -> Bytes:

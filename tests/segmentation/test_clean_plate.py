@@ -104,11 +104,40 @@ def test_settings_decide_what_is_shadow() -> None:
     assert iou(silhouette(CleanPlate.learn(plate_frames(8), strict), image), disc()) > 0.98
 
 
-@pytest.mark.parametrize("gain", [0.8, 0.95, 1.0, 1.05, 1.2])
+@pytest.mark.parametrize("gain", [0.7, 0.95, 1.0, 1.05, 1.35])
 def test_an_empty_scene_has_no_foreground_whatever_the_exposure(plate: CleanPlate, gain: float) -> None:
     image = exposed(wall(), np.random.default_rng(4), gain)
     assert plate.foreground(image).mean() < 2e-4
     assert not silhouette(plate, image).any()
+
+
+@pytest.mark.parametrize("balance", [(1.12, 1.0, 0.9), (0.85, 0.95, 1.1), (0.75, 0.7, 0.65)])
+@pytest.mark.parametrize("colour", ["red", "navy", "skin"])
+def test_white_balance_may_drift(plate: CleanPlate, balance: tuple[float, float, float], colour: str) -> None:
+    rng = np.random.default_rng(14)
+    assert not silhouette(plate, exposed(wall() * balance, rng)).any()
+    scene, actor, shadow = wall(), disc(), disc(45, (215, 170))
+    scene[shadow] *= 0.6
+    scene[actor] = COLOURS[colour]
+    found = silhouette(plate, exposed(scene * balance, rng))
+    assert iou(found, actor) > 0.98
+    assert not found[shadow & ~disc(43)].any()
+
+
+def test_a_large_actor_in_one_colour_is_no_white_balance(plate: CleanPlate) -> None:
+    scene, actor = wall(), disc(95, (150, 120))
+    scene[actor] = COLOURS["blue-grey"]
+    gains = plate.gauge.gains(exposed(scene, np.random.default_rng(15)), SETTINGS.flicker_limit)
+    np.testing.assert_allclose(gains, 1, atol=0.03)
+
+
+def test_an_image_is_evened_to_its_plate(plate: CleanPlate) -> None:
+    rng = np.random.default_rng(16)
+    evened = plate.gauge.evened(exposed(wall() * (1.1, 1.0, 0.9), rng, 0.9), SETTINGS.flicker_limit)
+    assert evened.dtype == np.uint8
+    factors = np.median(evened / wall().clip(1), axis=(0, 1))  # the plate's first frame has a gain of its own
+    np.testing.assert_allclose(factors, factors.mean(), rtol=0.005)
+    assert factors.mean() == pytest.approx(1, abs=0.03)
 
 
 def test_exposure_is_judged_by_the_background_even_beside_a_large_actor(plate: CleanPlate) -> None:
@@ -238,8 +267,9 @@ def test_rendered_studio(camera: str) -> None:
     images = decode(TAKE / f"videos/{camera}.mp4", 49)
     for frame in (0, 24, 48):
         true, found = reference(camera, frame), silhouette(plate, images[frame])
-        assert iou(found, true) > 0.96
+        assert iou(found, true) > 0.965
         # What is taken wrongly hugs the outline: not a pixel of shadow away from it.
         near = cv2.dilate(true.view(np.uint8), np.ones((7, 7), np.uint8)) > 0
         assert not np.any(found & ~near)
-        assert (found & ~true).sum() < 0.02 * true.sum()
+        assert (found & ~true).sum() < 0.025 * true.sum()
+        assert (~found & true).sum() < 0.02 * true.sum()
