@@ -22,7 +22,10 @@ _VOXEL_M = 0.06
 _REACH_M = 2.4
 _MOST_LEFT_OUT = 2
 _DECISIVE = 0.1
-"""How much more one choice of cameras has to fill than every other one, to be blamed alone."""
+"""How much more one choice of cameras has to fill than every other one, to be blamed alone …"""
+_DECISIVE_OF_FOUR, _DECISIVE_RATIO = 0.05, 3.0
+"""… or, of four cameras, this much more, where every other one leaves so many times as much unfilled: three,
+one of them wrong, may still fill most of their silhouettes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +39,8 @@ class Agreement:
     """The share of the others' silhouettes that their hull fills, on average."""
     piece_shares: Floats
     """(K,) how much of the silhouettes each connected piece of the hull fills alone, the largest first."""
+    suspects: tuple[int, ...] = ()
+    """Where none is odd: those of which one is likely to be, since without any of them the others meet."""
 
     @property
     def agree(self) -> bool:
@@ -50,22 +55,38 @@ def find_agreement(rig: Rig, silhouettes: Mask, cameras: tuple[int, ...]) -> Agr
     Raises TakeError where the rays do not even come near to each other.
     """
     space = _Space(rig, silhouettes, cameras)
-    best = _Choice((), space.filled(cameras))
+    best, suspects = _Choice((), space.filled(cameras)), tuple[int, ...]()
     for n_odd in range(1, _MOST_LEFT_OUT + 1):
         if best.filled >= WELL_FILLED or len(cameras) - n_odd <= MIN_CAMERAS:
             break
         choices = [_choice(space, cameras, odd) for odd in combinations(cameras, n_odd)]
         choices.sort(key=lambda choice: -choice.filled)
-        if choices[0].filled >= max(WELL_FILLED, choices[1].filled + _DECISIVE):
-            best = choices[0]
+        if _is_decided(len(cameras), choices[0].filled, choices[1].filled):
+            best, suspects = choices[0], ()
+        elif n_odd == 1:
+            suspects = _suspects(choices)
     kept = tuple(c for c in cameras if c not in best.odd)
-    return Agreement(cameras, best.odd, best.filled, space.piece_shares(kept))
+    return Agreement(cameras, best.odd, best.filled, space.piece_shares(kept), suspects)
 
 
 @dataclass(frozen=True)
 class _Choice:
     odd: tuple[int, ...]
     filled: float
+
+
+def _is_decided(n_cameras: int, filled: float, next_filled: float) -> bool:
+    """Whether the best choice fills so much more than the next one that it alone can be right."""
+    margin, needed = filled - next_filled, _DECISIVE
+    if n_cameras == MIN_CAMERAS + 2 and 1.0 - next_filled >= _DECISIVE_RATIO * (1.0 - filled):
+        needed = _DECISIVE_OF_FOUR
+    return filled >= WELL_FILLED and margin >= needed
+
+
+def _suspects(choices: list[_Choice]) -> tuple[int, ...]:
+    """The cameras without which others meet well, of choices of one, best first; none if any may be."""
+    likely = [c for c in choices if c.filled >= max(WELL_FILLED, choices[0].filled - _DECISIVE)]
+    return tuple(sorted(c.odd[0] for c in likely)) if len(likely) < len(choices) else ()
 
 
 def _choice(space: "_Space", cameras: tuple[int, ...], odd: tuple[int, ...]) -> _Choice:

@@ -63,7 +63,7 @@ def look_first(rig: Rig, silhouettes: Mask, names: Sequence[str] = ()) -> FirstL
     _check_counts(empty, full, usable, names)
     _check_cut_off(rig, silhouettes, usable, names)
     agreement = find_agreement(rig, silhouettes, usable)
-    _check_agreement(agreement)
+    _check_agreement(agreement, names)
     left_out = (*empty, *full, *agreement.odd)
     return FirstLook(left_out, tuple(_remarks(empty, full, agreement, names)))
 
@@ -85,7 +85,8 @@ def _remarks(
     if agreement.filled < WELL_FILLED:
         remarks.append(
             f"calibration.toml: the cameras' silhouettes meet in space only in part, their hull fills "
-            f"{100 * agreement.filled:.0f}% of them: check calibration and synchronisation"
+            f"{100 * agreement.filled:.0f}% of them{_suspicion(agreement, names)}: check calibration and "
+            "synchronisation"
         )
     return remarks
 
@@ -138,14 +139,23 @@ def _is_cut_off(silhouette: Mask, width: int, height: int) -> bool:
     return bool(max(contacts) > _CUT_SHARE * np.sqrt(np.count_nonzero(seen)))
 
 
-def _check_agreement(agreement: Agreement) -> None:
+def _suspicion(agreement: Agreement, names: Sequence[str]) -> str:
+    """The half sentence that names the cameras of which one disagrees; empty where none is more likely."""
+    suspects = [names[c] for c in agreement.suspects]
+    if len(suspects) < 2:
+        return f"; most likely {suspects[0]} disagrees with the others" if suspects else ""
+    either = f"{', '.join(suspects[:-1])} or {suspects[-1]}"
+    return f"; {either} disagrees with the others, and these silhouettes do not tell which"
+
+
+def _check_agreement(agreement: Agreement, names: Sequence[str]) -> None:
     if not agreement.agree:
-        who = "no camera or two alone are to blame"
-        if len(agreement.cameras) <= MIN_CAMERAS + 1:
-            who = f"of {len(agreement.cameras)} cameras none can be singled out"
+        who = _suspicion(agreement, names) or ", and no camera or two alone are to blame"
+        if not agreement.suspects and len(agreement.cameras) <= MIN_CAMERAS + 2:
+            who = f", and of {len(agreement.cameras)} cameras none can be singled out"
         raise TakeError(
             "calibration.toml: the cameras' silhouettes do not meet in space, where their hull fills "
-            f"{100 * agreement.filled:.0f}% of them, and {who}: check that the calibration belongs to this "
+            f"{100 * agreement.filled:.0f}% of them{who}: check that the calibration belongs to this "
             "take and that the videos are synchronised"
         )
     if len(agreement.piece_shares) > 1 and agreement.piece_shares[1] > _SECOND_SHARE:

@@ -33,12 +33,12 @@ def masks(model: Model, standing: Poser, silhouettes_of: Callable[[Floats], Byte
     return make
 
 
-def turned(rig: Rig, camera: int, degrees: float) -> Rig:
-    """The rig with one camera turned about the vertical through its centre."""
+def turned(rig: Rig, camera: int, degrees: float, axis: str = "z") -> Rig:
+    """The rig with one camera turned about the vertical, or another axis of the world, through its centre."""
     P = rig.P_px_world.copy()
     M = P[camera, :, :3]
     centre_m = -np.linalg.solve(M, P[camera, :, 3])
-    M = M @ Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    M = M @ Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
     P[camera] = np.hstack([M, -(M @ centre_m)[:, None]])
     return Rig(P, rig.sizes_px)
 
@@ -112,6 +112,39 @@ def test_what_cannot_be_blamed_on_one_camera_is_remarked(model: Model, masks: Ma
     look = look_first(Rig(P, model.rig.sizes_px), masks(**A_POSE), NAMES)
     assert look.left_out == ()
     assert look.remarks[0].startswith("calibration.toml: the cameras' silhouettes meet in space only in part")
+
+
+@pytest.mark.parametrize(
+    ("cameras", "camera", "axis", "degrees"),
+    [
+        ([0, 2, 3, 5], 1, "z", 8),
+        ([0, 2, 3, 5], 2, "z", -15),
+        ([0, 1, 3, 6], 3, "x", 8),
+        ([0, 1, 2, 3], 2, "z", 6),
+    ],
+)
+def test_the_camera_of_four_that_disagrees_is_named(
+    model: Model, masks: Masks, cameras: list[int], camera: int, axis: str, degrees: float
+) -> None:
+    rig, seen = some(model.rig, masks(root_heading=20, **A_POSE), cameras)
+    names = [NAMES[c] for c in cameras]
+    look = look_first(turned(rig, camera, degrees, axis), seen, names)
+    assert look.left_out == (camera,)
+    assert look.remarks[0].startswith(f"calibration.toml: what {names[camera]} sees does not meet")
+
+
+@pytest.mark.parametrize("degrees", [4, -4])
+def test_of_four_cameras_in_a_square_the_two_that_may_disagree_are_named(
+    model: Model, masks: Masks, degrees: float
+) -> None:
+    """A camera that turns looks past the actor along the line on which two others face each other."""
+    rig, seen = some(model.rig, masks(root_heading=20, **A_POSE), [0, 2, 4, 6])
+    names = [NAMES[c] for c in (0, 2, 4, 6)]
+    try:
+        said = " ".join(look_first(turned(rig, 1, degrees), seen, names).remarks)
+    except TakeError as error:
+        said = str(error)
+    assert "cam03 or cam07 disagrees with the others" in said
 
 
 def test_with_three_cameras_nobody_is_blamed(model: Model, masks: Masks) -> None:
