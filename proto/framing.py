@@ -1,5 +1,7 @@
 """Messages to frames and back. Whatever comes in is checked before anything trusts it."""
 
+from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import msgpack
@@ -89,7 +91,7 @@ def _decode_header(frames: list[bytes]) -> dict[str, Any]:
     return header
 
 
-def _bind_sizes(name: str, specs: dict[str, Array], shapes: list[Any]) -> None:
+def _bind_sizes(name: str, specs: Mapping[str, Array], shapes: list[Any]) -> None:
     """Check shapes against their specifications; a letter must stand for one size only."""
     sizes: dict[str, int] = {}
     for (field, spec), shape in zip(specs.items(), shapes, strict=True):
@@ -130,5 +132,6 @@ def _check_content(name: str, array: NDArray[Any]) -> None:
         raise MalformedMessage(f"{name}: holds a number that is not finite")
 
 
+@cache
 def _wire_dtype(spec: Array) -> np.dtype[Any]:
     return np.dtype(spec.dtype).newbyteorder("<")

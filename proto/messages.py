@@ -3,7 +3,9 @@
 A field annotated with Array travels as a raw binary frame of its own, all others in the msgpack header.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import numpy as np
@@ -416,7 +418,8 @@ MESSAGES: dict[str, type[Message]] = {
 }
 
 
-def arrays_of(message: type[Message]) -> dict[str, Array]:
+@cache
+def arrays_of(message: type[Message]) -> Mapping[str, Array]:
     """The array fields of a message type, in the order of their frames."""
     return {
         name: extra

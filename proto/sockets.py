@@ -30,6 +30,7 @@ PING_TIMEOUT_MS = 2500
 """libzmq pings from its own thread, so a peer that is busy still answers and one that hangs does not."""
 _RECONNECT_MS, _RECONNECT_MAX_MS = 100, 4000
 """Waits between tries double up to the longest; on the same machine, where a try is cheap, they do not."""
+_POLLIN = int(zmq.POLLIN)
 _REBIND_TRIES, _REBIND_S = 200, 0.005
 
 
@@ -193,9 +194,8 @@ def receive_from(socket: "zmq.Socket[bytes]") -> tuple[bytes, Message] | None:
     return None if envelope is None else (envelope.frames[0], decode(envelope.frames[1:]))
 
 
-def wait(sockets: "list[zmq.Socket[bytes]]", timeout_s: float) -> None:
-    """Return when one of the sockets has a message waiting, at the latest after timeout_s."""
-    poller = zmq.Poller()
-    for socket in sockets:
-        poller.register(socket, zmq.POLLIN)
-    poller.poll(round(max(timeout_s, 0.0) * 1000))
+def wait(sockets: "list[zmq.Socket[bytes]]", timeout_s: float) -> "list[zmq.Socket[bytes]]":
+    """Return when some of the sockets have a message waiting, at the latest after timeout_s; which have."""
+    ready = zmq.zmq_poll([(socket, _POLLIN) for socket in sockets], round(max(timeout_s, 0.0) * 1000))
+    waiting = {id(socket) for socket, _ in ready}
+    return [socket for socket in sockets if id(socket) in waiting]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from proto.messages import MAX_SHARDS, LimbResult, LimbTask
+from proto.messages import MAX_SHARDS, LimbResult, LimbTask, Settings
 from services.coordinator.dispatch import Dispatcher
 from services.coordinator.overhead import Overhead
 from services.mocap.search.chains import LIMBS, LimbName
@@ -13,6 +13,9 @@ from services.mocap.search.jobs import LimbJob
 from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.stages import Solution
+
+_LOOK_S = 0.02
+"""How long to wait for a result before looking after late tasks and lost workers."""
 
 
 class RemoteLimbs:
@@ -49,9 +52,13 @@ class RemoteLimbs:
         with self._overhead.talking():
             self._pump(0.0)
             self._jobs = {job.limb: job for job in jobs}
-            self._dispatcher.submit([self._task(job, k) for job in jobs for k in range(self._shards)])
+            settings = {id(job.settings): job.settings for job in jobs}  # mostly one for all
+            wishes = {which: chosen.to_wire() for which, chosen in settings.items()}
+            self._dispatcher.submit(
+                [self._task(job, k, wishes[id(job.settings)]) for job in jobs for k in range(self._shards)]
+            )
 
-    def _task(self, job: LimbJob, shard: int) -> LimbTask:
+    def _task(self, job: LimbJob, shard: int, search: Settings) -> LimbTask:
         return LimbTask(
             take=self._take,
             run=self._run,
@@ -62,7 +69,7 @@ class RemoteLimbs:
             shards=self._shards,
             actor=self._actor,
             rig=self._rig,
-            search=job.settings.to_wire(),
+            search=search,
             pose=job.pose,
             origin_px=job.window.region.origin_px,
             window=job.window.silhouettes,
@@ -71,14 +78,13 @@ class RemoteLimbs:
     def finish(self) -> Iterator[tuple[LimbName, Solution]]:
         """See LimbPool.finish. Of a limb's shards the one of least energy counts, the first of equals."""
         with self._overhead.talking():
+            self._pump(0.0)
             while self._dispatcher.pending:
-                self._pump(0.0)
                 self._dispatcher.tick()
                 task = self._dispatcher.take_waiting()
                 if task is not None:
                     self._dispatcher.solved_here(self._solve_here(task))
-                elif self._dispatcher.pending:
-                    self._pump(0.02)
+                self._pump(0.0 if task is not None else _LOOK_S)
         results = sorted(self._dispatcher.collect(), key=lambda result: (result.energy_px, result.shard))
         for name in self._jobs:
             shards = [result for result in results if result.limb == name]

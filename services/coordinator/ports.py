@@ -16,6 +16,8 @@ log = logging.getLogger(__name__)
 _SENDERS_KEPT = 4096
 """Clients whose keys are remembered, those that spoke last; where there are keys, others are sent nothing."""
 _MOST_DROPPED = 64
+_HEARD: tuple[StreamName, ...] = ("silhouettes", "tasks")
+"""Streams on which something comes in."""
 
 
 class Ports:
@@ -79,10 +81,11 @@ class Ports:
             return False
         return send(self._sockets["tasks"], message, identity)
 
-    def wait(self, timeout_s: float) -> None:
-        """Return when a message is waiting, at the latest after timeout_s."""
+    def wait(self, timeout_s: float) -> list[StreamName]:
+        """Return when a message is waiting, at the latest after timeout_s; the streams that have one."""
         self._cut_revoked()
-        wait([self._sockets["tasks"], self._sockets["silhouettes"]], timeout_s)
+        ready = wait([self._sockets[name] for name in _HEARD], timeout_s)
+        return [name for name in _HEARD if self._sockets[name] in ready]
 
     def receive(self, stream: StreamName) -> tuple[bytes, Message] | None:
         """The next message of a stream and, on tasks, its sender's identity; None when none is left.

@@ -199,10 +199,11 @@ class Switchboard:
         """Wait up to timeout_s for a message, then act on all that have come."""
         if time.monotonic() - self._repeated_s > _PUBLISH_S:
             self._repeat()
-        self._ports.wait(timeout_s)
+        ready = self._ports.wait(timeout_s)
         for _ in range(_MOST_AT_ONCE):
-            if not self._take_one("silhouettes") and not self._take_one("tasks"):
+            if not ready:
                 break
+            ready = [stream for stream in ready if self._take_one(stream)]
 
     def _take_one(self, stream: StreamName) -> bool:
         """Act on one waiting message of a stream; False if there was none."""
