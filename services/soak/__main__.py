@@ -1,6 +1,8 @@
 """The command line of the long runs."""
 
 import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -14,8 +16,10 @@ from services.launcher import ServiceFailedError
 from services.mocap.errors import UserError
 from services.soak import fuzz as decoder
 from services.soak import siege
+from services.soak.fire import BrokenServiceError
 from services.soak.kills import kill_at_random, show_kills
 from services.soak.memory import MOST_GROWTH_MIB, show_memory, watch_memory
+from services.track import Interrupted
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -25,7 +29,15 @@ app = typer.Typer(
 )
 _MOST_GROWTH_MIB = 32.0
 """What an allocator may keep; a message of every thousand that stayed would be more."""
+_EXIT_INTERRUPTED = 130
 _console = Console(highlight=False)
+
+
+SeedOption = Annotated[
+    int | None,
+    typer.Option(min=0, help="Repeats what is done, if not just when; else it differs each time."),
+]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
 
 
 @app.command()
@@ -34,28 +46,20 @@ def fuzz(
     live: Annotated[
         int, typer.Option(min=0, help="Messages for a worker's and a coordinator's sockets; 0: none.")
     ] = 50_000,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Repeats a run; else another one each time.")
-    ] = None,
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write the counts here as well.")] = None,
+    seed: SeedOption = None,
+    json_path: JsonOption = None,
 ) -> None:
     """Hostile messages: nothing may crash, grow or change a pose, and everything is counted."""
-    chosen = int(np.random.default_rng().integers(2**31)) if seed is None else seed
-    _console.print(f"--seed {chosen}")
-    try:
-        with Progress(console=Console(stderr=True)) as bar:
-            task = bar.add_task("decoding", total=inputs)
-            report = decoder.fuzz_decoder(chosen, inputs, lambda done: bar.update(task, completed=done))
-        _show_decoder(report)
-        besieged = siege.besiege(chosen, live) if live else None
-    except (decoder.BrokenDecoderError, siege.BrokenServiceError, ServiceFailedError) as error:
-        _console.print(f"broken: {error}", style="red", markup=False, soft_wrap=True)
-        raise typer.Exit(1) from None
-    if besieged is not None:
+    chosen = _chosen(seed)
+    with _following("decoding", inputs) as progress:
+        report = decoder.fuzz_decoder(chosen, inputs, progress)
+    _show_decoder(report)
+    besieged = None
+    if live:
+        with _following("besieging", None):
+            besieged = siege.besiege(chosen, live)
         _show_siege(besieged)
-    if json_path is not None:
-        content = {"decoder": report.as_json(), "siege": besieged and besieged.as_json()}
-        json_path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    _write(json_path, {"decoder": report.as_json(), "siege": besieged and besieged.as_json()})
     grown = {"decoder": report.growth_mib} | (besieged.growth_mib if besieged else {})
     if max(grown.values()) > _MOST_GROWTH_MIB:
         _console.print(f"broken: memory grew, in MiB: {grown}", style="red")
@@ -70,25 +74,15 @@ def kills(
     frames: Annotated[
         int, typer.Option(min=10, help="Frames of the take that is tracked again and again.")
     ] = 120,
-    seed: Annotated[
-        int | None,
-        typer.Option(min=0, help="Repeats what is done, if not just when; else it differs each time."),
-    ] = None,
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")] = None,
+    seed: SeedOption = None,
+    json_path: JsonOption = None,
 ) -> None:
     """Services die and hang at random moments: no frame may be lost, and none may be altered."""
-    chosen = int(np.random.default_rng().integers(2**31)) if seed is None else seed
-    _console.print(f"--seed {chosen}")
-    try:
-        with Progress(console=Console(stderr=True)) as bar:
-            task = bar.add_task("killing", total=count)
-            report = kill_at_random(chosen, count, frames, lambda done: bar.update(task, completed=done))
-    except (ServiceFailedError, UserError) as error:
-        _console.print(f"broken: {error}", style="red", markup=False, soft_wrap=True)
-        raise typer.Exit(1) from None
+    chosen = _chosen(seed)
+    with _following("killing", count) as progress:
+        report = kill_at_random(chosen, count, frames, progress)
     show_kills(report, _console)
-    if json_path is not None:
-        json_path.write_text(json.dumps(report.as_json(), indent=2) + "\n", encoding="utf-8")
+    _write(json_path, report.as_json())
     if report.lost or report.altered:
         raise typer.Exit(1)
 
@@ -96,21 +90,42 @@ def kills(
 @app.command()
 def memory(
     frames: Annotated[int, typer.Option(min=100, help="Frames of the take.")] = 10_000,
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")] = None,
+    json_path: JsonOption = None,
 ) -> None:
     """A long take: the memory of every service must stay as it is."""
-    try:
-        with Progress(console=Console(stderr=True)) as bar:
-            task = bar.add_task("tracking", total=frames)
-            report = watch_memory(frames, lambda done: bar.update(task, completed=done))
-    except (ServiceFailedError, UserError) as error:
-        _console.print(f"broken: {error}", style="red", markup=False, soft_wrap=True)
-        raise typer.Exit(1) from None
+    with _following("tracking", frames) as progress:
+        report = watch_memory(frames, progress)
     show_memory(report, _console)
-    if json_path is not None:
-        json_path.write_text(json.dumps(report.as_json(), indent=2) + "\n", encoding="utf-8")
+    _write(json_path, report.as_json())
     if any(report.growth_mib(name) > MOST_GROWTH_MIB for name in report.seen_mib):
         raise typer.Exit(1)
+
+
+def _chosen(seed: int | None) -> int:
+    """A seed, which is told so that the run can be repeated."""
+    chosen = int(np.random.default_rng().integers(2**31)) if seed is None else seed
+    _console.print(f"--seed {chosen}")
+    return chosen
+
+
+@contextmanager
+def _following(what: str, total: int | None) -> Iterator[Callable[[int], None]]:
+    """A bar that shows how much of a run is done; what breaks in it is said, and ends the command."""
+    try:
+        with Progress(console=Console(stderr=True)) as bar:
+            task = bar.add_task(what, total=total)
+            yield lambda done: bar.update(task, completed=done)
+    except (decoder.BrokenDecoderError, BrokenServiceError, ServiceFailedError, UserError) as error:
+        _console.print(f"broken: {error}", style="red", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
+    except Interrupted:
+        _console.print("stopped")
+        raise typer.Exit(_EXIT_INTERRUPTED) from None
+
+
+def _write(path: Path | None, content: Mapping[str, object]) -> None:
+    if path is not None:
+        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _show_decoder(report: decoder.Report) -> None:
