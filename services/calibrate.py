@@ -1,89 +1,38 @@
 """`xormocap calibrate`: cameras from clips of a board, from other tools' files, or checked by silhouettes."""
 
-from pathlib import Path
-from typing import Annotated, Literal
-
-import typer
 from rich.console import Console
 
+from services import calibrate_options as options
 from services.calibrate_board import calibrate_by_board, draw_board
 from services.calibrate_check import check_take
+from services.calibrate_colour import calibrate_colour
 from services.calibrate_files import convert
-from services.mocap.calibration.lens import Lens
-from services.mocap.camera.calibration import Up
-from services.mocap.camera.formats import Axis, Format, Units
 from services.mocap.errors import UserError
 
 _out, _err = Console(highlight=False), Console(stderr=True, highlight=False)
-_BOARD, _FILES = "Board", "Files of other tools"
 
 
 def calibrate(
-    clips: Annotated[
-        Path | None, typer.Argument(help="The folder of clips: <camera>.mp4 and origin/.", metavar="CLIPS")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Where it goes; CLIPS/calibration.toml by default.")
-    ] = None,
-    board: Annotated[
-        Literal["charuco", "chessboard"] | None,
-        typer.Option(help="What is printed on the board; charuco by default.", rich_help_panel=_BOARD),
-    ] = None,
-    squares: Annotated[
-        str | None,
-        typer.Option(help="Squares in a row and rows, such as 7x10.", metavar="CxR", rich_help_panel=_BOARD),
-    ] = None,
-    square: Annotated[
-        float | None, typer.Option(help="The side of a square in metres.", rich_help_panel=_BOARD)
-    ] = None,
-    marker: Annotated[
-        float | None,
-        typer.Option(help="The side of a marker in metres; 3/4 of a square's.", rich_help_panel=_BOARD),
-    ] = None,
-    dictionary: Annotated[
-        str | None, typer.Option(help="The markers' dictionary; 5x5_100 by default.", rich_help_panel=_BOARD)
-    ] = None,
-    legacy: Annotated[
-        bool | None,
-        typer.Option(help="The board was drawn by OpenCV before 4.6.", rich_help_panel=_BOARD),
-    ] = None,
-    draw: Annotated[
-        Path | None, typer.Option(help="Write the board as a PNG to print, and stop.", rich_help_panel=_BOARD)
-    ] = None,
-    lens: Annotated[
-        Lens, typer.Option(help="normal, wide (one coefficient more) or fisheye.", rich_help_panel=_BOARD)
-    ] = "normal",
-    up: Annotated[Up, typer.Option(help="The axis that points up in the file that is written.")] = "z",
-    check: Annotated[
-        Path | None, typer.Option(help="Say whether a take's cameras agree.", metavar="TAKE")
-    ] = None,
-    source: Annotated[
-        Path | None,
-        typer.Option("--import", help="Convert this file or folder instead.", rich_help_panel=_FILES),
-    ] = None,
-    kind: Annotated[
-        Format | None,
-        typer.Option("--from", help="Its format; found out by default.", rich_help_panel=_FILES),
-    ] = None,
-    target: Annotated[
-        Literal["pose2sim", "opencv"],
-        typer.Option("--to", help="pose2sim (also xormocap's own) or opencv.", rich_help_panel=_FILES),
-    ] = "pose2sim",
-    size: Annotated[
-        str | None,
-        typer.Option(help="Picture size WxH, where the file does not say.", rich_help_panel=_FILES),
-    ] = None,
-    units: Annotated[
-        Units,
-        typer.Option(help="Its unit of length, where the format leaves it open.", rich_help_panel=_FILES),
-    ] = "auto",
-    scale: Annotated[
-        float, typer.Option(help="Multiply lengths by this, as for COLMAP.", rich_help_panel=_FILES)
-    ] = 1.0,
-    world: Annotated[
-        Axis,
-        typer.Option("--its-up", help="The axis that points up in it.", rich_help_panel=_FILES),
-    ] = "z",
+    clips: options.ClipsArgument = None,
+    out: options.OutOption = None,
+    board: options.BoardOption = None,
+    squares: options.SquaresOption = None,
+    square: options.SquareOption = None,
+    marker: options.MarkerOption = None,
+    dictionary: options.DictionaryOption = None,
+    legacy: options.LegacyOption = None,
+    draw: options.DrawOption = None,
+    lens: options.LensOption = "normal",
+    up: options.UpOption = "z",
+    check: options.CheckOption = None,
+    colour: options.ColourOption = None,
+    source: options.ImportOption = None,
+    kind: options.FromOption = None,
+    target: options.ToOption = "pose2sim",
+    size: options.SizeOption = None,
+    units: options.UnitsOption = "auto",
+    scale: options.ScaleOption = 1.0,
+    world: options.AxisOption = "z",
 ) -> None:
     """Calibrate cameras by a board, or convert a calibration, or check a take's.
 
@@ -91,12 +40,11 @@ def calibrate(
     moments; origin/<camera>.mp4 or .png, where it lies on the floor at the world's origin; and optionally
     intrinsics/<camera>.mp4, where one camera alone sees it close. The board may be said in CLIPS/board.toml.
     """
-    if draw is None and sum(given is not None for given in (clips, check, source)) != 1:
-        raise UserError(
-            "calibrate: expected one of a folder of CLIPS, --check TAKE, --import FILE or --draw FILE"
-        )
+    _check_one_is_asked_for(clips, draw, check, colour, source)
     if check is not None:
         check_take(check, _out, _err)
+    elif colour is not None:
+        calibrate_colour(colour, _out, _err)
     elif source is not None:
         if out is None:
             raise UserError("calibrate --import: expected --out, the file or folder to write")
@@ -115,3 +63,15 @@ def calibrate(
             draw_board(draw, said, clips, _out)
         elif clips is not None:
             calibrate_by_board(clips, said, lens, out or clips / "calibration.toml", up, _out, _err)
+
+
+def _check_one_is_asked_for(
+    clips: options.ClipsArgument, draw: options.DrawOption, *others: options.CheckOption
+) -> None:
+    """Raise UserError unless one thing is asked for; a board may be drawn as the clips' board.toml says."""
+    asked = sum(given is not None for given in (clips, *others))
+    if (draw is None and asked != 1) or (draw is not None and any(other is not None for other in others)):
+        raise UserError(
+            "calibrate: expected one of a folder of CLIPS, --check TAKE, --colour TAKE, --import FILE or "
+            "--draw FILE"
+        )

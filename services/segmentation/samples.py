@@ -8,7 +8,7 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
-from services.mocap.take.video import VideoIndex, VideoReader, index_video
+from services.mocap.take.video import VideoIndex, index_video
 from services.mocap.types import Bytes
 
 _LOOK_WIDTH_PX = 160
@@ -18,9 +18,18 @@ _MOST_DECODED = 48
 
 def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
     """Up to so many raw pictures (N, H, W, 3) of a camera, from the first frame to the last."""
-    index = index_video(layout.video_path(take.folder, camera.name))
-    first = take.settings.offset(camera.name)
-    return _spread_over(index, first, first + take.settings.frames, most)
+    index, first = _index_of(take, camera)
+    frames = take.settings.frames
+    keys = [key - first for key, _ in index.keyframes if first <= key < first + frames]
+    if len(keys) >= most:  # these need no other frame to be decoded
+        pictures = []
+        for key in (keys[i] for i in _spread(len(keys), most)):
+            with take.video(camera, key, key + 1, index) as video:
+                pictures += list(video)
+        return np.array(pictures)
+    wanted = set(_spread(frames, most))
+    with take.video(camera, 0, frames, index) as video:
+        return np.array([picture for frame, picture in enumerate(video) if frame in wanted])
 
 
 def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:
@@ -28,17 +37,16 @@ def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:
 
     Keyframes, and where there are too few of them, frames soon after each.
     """
-    index = index_video(layout.video_path(take.folder, camera.name))
-    first = take.settings.offset(camera.name)
-    end = first + take.settings.frames
-    begins = [key for key, _ in index.keyframes if first < key < end]
-    runs = [range(*ends) for ends in zip([first, *begins], [*begins, end], strict=True)]
+    index, first = _index_of(take, camera)
+    end = take.settings.frames
+    begins = [key - first for key, _ in index.keyframes if first < key < first + end]
+    runs = [range(*ends) for ends in zip([0, *begins], [*begins, end], strict=True)]
     runs = [runs[i] for i in _spread(len(runs), most)]
     each, longest = -(-most // len(runs)), max(1, _MOST_DECODED // len(runs))
     pictures: list[Bytes] = []
     for run in runs:
         wanted = _spread(min(len(run), longest), each)
-        with VideoReader(index, run.start, run.start + wanted[-1] + 1) as video:
+        with take.video(camera, run.start, run.start + wanted[-1] + 1, index) as video:
             pictures += [shrunk(picture) for n, picture in enumerate(video) if n in wanted]
     return np.array(pictures)
 
@@ -74,18 +82,10 @@ def shrunk(picture: Bytes) -> Bytes:
     return np.asarray(cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _spread_over(index: VideoIndex, first: int, end: int, most: int) -> Bytes:
-    """Long videos are read at their keyframes only, which need no other frame to be decoded."""
-    keys = [key for key, _ in index.keyframes if first <= key < end]
-    if len(keys) >= most:
-        pictures = []
-        for key in (keys[i] for i in _spread(len(keys), most)):
-            with VideoReader(index, key, key + 1) as video:
-                pictures += list(video)
-        return np.array(pictures)
-    wanted = set(_spread(end - first, most))
-    with VideoReader(index, first, end) as video:
-        return np.array([picture for frame, picture in enumerate(video) if frame in wanted])
+def _index_of(take: Take, camera: Camera) -> tuple[VideoIndex, int]:
+    """A camera's video, and which of its frames is the take's first."""
+    index = index_video(layout.video_path(take.folder, camera.name))
+    return index, take.settings.offset(camera.name)
 
 
 def _spread(count: int, most: int) -> list[int]:

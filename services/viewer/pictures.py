@@ -8,7 +8,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
-from services.mocap.take.video import VideoIndex, VideoReader, index_video
+from services.mocap.take.video import index_video
 from services.mocap.types import Bytes, Mask
 
 Content = TypeVar("Content")
@@ -77,7 +77,12 @@ class TakePictures:
     def _video_of(self, camera: Camera) -> Callable[[int], Iterator[Bytes]]:
         index = index_video(layout.video_path(self._take.folder, camera.name))
         undistorter, end = Undistorter(camera), self._take.settings.frames
-        return lambda start: _undistorted(index, undistorter, start, end)
+
+        def undistorted(start: int) -> Iterator[Bytes]:
+            with self._take.video(camera, start, end, index) as video:
+                yield from map(undistorter.image, video)
+
+        return undistorted
 
     def silhouette(self, camera: int, frame: int) -> Mask | None:
         """See Pictures.silhouette."""
@@ -94,9 +99,3 @@ class TakePictures:
             return lambda start: segment(camera, start, take.settings.frames)
         undistorter = Undistorter(camera)
         return lambda start: (undistorter.mask(mask) for mask in take.silhouettes(camera, start))
-
-
-def _undistorted(index: VideoIndex, undistorter: Undistorter, start: int, stop: int) -> Iterator[Bytes]:
-    with VideoReader(index, start, stop) as video:
-        for picture in video:
-            yield undistorter.image(picture)

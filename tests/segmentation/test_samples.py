@@ -45,11 +45,11 @@ def test_quick_looks_decode_little(small_take: SmallTake, monkeypatch: pytest.Mo
     camera, asked = take.cameras[0], list[range]()
 
     class Counting(VideoReader):
-        def __init__(self, video: object, start: int, stop: int) -> None:
+        def __init__(self, video: object, start: int, stop: int, colour: None) -> None:
             asked.append(range(start, stop))
-            super().__init__(video, start, stop)  # type: ignore[arg-type]
+            super().__init__(video, start, stop, colour)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("services.segmentation.samples.VideoReader", Counting)
+    monkeypatch.setattr("services.mocap.take.folder.VideoReader", Counting)
     looks = quick_looks(take, camera, most)
     assert most <= len(looks) <= 2 * most
     assert sum(len(frames) for frames in asked) <= 50

@@ -1,7 +1,7 @@
 """A take folder in: opened once, with everything checked that can be checked before the work starts."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.camera.camera import Camera
+from services.mocap.camera.colour import ColourCorrection, read_colours
 from services.mocap.errors import TakeError, nearest
 from services.mocap.take import layout
 from services.mocap.take.pictures import (
@@ -43,10 +44,20 @@ class Take:
     source: Source
     """What the silhouettes come from: the videos and clean plates, or the take's own silhouettes."""
 
-    def video(self, camera: Camera, start: int = 0, stop: int | None = None) -> VideoReader:
-        """A camera's raw pictures of frames `start` up to and without `stop` (default: the take's end)."""
-        path, ahead = layout.video_path(self.folder, camera.name), self.settings.offset(camera.name)
-        return VideoReader(path, start + ahead, (self.settings.frames if stop is None else stop) + ahead)
+    colours: Mapping[str, ColourCorrection] = field(default_factory=dict)
+    """What pictures are corrected by, of cameras for which that is known."""
+
+    def video(
+        self, camera: Camera, start: int = 0, stop: int | None = None, index: VideoIndex | None = None
+    ) -> VideoReader:
+        """A camera's pictures of frames `start` up to and without `stop` (default: the take's end).
+
+        They are raw but for their colours. index: of the camera's video, where it is known already.
+        """
+        video = layout.video_path(self.folder, camera.name) if index is None else index
+        ahead, colour = self.settings.offset(camera.name), self.colours.get(camera.name)
+        end = self.settings.frames if stop is None else stop
+        return VideoReader(video, start + ahead, end + ahead, colour)
 
     def has_video(self, camera: Camera) -> bool:
         """False for a camera with silhouettes only."""
@@ -84,15 +95,18 @@ class Take:
             else:
                 folders.add(layout.silhouette_folder(self.folder, camera.name))
         files = [path for folder in sorted(folders) for path in sorted(folder.glob("*")) if path.is_file()]
+        if from_videos and (self.folder / layout.COLOURS).exists():
+            files.append(self.folder / layout.COLOURS)
         return [self.folder / layout.CALIBRATION, *files]
 
     def background(self, camera: Camera) -> Iterator[Bytes]:
-        """A camera's raw clean-plate pictures: those of the video, or else the single picture."""
-        video = layout.background_video_path(self.folder, camera.name)
+        """A camera's clean-plate pictures, like `video`'s: those of a video, or else the single picture."""
+        video, colour = layout.background_video_path(self.folder, camera.name), self.colours.get(camera.name)
         if not video.exists():
-            yield read_picture(layout.background_picture_path(self.folder, camera.name))
+            picture = read_picture(layout.background_picture_path(self.folder, camera.name))
+            yield picture if colour is None else colour.apply(picture)
             return
-        with VideoReader(video) as reader:
+        with VideoReader(video, colour=colour) as reader:
             yield from reader
 
 
@@ -107,7 +121,8 @@ def open_take(folder: Path, *, in_step: bool = True) -> Take:
     settings = read_settings(folder / layout.SETTINGS)
     cameras = read_calibration(folder / layout.CALIBRATION, settings.up)
     source: Source = "silhouettes" if (folder / layout.SILHOUETTES).is_dir() else "videos"
-    take = Take(folder, settings, cameras, source)
+    colours = read_colours(folder / layout.COLOURS, [camera.name for camera in cameras])
+    take = Take(folder, settings, cameras, source, colours)
     for name in settings.offsets:
         if name not in (known := [camera.name for camera in cameras]):
             raise TakeError(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 SETTINGS = "take.toml"
 CALIBRATION = "calibration.toml"
+COLOURS = "colour.toml"
 ACTOR = "actor.toml"
 SILHOUETTES = "silhouettes"
 REFERENCE_JOINTS_CSV = "reference/joints.csv"
@@ -22,6 +23,11 @@ def background_video_path(take_folder: Path, camera: str) -> Path:
 def background_picture_path(take_folder: Path, camera: str) -> Path:
     """The camera's clean plate as a single picture, in place of the video."""
     return take_folder / "background" / f"{camera}.png"
+
+
+def colour_picture_path(take_folder: Path, camera: str) -> Path:
+    """The camera's picture of a colour chart."""
+    return take_folder / "colour" / f"{camera}.png"
 
 
 def silhouette_folder(take_folder: Path, camera: str) -> Path:

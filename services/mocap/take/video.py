@@ -18,6 +18,7 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 from av.video.stream import VideoStream
 
+from services.mocap.camera.colour import ColourCorrection
 from services.mocap.errors import TakeError
 from services.mocap.types import Bytes, Floats
 
@@ -104,9 +105,16 @@ class VideoReader:
     Use it as a context manager, or close it. Iterating raises TakeError at a frame that cannot be decoded.
     """
 
-    def __init__(self, video: Path | VideoIndex, start: int = 0, stop: int | None = None) -> None:
+    def __init__(
+        self,
+        video: Path | VideoIndex,
+        start: int = 0,
+        stop: int | None = None,
+        colour: ColourCorrection | None = None,
+    ) -> None:
+        """Colour: what pictures are corrected by, if anything."""
         self.index = index_video(video) if isinstance(video, Path) else video
-        self.start = start
+        self.start, self.colour = start, colour
         self.stop = self.index.n_frames if stop is None else stop
         if not 0 <= self.start <= self.stop <= self.index.n_frames:
             raise TakeError(
@@ -129,7 +137,8 @@ class VideoReader:
 
     def __iter__(self) -> Iterator[Bytes]:
         converter = VideoReformatter()
-        return (_picture(frame, converter) for frame in self._frames())
+        pictures = (_picture(frame, converter) for frame in self._frames())
+        return pictures if self.colour is None else map(self.colour.apply, pictures)
 
     def close(self) -> None:
         """Closes the file; iterating is over then."""

@@ -1,0 +1,58 @@
+"""`xormocap calibrate --colour TAKE`: cameras in the same colours, by pictures of a ColorChecker."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from services.mocap.calibration.colour_chart import ColourFit, fit_colours
+from services.mocap.camera.colour import write_colours
+from services.mocap.errors import CalibrationError
+from services.mocap.take import layout
+from services.mocap.take.folder import open_take
+from services.mocap.take.pictures import check_png, read_picture
+
+
+def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
+    """Fit a correction to colour/<camera>.png of each camera, write colour.toml, print colour errors.
+
+    Raises UserError where there is no picture, or one of them cannot be used; then nothing is written.
+    """
+    take = open_take(folder)
+    fits: dict[str, ColourFit] = {}
+    for camera in take.cameras:
+        path = layout.colour_picture_path(folder, camera.name)
+        if path.exists():
+            check_png(path, camera)
+            fits[camera.name] = fit_colours(read_picture(path), path)
+    if not fits:
+        raise CalibrationError(
+            f"{layout.colour_picture_path(folder, take.cameras[0].name)}: is missing: expected a picture "
+            "<camera>.png of a ColorChecker by each camera, in the light and with the settings of the take"
+        )
+    missing = [camera.name for camera in take.cameras if camera.name not in fits]
+    if missing:
+        errors.print(
+            f"warning: {folder}: no picture of a chart by {', '.join(missing)}: colours stay as they are",
+            style="yellow",
+            markup=False,
+            soft_wrap=True,
+        )
+    means = {
+        name: (fit.correction, float(fit.before.mean()), float(fit.after.mean()))
+        for name, fit in fits.items()
+    }
+    write_colours(folder / layout.COLOURS, means)
+    console.print(_table(fits))
+    console.print(f"{folder / layout.COLOURS}", markup=False, soft_wrap=True)
+
+
+def _table(fits: dict[str, ColourFit]) -> Table:
+    table = Table("camera", box=None, header_style="bold")
+    for column in ("delta E before", "after", "worst before", "after"):
+        table.add_column(column, justify="right")
+    for name, fit in fits.items():
+        figures = (fit.before.mean(), fit.after.mean(), fit.before.max(), fit.after.max())
+        table.add_row(escape(name), *(f"{figure:.1f}" for figure in figures))
+    return table
