@@ -102,6 +102,7 @@ def _table(solution: Solution) -> Table:
         "pixels",
         "focal, px",
         "error, px",
+        "RMS an axis",
         "views",
         "left out",
         "covered",
@@ -116,6 +117,7 @@ def _table(solution: Solution) -> Table:
             f"{camera.width_px}x{camera.height_px}",
             f"{camera.K[0, 0]:.1f}",
             f"{solution.error_px(c):.2f}",
+            f"{solution.rms_px(c):.2f}",
             f"{solution.n_views[c]}",
             f"{solution.n_bad_views[c]}",
             f"{100 * covered_share(solution, c):.0f}%",
@@ -132,6 +134,7 @@ def _write_record(path: Path, solution: Solution, board: Board, remarks: list[st
         "cameras": {
             name: {
                 "error_px": round(solution.error_px(c), 4),
+                "rms_per_axis_px": round(solution.rms_px(c), 4),
                 "views": solution.n_views[c],
                 "left_out": solution.n_bad_views[c],
                 "covered": round(covered_share(solution, c), 3),

@@ -15,7 +15,7 @@ from services.mocap.types import Floats
 FEWEST_SHARED = 3
 """Moments that two cameras must share to be linked."""
 _MOST_SHARED = 40
-_LEAST_AGREEING = 0.4
+LEAST_AGREEING = 0.4
 """The share of shared moments that must fit to where two cameras stand."""
 AGREEING_PX_PER_WIDTH = 0.02
 """How far off the median moment may be in one camera when predicted from the other, per pixel of width."""
@@ -112,7 +112,7 @@ def chain(names: list[str], links: list[Link]) -> list[Pose]:
         if not open_ends:
             raise CalibrationError(_not_linked([names[c] for c in placed], names))
         link = max(open_ends, key=lambda link: link.strength)
-        if link.agreeing < _LEAST_AGREEING:
+        if link.agreeing < LEAST_AGREEING:
             raise CalibrationError(
                 f"{names[link.first]} and {names[link.second]}: see the board in {link.n_shared} moments "
                 f"together, but only {100 * link.agreeing:.0f}% of these fit to one place of the cameras: "

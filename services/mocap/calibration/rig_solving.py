@@ -9,6 +9,7 @@ from services.mocap.calibration.board import Board
 from services.mocap.calibration.bundle import Corners, Estimate, adjust, corners_of, residuals_px
 from services.mocap.calibration.intrinsics import estimate_intrinsics
 from services.mocap.calibration.lens import Intrinsics, Lens
+from services.mocap.calibration.mirroring import check_mirroring
 from services.mocap.calibration.pairs import Link, Sights, chain, find_links, sights_of
 from services.mocap.calibration.poses import Pose
 from services.mocap.calibration.sightings import ENOUGH_CORNERS, Sightings, spread_out
@@ -48,6 +49,14 @@ class Solution:
         off = self.residuals_px[self.corners.camera == camera]
         return float(np.linalg.norm(off, axis=1).mean())
 
+    def rms_px(self, camera: int) -> float:
+        """Root mean square of a camera's reprojection errors along one axis: the noise, if nothing else errs.
+
+        A corner's distance has a root mean square sqrt(2) times as large.
+        """
+        off = self.residuals_px[self.corners.camera == camera]
+        return float(np.sqrt(np.mean(off**2)))
+
 
 def solve_rig(seen: list[Sightings], board: Board, lens: Lens, show: Show) -> Solution:
     """Calibrate cameras by their sightings, among them one of moment ORIGIN_FRAME in one of them or more.
@@ -60,6 +69,7 @@ def solve_rig(seen: list[Sightings], board: Board, lens: Lens, show: Show) -> So
     show("pairs of cameras", 0.2)
     sights = [sights_of(s, board, i) for s, i in zip(kept, lenses, strict=True)]
     links = find_links(kept, sights, board, list(lenses))
+    check_mirroring(kept, lenses, links, board)
     cameras = chain([s.camera for s in seen], links)
     frames = _chosen_moments(kept, links)
     boards = [_board_in_rig(frame, sights, cameras, board) for frame in frames]

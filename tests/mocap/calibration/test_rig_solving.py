@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from board_stage import centres_apart_m, ring, shown_to_neighbours, sightings_of, turn_of
+from board_stage import centres_apart_m, picture, ring, shown_to_neighbours, sightings_of, turn_of
 
 from services.mocap.calibration.board import Board
+from services.mocap.calibration.detection import Detector
+from services.mocap.calibration.mirroring import flipped
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Solution, solve_rig
 from services.mocap.calibration.sightings import Sighting, Sightings
 from services.mocap.camera.camera import Camera
@@ -46,8 +48,49 @@ def test_eight_cameras_of_which_only_neighbours_share_views(
     for c, (found, true) in enumerate(zip(solution.cameras, cameras, strict=True)):
         assert turn_of(found, true) < 0.002  # a pixel of the principal point weighs a thousandth
         assert solution.error_px(c) < 0.4
+        assert solution.rms_px(c) == pytest.approx(NOISE_PX, rel=0.05)  # nothing but the noise is left
         assert (found.name, found.width_px, found.height_px) == (true.name, 1280, 720)
     assert {(link.first, link.second) for link in solution.links} == {(a, a + 1) for a in range(7)} | {(0, 7)}
+
+
+CHESS = Board(kind="chessboard", columns=7, rows=10, square_m=0.09)
+
+
+@pytest.mark.parametrize("size", [(7, 10), (10, 7)])
+@pytest.mark.parametrize("n_cameras", [2, 4])
+def test_mirrored_pictures_of_a_chessboard_are_said(
+    cameras: list[Camera], size: tuple[int, int], n_cameras: int
+) -> None:
+    board = CHESS.model_copy(update={"columns": size[0], "rows": size[1]})
+    some, rng = cameras[:n_cameras], np.random.default_rng(7)
+    scene = shown_to_neighbours(some, board, 12, rng, closed=n_cameras > 2)
+    seen = sightings_of(scene, NOISE_PX, rng)
+    seen = [whole for s in seen if (whole := only_whole(s, board)).by_frame]
+    spoilt = [*seen[:1], flipped(seen[1], board), *seen[2:]]
+    said = "cam02: shows mirrored" if n_cameras > 2 else "one of cam01 and cam02: shows mirrored pictures"
+    with pytest.raises(CalibrationError, match=said):
+        solve_rig(spoilt, board, "normal", lambda _what, _share: None)
+
+
+def only_whole(sightings: Sightings, board: Board) -> Sightings:
+    """A chessboard is seen as a whole or not at all."""
+    kept = {f: view for f, view in sightings.by_frame.items() if len(view.corners) == board.n_corners}
+    return replace(sightings, by_frame=kept)
+
+
+def test_flipping_twice_is_nothing_and_flips_as_pictures_do(cameras: list[Camera]) -> None:
+    """Detected in a flipped picture, a chessboard has the corners that `flipped` says."""
+    board = Board(kind="chessboard", columns=5, rows=8, square_m=0.2)
+    rng = np.random.default_rng(8)
+    pose, _ = shown_to_neighbours(cameras[:2], board, 1, rng, closed=False).moments[0]
+    shown = picture(cameras[0], board, pose, rng)
+    found = [Detector(board).find(np.ascontiguousarray(p)) for p in (shown, shown[:, ::-1])]
+    assert found[0] is not None
+    assert found[1] is not None
+    seen = Sightings("cam01", (1280, 720), {0: found[0]}, 1)
+    once = flipped(seen, board)
+    np.testing.assert_allclose(once.by_frame[0].points_px, found[1].points_px, atol=0.1)
+    np.testing.assert_array_equal(flipped(once, board).by_frame[0].points_px, found[0].points_px)
 
 
 def spoiled(sightings: Sightings, share: float, rng: np.random.Generator) -> Sightings:
