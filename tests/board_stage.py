@@ -1,7 +1,7 @@
 """A synthetic stage on which a board is moved about: cameras, board poses, what is seen, pictures."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -14,11 +14,14 @@ from services.mocap.calibration.poses import Pose
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME
 from services.mocap.calibration.sightings import Sighting, Sightings
 from services.mocap.camera.camera import Camera
+from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes, Floats
 
 FLAT = Pose(np.eye(3), np.zeros(3))
 """On the floor, in the middle."""
 _SQUARE_PX = 32
+CAMERA_CRF = 20
+"""x264's quality of clips: about what cameras write."""
 _STEEPEST = 0.35
 """Cosine between a board's normal and the direction to a camera, below which it is not read."""
 
@@ -138,7 +141,8 @@ def _rays(camera: Camera) -> Floats:
     """(H * W, 3) rays through a camera's pixels, at depth 1."""
     y, x = np.indices((camera.height_px, camera.width_px), np.float64)
     raw_px = np.stack([x.ravel(), y.ravel()], axis=1)
-    rays = cv2.undistortPoints(raw_px[:, None], camera.K, camera.distortion).reshape(-1, 2)
+    undistort = cv2.fisheye.undistortPoints if camera.fisheye else cv2.undistortPoints
+    rays = undistort(raw_px[:, None], camera.K, camera.distortion).reshape(-1, 2)
     return np.column_stack([rays, np.ones(len(rays))])
 
 
@@ -175,6 +179,27 @@ def write_pictures(
                     change(c, picture(camera, scene.board, pose, rng)),
                 )
         write(folder / "origin" / f"{camera.name}.png", change(c, picture(camera, scene.board, FLAT, rng)))
+
+
+def write_clips(folder: Path, scene: Scene, rng: np.random.Generator, still: int = 3) -> None:
+    """<camera>.mp4, all equally long, and origin/<camera>.mp4 of all cameras."""
+    (folder / "origin").mkdir(parents=True)
+    for c, camera in enumerate(scene.cameras):
+        size = camera.width_px, camera.height_px
+        with video_writer(folder / f"{camera.name}.mp4", *size, 10.0, CAMERA_CRF) as video:
+            for pose, to in scene.moments:
+                video.write(picture(camera, scene.board, pose if c in to else None, rng))
+        with video_writer(folder / "origin" / f"{camera.name}.mp4", *size, 10.0, CAMERA_CRF) as video:
+            for _ in range(still):
+                video.write(picture(camera, scene.board, FLAT, rng))
+
+
+def with_fisheye(camera: Camera, rng: np.random.Generator) -> Camera:
+    """The same camera with a lens that bends: OpenCV's fisheye model, and a shorter focal length."""
+    K = camera.K.copy()
+    K[0, 0] = K[1, 1] = 0.8 * K[0, 0]
+    lens = np.array([0.05, -0.02, 0.01, -0.004]) * rng.uniform(0.7, 1.3)
+    return replace(camera, K=K, distortion=lens, fisheye=True)
 
 
 def write(path: Path, pixels: Bytes) -> None:

@@ -8,12 +8,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from board_stage import Scene, centres_apart_m, ring, shown_to_neighbours, write_pictures
+from board_stage import (
+    Scene,
+    centres_apart_m,
+    ring,
+    shown_to_neighbours,
+    with_fisheye,
+    write_clips,
+    write_pictures,
+)
 from rich.console import Console
 
 from services.calibrate_board import COVERAGE, RECORD, calibrate_by_board, draw_board
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.detection import Detector
+from services.mocap.calibration.lens import Lens
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes
@@ -24,10 +33,10 @@ SAID = {"squares": "5x7", "square_m": 0.2, "marker_m": 0.15, "dictionary": "4x4_
 SAID_CHESS = {"kind": "chessboard", "squares": "5x8", "square_m": 0.2}
 
 
-def calibrate(clips: Path, out: Path, said: dict[str, object]) -> tuple[str, str]:
+def calibrate(clips: Path, out: Path, said: dict[str, object], lens: Lens = "normal") -> tuple[str, str]:
     """What it prints, and what it warns of."""
     printed, warned = (Console(width=500, file=io.StringIO(), record=True) for _ in range(2))
-    calibrate_by_board(clips, said, "normal", out, "z", printed, warned)
+    calibrate_by_board(clips, said, lens, out, "z", printed, warned)
     return printed.export_text(), warned.export_text()
 
 
@@ -86,6 +95,26 @@ def test_a_chessboard_does_as_well_and_its_two_ends_are_told_apart(tmp_path: Pat
     calibrate(tmp_path / "clips", tmp_path / "calibration.toml", SAID_CHESS)
     found = read_calibration(tmp_path / "calibration.toml", "z")
     assert centres_apart_m(found, shown.cameras).max() < 0.02
+
+
+@pytest.mark.parametrize("lens", ["normal", "fisheye"])
+def test_cameras_are_found_by_videos_of_a_board(tmp_path: Path, lens: Lens) -> None:
+    rng = np.random.default_rng(15)
+    cameras = ring(2, 800, 600, rng, of=8)
+    if lens == "fisheye":
+        cameras = [with_fisheye(camera, rng) for camera in cameras]
+    shown = shown_to_neighbours(cameras, CHARUCO, 12, rng, closed=False)
+    write_clips(tmp_path / "clips", shown, rng)
+    calibrate(tmp_path / "clips", tmp_path / "calibration.toml", SAID, lens)
+    found = read_calibration(tmp_path / "calibration.toml", "z")
+    assert [camera.fisheye for camera in found] == [lens == "fisheye"] * 2
+    assert centres_apart_m(found, cameras).max() < 0.04  # few views in small pictures
+    for one, true in zip(found, cameras, strict=True):
+        assert one.K[0, 0] == pytest.approx(true.K[0, 0], rel=0.015)
+    record = json.loads((tmp_path / RECORD).read_text())
+    for figures in record["cameras"].values():
+        assert figures["error_px"] < 0.4
+        assert figures["rms_per_axis_px"] < 0.4
 
 
 def complaint(clips: Path, tmp_path: Path, said: dict[str, object]) -> str:

@@ -85,7 +85,8 @@ def _fit(
 def _fit_fisheye(
     corners: list[Floats], points: list[Floats], size_px: tuple[int, int], flags: int
 ) -> tuple[Floats, Floats, Floats]:
-    """The same of OpenCV's fisheye model."""
+    """The same of OpenCV's fisheye model, whose function wants points in rows: (1, n, …)."""
+    corners, points = [np.swapaxes(corner, 0, 1) for corner in corners], [p.swapaxes(0, 1) for p in points]
     _, K, distortion, *poses = cv2.fisheye.calibrate(
         corners, points, size_px, np.eye(3), np.zeros(4), flags=flags
     )

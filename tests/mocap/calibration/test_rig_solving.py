@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from board_stage import centres_apart_m, picture, ring, shown_to_neighbours, sightings_of, turn_of
+from board_stage import (
+    centres_apart_m,
+    picture,
+    ring,
+    shown_to_neighbours,
+    sightings_of,
+    turn_of,
+    with_fisheye,
+)
 
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.detection import Detector
@@ -91,6 +99,17 @@ def test_flipping_twice_is_nothing_and_flips_as_pictures_do(cameras: list[Camera
     once = flipped(seen, board)
     np.testing.assert_allclose(once.by_frame[0].points_px, found[1].points_px, atol=0.1)
     np.testing.assert_array_equal(flipped(once, board).by_frame[0].points_px, found[0].points_px)
+
+
+def test_fisheye_cameras(cameras: list[Camera]) -> None:
+    rng = np.random.default_rng(9)
+    some = [with_fisheye(camera, rng) for camera in cameras[:3]]
+    seen = sightings_of(shown_to_neighbours(some, BOARD, 40, rng, closed=False), NOISE_PX, rng)
+    solution = solve_rig(seen, BOARD, "fisheye", lambda _what, _share: None)
+    assert all(found.fisheye for found in solution.cameras)
+    assert np.abs(focal_errors(solution, some)).max() < 0.005
+    assert centres_apart_m(solution.cameras, some).max() < 0.015
+    assert [solution.rms_px(c) for c in range(3)] == pytest.approx([NOISE_PX] * 3, rel=0.1)
 
 
 def spoiled(sightings: Sightings, share: float, rng: np.random.Generator) -> Sightings:
