@@ -14,6 +14,7 @@ from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
+from services.mocap.search.alone import MOST_UNCOVERED, NOT_ALONE, uncovered_share
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
@@ -110,8 +111,9 @@ def first_guess(
 
     That body is as tall as take.toml says, or else as the visual hull is; a mesh takes the place of it. Other
     arguments as solve_opening's.
-    Raises TakeError where nobody can be so tall.
+    Raises TakeError where nobody can be so tall, or where a body as tall as the hull covers too little.
     """
+    is_told = actor is not None or hints.actor_height is not None
     actor = actor or Actor(height=round(hints.actor_height or _plausible_height_m(hull), 3), mesh=mesh)
     if not _LOWEST_HULL <= hull.height_m / actor.height <= _HIGHEST_HULL:
         log.warning(
@@ -121,7 +123,15 @@ def first_guess(
             actor.height,
         )
     model = model_of(actor, rig, engine)
-    return Opening(actor, model, _first_pose(model, picture, hull, hints, pool(model, actor), settings))
+    solution = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
+    uncovered = uncovered_share(model, picture, solution.pose, settings)
+    if uncovered > MOST_UNCOVERED:
+        sentence = NOT_ALONE.format(covered=1.0 - uncovered)
+        if not is_told:
+            model.backend.close()
+            raise TakeError(sentence)
+        log.warning("%s", sentence)  # what was told of the actor may be wrong as well
+    return Opening(actor, model, solution)
 
 
 def _plausible_height_m(hull: Hull) -> float:

@@ -104,6 +104,20 @@ def test_facing_decides(turned_deg: float) -> None:
     assert np.cos(found.pose[DOF_INDEX["root_heading"]] - 2.0 - turned) > np.cos(0.6)
 
 
+def test_two_people_who_stand_close_are_refused_unless_the_body_is_known(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    pose, other = _pose(), _pose()
+    other[:3] += 0.5 * np.cos(3.57), 0.5 * np.sin(3.57), 0.0  # beside each other
+    both, hints = _silhouettes(pose) | _silhouettes(other), _hints(facing=np.degrees(2.0))
+    with pytest.raises(TakeError, match=r"^silhouettes: one body covers only \d\d% .* two people close"):
+        solve_opening(both, RIG, None, hints, _pool, CPU, SearchSettings())
+    actor = Actor(height=HEIGHT_M)
+    with caplog.at_level(logging.WARNING):
+        assert solve_opening(both, RIG, actor, hints, _pool, CPU, SearchSettings()).actor == actor
+    assert "two people close together" in caplog.text
+
+
 def test_an_empty_stage_is_said() -> None:
     nobody = np.zeros((1, *RIG.shape_px), np.uint8)
     with pytest.raises(TakeError, match="choose a first frame"):
