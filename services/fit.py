@@ -20,6 +20,7 @@ from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.fit.fitting import Fit, fit_actor
+from services.mocap.fit.uncertainty import with_uncertainties
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.plausibility import look_first
@@ -97,7 +98,10 @@ def fit_take(
             guess = guess_first_pose(rig, silhouettes[0], take.settings, opened, told, mesh)
         with clock.stage("fitting the actor") as progress:
             fit = fitter(rig, silhouettes, guess.actor, guess.solution.pose, progress)
-    actor = rounded(fit.actor)
+        actor = rounded(fit.actor)
+        measures = measure(build_body(actor))
+        if fit.shape_covariance is not None:
+            measures = with_uncertainties(measures, actor, fit.shape_covariance)
     return TakeFit(
         frames=frames,
         cameras=cameras,
@@ -106,7 +110,7 @@ def fit_take(
         first_pose=guess.solution.pose,
         actor=actor,
         fit=fit,
-        measures=measure(build_body(actor)),
+        measures=measures,
         seconds=clock.seconds,
         warnings=warnings,
     )

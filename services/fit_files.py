@@ -94,8 +94,13 @@ def _seen(take: Take, found: TakeFit) -> list[Seen]:
 def _write_measures(path: Path, measures: tuple[Measure, ...]) -> None:
     with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["measure", "cm", "how"])
-        writer.writerows([m.name, f"{m.cm:.1f}", m.how] for m in measures)
+        writer.writerow(["measure", "cm", "uncertainty_cm", "how"])
+        writer.writerows([m.name, f"{m.cm:.1f}", uncertainty_of(m), m.how] for m in measures)
+
+
+def uncertainty_of(row: Measure) -> str:
+    """The standard deviation of a measure as people read it; empty where it is not known."""
+    return "" if row.uncertainty_cm is None else f"{row.uncertainty_cm:.1f}"
 
 
 def _record(take: Take, found: TakeFit) -> FitRecord:

@@ -8,7 +8,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from services.fit import TakeFit, fit_take
-from services.fit_files import write_fit
+from services.fit_files import uncertainty_of, write_fit
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
@@ -67,9 +67,10 @@ def show_fit(found: TakeFit, take: Take, folder: Path, console: Console) -> None
 def _measures(found: TakeFit) -> Table:
     table = Table("measure", box=None, header_style="bold")
     table.add_column("cm", justify="right")
+    table.add_column("±", justify="right")
     table.add_column("how to check it")
     for row in found.measures:
-        table.add_row(row.name, f"{row.cm:.1f}", row.how)
+        table.add_row(row.name, f"{row.cm:.1f}", uncertainty_of(row), row.how)
     return table
 
 

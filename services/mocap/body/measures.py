@@ -29,6 +29,8 @@ class Measure:
     cm: float
     how: str
     """Where to put the tape."""
+    uncertainty_cm: float | None = None
+    """One standard deviation, where it is known."""
 
 
 def measure(body: Body) -> tuple[Measure, ...]:

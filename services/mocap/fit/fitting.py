@@ -48,6 +48,8 @@ class Fit:
     """(F, 35)"""
     before: FitQuality
     after: FitQuality
+    shape_covariance: Floats | None = None
+    """(n, n) of the actor's shape vector (shape_space); none where the start is returned as it was."""
 
 
 def fit_actor(
@@ -77,11 +79,12 @@ def fit_actor(
         state = fitting.run(state, stage, account.step_of(n_frames))
     actor = shape_space.actor_of(shape_space.with_true_height(state.x, start.mesh), start.mesh)
     before = quality_of(build_body(start), starts, rig, silhouettes)
+    covariance = fitting.shape_covariance(state, _SHAPING[-1])
     after = quality_of(build_body(actor), state.poses, rig, silhouettes)
     progress(1.0)
     if after.energy_px.sum() > before.energy_px.sum():
         return Fit(start, starts, before, before)
-    return Fit(actor, state.poses, before, after)
+    return Fit(actor, state.poses, before, after, covariance)
 
 
 def _place(

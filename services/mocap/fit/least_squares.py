@@ -1,7 +1,7 @@
 """Damped least squares over one shape and many poses (Levenberg and Marquardt)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,12 +13,18 @@ from services.mocap.fit.contours import Contour
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian, normal_sums
 from services.mocap.fit.matching import Matches, match_frame
 from services.mocap.fit.normal_equations import Stage, State, System
-from services.mocap.fit.priors import Prior
+from services.mocap.fit.priors import WEIGHT_PX3, Prior
 from services.mocap.types import Floats
 
 _GAIN = 0.995
 """A step that hardly gains leaves more than this share of the least cost so far."""
 _AVERAGED = 4
+_USUAL_COST_PX2 = 0.085
+"""Cost per length of outline of silhouettes such as WEIGHT_PX3 was measured on; more is more noise."""
+_EDGE_PX = 0.2
+"""Deviation, in working pixels, of how far out a segmentation sees the actor's edge, all round alike."""
+_OFF_PX = 0.1
+"""Of outlines, to see what that does: little, so that all of them count."""
 _CAMERA_SLACK = 2.0
 """Cameras whose middling residual is this many times that of the middling camera count less."""
 
@@ -70,6 +76,28 @@ class Fitting:
     def cost(self, state: State, stage: Stage) -> float:
         """What a state costs, with cameras weighed as in the last run."""
         return self._matched(state, stage).cost
+
+    def shape_covariance(self, state: State, stage: Stage) -> Floats:
+        """(s, s) of the stage's shape parameters where its cost is least, cameras as in its run.
+
+        Noise is taken to be alike in all frames, as the prior takes it to be: more frames of somebody who
+        hardly moves show the same. Added to it is what outlines that all lie too far out or in would do.
+        """
+        current = self._matched(state, stage)
+        views = [view for of_frame in current.matches for view in of_frame]
+        length_px = sum(float(view.lengths_px.sum()) for view in views)
+        data_cost = sum(float(view.lengths_px @ stage.losses(view.residuals_px)) for view in views)
+        excess = data_cost / max(_USUAL_COST_PX2 * length_px, 1e-9)
+        slopes = ShapeSlopes.at(state.x, stage.parameters, self._mesh)
+        information = self._linearise(current, slopes, stage).shape_information()
+        noise = WEIGHT_PX3 * self._n_views * max(excess, 1.0) * np.asarray(np.linalg.inv(information))
+        widened = [
+            self._linearise(_off_by(current, off_px), slopes, stage).free_shape_step()
+            for off_px in (-_OFF_PX, _OFF_PX)
+        ]
+        shift: Floats = _EDGE_PX * (widened[1] - widened[0]) / (2.0 * _OFF_PX)
+        covariance: Floats = noise + np.outer(shift, shift)
+        return covariance
 
     def _match(self, state: State) -> list[list[Matches]]:
         body = shape_space.body_of(state.x, self._mesh)
@@ -126,3 +154,12 @@ class Fitting:
             system.pose_slopes[f] += gradient[:d]
             system.shape_slopes[...] += gradient[d:]
         return system
+
+
+def _off_by(matched: _Matched, off_px: float) -> _Matched:
+    """The same matches as if all outlines were as far from the model's, in working pixels."""
+    matches = [
+        [replace(view, residuals_px=np.full(len(view.residuals_px), off_px)) for view in views]
+        for views in matched.matches
+    ]
+    return replace(matched, matches=matches)

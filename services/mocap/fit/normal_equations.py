@@ -68,6 +68,17 @@ class System:
     shape_slopes: Floats
     """(s,)"""
 
+    def shape_information(self) -> Floats:
+        """(s, s) what is known of the shape while the poses are free: the inverse of its covariance."""
+        onto_shape = np.linalg.solve(self.poses, self.cross)
+        left: Floats = self.shape - (self.cross.transpose(0, 2, 1) @ onto_shape).sum(axis=0)
+        return left
+
+    def free_shape_step(self) -> Floats:
+        """(s,) the shape's part of the whole step to the least cost, with no bounds."""
+        none = np.zeros_like(self.shape_slopes), np.zeros_like(self.pose_slopes)
+        return self._solve((none[0], none[0]), (none[1], none[1]), damping=0.0)[0]
+
     def step(self, state: State, stage: Stage) -> State:
         """The state after one damped step; what would go beyond a bound is held there, the rest makes up."""
         parameters, dofs = list(stage.parameters), list(stage.dofs)

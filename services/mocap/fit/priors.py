@@ -1,7 +1,7 @@
 """What a fit knows before it has seen anything: people's proportions, and the pose it began with.
 
 Everything is weighed in the unit of the data's cost, square working pixels of distance times working
-pixels of outline: one standard deviation costs as much as _WEIGHT_PX3 in every view.
+pixels of outline: one standard deviation costs as much as WEIGHT_PX3 in every view.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from services.mocap.body.shape_prior import COVARIANCE
 from services.mocap.body.skeleton import DOFS
 from services.mocap.types import Floats
 
-_WEIGHT_PX3 = 0.05
+WEIGHT_PX3 = 0.05
 """Times eight cameras and ten frames, that is the variance of what the data pull at, as measured on people of
 known shape in noisy silhouettes: the prior then weighs what it should."""
 _TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
@@ -47,11 +47,11 @@ class Prior:
     def cost(self, x: Floats, poses: Floats, n_views: int) -> float:
         """What a shape vector and poses (F, 35) cost, seen in n_views."""
         per_frame = float(((poses - self._poses) ** 2 @ self._pose_precision).sum()) / len(poses)
-        return _WEIGHT_PX3 * n_views * (float(x @ self._shape_precision @ x) + per_frame)
+        return WEIGHT_PX3 * n_views * (float(x @ self._shape_precision @ x) + per_frame)
 
     def quadratic(self, x: Floats, poses: Floats, n_views: int) -> Quadratic:
         """The normal equations of that cost."""
-        weight, per_frame = _WEIGHT_PX3 * n_views, _WEIGHT_PX3 * n_views / len(poses)
+        weight, per_frame = WEIGHT_PX3 * n_views, WEIGHT_PX3 * n_views / len(poses)
         return Quadratic(
             shape=weight * self._shape_precision,
             shape_slopes=weight * self._shape_precision @ x,
