@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from stack import IMAGE, Stack, docker
+from stack import IMAGE, SLOWLY, Stack, docker
 
 from services.mocap.body.actor import Actor
 from services.mocap.body.skeleton import DOFS
@@ -15,8 +15,6 @@ from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_settings
 from services.mocap.take.tables import read_poses_csv
-
-SLOWLY = "--search plain --set arm_grid=[7,7,3,7] --set leg_grid=[7,7,3,7]"
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -56,7 +54,8 @@ def _track(image: str, take: Path, folder: Path, *more: str) -> str:
     """poses.csv of local processes, in the image: code compiled for another processor rounds otherwise."""
     mounts = ["--volume", f"{take}:/take:ro", "--volume", f"{folder}:/results"]
     run = ["run", "--rm", "--user", f"{os.getuid()}:{os.getgid()}", *mounts, image]
-    docker(*run, "track", "/take", "--out", "/results/result", "--no-overlay", "--backend", "cpu", *more)
+    options = ("--out", "/results/result", "--no-overlay", "--backend", "cpu", *more)
+    docker(*run, "track", "/take", *options, timeout_s=600)
     return (folder / "result" / "poses.csv").read_text()
 
 

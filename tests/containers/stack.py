@@ -19,6 +19,8 @@ from proto.sockets import receive, wait
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGE, PAGE_IMAGE = "xormocap:test", "xormocap:test-page"
+SLOWLY = "--search plain --set arm_grid=[7,7,3,7] --set leg_grid=[7,7,3,7]"
+"""Options of a coordinator whose frames are to take long enough to do something before the last."""
 _LOOK_S = 0.2
 _PAUSE_TRIES = 8
 
@@ -55,8 +57,10 @@ def wait_until(condition: Callable[[], bool], what: Callable[[], str], timeout_s
 class Stack:
     """One run of compose.yaml; a context manager that leaves nothing behind."""
 
-    def __init__(self, out: Path, **settings: str) -> None:
+    def __init__(self, out: Path, *overrides: str, **settings: str) -> None:
+        """overrides: compose files beside compose.yaml."""
         self.out, self._name = out, f"xormocap-test-{secrets.token_hex(3)}"
+        self._files = [word for name in ("compose.yaml", *overrides) for word in ("-f", name)]
         self.user = f"{os.getuid() or 1000}:{os.getgid() or 1000}"
         """Who the services run as; root's as somebody else."""
         with socket.create_server(("127.0.0.1", 0)) as free:
@@ -80,7 +84,8 @@ class Stack:
         self.compose("down", "--volumes", "--timeout", "2")
 
     def compose(self, *arguments: object, timeout_s: float = 200) -> str:
-        return docker("compose", "-p", self._name, *arguments, env=self._env, timeout_s=timeout_s)
+        options = ("-p", self._name, *self._files)
+        return docker("compose", *options, *arguments, env=self._env, timeout_s=timeout_s)
 
     def start(self, *options: str) -> None:
         """Start all services in the background."""
@@ -103,6 +108,14 @@ class Stack:
 
     def logs(self, *services: str) -> str:
         return self.compose("logs", "--no-color", *services)
+
+    def kill_within(self, container: str) -> None:
+        """Have a container's process die as it would by itself."""
+        docker("exec", container, "sh", "-c", "kill -KILL $(cat /proc/1/task/1/children)")
+
+    def restarts(self, container: str) -> int:
+        """How often the engine has started a container again by itself."""
+        return int(docker("inspect", "--format", "{{.RestartCount}}", container))
 
     def logs_of(self, container: str) -> str:
         """What a container that compose did not start has said."""
@@ -160,3 +173,29 @@ class Stack:
 
     def poses(self) -> str:
         return (self.out / "result" / "poses.csv").read_text()
+
+
+class Pool:
+    """One run of docker/compose.pool.yaml: limb workers for stacks of the names that it knows."""
+
+    def __init__(self, *slots: str) -> None:
+        self.name = f"xormocap-test-{secrets.token_hex(3)}"
+        endpoints = " ".join(f"tcp://{slot}:5550" for slot in slots)
+        user = f"{os.getuid() or 1000}:{os.getgid() or 1000}"
+        self._env = {
+            "POOL": endpoints,
+            "POOL_NAME": self.name,
+            "XORMOCAP_USER": user,
+            "XORMOCAP_BACKEND": "cpu",
+        }
+
+    def _compose(self, *arguments: object) -> str:
+        options = ("-p", self.name, "-f", "docker/compose.pool.yaml")
+        return docker("compose", *options, *arguments, env=self._env)
+
+    def __enter__(self) -> Self:
+        self._compose("up", "--detach", "--no-build")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._compose("down", "--volumes", "--timeout", "2")

@@ -1,14 +1,14 @@
 """compose.yaml tracks takes as local processes do, whatever happens to its services meanwhile."""
 
-import json
 import re
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from stack import Stack, docker, pause, wait_until
+from stack import SLOWLY, Pool, Stack, docker, pause, wait_until
 
 pytestmark = [pytest.mark.containers, pytest.mark.timeout(1200), pytest.mark.usefixtures("image")]
 
@@ -19,18 +19,19 @@ def stack(take: Path, tmp_path: Path) -> Iterator[Stack]:
         yield made
 
 
-def test_up_tracks_a_take_and_returns(stack: Stack, local_poses: str) -> None:
-    stack.compose("up", "--no-build", timeout_s=240)
+def test_up_tracks_a_take_and_returns_and_the_page_stays(stack: Stack, local_poses: str) -> None:
+    stack.compose("up", "--no-build", timeout_s=400)
     assert stack.is_over()
     assert stack.finish()["speed"]["workers"] == 4
     assert stack.poses() == local_poses
     assert (stack.out / "result" / "report.html").exists()
     for worker in stack.containers("limb-worker"):
         assert stack.inspect(worker)["Health"]["Status"] == "healthy", "workers stay for the next take"
+    see_the_page(stack)
 
 
-def test_the_page_opens_for_whoever_has_the_token(stack: Stack) -> None:
-    stack.start()
+def see_the_page(stack: Stack) -> None:
+    """Look at the page by the address that is told, and without the token."""
     viewer = stack.one("viewer")
     wait_until(lambda: stack.inspect(viewer)["Health"]["Status"] == "healthy", stack.logs)
     address = re.search(r"http://\S+\?token=\S+", stack.logs("prepare"))
@@ -41,8 +42,6 @@ def test_the_page_opens_for_whoever_has_the_token(stack: Stack) -> None:
     browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     with browser.open(address[0], timeout=20) as page:
         assert b"viser" in page.read().lower()
-    stack.finish()
-    assert stack.inspect(viewer)["Health"]["Status"] == "healthy", "it stays for the next take"
 
 
 def test_eight_workers(take: Path, tmp_path: Path, local_poses_of_eight: str) -> None:
@@ -54,6 +53,7 @@ def test_eight_workers(take: Path, tmp_path: Path, local_poses_of_eight: str) ->
 
 
 def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by_plain_search: str) -> None:
+    """One run, in which everything happens in turn: the slowest part of all is to start the services."""
     stack = slow_stack
     stack.start("--scale", "limb-worker=7")  # from eight on, poses depend on how many there are
     workers = stack.containers("limb-worker")
@@ -63,7 +63,7 @@ def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by
     pause(workers[1])
     docker("network", "disconnect", stack.network, workers[2])
     docker("kill", stack.one("recorder"))
-    stack.until_solved(8)
+    stack.until_solved(6)
 
     docker("start", stack.one("recorder"))  # an engine restarts what died, not what somebody killed
     docker("kill", stack.one("segmentation"))
@@ -71,22 +71,42 @@ def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by
     docker("unpause", workers[1])
     docker("network", "connect", stack.network, workers[2])
     docker("start", workers[0])
+    stack.until_solved(10)
+
+    docker("kill", stack.one("coordinator"))
+    docker("start", stack.one("coordinator"))
+    stack.until_solved(13)
+    assert "going on with run" in stack.logs("coordinator")
+
+    by_themselves = [*map(stack.one, ("segmentation", "recorder", "coordinator")), workers[3]]
+    for container in by_themselves:
+        stack.kill_within(container)
     assert not stack.is_over(), "all of this was to happen in mid-take"
 
     report = stack.finish()
     assert stack.poses() == local_poses_by_plain_search
     assert report["speed"]["retries"] > 0
+    assert [*map(stack.restarts, by_themselves)] == [1] * len(by_themselves)
 
 
-def test_a_service_that_dies_by_itself_is_started_again(
-    slow_stack: Stack, local_poses_by_plain_search: str
+def test_two_takes_share_a_pool_of_workers(
+    take: Path, tmp_path: Path, local_poses: str, local_poses_by_plain_search: str
 ) -> None:
-    stack = slow_stack
-    stack.start()
-    stack.until_solved(2)
-    killed = ("segmentation", "recorder", "limb-worker")
-    for service in killed:
-        stack.compose("exec", service, "sh", "-c", "kill -KILL $(cat /proc/1/task/1/children)")
-    stack.finish()
-    assert stack.poses() == local_poses_by_plain_search
-    assert [json.loads(docker("inspect", "-f", "{{.RestartCount}}", stack.one(s))) for s in killed] == [1] * 3
+    quiet = {"TAKE": str(take), "RECORDER_OPTIONS": "--no-overlay --no-report"}
+    with Pool("one", "two") as pool, ExitStack() as stacks:
+        settings = quiet | {"POOL_NAME": pool.name}
+        options = {"one": {}, "two": {"COORDINATOR_OPTIONS": SLOWLY, "FRAMES": "0:6"}}
+        both = [
+            stacks.enter_context(
+                Stack(tmp_path / slot, "docker/compose.take.yaml", SLOT=slot, **settings, **more)
+            )
+            for slot, more in options.items()
+        ]
+        for stack in both:
+            stack.start()
+            assert stack.containers("limb-worker") == []
+        reports = [stack.finish() for stack in both]
+        assert [report["speed"]["workers"] for report in reports] == [4, 4]
+        assert reports[1]["settings"]["worker_limbs_by_backend"]["cpu"] > 0
+        assert both[0].poses() == local_poses
+        assert both[1].poses().splitlines() == local_poses_by_plain_search.splitlines()[:7]
