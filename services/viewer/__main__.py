@@ -2,6 +2,7 @@
 
 import logging
 import os
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,8 @@ from services.viewer.listener import Listener
 from services.viewer.metrics import watch_browsers
 
 _LOOK_S = 0.1
+_REST_S = 0.25
+"""How often what comes is looked at while nobody looks at the page."""
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +42,8 @@ def serve(
         try:
             while not stop:
                 listener.listen(_LOOK_S)
+                if not server.n_browsers:  # what comes waits, and is taken in at once
+                    time.sleep(_REST_S)
         finally:
             listener.close()
 

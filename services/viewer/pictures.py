@@ -12,8 +12,8 @@ from services.mocap.take.video import index_video
 from services.mocap.types import Bytes, Mask
 
 Content = TypeVar("Content")
-_AHEAD_FRAMES = 48
-"""So many frames ahead are reached by decoding on; others by starting anew at a keyframe."""
+_SPARED_FRAMES = 24
+"""Where so many frames need not be read, it is worth to begin anew."""
 Silhouettes = Callable[[Camera, int, int], Iterator[Mask]]
 """Undistorted masks (h, w) of a camera, from a frame up to and without another."""
 
@@ -33,9 +33,11 @@ class Pictures(Protocol):
 class Reader(Generic[Content]):
     """Reads something in order, and turns back or jumps where somebody wants another place."""
 
-    def __init__(self, begin: Callable[[int], Iterator[Content]]) -> None:
-        """Begin: what follows from a frame on."""
-        self._begin = begin
+    def __init__(
+        self, begin: Callable[[int], Iterator[Content]], read_from: Callable[[int], int] = lambda frame: frame
+    ) -> None:
+        """Begin: what follows from a frame on. read_from: where that starts reading, such as a keyframe."""
+        self._begin, self._read_from = begin, read_from
         self._stream: Iterator[Content] = iter(())
         self._next: int | None = None
         self._last: tuple[int, Content] | None = None
@@ -45,7 +47,7 @@ class Reader(Generic[Content]):
         if self._last is not None and self._last[0] == frame:
             return self._last[1]
         at = self._next
-        if at is None or not at <= frame < at + _AHEAD_FRAMES:
+        if at is None or frame < at or self._read_from(frame) >= at + _SPARED_FRAMES:
             self._stream, at = self._begin(frame), frame
         self._next = None  # until all went well
         for _ in range(at, frame):
@@ -71,10 +73,10 @@ class TakePictures:
             return None
         with self._lock:
             if camera not in self._pictures:
-                self._pictures[camera] = Reader(self._video_of(self._take.cameras[camera]))
+                self._pictures[camera] = self._video_of(self._take.cameras[camera])
             return self._pictures[camera].read(frame)
 
-    def _video_of(self, camera: Camera) -> Callable[[int], Iterator[Bytes]]:
+    def _video_of(self, camera: Camera) -> Reader[Bytes]:
         index = index_video(layout.video_path(self._take.folder, camera.name))
         undistorter, end = Undistorter(camera), self._take.settings.frames
 
@@ -82,7 +84,7 @@ class TakePictures:
             with self._take.video(camera, start, end, index) as video:
                 yield from map(undistorter.image, video)
 
-        return undistorted
+        return Reader(undistorted, lambda frame: index.keyframe_before(frame)[0])
 
     def silhouette(self, camera: int, frame: int) -> Mask | None:
         """See Pictures.silhouette."""

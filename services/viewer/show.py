@@ -6,8 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.kinematics import SEGMENT_JOINTS, joint_transforms
+from services.mocap.body.skeleton import JOINTS, SEGMENT_JOINT
 from services.mocap.camera.rig import Rig
+from services.mocap.motion.rest import rest_rotations, turns_from_rest
 from services.mocap.types import Floats
 from services.viewer.reel import Reel
 from services.viewer.tiles import TileArtist
@@ -33,20 +35,29 @@ class Show:
     """What somebody should know who misses something here; a sentence, or nothing."""
 
 
+SEGMENT_PARENTS: tuple[str | None, ...] = tuple(
+    next((name for name, carrier in SEGMENT_JOINT.items() if carrier == JOINTS[joint].parent), None)
+    for joint in SEGMENT_JOINTS.tolist()
+)
+"""(16,) the segment that carries each segment; None for the pelvis."""
+_R_T_POSE = rest_rotations("T")
+
+
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Where things stand in the z-up world, as the page's scene takes them."""
+    """How segments are turned, each in the one that carries it, where it stands as far off as ever."""
 
     wxyz: Floats
-    """(N, 4) rotations as quaternions."""
-    position_m: Floats
-    """(N, 3)"""
+    """(16, 4) rotations as quaternions; the pelvis's in the z-up world."""
+    root_m: Floats
+    """(3,) where the pelvis is in the world."""
 
 
 def placed_segments(body: Body, pose: Floats) -> Placed:
     """The 16 segments of a body in a pose (35,)."""
-    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
-    return Placed(_wxyz(T_world_segment[:, :3, :3]), T_world_segment[:, :3, 3])
+    T_world_joint = joint_transforms(pose[None], body.offsets_m)
+    turns = turns_from_rest(T_world_joint, _R_T_POSE)[0, SEGMENT_JOINTS]
+    return Placed(_wxyz(turns), T_world_joint[0, 0, :3, 3])
 
 
 @dataclass(frozen=True, eq=False)

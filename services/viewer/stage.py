@@ -3,19 +3,22 @@
 import numpy as np
 import viser
 
-from services.mocap.body.kinematics import joint_positions
-from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_NAMES
+from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import SEGMENT_JOINTS, joint_positions
+from services.mocap.body.skeleton import DOFS, JOINT_INDEX, SEGMENT_JOINT, SEGMENT_NAMES
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
 from services.mocap.search.shares import PART_STAGES
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats, Mask
 from services.viewer.reel import Shot
-from services.viewer.show import Show, lenses_of, placed_segments
+from services.viewer.show import SEGMENT_PARENTS, Show, lenses_of, placed_segments
 
 DISTRUSTED_RGB = (214, 69, 69)
 _FRUSTUM_M = 0.2
 _FLOOR_M = 8.0
 TRAILS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
+_TURNING = [s for s, joint in enumerate(SEGMENT_JOINT.values()) if any(dof.joint == joint for dof in DOFS)]
+"""Segments whose joint has parameters."""
 _NO_LINE = np.zeros((1, 2, 3), np.float32)
 
 
@@ -43,12 +46,7 @@ class Stage:
             section_color=(170, 178, 187), plane_color=(244, 246, 248), plane_opacity=1.0,
         )  # fmt: skip
         scene.add_frame("/axes", axes_length=0.4, axes_radius=0.008, show_axes=True)
-        self._segments = [
-            scene.add_mesh_simple(f"/body/{name}", vertices, faces, color=rgb_of(name), visible=False)
-            for name, vertices, faces in zip(
-                SEGMENT_NAMES, show.body.vertices_m, show.body.faces, strict=True
-            )
-        ]
+        self._segments = self._add_body(scene, show.body)
         self._red: Mask = np.zeros(len(SEGMENT_NAMES), bool)
         self._frusta = [
             scene.add_camera_frustum(
@@ -64,16 +62,32 @@ class Stage:
             for name in TRAILS
         ]
 
+    @staticmethod
+    def _add_body(scene: viser.SceneApi, body: Body) -> "list[viser.MeshHandle]":
+        """The segments, each on the one that carries it, so that little has to be sent of a pose."""
+        offsets_m, paths = body.offsets_m[SEGMENT_JOINTS], dict[str | None, str]({None: "/body"})
+        segments = []
+        for s, name in enumerate(SEGMENT_NAMES):
+            paths[name] = f"{paths[SEGMENT_PARENTS[s]]}/{name}"
+            segments.append(
+                scene.add_mesh_simple(
+                    paths[name], body.vertices_m[s], body.faces[s], color=rgb_of(name),
+                    position=offsets_m[s], visible=s > 0,
+                )
+            )  # fmt: skip
+        return segments
+
     def place(self, shot: Shot) -> None:
         """Put the body where a frame has it; parts that must not be trusted turn red."""
-        placed = placed_segments(self._show.body, shot.pose)
+        placed, pelvis = placed_segments(self._show.body, shot.pose), self._segments[0]
+        for s in _TURNING:
+            self._segments[s].wxyz = placed.wxyz[s]
+        pelvis.position = placed.root_m
+        if not pelvis.visible:  # and with it all others
+            pelvis.visible = True
         red = _distrusted_segments(shot.distrusted)
-        for s, segment in enumerate(self._segments):
-            segment.wxyz, segment.position = placed.wxyz[s], placed.position_m[s]
-            if not segment.visible:
-                segment.visible = True
-            if red[s] != self._red[s]:
-                segment.color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
+        for s in np.flatnonzero(red != self._red).tolist():
+            self._segments[s].color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
         self._red = red
 
     def hang_picture(self, camera: int, picture_rgb: Bytes | None) -> None:

@@ -4,10 +4,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.kinematics import SEGMENT_JOINTS, segment_transforms
+from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
-from services.viewer.show import lenses_of, placed_segments
+from services.mocap.types import Floats
+from services.viewer.show import SEGMENT_PARENTS, lenses_of, placed_segments
 
 
 def test_a_frustum_is_its_camera(walk: Take) -> None:
@@ -32,6 +34,11 @@ def test_segments_stand_where_kinematics_has_them() -> None:
     pose = np.random.default_rng(3).uniform(-0.4, 0.4, 35)
     placed = placed_segments(body, pose)
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
-    rotations = Rotation.from_quat(np.roll(placed.wxyz, -1, axis=1)).as_matrix()
-    np.testing.assert_allclose(rotations, T_world_segment[:, :3, :3], atol=1e-9)
-    np.testing.assert_allclose(placed.position_m, T_world_segment[:, :3, 3])
+    turns = Rotation.from_quat(np.roll(placed.wxyz, -1, axis=1)).as_matrix()
+    T_world: dict[str | None, Floats] = {None: np.eye(4)}
+    for s, (name, parent) in enumerate(zip(SEGMENT_NAMES, SEGMENT_PARENTS, strict=True)):
+        T = np.eye(4)
+        T[:3, :3] = turns[s]
+        T[:3, 3] = placed.root_m if parent is None else body.offsets_m[SEGMENT_JOINTS[s]]
+        T_world[name] = T_world[parent] @ T
+        np.testing.assert_allclose(T_world[name], T_world_segment[s], atol=1e-9, err_msg=name)

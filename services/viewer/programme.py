@@ -1,0 +1,250 @@
+"""One show on one browser's page: what is sent of it, and when."""
+
+import time
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import viser
+
+from services.mocap.types import Bytes, Floats
+from services.viewer.controls import Controls
+from services.viewer.curves import Curves
+from services.viewer.markup import camera_grid, lines_of, notice, timeline
+from services.viewer.metrics import BEHIND
+from services.viewer.reel import STAGES, Shot
+from services.viewer.rhythm import Connection, Rhythm
+from services.viewer.show import Show
+from services.viewer.stage import Stage
+from services.viewer.tiles import Look
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """How often things are sent at most, in seconds."""
+
+    body_s: float
+    grid_s: float
+    frusta_s: float
+    curves_s: float
+    timeline_s: float
+    rest: float
+    """After drawing the grid nothing of it is drawn for so many times as long as that took."""
+
+
+_LIVE = _Pace(body_s=0.066, grid_s=0.2, frusta_s=1.0, curves_s=1.0, timeline_s=0.5, rest=5.0)
+"""Beside tracking, which wants the processor."""
+_FINISHED = _Pace(body_s=0.04, grid_s=0.1, frusta_s=0.5, curves_s=0.5, timeline_s=0.1, rest=3.0)
+_WIDTHS = (1.0, 0.75, 0.5, 0.375)
+"""Of tiles against those that are wanted: how small they get for connections that are slow."""
+_FIRST_WIDTH = 0.5
+_GRID_ANSWER_S = 0.3
+"""How long a grid may be on its way to a browser."""
+_TRAIL_S = 2.0
+_GRID_WIDTH_PX = 540
+_AWAY_M, _BESIDE_RAD, _FOV_RAD, _WAYPOINTS = 2.4, 0.9, 0.9, 9
+_ROAMING_M = 1.0
+"""Where a browser looks from at first, and how far it stands back while little is known of a motion."""
+_FRUSTUM_PX = 160
+
+
+class Programme:
+    """One show on one browser's page."""
+
+    def __init__(self, client: viser.ClientHandle, show: Show) -> None:
+        client.gui.reset()
+        client.scene.reset()
+        self._client, self._show = client, show
+        self._stage = Stage(client.scene, show)
+        self._grid = self._add_grid(client.gui)
+        self._controls = Controls(client.gui, show)
+        with client.gui.add_folder("Curves"):
+            self._curves = Curves(client.gui, show.reel)
+        pace = _LIVE if show.is_live else _FINISHED
+        self._tick_s = pace.body_s
+        self._grid_rhythm = Rhythm(pace.grid_s, pace.rest)
+        self._curves_rhythm, self._frusta_rhythm = (
+            Rhythm(pace.curves_s, pace.rest),
+            Rhythm(pace.frusta_s, pace.rest),
+        )
+        self._timeline_rhythm = Rhythm(pace.timeline_s)
+        self._connection, self._grid_bytes, self._share = Connection(), 0, 1.0
+        self._sending: Rhythm | None = None
+        """What the browser has not answered yet, of all that is large."""
+        self._began_s = self._made_s = 0.0
+        self._sent_bytes = 0
+        self._drawn: tuple[int, Look] | None = None
+        self._curves_frame = self._hung_frame = self._timeline_frame = -1
+        self._placed: Shot | None = None
+        self._behind_s: float | None = None
+        self._told, self._advanced_s = -1, time.monotonic()
+        self._looked = False
+
+    def _add_grid(self, gui: viser.GuiApi) -> viser.GuiHtmlHandle | None:
+        if self._show.artist is None and not self._show.remark:
+            return None
+        panel = gui.add_panel()
+        with panel.add_tab("Cameras", viser.Icon.CAMERA):
+            grid = gui.add_html(notice(self._show.remark) if self._show.remark else "")
+            if self._show.artist is None:
+                return None
+        panel.dock_left()
+        panel.set_width(_GRID_WIDTH_PX)
+        return grid
+
+    def update(self) -> bool:
+        """Let the user's wishes and time go on, and send what differs; True when anything was sent."""
+        controls = self._controls
+        controls.perform(self._tick_s)
+        now = time.monotonic()
+        frame = controls.player.advance(now - self._advanced_s)
+        self._advanced_s = now
+        shot = self._show.reel.shot(frame)
+        if shot is None:
+            return self._say_missing(frame)
+        self._began_s, self._sending, self._sent_bytes = time.monotonic(), None, 0
+        with self._client.atomic():
+            sent = [self._show_body(shot), self._show_timeline(shot)]
+        with self._client.atomic():  # by itself, since drawing takes its time
+            # Of what is large only one thing at a time, so that the next body does not wait for all.
+            sent.append(self._show_curves(shot) or self._hang(shot) or self._show_grid(shot))
+        self._told, self._made_s = controls.version, time.monotonic()
+        return any(sent)
+
+    def _say_missing(self, frame: int) -> bool:
+        """Say that a frame is not here; what was shown before stays."""
+        words = f"{frame}: is not known yet, or kept by nobody any more"
+        content = lines_of([("take", self._show.take), ("frame", words)])
+        if content == self._controls.status.content:
+            return False
+        self._controls.status.content = content
+        self._placed = None
+        return True
+
+    def note_answer(self) -> None:
+        """The browser has taken in what was sent."""
+        if self._sending is not None:
+            self._sending.done(self._began_s, self._made_s)
+            self._connection.note(self._sent_bytes, time.monotonic() - self._made_s)
+        if self._placed is not None and self._show.is_live and self._controls.player.is_live:
+            self._behind_s = time.monotonic() - self._placed.arrived_s
+            BEHIND.observe(self._behind_s)
+            self._curves.note_lag(self._placed.frame, self._behind_s)
+
+    def _show_body(self, shot: Shot) -> bool:
+        if (
+            self._placed is not None
+            and shot.frame == self._placed.frame
+            and self._told == self._controls.version
+        ):
+            return False
+        self._placed = shot
+        self._stage.place(shot)
+        if not self._looked:
+            self._look_at(shot)
+        self._stage.show_cameras(self._controls.wants_frusta)
+        self._controls.follow(shot.frame)
+        self._controls.status.content = self._status(shot)
+        self._stage.trail(self._trail(shot.frame) if self._controls.wants_trails else None)
+        return True
+
+    def _show_timeline(self, shot: Shot) -> bool:
+        is_asked_for = self._told != self._controls.version
+        if shot.frame == self._timeline_frame or not (is_asked_for or self._timeline_rhythm.is_due()):
+            return False
+        frames = self._show.reel.frames
+        at = (shot.frame - frames.start + 0.5) / len(frames)
+        self._controls.timeline.content = timeline(self._show.reel.overview(), at)
+        self._timeline_frame = shot.frame
+        self._timeline_rhythm.done(self._began_s)
+        return True
+
+    def _trail(self, frame: int) -> Floats:
+        span = round(_TRAIL_S * self._show.fps)
+        shots = (self._show.reel.shot(f) for f in range(max(frame - span, 0), frame + 1))
+        return np.array([shot.pose for shot in shots if shot is not None])
+
+    def _look_at(self, shot: Shot) -> None:
+        """Stand before the middle of what is known of the motion, a bit to the actor's side."""
+        self._looked = True
+        reel = self._show.reel
+        some = np.linspace(reel.frames.start, reel.newest or reel.frames.start, _WAYPOINTS).astype(int)
+        known = [found.pose[:3] for found in map(reel.shot, some.tolist()) if found is not None]
+        middle_m, heading = np.mean([shot.pose[:3], *known], axis=0), shot.pose[3] + _BESIDE_RAD
+        reach_m = float(np.ptp([shot.pose[:3], *known], axis=0).max())
+        away_m = _AWAY_M + (0.5 * reach_m if reel.is_over else _ROAMING_M)
+        eye_m = middle_m + np.array([away_m * np.cos(heading), away_m * np.sin(heading), 0.25 * away_m])
+        self._client.camera.position = eye_m
+        self._client.camera.look_at = middle_m - (0.0, 0.0, 0.1)
+        self._client.camera.fov = _FOV_RAD
+
+    def _status(self, shot: Shot) -> str:
+        show, player = self._show, self._controls.player
+        state = "live" if player.is_live else "playing" if player.is_playing else "standing"
+        rows = [
+            ("take", show.take),
+            ("frame", f"{shot.frame} of {show.reel.frames[-1]}, {shot.time_s:.2f} s, {state}"),
+            ("energy", f"{shot.energy_px:.0f} px"),
+        ]
+        seconds = shot.seconds[STAGES.index("frame")]
+        if np.isfinite(seconds) and seconds > 0:
+            rows.append(("tracking", f"{1 / seconds:.1f} frames per second"))
+        if player.is_live and self._behind_s is not None:
+            rows.append(("page", f"{self._behind_s:.2f} s behind"))
+        return lines_of(rows)
+
+    def _show_grid(self, shot: Shot) -> bool:
+        artist, look = self._show.artist, self._controls.look
+        stands = self._drawn == (shot.frame, look)
+        if artist is None or self._grid is None or (stands and (self._share == 1.0 or self._is_followed)):
+            return False
+        is_asked_for = self._drawn is not None and self._drawn[1] != look
+        if not is_asked_for and not self._grid_rhythm.is_due():
+            return False
+        self._share = 1.0 if stands else self._fitting_share()
+        tiles = artist.draw(shot, replace(look, tile_width_px=round(self._share * look.tile_width_px)))
+        self._sent_bytes = sum(len(tile.jpeg) for tile in tiles)
+        self._grid_bytes = round(self._sent_bytes / self._share**2)
+        self._grid.content = camera_grid(
+            tiles, self._show.camera_names, shot.frame, square=look.part is not None
+        )
+        self._drawn, self._sending = (shot.frame, look), self._grid_rhythm
+        return True
+
+    @property
+    def _is_followed(self) -> bool:
+        """Whether another frame is to come soon; one that stands is shown whole, however long that takes."""
+        return self._controls.player.is_live and not self._show.reel.is_over
+
+    def _fitting_share(self) -> float:
+        """How wide tiles are against what is wanted: less where the browser would be long in taking them."""
+        likely_s = self._connection.seconds_for(self._grid_bytes)
+        if likely_s is None:
+            return _FIRST_WIDTH
+        return next((w for w in _WIDTHS if w * w * likely_s <= _GRID_ANSWER_S), _WIDTHS[-1])
+
+    def _show_curves(self, shot: Shot) -> bool:
+        if shot.frame == self._curves_frame or not self._curves_rhythm.is_due():
+            return False
+        self._curves.draw(shot.frame)
+        self._curves_frame, self._sending = shot.frame, self._curves_rhythm
+        return True
+
+    def _hang(self, shot: Shot) -> bool:
+        """Bring the pictures in the room up to date."""
+        artist = self._show.artist
+        if artist is None or not self._controls.wants_frusta or shot.frame == self._hung_frame:
+            return False
+        if not self._frusta_rhythm.is_due():
+            return False
+        for c in range(len(self._show.camera_names)):
+            self._stage.hang_picture(c, _small(artist.ground(shot.frame, c)))
+        self._hung_frame, self._sending = shot.frame, self._frusta_rhythm
+        return True
+
+
+def _small(picture: Bytes) -> Bytes:
+    """A picture (h, w, 3) for a frustum, in RGB."""
+    height = max(1, round(_FRUSTUM_PX * picture.shape[0] / picture.shape[1]))
+    small = cv2.resize(picture, (_FRUSTUM_PX, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small[..., ::-1], np.uint8)

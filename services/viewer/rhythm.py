@@ -1,0 +1,48 @@
+"""When something of a page may be sent again, and how much of it."""
+
+import time
+
+_SMOOTH = 0.5
+"""How much of a connection's last answer goes into what is known of it."""
+_LINE_REST = 3.0
+"""After something was on its way nothing of it is sent for so many times as long as that took."""
+_FEW_BYTES = 5_000
+"""Updates of fewer bytes say nothing of how many get through."""
+
+
+class Rhythm:
+    """Says when something may be done again."""
+
+    def __init__(self, period_s: float, rest: float = 0.0) -> None:
+        """rest: afterwards it is left alone for so many times as long as making it took."""
+        self._period_s, self._rest = period_s, rest
+        self._again_s = 0.0
+
+    def is_due(self) -> bool:
+        """Whether it may be done."""
+        return time.monotonic() >= self._again_s
+
+    def done(self, began_s: float, made_s: float | None = None) -> None:
+        """It was done, beginning at a time of time.monotonic; made_s: when it began to be on its way."""
+        now = time.monotonic()
+        made_s = now if made_s is None else made_s
+        rest_s = self._rest * (made_s - began_s) + _LINE_REST * (now - made_s)
+        self._again_s = max(began_s + self._period_s, now + rest_s)
+
+
+class Connection:
+    """How much a browser takes in, by how long its answers take."""
+
+    def __init__(self) -> None:
+        self._seconds_per_byte: float | None = None
+
+    def note(self, sent_bytes: int, answer_s: float) -> None:
+        """An update of so many bytes was answered after so long."""
+        if sent_bytes >= _FEW_BYTES:
+            found = answer_s / sent_bytes
+            known = found if self._seconds_per_byte is None else self._seconds_per_byte
+            self._seconds_per_byte = known + _SMOOTH * (found - known)
+
+    def seconds_for(self, n_bytes: int) -> float | None:
+        """How long so many bytes will probably take; None where nothing is known yet."""
+        return None if self._seconds_per_byte is None else n_bytes * self._seconds_per_byte

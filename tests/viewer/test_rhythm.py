@@ -1,0 +1,41 @@
+"""Slow connections get less and get it less often."""
+
+import pytest
+
+from services.viewer import rhythm
+from services.viewer.rhythm import Connection, Rhythm
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Its one number is the time."""
+    now = [100.0]
+    monkeypatch.setattr(rhythm.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_a_rhythm_rests_by_what_making_and_sending_took(clock: list[float]) -> None:
+    grid = Rhythm(0.2, rest=8.0)
+    assert grid.is_due()
+    clock[0] = 100.01
+    grid.done(100.0, made_s=100.005)
+    for at, due in ((100.19, False), (100.2, True)):
+        clock[0] = at
+        assert grid.is_due() is due
+    clock[0] = 101.0
+    grid.done(100.2, made_s=100.4)  # 0.2 s to draw, 0.6 s on its way
+    for at, due in ((104.3, False), (104.41, True)):
+        clock[0] = at
+        assert grid.is_due() is due
+
+
+def test_a_connection_is_known_by_its_large_answers() -> None:
+    connection = Connection()
+    assert connection.seconds_for(1000) is None
+    connection.note(100, 5.0)
+    assert connection.seconds_for(1000) is None
+    connection.note(100_000, 1.0)
+    assert connection.seconds_for(50_000) == pytest.approx(0.5)
+    for _ in range(20):
+        connection.note(100_000, 0.1)
+    assert connection.seconds_for(100_000) == pytest.approx(0.1, rel=0.01)
