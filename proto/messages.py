@@ -12,19 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 5
+PROTOCOL_VERSION = 6
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
 MAX_TOLD = 200
 """Clients that telemetry tells of by name."""
 MAX_BACKENDS = 20
 """Energy backends that one run may tell apart."""
+MAX_CAMERAS = 256
+OPEN_END = 2**31 - 1
+"""The end_frame of live input, which ends when somebody ends it."""
 
 Count: TypeAlias = Annotated[int, Field(ge=0, lt=2**31)]
 Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=200)]
 Hash: TypeAlias = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Run: TypeAlias = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 Scalar: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Moment: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 _Whole: TypeAlias = Annotated[int, Field(ge=-(2**31), lt=2**31)]
 _Number: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 _Text: TypeAlias = Annotated[str, Field(max_length=200)]
@@ -221,7 +225,7 @@ class TakeInfo(Message):
     first_frame: Count
     """The first frame that is tracked."""
     end_frame: Count
-    """One past the last frame that is to be tracked."""
+    """One past the last frame that is to be tracked; 2147483647 for live input, whose end is open."""
     plan: Hash
     """Names what poses depend on: take, frames, settings. Runs of one plan can go on from each other."""
     shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
@@ -251,7 +255,7 @@ class Pose(Message):
     frame: Count
     """The frame's number in the take."""
     time_s: Scalar
-    """The frame's time in the take: frame / fps, in seconds."""
+    """The frame's time in the take: frame / fps, in seconds. Live: since the shutter of shot 0."""
     energy_px: Scalar
     """Differing pixels, over all cameras, of the whole body."""
     passes: Count
@@ -284,8 +288,19 @@ class Pose(Message):
     empty where nobody counted."""
     memory: Memory = Field(default_factory=dict)
     """What the coordinator knows by then beside the last two poses, for one that goes on after it."""
+    shot: Count = 0
+    """Live: which shot of the cameras this is, some of which are never solved; else as frame."""
+    latency_s: Scalar = 0.0
+    """Live: from the shutter to this message; else 0."""
+    absent: Annotated[list[Count], Field(max_length=MAX_CAMERAS)] = Field(default_factory=list)
+    """Live: cameras that had no picture of this shot and no say in the pose, by their place from 0."""
     pose: Annotated[NDArray[np.float64], Array("float64", (35,))]
     """The body's 35 parameters, in metres and radians, in the z-up world."""
+    steady: Annotated[NDArray[np.float64], Array("float64", ("k", 35))] = Field(
+        default_factory=lambda: np.zeros((0, 35))
+    )
+    """Live: k = 1, the pose as a one-euro filter makes it of those up to now, for whoever shows it; else
+    k = 0."""
 
 
 class PoseRequest(Message):
@@ -349,7 +364,7 @@ class Telemetry(Message):
     next_frame: Count
     """One past the last frame that was solved."""
     end_frame: Count
-    """One past the last frame that is to be tracked."""
+    """As in the take's description."""
     frames_ready: Count
     """Frames whose silhouettes are all there and that are not being solved yet."""
     unrecorded: Count
@@ -368,6 +383,16 @@ class Telemetry(Message):
     """Since it was started: retries (tasks given out again), and what was dropped and why."""
     seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
     """As in the last pose."""
+    latency_s: Annotated[dict[Name, Scalar], Field(max_length=20)] = Field(default_factory=dict)
+    """Live: from the shutter to the pose, over the last poses: median, and p95, which 95% of them stay
+    below."""
+    drops: Annotated[
+        dict[Name, Annotated[list[Count], Field(min_length=3, max_length=3)]], Field(max_length=MAX_CAMERAS)
+    ] = Field(default_factory=dict)
+    """Live, by camera: shots of which the source gave no picture, pictures that segmentation did not get to,
+    and shots that arrived here but were not solved, since newer ones had come."""
+    absent: Annotated[list[Name], Field(max_length=MAX_CAMERAS)] = Field(default_factory=list)
+    """Live: cameras that have no picture just now."""
 
 
 class TakeEnd(Message):
@@ -382,6 +407,74 @@ class TakeEnd(Message):
     """The first frame that was asked for."""
     end_frame: Count
     """One past the last frame that was solved; equal to first_frame if there is none."""
+    end_shot: Count = 0
+    """Live: one past the last shot that belongs to a recording of the cameras; else 0."""
+
+
+class LiveSilhouettes(Message):
+    """Live: undistorted silhouettes of some cameras in one shot."""
+
+    type: ClassVar[str] = "live_silhouettes"
+    take: Name
+    """The take's name, from the live configuration."""
+    run: Run
+    """As in the live pace."""
+    shot: Count
+    """Which shot it is, as the live pace counts them."""
+    cameras: Annotated[list[Count], Field(min_length=1, max_length=MAX_CAMERAS)]
+    """Which cameras, by their place in calibration.toml, from 0; none twice. Those of the sender that are
+    left out have no picture of this shot."""
+    times_s: Annotated[list[Moment], Field(min_length=1, max_length=MAX_CAMERAS)]
+    """When each of them took its picture, on the coordinator's clock."""
+    planes: Annotated[NDArray[np.uint8], Array("uint8", ("P", "H", "W"))]
+    """Bit k % 8 of plane k // 8 is the silhouette of the k-th camera of the list, from 0."""
+
+
+class LiveSources(Message):
+    """Live: a segmentation says how its cameras are doing, and asks for the pace; about twice a second."""
+
+    type: ClassVar[str] = "live_sources"
+    take: Name
+    """The take's name, from the live configuration."""
+    asked_s: Moment
+    """When this was sent, on the sender's clock."""
+    cameras: Annotated[list[Count], Field(min_length=1, max_length=MAX_CAMERAS)]
+    """Its cameras, by their place in calibration.toml, from 0; none twice."""
+    latest_s: Annotated[list[Moment], Field(max_length=MAX_CAMERAS)]
+    """When those that deliver by a clock of their own took their latest pictures, on the coordinator's clock;
+    empty as long as that is not known."""
+    missed: Annotated[list[Count], Field(max_length=MAX_CAMERAS)]
+    """Per camera: shots of which its source gave no picture."""
+    dropped: Annotated[list[Count], Field(max_length=MAX_CAMERAS)]
+    """Per camera: pictures that were not segmented, since newer ones had come."""
+    unsent: Count
+    """Shots that were segmented but not sent, since the coordinator took none at that time."""
+    absent: Annotated[list[Count], Field(max_length=MAX_CAMERAS)]
+    """Cameras that have no picture just now."""
+    ended: bool
+    """Whether no picture will ever follow, since all sources are files that are over."""
+
+
+class LivePace(Message):
+    """Live: the coordinator's answer to live_sources: which shot is when, and what its clock says."""
+
+    type: ClassVar[str] = "live_pace"
+    take: Name
+    """The take's name, from the live configuration."""
+    run: Annotated[str, Field(pattern=r"^([0-9a-f]{32})?$")]
+    """The run; empty as long as it has not begun, and then there is no shot yet."""
+    asked_s: Moment
+    """As it was asked: the sender's own clock, so that it can tell how long the round trip took."""
+    answered_s: Moment
+    """When this was answered, on the coordinator's clock, in seconds from anywhere."""
+    clock: Name
+    """Names that clock: who reads the same one need not compare."""
+    shot: Count
+    """A shot …"""
+    shot_s: Moment
+    """… and when it is due, on the coordinator's clock."""
+    period_s: Scalar
+    """From one shot to the next."""
 
 
 class Recorded(Message):
@@ -413,6 +506,9 @@ MESSAGES: dict[str, type[Message]] = {
         Recording,
         Telemetry,
         TakeEnd,
+        LiveSilhouettes,
+        LiveSources,
+        LivePace,
         Recorded,
     )
 }

@@ -46,10 +46,12 @@ STREAMS: dict[StreamName, Stream] = {
             "silhouettes",
             "recording",
             "take_end",
+            "live_sources",
+            "live_pace",
             "recorded",
         ),
     ),
-    "silhouettes": Stream(1, zmq.PULL, zmq.PUSH, ("silhouettes",)),
+    "silhouettes": Stream(1, zmq.PULL, zmq.PUSH, ("silhouettes", "live_silhouettes")),
     "poses": Stream(2, zmq.PUB, zmq.SUB, ("credit", "take_info", "pose", "telemetry", "take_end")),
 }
 

@@ -22,6 +22,7 @@ from services.fit_show import fit_with_bar, show_fit
 from services.health import main as ask_health
 from services.keys import app as keys_app
 from services.launcher import ServiceFailedError
+from services.live_command import live_command
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.energy.engine import check_cost
@@ -74,6 +75,7 @@ app.command()(calibrate)
 app.command()(sync)
 app.command()(status)
 app.command()(bridge)
+app.command("live")(live_command)
 out_console, err_console = Console(), Console(stderr=True)
 _STATE_WORDS = {
     machine.State.OK: "[green]ok[/]",

@@ -137,6 +137,12 @@ MetricsOption: TypeAlias = Annotated[
 ]
 
 
+NiceOption: TypeAlias = Annotated[
+    int,
+    typer.Option("--nice", min=0, max=19, help="How far others go first that want the same core."),
+]
+
+
 def engine_settings(backend: Choice, threads: int) -> EngineSettings:
     """What the two options say; raises UserError where that cannot be."""
     fields = {"backend": backend, "threads": threads}

@@ -16,7 +16,7 @@ from rich.text import Text
 from proto.framing import MalformedMessage
 from proto.keys import ClientKeys, KeysError
 from proto.link import Line
-from proto.messages import Pose, TakeEnd, Telemetry
+from proto.messages import OPEN_END, Pose, TakeEnd, Telemetry
 from proto.sockets import receive, wait
 from proto.streams import DEFAULT_ENDPOINT, AddressError
 from services.mocap.errors import UserError
@@ -85,12 +85,15 @@ def as_json(told: Telemetry) -> str:
 
 def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> RenderableType:
     """What a person wants to see."""
-    done, total = told.next_frame - told.first_frame, told.end_frame - told.first_frame
+    done = f"{told.next_frame - told.first_frame}"
+    if told.end_frame < OPEN_END:
+        done += f" of {told.end_frame - told.first_frame}"
     speed = "" if frames_per_s is None else f", {frames_per_s:.1f} frames per second"
-    head = Text(f"{told.take}: {told.stage}, {done} of {total} frames{speed}")
+    head = Text(f"{told.take}: {told.stage}, {done} frames{speed}")
     if silent_s > _SILENCE_S:
         head.append(f"; nothing heard for {silent_s:.0f} s", style="yellow")
-    return Group(head, Text(), _services(told), Text(), _numbers(told))
+    live: list[RenderableType] = [] if not told.drops else [Text(), _cameras(told)]
+    return Group(head, Text(), _services(told), *live, Text(), _numbers(told))
 
 
 def _services(told: Telemetry) -> Table:
@@ -108,11 +111,25 @@ def _services(told: Telemetry) -> Table:
     return table
 
 
+def _cameras(told: Telemetry) -> Table:
+    """Live cameras, and what was dropped of each: where it is lost says what to mend."""
+    table = Table(
+        "camera", "dropped by source", "by segmentation", "by tracking", box=None, header_style="bold"
+    )
+    for name, counts in told.drops.items():
+        where = Text(name, style="red") if name in told.absent else Text(name)
+        table.add_row(where + (" is absent" if name in told.absent else ""), *map(str, counts))
+    return table
+
+
 def _numbers(told: Telemetry) -> Table:
     """Milliseconds of the last frame, queues, and what went wrong."""
     table = Table(show_header=False, box=None)
     stages = [f"{name.replace('_', ' ')} {_IN_MS(1000 * s)}" for name, s in told.seconds.items()]
     table.add_row("last frame, ms", ", ".join(stages) or "none yet")
+    if told.latency_s:
+        median_ms, p95_ms = (_IN_MS(1000 * told.latency_s[name]) for name in ("median", "p95"))
+        table.add_row("shutter to pose, ms", f"median {median_ms}, 95 % below {p95_ms}")
     table.add_row("limb tasks waiting", f"{told.tasks_waiting}; deadline {told.deadline_s:.2f} s")
     table.add_row("frames not on disk", f"{told.unrecorded}")
     for name, count in told.counts.items():

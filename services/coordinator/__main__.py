@@ -1,6 +1,7 @@
 """Coordinator process: `python -m services.coordinator --take TAKE --bind tcp://127.0.0.1:5550`."""
 
 import logging
+import os
 import signal
 from pathlib import Path
 from typing import Annotated
@@ -20,15 +21,17 @@ from services.mocap.search.overrides import search_settings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, fitted_pose
-from services.mocap.take.folder import Take, open_take
+from services.mocap.take.folder import Take
 from services.mocap.take.frame_range import frame_range
 from services.mocap.take.layout import ACTOR
+from services.mocap.take.live import open_source
 from services.process import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
     BackendOption,
     KeysOption,
     MetricsOption,
+    NiceOption,
     SearchOption,
     SegmenterOption,
     SetOption,
@@ -47,7 +50,7 @@ log = logging.getLogger(__name__)
 
 
 def main(
-    take: Annotated[Path, typer.Option(help="The take folder.")],
+    take: Annotated[Path, typer.Option(help="The take folder, or a live configuration.")],
     bind: Annotated[str, typer.Option(help="Where to listen.")] = DEFAULT_ENDPOINT,
     frames: Annotated[str, typer.Option(help="Which frames, A up to but not including B, as A:B.")] = ":",
     workers: Annotated[int, typer.Option(min=0, help="Limb workers to wait for before the first frame.")] = 0,
@@ -63,17 +66,19 @@ def main(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     keys: KeysOption = None,
     metrics: MetricsOption = None,
+    niceness: NiceOption = 0,
 ) -> None:
     """Track a take with the limb workers that are there."""
 
     def serve(stop: StopRequest) -> None:
+        os.nice(niceness)
         admission = None if keys is None else Admission(keys)
         if admission is None:
             signal.signal(signal.SIGHUP, _default_hangup)
         else:
             on_hangup(admission.ask_again)
             admission.ask_again()  # the list may have changed just before
-        opened = open_take(take)
+        opened = open_source(take)
         engine_choice = engine_settings(backend, threads)
         search = search_settings(changes or [], settings, len(opened.cameras), preset)
         check_cost(engine_choice, search.cost)

@@ -56,6 +56,29 @@ class Gauges(Collector):
             if why != "retries":
                 dropped.add_metric([why], count)
         yield dropped
+        yield from _of_live(told)
+
+
+def _of_live(told: Telemetry) -> Iterator[Metric]:
+    """What there is of live input only."""
+    if not told.drops:
+        return
+    lost = CounterMetricFamily(
+        "xormocap_live_drops",
+        "What was not solved of a camera.",
+        labels=["camera", "where"],
+    )
+    for camera, counts in told.drops.items():
+        for where, count in zip(("source", "segmentation", "tracking"), counts, strict=True):
+            lost.add_metric([camera, where], count)
+    yield lost
+    yield GaugeMetricFamily("xormocap_live_absent", "Cameras without a picture just now.", len(told.absent))
+    latency = GaugeMetricFamily(
+        "xormocap_live_latency_seconds", "From the shutter to the pose, of the last poses.", labels=["which"]
+    )
+    for which, seconds in told.latency_s.items():
+        latency.add_metric([which], seconds)
+    yield latency
 
 
 def note_pose(pose: Pose) -> None:

@@ -18,6 +18,8 @@ _SENDERS_KEPT = 4096
 _MOST_DROPPED = 64
 _HEARD: tuple[StreamName, ...] = ("silhouettes", "tasks")
 """Streams on which something comes in."""
+_LIVE_SILHOUETTES = 128
+"""Live, silhouettes wait while somebody is looked for, some seconds long, to be followed afterwards."""
 
 
 class Ports:
@@ -27,7 +29,7 @@ class Ports:
     clients are sent nothing. Raises OpenBindError or AddressError.
     """
 
-    def __init__(self, endpoint: str, admission: Admission | None = None) -> None:
+    def __init__(self, endpoint: str, admission: Admission | None = None, *, is_live: bool = False) -> None:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._admission = admission
         self._doorkeeper = None if admission is None else Doorkeeper(self._context, admission)
@@ -37,6 +39,8 @@ class Ports:
         self._sockets["poses"].set(
             zmq.SNDHWM, 1000
         )  # poses are small, and a recorder asks again for what it missed
+        if is_live:
+            self._sockets["silhouettes"].set(zmq.RCVHWM, _LIVE_SILHOUETTES)
         self._addresses = self._listen(endpoint)
         self._revocations = 0
         self._keys: OrderedDict[bytes, bytes] = OrderedDict()

@@ -7,11 +7,13 @@ from collections.abc import Callable
 from typing import Literal
 
 from proto.auth import Admission
-from proto.messages import Credit, Recording, Silhouettes, TakeEnd, Telemetry
-from services.coordinator.assembly import FrameAssembler
+from proto.messages import Recording, TakeEnd, Telemetry
+from services.coordinator.absence import without_weight
+from services.coordinator.incoming import Frame, Incoming, RecordedFrames
 from services.coordinator.limbs import RemoteLimbs
+from services.coordinator.live_frames import LiveFrames
 from services.coordinator.metrics import Gauges, note_pose
-from services.coordinator.opening import model_of, solve_opening
+from services.coordinator.opening import Opening, model_of, solve_opening
 from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import LostFramesError, Switchboard
@@ -20,18 +22,17 @@ from services.coordinator.wording import Wording
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
-from services.mocap.errors import UserError
+from services.mocap.errors import TakeError, UserError
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model
+from services.mocap.take.live import LiveTake
 from services.mocap.take.settings import TakeSettings
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Floats
 from services.process import StopRequest, about
 
 log = logging.getLogger(__name__)
 
-_AHEAD_FRAMES = 8
-"""How far segmentation may be ahead of the fit."""
 _UNRECORDED_FRAMES = 2000
 """How far the fit may be ahead of the recorders that are waited for."""
 _LOOK_S = 0.2
@@ -57,32 +58,26 @@ class Session:
         self._plan, self._engine, self._stop = plan, engine, stop
         self._rig, self._plan_name = Rig.of(plan.take.cameras), plan.name
         self._wording = Wording(plan, self._plan_name, self._rig, engine)
-        self._frames = self._assembler("", plan.frames.start)
-        self._board = Switchboard(endpoint, self._take_in, admission)
+        self._incoming = _incoming(plan, self._rig)
+        self._is_live = isinstance(plan.take, LiveTake)
+        self._board = Switchboard(
+            endpoint, self._incoming.add, self._incoming.answer, admission, is_live=self._is_live
+        )
         self._stage: Literal["waiting for clients", "first frame", "tracking", "ended"] = (
             "waiting for clients"
         )
         self._published_s = time.perf_counter()
         self._solved_end = plan.frames.start
         self._recorders, self._shards = 0, 1
+        self._told = ""
         self._gauges, self._overhead = Gauges(), Overhead()
         self._board.telemetry = self._telemetry
         about(take=self._wording.take)
 
     def _telemetry(self) -> Telemetry:
-        told = self._wording.telemetry(self._stage, self._solved_end, self._board, self._frames)
+        told = self._wording.telemetry(self._stage, self._solved_end, self._board, self._incoming)
         self._gauges.latest = told
         return told
-
-    def _credit_end(self, next_frame: int) -> int:
-        return min(next_frame + _AHEAD_FRAMES, self._plan.frames.stop)
-
-    def _take_in(self, message: Silhouettes) -> None:
-        self._frames.add(message, self._credit_end(self._frames.next_frame))
-
-    def _assembler(self, run: str, first_frame: int) -> FrameAssembler:
-        """What puts together the frames of a run; of none, as long as it has no name."""
-        return FrameAssembler(self._wording.take, run, self._rig, first_frame, self._plan.frames.stop)
 
     def run(self, workers: int, recorders: int, timeout_s: float) -> None:
         """Track all frames, or as many as are done when a stop is asked for; then say so and close.
@@ -136,52 +131,77 @@ class Session:
         self._stage = "ended"
         about(frame=None)
         run, first = self._wording.run, self._plan.frames.start
-        end = TakeEnd(take=self._wording.take, run=run, first_frame=first, end_frame=self._solved_end)
+        end = TakeEnd(
+            take=self._wording.take,
+            run=run,
+            first_frame=first,
+            end_frame=self._solved_end,
+            end_shot=self._incoming.end_shot,
+        )
         self._board.end(end)
         self._await_recorders()
-        log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._frames.dropped})
+        log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._incoming.dropped})
 
     def _track(self, held: Recording | None) -> None:
         self._stage = "first frame" if held is None else "tracking"
-        early, self._frames = self._frames, self._assembler(self._wording.run, self._solved_end)
-        self._frames.dropped = early.dropped
+        self._incoming.begin(self._wording.run, self._solved_end)
         tracker = self._open() if held is None else self._go_on(held)
         if tracker is None:
             return
         self._published_s = time.perf_counter()
         self._overhead.begin()
         for frame in range(self._solved_end, self._plan.frames.stop):
-            silhouettes = self._next_frame()
-            if silhouettes is None:
+            found = self._next_frame()
+            if found is None:
                 return
             about(frame=frame)
             self._limbs.frame = frame
+            was_lost = tracker.is_lost
             with self._overhead.fitting():
-                solution = tracker.solve(silhouettes)
+                solution = tracker.solve(found.silhouettes, found.absent)
+            if was_lost and not tracker.is_lost:
+                self._incoming.catch_up()
             solution.seconds["overhead"] = self._overhead.of_frame()
-            self._publish(frame, solution, tracker)
+            self._publish(frame, found, solution, tracker)
 
     def _open(self) -> Tracker | None:
         """Find the actor in the first frame; None when a stop was asked for before it came."""
-        first = self._next_frame()
-        if first is None:
-            return None
-        about(frame=self._plan.frames.start)
-        self._published_s = time.perf_counter()
-        opening = solve_opening(
-            first,
+        while (first := self._next_frame()) is not None:
+            if self._is_live and set(first.absent) - set(self._incoming.waiting_for()):
+                continue  # cameras that are only late will have the next one
+            about(frame=self._plan.frames.start)
+            self._published_s = time.perf_counter()
+            try:
+                opening = self._opening(first)
+            except TakeError as problem:
+                if not self._is_live:
+                    raise
+                self._say_nobody(str(problem))
+                continue
+            self._incoming.catch_up()
+            tracker = self._tracker(opening.model, opening.actor, opening.solution.pose[None])
+            self._publish(self._plan.frames.start, first, opening.solution, tracker)
+            return tracker
+        return None
+
+    def _opening(self, first: Frame) -> Opening:
+        return solve_opening(
+            first.silhouettes,
             self._rig,
             self._plan.actor,
             self._hints(),
             self._pool,
             self._engine,
-            self._plan.settings,
+            without_weight(self._plan.settings, first.absent, self._rig),
             self._plan.fitted_pose,
             [camera.name for camera in self._plan.take.cameras],
         )
-        tracker = self._tracker(opening.model, opening.actor, opening.solution.pose[None])
-        self._publish(self._plan.frames.start, opening.solution, tracker)
-        return tracker
+
+    def _say_nobody(self, why: str) -> None:
+        """Tell once, for each reason, why live input cannot be tracked yet."""
+        if why != self._told:
+            self._told = why
+            log.info("not yet: %s", why)
 
     def _go_on(self, held: Recording) -> Tracker:
         """Go on where the recorders' poses end, as if this coordinator had solved them itself."""
@@ -192,6 +212,7 @@ class Session:
         self._board.dispatcher.helped.update(held.worker_backends)
         tracker = self._tracker(model_of(actor, self._rig, self._engine), actor, held.poses)
         tracker.recall(held.memory)
+        self._incoming.recall(held.memory)
         return tracker
 
     def _tracker(self, model: Model, actor: Actor, poses: Floats) -> Tracker:
@@ -207,36 +228,33 @@ class Session:
             return settings
         return settings.model_copy(update={"facing": None, "initial_pose": {}})
 
-    def _next_frame(self) -> Bytes | None:
-        """The next frame's silhouettes; None when a stop was asked for."""
-        looks, frames = 0, self._frames
-        while not self._stop:
-            silhouettes = frames.take_next() if self._is_kept_up_with() else None
-            self._board.give_credit(
-                Credit(
-                    take=self._wording.take,
-                    run=self._wording.run,
-                    next_frame=frames.first_lacking(),
-                    end_frame=self._credit_end(frames.next_frame),
-                )
-            )
-            if silhouettes is not None:
-                return silhouettes
+    def _next_frame(self) -> Frame | None:
+        """The next frame; None when a stop was asked for or live input has ended."""
+        looks, incoming = 0, self._incoming
+        if self._is_live:
+            self._board.pump(0.0)  # what has come meanwhile is newer than what is here
+        while not self._stop and not incoming.has_ended:
+            found = incoming.take_next() if self._is_kept_up_with() else None
+            credit = incoming.credit()
+            if credit is not None:
+                self._board.give_credit(credit)
+            if found is not None:
+                return found
             self._board.pump(_LOOK_S)
             looks += 1
             if looks % _SAY_WAITING_EVERY == 0:
-                self._say_why_waiting(frames)
+                self._say_why_waiting()
         return None
 
     def _is_kept_up_with(self) -> bool:
         """Whether recorders that are waited for are not too far behind."""
         return not self._recorders or self._board.n_unrecorded < _UNRECORDED_FRAMES
 
-    def _say_why_waiting(self, frames: FrameAssembler) -> None:
-        missing = [self._plan.take.cameras[c].name for c in frames.waiting_for()]
+    def _say_why_waiting(self) -> None:
+        missing = [self._plan.take.cameras[c].name for c in self._incoming.waiting_for()]
         if missing:
-            log.info("frame %d still lacks %s", frames.next_frame, ", ".join(missing))
-        else:
+            log.info("frame %d still lacks %s", self._incoming.next_frame, ", ".join(missing))
+        elif not self._is_kept_up_with():
             log.warning("waiting for recorders, which lack %d frames", self._board.n_unrecorded)
 
     def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
@@ -249,14 +267,17 @@ class Session:
         limbs.frame = self._plan.frames.start
         return limbs
 
-    def _publish(self, frame: int, solution: FrameSolution, tracker: Tracker) -> None:
+    def _publish(self, number: int, frame: Frame, solution: FrameSolution, tracker: Tracker) -> None:
         now = time.perf_counter()
         whole_s, self._published_s = now - self._published_s, now
-        memory, dispatcher = tracker.memory(), self._board.dispatcher
-        pose = self._wording.pose(frame, solution, dispatcher, whole_s, memory)
+        memory, dispatcher = tracker.memory() | self._incoming.memory(), self._board.dispatcher
+        latency_s = self._incoming.note_latency(frame)
+        pose = self._wording.pose(number, frame, solution, dispatcher, whole_s, memory, latency_s)
         self._board.publish(pose)
+        if frame.shutter_s is not None:  # recorded ones are kept as they come
+            self._board.keep(self._wording.silhouettes(number, frame))
         note_pose(pose)
-        self._solved_end, self._stage = frame + 1, "tracking"
+        self._solved_end, self._stage = number + 1, "tracking"
 
     def _await_recorders(self) -> None:
         """Wait until all expected recorders have all frames, or none has asked for any for a while."""
@@ -267,3 +288,11 @@ class Session:
                 log.error("a recorder has not confirmed all frames")
                 return
             self._board.pump(_LOOK_S)
+
+
+def _incoming(plan: Plan, rig: Rig) -> Incoming:
+    """What chooses the frames of a plan."""
+    take = plan.take
+    if isinstance(take, LiveTake):
+        return LiveFrames(take, rig)
+    return RecordedFrames(take.settings.name, rig, plan.frames, take.settings.fps)

@@ -15,6 +15,9 @@ from proto.messages import (
     Hello,
     LimbRefusal,
     LimbResult,
+    LivePace,
+    LiveSilhouettes,
+    LiveSources,
     Message,
     Pose,
     PoseRequest,
@@ -63,11 +66,14 @@ class Switchboard:
     def __init__(
         self,
         endpoint: str,
-        on_silhouettes: Callable[[Silhouettes], None],
+        on_silhouettes: Callable[[Silhouettes | LiveSilhouettes], None],
+        on_sources: Callable[[LiveSources], LivePace | None],
         admission: Admission | None = None,
+        *,
+        is_live: bool = False,
     ) -> None:
-        self._ports = Ports(endpoint, admission)
-        self._on_silhouettes = on_silhouettes
+        self._ports = Ports(endpoint, admission, is_live=is_live)
+        self._on_silhouettes, self._on_sources = on_silhouettes, on_sources
         self.dispatcher = Dispatcher(self._ports.send, time.monotonic)
         self._blobs: dict[str, Blob] = {}
         self._recorders: dict[Identity, _Recorder] = {}
@@ -216,6 +222,8 @@ class Switchboard:
         elif isinstance(message, Silhouettes):
             self._keep_for_viewers(message)
             self._on_silhouettes(message)
+        elif isinstance(message, LiveSilhouettes):
+            self._on_silhouettes(message)
         else:
             self._ports.drop(message)
         return True
@@ -223,8 +231,11 @@ class Switchboard:
     def _keep_for_viewers(self, message: Silhouettes) -> None:
         """Keep silhouettes of the last frames that were asked for."""
         credit = self._credit
-        if credit is None or not credit.next_frame <= message.frame < credit.end_frame:
-            return
+        if credit is not None and credit.next_frame <= message.frame < credit.end_frame:
+            self.keep(message)
+
+    def keep(self, message: Silhouettes) -> None:
+        """Keep silhouettes for viewers."""
         self._seen.setdefault(message.frame, {})[tuple(message.cameras)] = message
         while len(self._seen) > _SEEN_FRAMES:
             self._seen.popitem(last=False)
@@ -242,6 +253,10 @@ class Switchboard:
             self._send_content(identity, message)
         elif isinstance(message, Recording | PoseRequest | Recorded):
             self._hear_recorder(identity, message)
+        elif isinstance(message, LiveSources):
+            answer = self._on_sources(message)
+            if answer is not None:
+                self._ports.send(identity, answer)
         else:
             self._ports.drop(message)
 

@@ -1,8 +1,9 @@
 """One actor followed from frame to frame, lost, and found again."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
+from services.coordinator.absence import without_cameras, without_weight
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
@@ -38,6 +39,11 @@ class Tracker:
         self._poses: list[Floats] = list(poses)
         self._lost_frames = self._tries = self._wait = 0
 
+    @property
+    def is_lost(self) -> bool:
+        """Whether nobody was found in the last frame."""
+        return self._lost_frames > 0
+
     def memory(self) -> dict[str, list[int]]:
         """All that it knows by now beside the last two poses that it gave."""
         known = [len(self._poses), self._lost_frames, self._tries, self._wait]
@@ -51,15 +57,16 @@ class Tracker:
         self._poses = self._poses[-n_poses:]
         self._trust.recall(memory)
 
-    def solve(self, silhouettes: Bytes) -> FrameSolution:
+    def solve(self, silhouettes: Bytes, absent: Collection[int] = ()) -> FrameSolution:
         """Find the pose in the next frame's silhouettes (P, H, W).
 
-        While the actor is lost, the pose is the last that was found, and no part of it is to be trusted.
+        absent: cameras that have no say in it. While the actor is lost, the pose is the last that was found,
+        and no part of it is to be trusted.
         """
-        picture = Picture.whole(self._model.rig, silhouettes)
-        solution = solve_frame(
-            self._model, picture, self._starts(), self._settings, self._limbs, trust=self._trust
-        )
+        rig = self._model.rig
+        picture = without_cameras(Picture.whole(rig, silhouettes), absent, rig)
+        settings = without_weight(self._settings, absent, rig)
+        solution = solve_frame(self._model, picture, self._starts(), settings, self._limbs, trust=self._trust)
         is_lost = "torso" in solution.distrusted
         if not is_lost and not self._lost_frames:
             self._keep(solution)
@@ -69,7 +76,7 @@ class Tracker:
             log.warning("the actor is lost: poses stay as they were until somebody is in view again")
         # Whoever comes back may have turned round, which a pose that is carried on does not notice.
         candidates = [
-            self._find_again(picture, silhouettes, at_once=not is_lost),
+            self._find_again(picture, silhouettes, settings, at_once=not is_lost),
             None if is_lost else solution,
         ]
         found = [candidate for candidate in candidates if candidate is not None]
@@ -89,7 +96,9 @@ class Tracker:
         self._poses = [*self._poses[-1:], solution.pose]
         self._lost_frames = self._tries = self._wait = 0
 
-    def _find_again(self, picture: Picture, silhouettes: Bytes, *, at_once: bool) -> FrameSolution | None:
+    def _find_again(
+        self, picture: Picture, silhouettes: Bytes, settings: SearchSettings, *, at_once: bool
+    ) -> FrameSolution | None:
         """A first pose of this frame if somebody is to be seen whole; unless at once, with growing waits."""
         if self._wait and not at_once:
             self._wait -= 1
@@ -104,5 +113,5 @@ class Tracker:
             return None
         self._tries += 1
         self._wait = min(2**self._tries, _LONGEST_WAIT)
-        first = find_first_pose(model, picture, hull, self._limbs, self._settings)
+        first = find_first_pose(model, picture, hull, self._limbs, settings)
         return None if "torso" in first.solution.distrusted else first.solution

@@ -5,15 +5,17 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from proto.messages import MAX_TOLD, Blob, Pose, TakeInfo, Telemetry
-from services.coordinator.assembly import FrameAssembler
+from proto.messages import MAX_TOLD, Blob, Pose, Silhouettes, TakeInfo, Telemetry
 from services.coordinator.dispatch import Dispatcher
+from services.coordinator.incoming import Frame, Incoming
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import Switchboard
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
+from services.mocap.motion.one_euro import OneEuro
 from services.mocap.search.found import FrameSolution
+from services.mocap.types import Floats
 
 T = TypeVar("T")
 _LONGEST_REASON = 1000
@@ -27,6 +29,7 @@ class Wording:
         self.take = plan.take.settings.name
         self.run = ""
         self._seconds: dict[str, float] = {}
+        self._filter, self._filtered_s = OneEuro(), -1.0
 
     def contents(self, actor: Actor) -> list[Blob]:
         """The actor and the rig, and the actor's own mesh if there is one."""
@@ -60,10 +63,10 @@ class Wording:
         stage: Literal["waiting for clients", "first frame", "tracking", "ended"],
         next_frame: int,
         board: Switchboard,
-        frames: FrameAssembler,
+        incoming: Incoming,
     ) -> Telemetry:
         """How the take is doing."""
-        dispatcher = board.dispatcher
+        dispatcher, live = board.dispatcher, incoming.figures()
         return Telemetry(
             take=self.take,
             run=self.run,
@@ -71,32 +74,37 @@ class Wording:
             first_frame=self._plan.frames.start,
             next_frame=next_frame,
             end_frame=self._plan.frames.stop,
-            frames_ready=frames.n_ready,
+            frames_ready=incoming.n_ready,
             unrecorded=board.n_unrecorded,
             deadline_s=dispatcher.deadline_s,
             tasks_waiting=dispatcher.n_waiting,
             workers=_some(dispatcher.workers),
             limbs=_some(dispatcher.busy),
             recorders=_some(board.recorders),
-            counts=board.counts() | {"silhouettes_dropped": frames.dropped},
+            counts=board.counts() | {"silhouettes_dropped": incoming.dropped},
             seconds=self._seconds,
+            latency_s=live.latency_s,
+            drops=live.drops,
+            absent=live.absent,
         )
 
     def pose(
         self,
-        frame: int,
+        number: int,
+        frame: Frame,
         solution: FrameSolution,
         dispatcher: Dispatcher,
         seconds: float,
         memory: dict[str, list[int]],
+        latency_s: float,
     ) -> Pose:
-        """A solved frame. seconds: since the one before; memory: the tracker's after it."""
+        """A solved frame, by its number. seconds: since the one before; memory: of what goes on after it."""
         self._seconds = {**solution.seconds, **solution.limb_seconds, "frame": seconds}
         return Pose(
             take=self.take,
             run=self.run,
-            frame=frame,
-            time_s=frame / self._plan.take.settings.fps,
+            frame=number,
+            time_s=frame.time_s,
             energy_px=solution.energy_px,
             prior=solution.prior,
             passes=solution.passes,
@@ -111,8 +119,28 @@ class Wording:
             part_px=solution.part_px,
             iou=solution.iou,
             memory=memory,
+            shot=frame.shot,
+            latency_s=latency_s,
+            absent=list(frame.absent),
             pose=solution.pose,
+            steady=self._steady(frame, solution.pose),
         )
+
+    def silhouettes(self, number: int, frame: Frame) -> Silhouettes:
+        """What a frame was solved from, for viewers."""
+        cameras = list(range(self._rig.n_cameras))
+        return Silhouettes(
+            take=self.take, run=self.run, frame=number, cameras=cameras, planes=frame.silhouettes
+        )
+
+    def _steady(self, frame: Frame, pose: Floats) -> Floats:
+        """(1, 35) the pose filtered for whoever shows it live, (0, 35) for recorded frames."""
+        if frame.shutter_s is None:
+            return np.zeros((0, len(pose)))
+        if frame.time_s <= self._filtered_s:  # the pace has moved: too little time
+            return pose[None].copy()
+        self._filtered_s = frame.time_s
+        return self._filter(pose, frame.time_s)[None]
 
 
 def _some(told: dict[str, T]) -> dict[str, T]:

@@ -1,6 +1,7 @@
 """Limb worker process: `python -m services.limb_worker --connect tcp://HOST:5550`."""
 
 import logging
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -21,6 +22,7 @@ from services.process import (
     KEYS_VARIABLE,
     BackendOption,
     MetricsOption,
+    NiceOption,
     StopRequest,
     ThreadsOption,
     client_name,
@@ -87,11 +89,13 @@ def main(
         ),
     ] = None,
     metrics: MetricsOption = None,
+    niceness: NiceOption = 0,
 ) -> None:
     """Solve limb tasks for coordinators until stopped."""
     endpoints = connect or [DEFAULT_ENDPOINT]
 
     def start(stop: StopRequest) -> None:
+        os.nice(niceness)
         own_keys = _keys_for(endpoints, keys or [])
         with open_engine(engine_settings(backend, threads)) as engine:
             serve(endpoints, engine, stop, own_keys)

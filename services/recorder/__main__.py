@@ -15,7 +15,7 @@ from proto.messages import Blob, BlobRequest, Hello, Message, Pose, PoseRequest,
 from proto.sockets import receive, wait
 from proto.streams import DEFAULT_ENDPOINT
 from services.mocap.motion.settings import OutputSettings
-from services.mocap.take.folder import open_take
+from services.mocap.take.live import open_source
 from services.process import (
     DEFAULT_OUTPUT,
     DROPPED,
@@ -134,7 +134,7 @@ def serve(
     After a stop the coordinator has a moment to end the take; then what is there is written. A second stop
     leaves the overlay out. Everything taken in is kept in a journal until all frames are among the results.
     """
-    take = open_take(take_folder)
+    take = open_source(take_folder)
     about(take=take.settings.name)
     check_out(out)
     store, is_whole = Store.in_folder(partial_of(out)), False

@@ -31,6 +31,7 @@ from services.mocap.take.tables import PoseTable, reference_joints, write_joints
 from services.mocap.take.world import to_take_world
 from services.mocap.types import Ints
 from services.recorder.collection import Collection
+from services.recorder.live import increasing, live_columns
 from services.recorder.marks import distrusted_values, energies_of, marks_of
 from services.recorder.result_folder import results_into
 from services.recorder.run_report import Motion, write_run_json
@@ -68,11 +69,13 @@ def write_results(
     priors = np.array([message.prior for message in recorded])
     poses = np.array([message.pose for message in recorded])
     marks = marks_of(recorded)
-    shown = smoothed(poses, info.fps, output, distrusted_values(marks))
+    live = live_columns(info, recorded)
+    times_s = increasing(times_s)
+    shown = smoothed(poses, info.fps, output, distrusted_values(marks), times_s if live else None)
     joints_world_m = reference_joints(shown, body.offsets_m)
-    is_whole = len(recorded) == info.end_frame - info.first_frame
+    is_whole = collection.complete if live else len(recorded) == info.end_frame - info.first_frame
     with results_into(out, complete=is_whole) as part:
-        table = PoseTable(frames, times_s, poses, energies_px, marks=marks, extra={"prior": priors})
+        table = PoseTable(frames, times_s, poses, energies_px, marks=marks, extra={"prior": priors, **live})
         write_poses_csv(part / POSES, table)
         if output.smooth != "none":
             write_poses_csv(part / POSES_SMOOTH, replace(table, poses=shown))

@@ -21,6 +21,7 @@ from services.mocap.take.marks import PARTS, Marks
 from services.mocap.take.tables import read_joints_csv
 from services.mocap.take.world import from_take_world
 from services.mocap.types import Floats
+from services.recorder.live import is_live, live_report, rate_fps
 
 _LIBRARIES = ("moderngl", "numpy", "numba", "opencv-contrib-python-headless", "pyzmq", "scipy")
 
@@ -51,7 +52,7 @@ def write_run_json(
             "name": info.take,
             "folder": str(take.folder),
             "frames": len(recorded),
-            "fps": info.fps,
+            "fps": rate_fps(info, recorded),
             "up": take.settings.up,
         },
         "versions": {
@@ -71,11 +72,13 @@ def write_run_json(
         },
         "trust": _trust(motion.marks),
     }
+    if is_live(info):
+        report["live"] = live_report(recorded)
     of_motion = {"accuracy": motion.written_world_m}
     if motion.output.smooth != "none":
         of_motion["accuracy_before_smoothing"] = motion.tracked_world_m
     for name, joints_world_m in of_motion.items():
-        accuracy = _accuracy(take, recorded, joints_world_m)
+        accuracy = _accuracy(take, recorded, joints_world_m, is_of_shots=is_live(info))
         if accuracy is not None:
             report[name] = accuracy
     path.write_text(json.dumps(report, indent=2) + "\n")
@@ -134,14 +137,17 @@ def _trust(marks: Marks) -> dict[str, Any]:
     }
 
 
-def _accuracy(take: Take, recorded: list[Pose], joints_world_m: Floats) -> dict[str, Any] | None:
+def _accuracy(
+    take: Take, recorded: list[Pose], joints_world_m: Floats, *, is_of_shots: bool
+) -> dict[str, Any] | None:
     """Joint errors against the take's reference, for the frames that it has."""
     path = take.folder / REFERENCE_JOINTS_CSV
     if not path.exists():
         return None
     reference = read_joints_csv(path)
     row_of = {int(frame): row for row, frame in enumerate(reference.frames)}
-    known = [(n, row_of[message.frame]) for n, message in enumerate(recorded) if message.frame in row_of]
+    moments = [message.shot if is_of_shots else message.frame for message in recorded]
+    known = [(n, row_of[moment]) for n, moment in enumerate(moments) if moment in row_of]
     if not known:
         return None
     ours, theirs = (list(rows) for rows in zip(*known, strict=True))

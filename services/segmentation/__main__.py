@@ -17,7 +17,8 @@ from proto.sockets import receive, send, wait
 from proto.streams import DEFAULT_ENDPOINT
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError, nearest
-from services.mocap.take.folder import Take, open_take
+from services.mocap.take.folder import Take
+from services.mocap.take.live import LiveTake, open_source
 from services.mocap.types import Bytes
 from services.process import (
     DEFAULT_SEGMENTER,
@@ -32,6 +33,7 @@ from services.process import (
 )
 from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.live.serving import serve_live
 from services.segmentation.metrics import CREDIT, FRAMES, SECONDS
 from services.segmentation.segmenters import READY, chosen_segmenter, make_segmenters
 from services.segmentation.source import packed
@@ -121,11 +123,15 @@ def serve(
     stop: StopRequest,
     keys: ClientKeys | None = None,
     segmenter: str = DEFAULT_SEGMENTER,
+    record: Path | None = None,
 ) -> None:
-    """Send silhouettes until the take ends or a stop is asked for."""
-    take = open_take(take_folder)
+    """Send silhouettes until the take ends or a stop is asked for. record: where live pictures are kept."""
+    take = open_source(take_folder)
     about(take=take.settings.name)
     chosen = _choose(take, cameras)
+    if isinstance(take, LiveTake):
+        serve_live(take, chosen, endpoint, stop, keys, segmenter, record)
+        return
     feed = Feed(take, chosen, SegmentationSettings(), segmenter)
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     silhouettes = Line(context, endpoint, "silhouettes", keys)
@@ -173,17 +179,18 @@ def _choose(take: Take, names: str) -> list[int]:
 
 
 def main(
-    take: Annotated[Path, typer.Option(help="The take folder.")],
+    take: Annotated[Path, typer.Option(help="The take folder, or a live configuration.")],
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     cameras: Annotated[str, typer.Option(help="Cameras to serve, with commas between; all by default.")] = "",
     keys: KeysOption = None,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     metrics: MetricsOption = None,
+    record: Annotated[Path | None, typer.Option(help="Live: the folder that pictures are kept in.")] = None,
 ) -> None:
     """Make and send the silhouettes of a take's cameras."""
 
     def work(stop: StopRequest) -> None:
-        serve(take, cameras, connect, stop, keys_of_client(keys, "segmentation"), segmenter)
+        serve(take, cameras, connect, stop, keys_of_client(keys, "segmentation"), segmenter, record)
 
     run_service("segmentation", work, metrics)
 

@@ -175,6 +175,23 @@ def make_segmenters(
     return made
 
 
+def live_mattes(
+    take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str = AUTO
+) -> list[Matte]:
+    """What cuts the actor out of live pictures of some cameras, whose empty stage the take knows.
+
+    Raises UserError where there is nothing of that name, or it needs more than pictures of the empty stage.
+    """
+    check_segmenter(name)
+    chosen = USUAL if name == AUTO else name
+    kind, _, argument = chosen.partition(":")
+    if kind == READY:
+        raise UserError(f"--segmenter {name}: live cameras give pictures: leave it out, or choose another")
+    if kind == "chroma" and not argument:
+        raise UserError(f"--segmenter {name}: live, the screen's colour has to be said: chroma:RRGGBB")
+    return [_matte(Scene(take, camera, settings), kind, argument) for camera in cameras]
+
+
 def _matte(scene: Scene, kind: str, argument: str) -> Matte:
     if kind not in KINDS:
         return ForeignMatte(kind, scene.camera, scene.plate_picture(), GROUP)

@@ -13,6 +13,9 @@ from proto.messages import (
     LimbRefusal,
     LimbResult,
     LimbTask,
+    LivePace,
+    LiveSilhouettes,
+    LiveSources,
     Message,
     Pose,
     PoseRequest,
@@ -125,6 +128,30 @@ def _telemetry(take: str, frame: int) -> Telemetry:
     )
 
 
+def _of_live(take: str, shot: int) -> list[Message]:
+    cameras, clock = [0, 1], {"asked_s": 10.0, "take": take}
+    return [
+        LiveSilhouettes(
+            take=take,
+            run=_RUN,
+            shot=shot,
+            cameras=cameras,
+            times_s=[10.0, 10.01],
+            planes=np.ones((1, 12, 16), np.uint8),
+        ),
+        LiveSources.model_validate(
+            clock
+            | {"cameras": cameras, "latest_s": [9.9, 9.91], "missed": [0, 3], "dropped": [1, 1]}
+            | {"unsent": 2, "absent": [1], "ended": False}
+        ),
+        LivePace.model_validate(
+            clock
+            | {"run": _RUN, "answered_s": 12.0, "clock": "somewhere", "shot": shot}
+            | {"shot_s": 12.01, "period_s": 0.04}
+        ),
+    ]
+
+
 def specimens(take: str, frame: int) -> dict[str, list[bytes]]:
     """The frames of a message of every type, about a take and a frame of it."""
     others: list[Message] = [
@@ -134,6 +161,7 @@ def specimens(take: str, frame: int) -> dict[str, list[bytes]]:
         Blob(hash=_HASH, kind="rig", content=np.frombuffer(b"{}", np.uint8)),
         _recording(take, frame),
         _telemetry(take, frame),
+        *_of_live(take, frame),
         PoseRequest(run=_RUN, first_frame=0, end_frame=frame),
         SilhouettesRequest(frame=frame),
         Recorded(run=_RUN, end_frame=frame),

@@ -10,7 +10,7 @@ import typer
 
 from proto.keys import ClientKeys
 from proto.streams import DEFAULT_ENDPOINT
-from services.mocap.take.folder import open_take
+from services.mocap.take.live import open_source
 from services.process import KeysOption, MetricsOption, StopRequest, keys_of_client, run_service
 from services.viewer.address import DEFAULT_ADDRESS, Address, TokenOption, token_of
 from services.viewer.doors import open_doors
@@ -34,7 +34,7 @@ def serve(
     stop: StopRequest,
 ) -> None:
     """Show what a coordinator tracks until a stop is asked for."""
-    folder = None if take is None else open_take(take)
+    folder = None if take is None else open_source(take)
     with open_doors(address, token) as (server, url):
         watch_browsers(lambda: server.n_browsers)
         listener = Listener(endpoint, keys, folder, server.show, results)

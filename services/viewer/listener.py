@@ -25,6 +25,9 @@ from services.viewer.tiles import TileArtist
 _CHUNK_FRAMES = 64
 """Poses that the coordinator sends at one request, at most."""
 
+_MOST_FRAMES = 100_000
+"""How far a timeline reaches at most: some hours of live input, whose end is open."""
+
 log = logging.getLogger(__name__)
 
 
@@ -54,7 +57,7 @@ class Listener(Follower):
         self._pictures = None
         self._filling, self._scrubbing = Asking(), Asking()
         finished = FinishedTake(self._results, info.take)
-        frames = range(info.first_frame, info.end_frame)
+        frames = range(info.first_frame, min(info.end_frame, info.first_frame + _MOST_FRAMES))
         self._reel = Reel(frames, RING_FRAMES, lambda frame: self._older(frame, finished))
 
     def hear(self, message: Message) -> None:

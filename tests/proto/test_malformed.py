@@ -33,7 +33,7 @@ def pose_frames(pose: bytes) -> list[bytes]:
         take="walk", run="0" * 32, frame=0, time_s=0.0, energy_px=1.0, passes=1, evaluations=1,
         workers=0, retries=0, backend="cpu", worker_backends={}, seconds={}, pose=np.zeros(35),
     )  # fmt: skip
-    return [frames_of(message)[0], pose]
+    return [frames_of(message)[0], pose, b""]
 
 
 def reason_for(frames: list[bytes]) -> str:
@@ -67,23 +67,23 @@ def silhouettes_with(**changed: Any) -> list[bytes]:
         ([b"\x81\xa1v\x91" + b"\x91" * 5000 + b"\x01"], "header is not msgpack"),
         ([b"\x81\xa1v\xdb\xff\xff\xff\xff"], "header is not msgpack"),
         ([b"\x81\xa1v\xdd\xff\xff\xff\xff"], _CROWDED),
-        ([msgpack.packb({"v": 5, "x": [0] * 1001})], _CROWDED),
+        ([msgpack.packb({"v": 6, "x": [0] * 1001})], _CROWDED),
         ([msgpack.packb({str(k): 0 for k in range(1001)})], _CROWDED),
-        ([msgpack.packb({"v": 5, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
+        ([msgpack.packb({"v": 6, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
         ([b"\x81\xa1v\xd5\xff\x00\x00"], "header is not msgpack"),
         ([b"\x81\xa1v\xa1\xff"], "header is not msgpack"),
-        ([msgpack.packb({"v": 5, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
-        ([msgpack.packb({})], "protocol version is not 5"),
-        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], "protocol version is not 5"),
-        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 5"),
-        ([msgpack.packb({"v": 5.0, "type": "beat", "shapes": []})], "protocol version is not 5"),
-        ([msgpack.packb({"v": 5, "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 5, "type": "dance", "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 5, "type": ["beat"], "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 5, "type": "beat"})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 5, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 5, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 5, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 6, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
+        ([msgpack.packb({})], "protocol version is not 6"),
+        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], "protocol version is not 6"),
+        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 6"),
+        ([msgpack.packb({"v": 6.0, "type": "beat", "shapes": []})], "protocol version is not 6"),
+        ([msgpack.packb({"v": 6, "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 6, "type": "dance", "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 6, "type": ["beat"], "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 6, "type": "beat"})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 6, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 6, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 6, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
     ],
 )  # fmt: skip
 def test_bad_headers(frames: list[bytes], reason: str) -> None:
@@ -170,7 +170,7 @@ def test_what_has_a_default_is_needed_on_the_wire_all_the_same(field: str) -> No
 
 def test_letters_stand_for_one_size() -> None:
     assert reason_for(pose_frames(b"")) == "pose.pose: 0 bytes where the shape needs 280"
-    shorter = with_header(lambda header: header.update(shapes=[[34]]), pose_frames(bytes(34 * 8)))
+    shorter = with_header(lambda header: header.update(shapes=[[34], [0, 35]]), pose_frames(bytes(34 * 8)))
     assert reason_for(shorter) == "pose.pose: size 34 where 35 is 35"
 
 

@@ -21,17 +21,25 @@ _DISTRUSTED_WEIGHT = 1e-4
 some frames are bridged and long ones, of seconds, keep a hold."""
 
 
-def smoothed(poses: Floats, fps: float, settings: OutputSettings, distrusted: Mask | None = None) -> Floats:
+def smoothed(
+    poses: Floats,
+    fps: float,
+    settings: OutputSettings,
+    distrusted: Mask | None = None,
+    times_s: Floats | None = None,
+) -> Floats:
     """Poses (N, 35) of consecutive frames as the settings want them; N >= 1.
 
     distrusted: (N, 35) values that should not be trusted; rts bridges them from both sides.
+    times_s: (N,) of frames that do not come evenly, which one-euro heeds.
     """
     if settings.smooth == "none":
         return poses.copy()
     if settings.smooth == "rts":
         return rts(poses, fps, settings.hz, distrusted)
     one_euro = OneEuro(settings.hz)
-    return np.array([one_euro(pose, frame / fps) for frame, pose in enumerate(poses)])
+    moments_s = np.arange(len(poses)) / fps if times_s is None else times_s
+    return np.array([one_euro(pose, at_s) for pose, at_s in zip(poses, moments_s.tolist(), strict=True)])
 
 
 def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = None) -> Floats:

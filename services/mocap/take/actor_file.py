@@ -9,7 +9,6 @@ from services.mocap.body.actor import MESH_FILE, Actor, MeshName
 from services.mocap.body.body_mesh import MeshContentError, OwnMesh
 from services.mocap.body.profiles import Profile
 from services.mocap.errors import TakeError, UserError, load_toml, validated
-from services.mocap.take import layout
 from services.mocap.take.folder import Take
 
 _HASH = "# sha256 = "
@@ -18,9 +17,9 @@ _DIGITS = 4
 
 
 def take_actor(take: Take) -> Actor | None:
-    """The actor that the take folder holds, if any; raises TakeError where it cannot be used."""
-    path = take.folder / layout.ACTOR
-    return read_actor(path) if path.exists() else None
+    """The actor that the take comes with, if any; raises TakeError where it cannot be used."""
+    path = take.actor_path
+    return read_actor(path) if path is not None else None
 
 
 def read_actor(path: Path) -> Actor:

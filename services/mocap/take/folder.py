@@ -82,6 +82,12 @@ class Take:
         """The same with every camera's files as they are, from their first frame on."""
         return replace(self, settings=self.settings.model_copy(update={"offsets": {}}))
 
+    @property
+    def actor_path(self) -> Path | None:
+        """The file of the take's actor, where it has one."""
+        path = self.folder / layout.ACTOR
+        return path if path.exists() else None
+
     def inputs(self, from_videos: bool) -> list[Path]:
         """The files that poses come from: recordings and clean plates, or silhouettes; and the calibration.
 

@@ -137,7 +137,7 @@ class VideoReader:
 
     def __iter__(self) -> Iterator[Bytes]:
         converter = VideoReformatter()
-        pictures = (_picture(frame, converter) for frame in self._frames())
+        pictures = (bgr_picture(frame, converter) for frame in self._frames())
         return pictures if self.colour is None else map(self.colour.apply, pictures)
 
     def close(self) -> None:
@@ -194,11 +194,11 @@ def _first_picture(path: Path) -> Bytes:
             frame = None
         if frame is None:
             raise TakeError(f"{path}: frame 0 cannot be decoded: {_COPY_AGAIN}")
-        return _picture(frame, VideoReformatter())
+        return bgr_picture(frame, VideoReformatter())
 
 
-def _picture(frame: VideoFrame, converter: VideoReformatter) -> Bytes:
-    """BGR (H, W, 3); cameras held upright store lying pictures and a rotation, which is applied."""
+def bgr_picture(frame: VideoFrame, converter: VideoReformatter) -> Bytes:
+    """A decoded frame as BGR (H, W, 3), turned as cameras held upright ask for: they store lying pictures."""
     bgr: Bytes = np.asarray(converter.reformat(frame, format="bgr24", threads=1).to_ndarray(), np.uint8)
     quarter_turns = round(frame.rotation / 90) % 4
     return np.ascontiguousarray(np.rot90(bgr, quarter_turns)) if quarter_turns else bgr

@@ -1,0 +1,266 @@
+"""Live input: shots put together from what segmentation sends, of which the newest whole one is solved."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import ceil
+
+import numpy as np
+
+from proto.clock import clock_name
+from proto.messages import Credit, LivePace, LiveSilhouettes, LiveSources, Silhouettes
+from services.coordinator.incoming import Frame, LiveFigures
+from services.coordinator.pace import Pace
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import n_planes, pack, unpack
+from services.mocap.take.live import LiveTake
+from services.mocap.types import Bytes, Mask
+
+_KEPT_BYTES = 2**26
+"""Of silhouettes that are kept while a frame is solved; the oldest give way."""
+_STRIDE_S = 0.2
+"""From one shot to the next, while it catches up: so far a tracker follows an actor."""
+_GAINING = 1.5
+"""How much faster than the cameras it is, while it catches up."""
+_PRESENT_S, _PRESENT_SHOTS = 0.5, 3.0
+"""A camera of which nothing has come for so long, and for so many shots, is not waited for."""
+_REMEMBERED = 300
+"""Poses whose latency counts."""
+_SOURCES_S = 10.0
+"""How long the pace waits, after the first segmentation's word, for those of other cameras."""
+_SILENT_S = 5.0
+"""A segmentation that says nothing for so long has left."""
+_FRESH_SHOTS, _FRESH_S = 4.0, 0.3
+"""Shots older than both together are old news: they waited in queues while something else was done. They are
+passed over for as long as newer ones may follow them at once."""
+_DRAIN_SHOTS = 3.0
+_END_SHOTS = 4
+"""From the end of tracking to that of recordings, so that all who record hear of it before it has come."""
+
+
+@dataclass
+class _Shot:
+    """What has come of a shot."""
+
+    arrived_s: float
+    parts: list[tuple[list[int], Bytes]] = field(default_factory=list)
+    """Cameras, and bit-planes of these, as they came."""
+    times_s: dict[int, float] = field(default_factory=dict)
+    """When each camera took its picture."""
+
+
+@dataclass
+class _Word:
+    """What a group of cameras said last of itself."""
+
+    message: LiveSources
+    heard_s: float
+
+
+class LiveFrames:
+    """The newest shot that is whole: that has all cameras that are there, or is older than the grace.
+
+    See Incoming. now: a clock that only goes on, time.monotonic's unless told otherwise.
+    """
+
+    def __init__(self, take: LiveTake, rig: Rig, now: Callable[[], float] = time.monotonic) -> None:
+        self._take, self._rig, self._now = take, rig, now
+        self._names = [camera.name for camera in take.cameras]
+        self._run, self._next = "", 0
+        self._shots: dict[int, _Shot] = {}
+        self._last_shot = self._highest = -1
+        self._came_s = np.full(rig.n_cameras, -np.inf)
+        self._words: dict[tuple[int, ...], _Word] = {}
+        self._first_word_s: float | None = None
+        self._pace = Pace(take.live.period_s)
+        self._present_s = max(_PRESENT_S, _PRESENT_SHOTS * take.live.period_s)
+        self._latencies_s: deque[float] = deque(maxlen=_REMEMBERED)
+        self._skipped = np.zeros(rig.n_cameras, np.int64)
+        self._looked_s = self._returned_s = now()
+        self._away_s, self._is_behind = 0.0, False
+        self.dropped = 0
+        """See Incoming."""
+
+    def begin(self, run: str, first_frame: int) -> None:
+        """See Incoming.begin."""
+        self._run, self._next = run, first_frame
+
+    def answer(self, sources: LiveSources) -> LivePace | None:
+        """See Incoming.answer."""
+        if sources.take != self._take.settings.name or max(sources.cameras) >= self._rig.n_cameras:
+            self.dropped += 1
+            return None
+        now_s = self._now()
+        self._first_word_s = self._first_word_s or now_s
+        self._words[tuple(sources.cameras)] = _Word(sources, now_s)
+        if self._run and not self._pace.has_begun:
+            self._begin_pace(now_s)
+        shot, shot_s = self._pace.anchor
+        return LivePace(
+            take=sources.take,
+            run=self._run if self._pace.has_begun else "",
+            asked_s=sources.asked_s,
+            answered_s=self._now(),
+            clock=clock_name(),
+            shot=shot,
+            shot_s=shot_s,
+            period_s=self._pace.period_s,
+        )
+
+    def _begin_pace(self, now_s: float) -> None:
+        """Begin to count shots, once all cameras have been heard of or that takes too long."""
+        heard = {c for cameras in self._words for c in cameras}
+        waited_s = now_s - (self._first_word_s or now_s)
+        if len(heard) == self._rig.n_cameras or waited_s > _SOURCES_S:
+            self._pace.begin([s for word in self._words.values() for s in word.message.latest_s], now_s)
+            self._came_s[sorted(heard)] = self._pace.due_s(0)  # as if they had come: they are waited for
+
+    def add(self, message: Silhouettes | LiveSilhouettes) -> None:
+        """See Incoming.add."""
+        if not isinstance(message, LiveSilhouettes) or not self._fits(message):
+            self.dropped += 1
+            return
+        now_s = self._now()
+        self._came_s[message.cameras] = now_s
+        self._pace.hear(message.shot, message.times_s)
+        self._highest = max(self._highest, message.shot)
+        if message.shot <= self._last_shot:
+            self._skipped[message.cameras] += 1
+            return
+        shot = self._shots.setdefault(message.shot, _Shot(now_s))
+        shot.parts.append((message.cameras, message.planes))
+        shot.times_s.update(zip(message.cameras, message.times_s, strict=True))
+        if len(self._shots) * message.planes.nbytes > _KEPT_BYTES:
+            self._skip(min(self._shots))
+
+    def _fits(self, message: LiveSilhouettes) -> bool:
+        cameras, n_cameras = message.cameras, self._rig.n_cameras
+        ids = (message.take, message.run) == (self._take.settings.name, self._run)
+        known = len(set(cameras)) == len(cameras) == len(message.times_s) and max(cameras) < n_cameras
+        return ids and known and message.planes.shape == (n_planes(len(cameras)), *self._rig.shape_px)
+
+    def _skip(self, shot: int) -> None:
+        self._skipped[list(self._shots.pop(shot).times_s)] += 1
+
+    def credit(self) -> Credit | None:
+        """See Incoming.credit: live cameras do not wait."""
+        return None
+
+    def take_next(self) -> Frame | None:
+        """See Incoming.take_next."""
+        now_s = self._now()
+        away_s, self._looked_s = now_s - self._looked_s, now_s
+        if away_s > self._take.live.period_s:
+            self._returned_s, self._away_s = now_s, away_s
+        whole = sorted(shot for shot in self._shots if self._is_whole(shot, now_s))
+        if not whole:
+            return None
+        if self._is_behind:
+            return self._hand_out(self._on_the_way(whole))
+        return None if self._is_old_news(whole[-1], now_s) else self._hand_out(whole[-1])
+
+    def catch_up(self) -> None:
+        """See Incoming.catch_up."""
+        self._is_behind, self._away_s = True, 0.0
+        self._looked_s = self._now()  # finding takes longer than solving, which is what strides depend on
+
+    def _on_the_way(self, whole: list[int]) -> int:
+        """Of whole shots one that the tracker can still follow to, far enough on to get to the newest."""
+        fps = self._take.settings.fps
+        stride = max(ceil(_STRIDE_S * fps), ceil(_GAINING * self._away_s * fps))
+        near = [shot for shot in whole if shot <= self._last_shot + stride]
+        chosen = near[-1] if near else whole[0]
+        self._is_behind = chosen < whole[-1]
+        return chosen
+
+    def _is_whole(self, number: int, now_s: float) -> bool:
+        """Whether a shot has all cameras that are there, or enough of them and has waited for the others."""
+        shot, live = self._shots[number], self._take.live
+        if len(shot.times_s) < live.least_cameras:
+            return False
+        there = set(np.flatnonzero(now_s - self._came_s < self._present_s).tolist())
+        return there <= shot.times_s.keys() or now_s - shot.arrived_s >= live.grace_s
+
+    def _is_old_news(self, number: int, now_s: float) -> bool:
+        period_s = self._take.live.period_s
+        is_old = now_s - self._pace.due_s(number) > _FRESH_SHOTS * period_s + _FRESH_S
+        return is_old and now_s - self._returned_s < _DRAIN_SHOTS * period_s
+
+    def _hand_out(self, number: int) -> Frame:
+        shot = self._shots.pop(number)
+        for older in [other for other in self._shots if other < number]:
+            self._skip(older)
+        self._last_shot = number
+        self._next += 1
+        masks: Mask = np.zeros((self._rig.n_cameras, *self._rig.shape_px), bool)
+        for cameras, planes in shot.parts:
+            masks[cameras] = unpack(planes, len(cameras))
+        shutter_s = float(np.median(list(shot.times_s.values())))
+        absent = tuple(c for c in range(self._rig.n_cameras) if c not in shot.times_s)
+        time_s = max(self._pace.since_first_s(shutter_s), 0.0)
+        return Frame(pack(masks), time_s, number, absent, shutter_s)
+
+    def waiting_for(self) -> list[int]:
+        """See Incoming.waiting_for."""
+        return np.flatnonzero(self._now() - self._came_s >= self._present_s).tolist()
+
+    def note_latency(self, frame: Frame) -> float:
+        """See Incoming.note_latency."""
+        if frame.shutter_s is None:
+            return 0.0
+        self._latencies_s.append(max(self._now() - frame.shutter_s, 0.0))
+        return self._latencies_s[-1]
+
+    @property
+    def next_frame(self) -> int:
+        """See Incoming.next_frame."""
+        return self._next
+
+    @property
+    def n_ready(self) -> int:
+        """See Incoming.n_ready."""
+        now_s = self._now()
+        return sum(self._is_whole(shot, now_s) for shot in self._shots)
+
+    @property
+    def has_ended(self) -> bool:
+        """See Incoming.has_ended: all sources are files that are over."""
+        now_s = self._now()
+        here = [word for word in self._words.values() if now_s - word.heard_s < _SILENT_S]
+        return bool(here) and not self._shots and all(word.message.ended for word in here)
+
+    @property
+    def end_shot(self) -> int:
+        """See Incoming.end_shot: soon enough that all who record can still be told."""
+        if not self._pace.has_begun:
+            return 0
+        if self.has_ended:
+            return self._highest + 1
+        due = round((self._now() - self._pace.due_s(0)) / self._pace.period_s)
+        return max(due, 0) + _END_SHOTS
+
+    def memory(self) -> dict[str, list[int]]:
+        """See Incoming.memory."""
+        return self._pace.as_lists()
+
+    def recall(self, memory: dict[str, list[int]]) -> None:
+        """See Incoming.recall."""
+        self._pace.recall(memory)
+
+    def figures(self) -> LiveFigures:
+        """See Incoming.figures."""
+        now_s = self._now()
+        drops = {name: [0, 0, int(skipped)] for name, skipped in zip(self._names, self._skipped, strict=True)}
+        absent = set(np.flatnonzero(now_s - self._came_s >= self._present_s).tolist())
+        for cameras, word in self._words.items():
+            told = word.message
+            for k, c in enumerate(cameras[: min(len(told.missed), len(told.dropped))]):
+                drops[self._names[c]][0] = told.missed[k]
+                drops[self._names[c]][1] = told.dropped[k]
+                drops[self._names[c]][2] += told.unsent
+        latency_s = {}
+        if self._latencies_s:
+            median_s, p95_s = np.percentile(self._latencies_s, [50, 95])
+            latency_s = {"median": float(median_s), "p95": float(p95_s)}
+        return LiveFigures(latency_s, drops, [self._names[c] for c in sorted(absent)])

@@ -1,0 +1,161 @@
+"""`xormocap live`: from cameras to poses while the actor performs."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from services.live import LiveJob, live, serve_group
+from services.live_watch import LiveProgress, in_words
+from services.mocap.energy.engine import check_cost
+from services.mocap.errors import UserError, nearest
+from services.mocap.motion.settings import Smoother
+from services.mocap.search.overrides import search_settings
+from services.mocap.take.actor_file import take_actor
+from services.mocap.take.live import LiveTake, open_live
+from services.process import (
+    DEFAULT_ENGINE,
+    DEFAULT_SEGMENTER,
+    BackendOption,
+    CutoffOption,
+    KeysOption,
+    SearchOption,
+    SegmenterOption,
+    SetOption,
+    SettingsOption,
+    SmoothOption,
+    ThreadsOption,
+    engine_settings,
+    output_settings,
+)
+from services.recorder.result_folder import check_out
+from services.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
+
+_SMOOTHER: Smoother = "one-euro"
+
+
+def live_command(
+    config: Annotated[Path, typer.Argument(help="A TOML file that names the cameras.", metavar="CONFIG")],
+    out: Annotated[Path | None, typer.Option(help="Where the results go; results/<name> by default.")] = None,
+    workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 1,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Keep what the cameras see as a take.")
+    ] = None,
+    backend: BackendOption = DEFAULT_ENGINE.backend,
+    threads: ThreadsOption = DEFAULT_ENGINE.threads,
+    preset: SearchOption = "default",
+    changes: SetOption = None,
+    settings: SettingsOption = None,
+    smooth: SmoothOption = _SMOOTHER,
+    cutoff_hz: CutoffOption = None,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    watch: ViewOption = False,
+    port: PortOption = DEFAULT_PORT,
+    group: Annotated[
+        str | None, typer.Option(help="Serve only this group of cameras, for a coordinator elsewhere.")
+    ] = None,
+    keys: KeysOption = None,
+) -> None:
+    """Track live cameras until Ctrl-C: poses on the wire as they are found, and results at the end."""
+    console, take = Console(stderr=True), open_live(config)
+    engine, output = engine_settings(backend, threads), output_settings(smooth, cutoff_hz)
+    search = search_settings(changes or [], settings, len(take.cameras), preset)
+    check_cost(engine, search.cost)
+    folder = out or Path("results") / take.settings.name
+    job = LiveJob(
+        config=config.resolve(),
+        take=take,
+        out=folder,
+        workers=workers,
+        engine=engine,
+        search=search,
+        output=output,
+        segmenter=segmenter,
+        page=None,
+        record=record,
+        keys=keys,
+    )
+    if group is not None:
+        serve_group(job, _known(group, take, config), _endpoint(take, config))
+        return
+    check_out(folder)
+    console.print(_body(take), markup=False, highlight=False, soft_wrap=True)
+    if watch:
+        job = LiveJob(**{**vars(job), "page": tell_page(port, console)})
+    report = _track(job, console)
+    if report is None:
+        raise UserError(f"{config}: nobody was tracked: the logs of xormocap live told why, line by line")
+    _summarise(report, folder, record)
+    if watch:
+        view(folder, record, port)
+
+
+def _track(job: LiveJob, console: Console) -> dict[str, Any] | None:
+    """Track with a line that tells how it goes; warnings come after it."""
+    warnings: list[str] = []
+    with Live(Text("starting"), console=console, refresh_per_second=4) as line:
+
+        def show(progress: LiveProgress) -> None:
+            line.update(Text(in_words(progress)))
+
+        report = live(job, show=show, warn=warnings.append)
+    for sentence in dict.fromkeys(warnings):
+        console.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)
+    return report
+
+
+def _body(take: LiveTake) -> str:
+    """Whose body is tracked, in a sentence."""
+    if take_actor(take) is not None:
+        return f"body: {take.actor_path}"
+    if take.live.actor_height is not None:
+        return f"body: the generic one, scaled to {take.live.actor_height:.2f} m (actor_height)"
+    return "body: the generic one, scaled to whoever comes into view: actor_height or actor says better"
+
+
+def _known(group: str, take: LiveTake, config: Path) -> str:
+    if group not in (known := sorted(take.groups())):
+        raise UserError(f"--group {group}: {config} has no such group: {nearest(group, known)}")
+    return group
+
+
+def _endpoint(take: LiveTake, config: Path) -> str:
+    if take.live.endpoint is None:
+        raise UserError(f"--group: {config} does not say where the coordinator is: give endpoint in it")
+    return take.live.endpoint
+
+
+def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> None:
+    live_part, speed, table = report["live"], report["speed"], Table(show_header=False, box=None)
+    latency_s, shots = live_part["latency_s"], live_part["shots"]
+    table.add_row("poses", f"{shots['solved']} of {shots['last'] - shots['first'] + 1} shots")
+    table.add_row("poses per second", f"{report['take']['fps']:.2f}")
+    table.add_row(
+        "latency", f"median {1000 * latency_s['median']:.0f} ms, 95 % below {1000 * latency_s['p95']:.0f} ms"
+    )
+    table.add_row("first pose", f"{speed['first_frame_s']:.1f} s")
+    for where in ("source", "segmentation", "tracking"):
+        drops = {name: counts[where] for name, counts in live_part.get("drops", {}).items()}
+        table.add_row(f"dropped by {where}", _by_camera(drops))
+    if "accuracy" in report:
+        accuracy = report["accuracy"]
+        table.add_row(
+            "joint error", f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"
+        )
+    table.add_row("results", escape(str(folder)))
+    if record is not None:
+        table.add_row("take", escape(str(record)))
+    Console(file=sys.stdout).print(table)
+
+
+def _by_camera(drops: dict[str, int]) -> str:
+    counts = set(drops.values())
+    if len(counts) <= 1:
+        return f"{next(iter(counts), 0)}"
+    return ", ".join(f"{name} {count}" for name, count in drops.items())

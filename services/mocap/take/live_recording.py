@@ -1,0 +1,62 @@
+"""What live cameras have recorded made into a take folder that can be tracked like any other."""
+
+import shutil
+from pathlib import Path
+
+from services.mocap.camera.calibration import write_calibration
+from services.mocap.errors import TakeError, UserError
+from services.mocap.take import layout
+from services.mocap.take.actor_file import take_actor, write_actor
+from services.mocap.take.live import LiveTake
+from services.mocap.take.settings import TakeSettings, write_settings
+from services.mocap.take.video import index_video
+
+
+def part_of(folder: Path) -> Path:
+    """Where a take is recorded until it is whole."""
+    return folder.with_name(f"{folder.name}.part")
+
+
+def begin_recording(folder: Path) -> Path:
+    """Make the place where a take will be recorded; raises UserError where there is something already."""
+    folder = folder.resolve()
+    for path in (folder, part_of(folder)):
+        if path.exists():
+            raise UserError(f"--record {folder}: {path} is there already: remove it or choose another folder")
+    try:
+        part_of(folder).mkdir(parents=True)
+    except OSError as problem:
+        raise UserError(f"--record {folder}: cannot be written ({problem.strerror})") from None
+    return part_of(folder)
+
+
+def finish_recording(take: LiveTake, folder: Path) -> list[str]:
+    """Make a take of what is in part_of(folder), and return the cameras that other hosts have recorded.
+
+    Raises TakeError where another camera's video is missing or shorter than the others; what is there stays.
+    """
+    folder = folder.resolve()
+    part, lengths = part_of(folder), dict[str, int]()
+    here = [c for group, cs in take.groups().items() if group not in take.live.elsewhere for c in cs]
+    for camera in (take.cameras[c] for c in here):
+        lengths[camera.name] = index_video(layout.video_path(part, camera.name)).n_frames
+    frames = min(lengths.values())
+    if frames < max(lengths.values()):
+        short = min(lengths, key=lambda name: lengths[name])
+        raise TakeError(
+            f"{part}: {short} was recorded for {frames} frames, others for {max(lengths.values())}: cut the "
+            "videos to the same moments"
+        )
+    settings = take.settings.model_copy(update={"name": folder.name, "frames": frames, "facing": None})
+    write_settings(part / layout.SETTINGS, TakeSettings.model_validate(settings.model_dump()))
+    write_calibration(part / layout.CALIBRATION, take.cameras, take.settings.up)
+    if take.background_folder is not None:
+        plates = layout.background_video_path(part, "any").parent
+        plates.mkdir(exist_ok=True)
+        for plate in filter(None, map(take.plate, take.cameras)):
+            shutil.copy(plate, plates)
+    actor = take_actor(take)
+    if actor is not None:
+        write_actor(part / layout.ACTOR, actor, take.settings.name)
+    part.rename(folder)
+    return [camera.name for camera in take.cameras if camera.name not in lengths]

@@ -1,0 +1,57 @@
+"""What only poses of live input have: which shot each is of, and how late it came."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from proto.messages import OPEN_END, Pose, TakeInfo
+from services.mocap.types import Floats
+
+_LEAST_STEP_S = 1e-6
+
+
+def is_live(info: TakeInfo) -> bool:
+    """Whether the poses are of live input."""
+    return info.end_frame == OPEN_END
+
+
+def live_columns(info: TakeInfo, recorded: Sequence[Pose]) -> dict[str, Floats]:
+    """Further columns (N,) of poses.csv; none for recorded takes."""
+    if not is_live(info):
+        return {}
+    return {
+        "shot": np.array([message.shot for message in recorded], np.float64),
+        "latency_s": np.array([message.latency_s for message in recorded]),
+        "cameras_absent": np.array([len(message.absent) for message in recorded], np.float64),
+    }
+
+
+def increasing(times_s: Floats) -> Floats:
+    """Times (N,) with those moved on that are not later than the one before: cameras' stamps may jitter."""
+    steps_s = np.arange(len(times_s)) * _LEAST_STEP_S
+    later: Floats = np.maximum.accumulate(times_s - steps_s) + steps_s
+    return later
+
+
+def rate_fps(info: TakeInfo, recorded: Sequence[Pose]) -> float:
+    """Frames per second of the results: those of the recording, or the mean of live poses."""
+    if not is_live(info) or len(recorded) < 2:
+        return info.fps
+    lasted_s = recorded[-1].time_s - recorded[0].time_s
+    return (len(recorded) - 1) / lasted_s if lasted_s > 0 else info.fps
+
+
+def live_report(recorded: Sequence[Pose]) -> dict[str, Any]:
+    """For run.json: how late poses came, and how many shots they are of."""
+    latencies_s = np.array([message.latency_s for message in recorded])
+    median_s, p95_s = np.percentile(latencies_s, [50, 95])
+    return {
+        "latency_s": {"median": float(median_s), "p95": float(p95_s)},
+        "shots": {
+            "first": recorded[0].shot,
+            "last": recorded[-1].shot,
+            "solved": len(recorded),
+            "with_absent_cameras": sum(bool(message.absent) for message in recorded),
+        },
+    }

@@ -1,0 +1,1 @@
+"""Silhouettes of live cameras: sources that come and go, shots put together, drops counted."""

@@ -1,0 +1,96 @@
+"""The empty stage as live cameras see it at the start, for those who have no pictures of it."""
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from threading import Event
+
+from services.mocap.camera.camera import Camera
+from services.mocap.errors import UserError
+from services.mocap.take.layout import background_video_path
+from services.mocap.take.live import LiveTake
+from services.mocap.take.video import VideoReader
+from services.mocap.take.writer import video_writer
+from services.mocap.types import Bytes
+from services.process import StopRequest
+from services.segmentation.live.feed import Feed
+from services.segmentation.live.sources import StreamSource
+
+_PICTURES = 30
+"""Of each camera, at most; more teach a background hardly anything."""
+_OPENING_S = 20.0
+"""How long sources may take until they give their first picture."""
+_FEWEST = 3
+
+log = logging.getLogger(__name__)
+
+
+def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: StopRequest) -> LiveTake:
+    """Keep what some cameras see now, as a take's clean plates in a folder; returns the take with these.
+
+    Of a file it is its first seconds. Raises UserError where a camera gives no pictures.
+    """
+    log.info("the stage has to be empty for %.1f s from now on", take.live.empty_stage_s)
+    seen: dict[int, list[Bytes]] = {c: _of_file(take, c) if take.sources[c].is_file else [] for c in cameras}
+    feeds = {c: _feed(take, c, seen[c]) for c in cameras if not take.sources[c].is_file}
+    try:
+        _wait(take, feeds, seen, stop)
+    finally:
+        for feed in feeds.values():
+            feed.stop()
+        for feed in feeds.values():
+            feed.join()
+    for c, pictures in seen.items():
+        if len(pictures) < _FEWEST:
+            raise UserError(
+                f"{take.cameras[c].name}: gave no pictures of the empty stage: is its source there?"
+            )
+        _write(folder, take.cameras[c], pictures, take.live.fps)
+    log.info("the empty stage was seen by %d cameras", len(seen))
+    return replace(take, background_folder=background_video_path(folder, "any").parent)
+
+
+def _of_file(take: LiveTake, camera: int) -> list[Bytes]:
+    wanted = max(_FEWEST, round(take.live.empty_stage_s * take.live.fps))
+    with VideoReader(Path(str(take.sources[camera].source))) as reader:
+        pictures = [picture for _, picture in zip(range(wanted), reader, strict=False)]
+    return pictures[:: -(-len(pictures) // _PICTURES)]
+
+
+def _feed(take: LiveTake, c: int, pictures: list[Bytes]) -> Feed:
+    camera = take.cameras[c]
+    apart_s, last_s = take.live.empty_stage_s / _PICTURES, -1.0
+
+    def keep(image: Bytes, taken_s: float) -> None:
+        nonlocal last_s
+        if taken_s - last_s >= apart_s and len(pictures) < _PICTURES:
+            last_s = taken_s
+            pictures.append(image)
+
+    def begin(_: Event) -> StreamSource:
+        return StreamSource(take.sources[c], camera, take.live.fps)
+
+    return Feed(camera, begin, keep)
+
+
+def _wait(take: LiveTake, feeds: dict[int, Feed], seen: dict[int, list[Bytes]], stop: StopRequest) -> None:
+    """Wait until all streams have begun, and then for as long as the stage is said to be empty."""
+    deadline_s = time.monotonic() + _OPENING_S
+    while not stop and time.monotonic() < deadline_s and not all(seen[c] for c in feeds):
+        time.sleep(0.05)
+    end_s = time.monotonic() + (take.live.empty_stage_s if feeds else 0.0)
+    while not stop and time.monotonic() < end_s:
+        time.sleep(0.05)
+    for feed in feeds.values():
+        if feed.problem is not None:
+            raise feed.problem
+
+
+def _write(folder: Path, camera: Camera, pictures: list[Bytes], fps: float) -> None:
+    path = background_video_path(folder, camera.name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with video_writer(path, camera.width_px, camera.height_px, fps) as writer:
+        for picture in pictures:
+            writer.write(picture)

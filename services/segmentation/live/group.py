@@ -1,0 +1,123 @@
+"""A group of live cameras: their feeds, the shots they make together, and what becomes of those."""
+
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+from services.mocap.camera.rig import Rig
+from services.mocap.camera.undistort import Undistorter
+from services.mocap.take.live import LiveTake
+from services.mocap.types import Bytes, Mask
+from services.segmentation.across import drop_unsupported
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.live.clock import CoordinatorClock
+from services.segmentation.live.feed import Feed
+from services.segmentation.live.recording import CameraRecording
+from services.segmentation.live.shots import Shot, Shots
+from services.segmentation.live.sources import FileSource, Source, StreamSource
+from services.segmentation.segmenters import live_mattes
+from services.segmentation.source import packed
+
+
+class Silhouetter:
+    """Makes the silhouettes of a group's shots."""
+
+    def __init__(self, take: LiveTake, cameras: Sequence[int], segmenter: str) -> None:
+        """Raises UserError where the segmenter cannot work live."""
+        chosen = [take.cameras[c] for c in cameras]
+        self._height_px, self._width_px = Rig.of(take.cameras).shape_px
+        self._mattes = live_mattes(take, chosen, SegmentationSettings(), segmenter)
+        self._undistorters = [Undistorter(camera) for camera in chosen]
+        self._cameras, self._sees_all = chosen, len(cameras) == len(take.cameras)
+        self._rigs: dict[tuple[int, ...], Rig] = {}
+
+    def planes(self, shot: Shot) -> tuple[list[int], Bytes]:
+        """Which cameras of the group have a picture of a shot, and bit-planes (P, H, W) of these."""
+        there = sorted(shot.taken)
+        masks: list[Mask] = [
+            self._undistorters[k].mask(self._mattes[k].silhouette(shot.taken[k].image)) for k in there
+        ]
+        if self._sees_all:
+            masks = drop_unsupported(self._rig(tuple(there)), masks)
+        return there, packed(masks, self._width_px, self._height_px)
+
+    def _rig(self, there: tuple[int, ...]) -> Rig:
+        if there not in self._rigs:
+            self._rigs[there] = Rig.of(tuple(self._cameras[k] for k in there))
+        return self._rigs[there]
+
+
+class Group:
+    """The feeds of some cameras, and shots once the coordinator's clock tells which is when."""
+
+    def __init__(
+        self, take: LiveTake, cameras: Sequence[int], clock: CoordinatorClock, record: Path | None
+    ) -> None:
+        """record: the folder of a take that is to be made of the pictures."""
+        self._take, self._clock, live = take, clock, take.live
+        self._begun = threading.Event()
+        self._files_begin_s = 0.0
+        self.shots = Shots(len(cameras), clock, live.reach_s, live.period_s, live.grace_s)
+        self._recordings = [
+            CameraRecording(record, take.cameras[c], live.fps) for c in cameras if record is not None
+        ]
+        self._feeds = [self._feed(k, c) for k, c in enumerate(cameras)]
+
+    def _feed(self, k: int, c: int) -> Feed:
+        return Feed(
+            self._take.cameras[c],
+            lambda stopped: self._open(c, stopped),
+            lambda image, taken_s: self._give(k, image, taken_s),
+        )
+
+    def _open(self, c: int, stopped: threading.Event) -> Source | None:
+        """A camera's source; files begin with shot 0, so that each of their pictures has its number."""
+        source = self._take.sources[c]
+        if not source.is_file:
+            return StreamSource(source, self._take.cameras[c], self._take.live.fps)
+        while not self._begun.wait(0.1):
+            if stopped.is_set():
+                return None
+        return FileSource(Path(str(source.source)), self._files_begin_s, stopped)
+
+    def _give(self, k: int, image: Bytes, taken_s: float) -> None:
+        shot = self.shots.put(k, image, taken_s)
+        if shot is not None and self._recordings:
+            self._recordings[k].add(shot, image, taken_s - self._files_begin_s)
+
+    def begin(self) -> None:
+        """The coordinator's clock tells from now on which shot is when."""
+        if not self._begun.is_set():
+            self._files_begin_s = self._clock.here_s(self._clock.due_s(0))
+            self._begun.set()
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether a take is made of the pictures."""
+        return bool(self._recordings)
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether no picture will ever follow."""
+        return all(feed.has_ended for feed in self._feeds)
+
+    def check(self) -> None:
+        """Raise what a user has to mend."""
+        for feed in self._feeds:
+            if feed.problem is not None:
+                raise feed.problem
+
+    def end_before(self, end_shot: int) -> None:
+        """Record no shot from this one on."""
+        for recording in self._recordings:
+            recording.end_before(end_shot)
+
+    def stop(self, end_shot: int | None) -> None:
+        """End all feeds and, before this shot, the recordings."""
+        for feed in self._feeds:
+            feed.stop()
+        for feed in self._feeds:
+            feed.join()
+        if self._recordings and end_shot:
+            for recording in self._recordings:
+                recording.finish(end_shot)

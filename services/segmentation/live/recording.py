@@ -1,0 +1,91 @@
+"""Live cameras' pictures written as videos of a take, in which frame n is shot n of every camera."""
+
+import logging
+import queue
+import threading
+from pathlib import Path
+
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.take.csv_columns import write_columns
+from services.mocap.take.layout import video_path
+from services.mocap.take.writer import VideoWriter, video_writer
+from services.mocap.types import Bytes
+
+_WAITING = 120
+"""Pictures that may wait to be written, some seconds of them; more are not taken."""
+_CRF = 16
+"""Sharp enough to be tracked as well as the live pictures."""
+
+log = logging.getLogger(__name__)
+
+
+def stamps_path(folder: Path, camera: str) -> Path:
+    """Where the moments of a camera's pictures go: empty for a shot that repeats the one before."""
+    return folder / "stamps" / f"{camera}.csv"
+
+
+class CameraRecording:
+    """Writes one camera's pictures from a thread of its own; shots that it lacks repeat the one before."""
+
+    def __init__(self, folder: Path, camera: Camera, fps: float) -> None:
+        self._folder, self._camera, self._fps = folder, camera, fps
+        self._waiting: queue.Queue[tuple[int, Bytes | None, float]] = queue.Queue(_WAITING)
+        self._times_s: list[float | None] = []
+        self._last: Bytes = np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
+        self._end_shot: int | None = None
+        self.lost = 0
+        """Pictures that could not be written in time."""
+        self._thread = threading.Thread(target=self._run, name=f"recording-{camera.name}", daemon=True)
+        self._thread.start()
+
+    def add(self, shot: int, image: Bytes, time_s: float) -> None:
+        """Take in the picture of a shot, later than all before, taken so long after shot 0."""
+        if self._end_shot is not None and shot >= self._end_shot:
+            return
+        try:
+            self._waiting.put_nowait((shot, image, time_s))
+        except queue.Full:
+            self.lost += 1
+
+    def end_before(self, end_shot: int) -> None:
+        """Shots from this one on are not wanted."""
+        self._end_shot = end_shot
+
+    def finish(self, end_shot: int) -> None:
+        """No picture follows; the video is filled up to this shot."""
+        self._waiting.put((end_shot, None, 0.0))
+        self._thread.join()
+        if self.lost:
+            log.warning("%s: %d pictures could not be written in time", self._camera.name, self.lost)
+
+    def _run(self) -> None:
+        path = video_path(self._folder, self._camera.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        size = (self._camera.width_px, self._camera.height_px)
+        with video_writer(path, *size, self._fps, _CRF, is_quick=True) as writer:
+            while True:
+                shot, image, time_s = self._waiting.get()
+                if image is not None and not self._times_s:
+                    self._last = image  # what came before the first picture looks like it
+                self._repeat(writer, shot)
+                if image is None:
+                    break
+                self._write(writer, image, time_s)
+        self._write_stamps()
+
+    def _repeat(self, writer: VideoWriter, until_shot: int) -> None:
+        while len(self._times_s) < until_shot:
+            self._write(writer, self._last, None)
+
+    def _write(self, writer: VideoWriter, image: Bytes, time_s: float | None) -> None:
+        writer.write(image)
+        self._times_s.append(time_s)
+        self._last = image
+
+    def _write_stamps(self) -> None:
+        path = stamps_path(self._folder, self._camera.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        times = ["" if time_s is None else f"{time_s:.6f}" for time_s in self._times_s]
+        write_columns(path, {"frame": [str(n) for n in range(len(times))], "time_s": times})

@@ -1,0 +1,173 @@
+"""Serving live cameras: shots in, silhouettes out to the coordinator, and what it has to know of both."""
+
+import logging
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import zmq
+
+from proto.clock import clock_name
+from proto.framing import MalformedMessage
+from proto.keys import ClientKeys
+from proto.link import Line
+from proto.messages import LivePace, LiveSilhouettes, LiveSources, TakeEnd
+from proto.sockets import receive, send
+from services.mocap.take.live import LiveTake
+from services.process import DROPPED, StopRequest, about
+from services.segmentation.live.clock import CoordinatorClock
+from services.segmentation.live.empty_stage import see_empty_stage
+from services.segmentation.live.group import Group, Silhouetter
+from services.segmentation.live.shots import Shot
+from services.segmentation.live.sources import check_file
+from services.segmentation.metrics import FRAMES, SECONDS
+
+_LOOK_S = 0.05
+_ASK_S, _ASK_SOON_S = 0.5, 0.1
+"""How often the pace is asked for, and as long as there is none."""
+_CATCH_UP_S = 2.0
+"""How long the last pictures of a recording may take to come."""
+
+log = logging.getLogger(__name__)
+
+
+class Talk:
+    """The three connections to the coordinator, and its clock."""
+
+    def __init__(
+        self, take: LiveTake, cameras: Sequence[int], endpoint: str, keys: ClientKeys | None
+    ) -> None:
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._take, self._cameras = take.settings.name, list(cameras)
+        self._tasks = Line(self._context, endpoint, "tasks", keys)
+        self._poses = Line(self._context, endpoint, "poses", keys)
+        self._silhouettes = Line(self._context, endpoint, "silhouettes", keys)
+        self.clock = CoordinatorClock(clock_name())
+        self._asked_s = 0.0
+        self.unsent = 0
+        """Shots that the coordinator did not take."""
+        self.end: TakeEnd | None = None
+        """Said by the coordinator once no pose will follow."""
+
+    def hear(self) -> None:
+        """Take in what the coordinator has said."""
+        for line in (self._tasks, self._poses):
+            try:
+                while (message := receive(line.socket)) is not None:
+                    if isinstance(message, LivePace) and message.take == self._take:
+                        self.clock.hear(message, time.monotonic())
+                    elif isinstance(message, TakeEnd) and message.take == self._take:
+                        self.end = message
+            except MalformedMessage as error:
+                DROPPED.inc()
+                log.warning("dropped a malformed message: %s", error)
+        for line in (self._tasks, self._poses, self._silhouettes):
+            line.tick()
+
+    def tell(self, group: Group) -> None:
+        """Say how the cameras are doing, when it is time."""
+        now_s = time.monotonic()
+        if now_s - self._asked_s < (_ASK_S if self.clock.run else _ASK_SOON_S):
+            return
+        self._asked_s = now_s
+        shots, clock = group.shots, self.clock
+        latest_s = [clock.there_s(at_s) for at_s in shots.latest_s if at_s is not None]
+        word = LiveSources(
+            take=self._take,
+            asked_s=time.monotonic(),
+            cameras=self._cameras,
+            latest_s=latest_s if clock.is_known else [],
+            missed=list(shots.missed),
+            dropped=list(shots.dropped),
+            unsent=self.unsent,
+            absent=[self._cameras[k] for k in shots.absent()],
+            ended=group.has_ended and not shots.n_waiting,
+        )
+        send(self._tasks.socket, word)
+
+    def send(self, shot: Shot, silhouetter: Silhouetter) -> None:
+        """Segment a shot, and send it if the coordinator takes it."""
+        about(frame=shot.number)
+        with SECONDS.time():
+            there, planes = silhouetter.planes(shot)
+        message = LiveSilhouettes(
+            take=self._take,
+            run=self.clock.run,
+            shot=shot.number,
+            cameras=[self._cameras[k] for k in there],
+            times_s=[shot.taken[k].time_s for k in there],
+            planes=planes,
+        )
+        if send(self._silhouettes.socket, message):
+            FRAMES.inc()
+        else:
+            self.unsent += 1
+
+    def close(self) -> None:
+        """Close the connections, letting what was sent go out."""
+        for line in (self._silhouettes, self._poses, self._tasks):
+            line.close()
+        self._context.term()
+
+
+def serve_live(
+    take: LiveTake,
+    cameras: Sequence[int],
+    endpoint: str,
+    stop: StopRequest,
+    keys: ClientKeys | None,
+    segmenter: str,
+    record: Path | None,
+) -> None:
+    """Send silhouettes of live cameras until the coordinator says that it has ended, or a stop is asked for.
+
+    record: the folder of a take that is to be made of the pictures; clean plates seen at the start go there
+    too. Raises UserError where a source cannot be what it is said to be.
+    """
+    about(take=take.settings.name)
+    for c in cameras:
+        check_file(take.sources[c], take.cameras[c])
+    with ExitStack() as closing:
+        if take.background_folder is None:
+            kept = record or Path(
+                closing.enter_context(tempfile.TemporaryDirectory(prefix="xormocap-stage-"))
+            )
+            take = see_empty_stage(take, cameras, kept, stop)
+        silhouetter = Silhouetter(take, cameras, segmenter)
+        talk = Talk(take, cameras, endpoint, keys)
+        closing.callback(talk.close)
+        group = Group(take, cameras, talk.clock, record)
+        log.info("ready: live %s", ", ".join(take.cameras[c].name for c in cameras))
+        try:
+            _serve(talk, group, silhouetter, stop)
+        finally:
+            group.stop(_end_shot(talk))
+
+
+def _serve(talk: Talk, group: Group, silhouetter: Silhouetter, stop: StopRequest) -> None:
+    end_s = float("inf")
+    while not stop and time.monotonic() < end_s:
+        talk.hear()
+        if talk.clock.run:
+            group.begin()
+        group.check()
+        talk.tell(group)
+        if talk.end is not None:
+            group.end_before(talk.end.end_shot)
+            if not group.is_recording or group.shots.has_come(talk.end.end_shot - 1):
+                return
+            end_s = min(end_s, time.monotonic() + _CATCH_UP_S)
+        shot = group.shots.take(_LOOK_S)
+        if shot is not None and talk.end is None:
+            talk.send(shot, silhouetter)
+
+
+def _end_shot(talk: Talk) -> int | None:
+    """One past the last shot of a recording; None where there was none."""
+    if talk.end is not None and talk.end.end_shot:
+        return talk.end.end_shot
+    if not talk.clock.run:
+        return None
+    return max(int(talk.clock.shot_at(talk.clock.there_s(time.monotonic()))), 1)

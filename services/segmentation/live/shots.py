@@ -1,0 +1,151 @@
+"""Pictures of several cameras brought together to shots, without a socket and without a source."""
+
+import threading
+import time
+from dataclasses import dataclass, field
+
+from services.mocap.types import Bytes
+from services.segmentation.live.clock import CoordinatorClock
+
+_BACKLOG = 3
+"""From so many whole shots on that wait, all but the newest are dropped."""
+_KEPT = 8
+_THERE_SHOTS, _THERE_S = 3.0, 0.3
+"""A camera that has given no picture for both together is not waited for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A camera's picture of a shot."""
+
+    image: Bytes
+    """BGR (H, W, 3)."""
+    time_s: float
+    """When it was taken, on the coordinator's clock."""
+
+
+@dataclass(eq=False)
+class Shot:
+    """What several cameras have of a shot."""
+
+    number: int
+    arrived_s: float
+    """When the first picture of it came, on this machine's clock."""
+    taken: dict[int, Taken] = field(default_factory=dict)
+    """By the camera's place in the group."""
+
+
+class ShotCounter:
+    """Says of one camera's pictures which shots they are.
+
+    Pictures are counted on from the one before, as long as that is near enough to when the shot is due; so a
+    camera whose pictures hover half-way between two shots does not jump to and fro.
+    """
+
+    def __init__(self, clock: CoordinatorClock, reach_s: float, period_s: float) -> None:
+        self._clock, self._reach_s, self._period_s = clock, reach_s, period_s
+        self._last: tuple[int, float] | None = None
+
+    def number(self, there_s: float) -> int | None:
+        """The shot of a picture that was taken at a moment of the coordinator's clock; None: of none."""
+        candidates = [round(self._clock.shot_at(there_s))]
+        if self._last is not None:
+            shot, last_s = self._last
+            candidates.insert(0, shot + max(1, round((there_s - last_s) / self._period_s)))
+        for shot in candidates:
+            if abs(there_s - self._clock.due_s(shot)) <= self._reach_s:
+                self._last = shot, there_s
+                return shot
+        return None
+
+
+class Shots:
+    """Takes in pictures from many threads; gives out shots to one."""
+
+    def __init__(
+        self, n_cameras: int, clock: CoordinatorClock, reach_s: float, period_s: float, grace_s: float
+    ):
+        """reach_s, period_s, grace_s: as in LiveSettings."""
+        self._clock, self._period_s, self._grace_s = clock, period_s, grace_s
+        self._changed = threading.Condition()
+        self._counters = [ShotCounter(clock, reach_s, period_s) for _ in range(n_cameras)]
+        self._shots: dict[int, Shot] = {}
+        self._last_given = -1
+        self._last_of: list[int | None] = [None] * n_cameras
+        self._came_s = [float("-inf")] * n_cameras
+        self.missed = [0] * n_cameras
+        """Shots of which a camera gave no picture."""
+        self.dropped = [0] * n_cameras
+        """Pictures of a camera that were not given out."""
+        self.latest_s: list[float | None] = [None] * n_cameras
+        """When a camera took its latest picture, on this machine's clock."""
+
+    def put(self, camera: int, image: Bytes, taken_s: float) -> int | None:
+        """Take in a picture that was taken at a moment of this machine's clock; returns its shot, if any."""
+        with self._changed:
+            self.latest_s[camera] = taken_s
+            self._came_s[camera] = time.monotonic()
+            if not self._clock.run:
+                return None
+            there_s = self._clock.there_s(taken_s)
+            number = self._counters[camera].number(there_s)
+            last = self._last_of[camera]
+            if number is None or number < 0 or (last is not None and number <= last):
+                self.dropped[camera] += number is None or number >= 0
+                return None
+            self.missed[camera] += number - (last + 1 if last is not None else 0)
+            self._last_of[camera] = number
+            if number <= self._last_given:
+                self.dropped[camera] += 1
+                return number
+            shot = self._shots.setdefault(number, Shot(number, self._came_s[camera]))
+            shot.taken[camera] = Taken(image, there_s)
+            if len(self._shots) > _KEPT:
+                self._drop(min(self._shots))
+            self._changed.notify_all()
+            return number
+
+    def take(self, timeout_s: float) -> Shot | None:
+        """The next shot that is whole: the oldest, or where too many wait, the newest."""
+        with self._changed:
+            deadline_s = time.monotonic() + timeout_s
+            while not (whole := self._whole()):
+                left_s = deadline_s - time.monotonic()
+                if left_s <= 0:
+                    return None
+                self._changed.wait(min(left_s, self._grace_s / 2 or left_s))
+            number = max(whole) if len(whole) >= _BACKLOG else min(whole)
+            for older in [other for other in self._shots if other < number]:
+                self._drop(older)
+            self._last_given = number
+            return self._shots.pop(number)
+
+    @property
+    def n_waiting(self) -> int:
+        """Shots that have not been given out."""
+        return len(self._shots)
+
+    def has_come(self, number: int) -> bool:
+        """Whether all cameras that are there are past a shot, or have its picture."""
+        absent = self.absent()
+        there = [last for k, last in enumerate(self._last_of) if k not in absent]
+        return all(last is not None and last >= number for last in there)
+
+    def absent(self) -> list[int]:
+        """Cameras that have no picture just now."""
+        patience_s = _THERE_SHOTS * self._period_s + _THERE_S
+        now_s = time.monotonic()
+        return [k for k, came_s in enumerate(self._came_s) if now_s - came_s > patience_s]
+
+    def _whole(self) -> list[int]:
+        now_s, absent = time.monotonic(), self.absent()
+        there = {k for k in range(len(self._came_s)) if k not in absent}
+        return [
+            number
+            for number, shot in self._shots.items()
+            if there <= shot.taken.keys() or now_s - shot.arrived_s >= self._grace_s
+        ]
+
+    def _drop(self, number: int) -> None:
+        for camera in self._shots.pop(number).taken:
+            self.dropped[camera] += 1

@@ -1,0 +1,210 @@
+"""Where live pictures come from: devices, network streams, and files played at their own rate."""
+
+import os
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from threading import Event
+from typing import Protocol
+
+import av
+from av.container import InputContainer
+from av.video.reformatter import VideoReformatter
+
+from services.mocap.camera.camera import Camera
+from services.mocap.errors import TakeError, UserError
+from services.mocap.take.live import LiveCamera
+from services.mocap.take.video import VideoIndex, VideoReader, bgr_picture, index_video
+from services.mocap.types import Bytes
+
+_OPEN_S, _READ_S = 5.0, 1.5
+"""How long a network source may be silent, while it is opened and afterwards, before it counts as lost."""
+_SAME_CLOCK_S = 2.0
+"""Stamps so near to this machine's monotonic clock are its own, as drivers of cameras give them."""
+_LEAK = 1e-3
+"""How much a container's clock may run slow against ours, in seconds a second."""
+
+
+class SourceLostError(Exception):
+    """A source gives no pictures; it may come back. The text says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What a source gives."""
+
+    image: Bytes
+    """BGR (H, W, 3)."""
+    taken_s: float
+    """When, on this machine's monotonic clock."""
+
+
+class Source(Protocol):
+    """An opened source."""
+
+    def read(self) -> Picture | None:
+        """The next picture, waited for; None where none will ever follow. Raises SourceLostError."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it."""
+        ...
+
+
+class FileSource:
+    """A video file as if it were a camera: each picture is there when its time has come.
+
+    A file that is removed, or that another one takes the place of, is a camera that is unplugged.
+    """
+
+    def __init__(self, path: Path, begin_s: float, stopped: Event) -> None:
+        """begin_s: when the file's first picture is taken; what has passed by then is over."""
+        self._begin_s, self._stopped, self._path = begin_s, stopped, path
+        try:
+            self._identity = _identity(path)
+            index = _indexed(path, self._identity)
+        except TakeError as problem:
+            raise SourceLostError(str(problem)) from None
+        self._due_s = begin_s + index.times_s - index.times_s[0]
+        now_s = time.monotonic()
+        first = int((self._due_s < now_s).sum()) if now_s > begin_s else 0
+        self._next = first
+        self._reader = VideoReader(index, first) if first < index.n_frames else None
+        self._frames = iter(self._reader) if self._reader is not None else iter(())
+
+    def read(self) -> Picture | None:
+        """See Source.read."""
+        if self._next >= len(self._due_s):
+            return None
+        try:
+            image = next(self._frames)
+        except TakeError as problem:
+            raise SourceLostError(str(problem)) from None
+        due_s, self._next = float(self._due_s[self._next]), self._next + 1
+        self._stopped.wait(max(due_s - time.monotonic(), 0.0))
+        if _identity(self._path) != self._identity:
+            raise SourceLostError(f"{self._path}: is another file by now")
+        return Picture(image, due_s)
+
+    def close(self) -> None:
+        """See Source.close."""
+        if self._reader is not None:
+            self._reader.close()
+
+
+@lru_cache(maxsize=256)
+def _indexed(path: Path, identity: tuple[int, int]) -> VideoIndex:  # noqa: ARG001  (part of the cache's key)
+    """What a file holds; known already when its camera is plugged in again."""
+    return index_video(path)
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    try:
+        status = path.stat()
+    except OSError as problem:
+        raise SourceLostError(f"{path}: {problem.strerror}") from None
+    return status.st_dev, status.st_ino
+
+
+class StreamSource:
+    """A V4L2 device, or an RTSP or HTTP stream."""
+
+    def __init__(self, settings: LiveCamera, camera: Camera, fps: float) -> None:
+        self._settings, self._clock = settings, ContainerClock()
+        self._converter = VideoReformatter()
+        try:
+            self._container = _opened(settings.source, camera, fps)
+            self._stream = self._container.streams.video[0]
+        except (av.error.FFmpegError, OSError, IndexError) as problem:
+            raise SourceLostError(f"{_place(settings.source)}: {_reason(problem)}") from None
+        self._stream.thread_type = "NONE"  # other threads would hold pictures back
+        self._frames = self._container.decode(self._stream)
+
+    def read(self) -> Picture | None:
+        """See Source.read: a stream never ends for good."""
+        try:
+            frame = next(self._frames, None)
+        except (av.error.FFmpegError, OSError) as problem:
+            raise SourceLostError(f"{_place(self._settings.source)}: {_reason(problem)}") from None
+        if frame is None:
+            raise SourceLostError(f"{_place(self._settings.source)}: the stream has ended")
+        arrived_s = time.monotonic()
+        taken_s = arrived_s
+        if self._settings.has_stamps and frame.time is not None:
+            taken_s = self._clock.taken_s(frame.time, arrived_s)
+        return Picture(bgr_picture(frame, self._converter), taken_s - self._settings.delay_s)
+
+    def close(self) -> None:
+        """See Source.close."""
+        self._container.close()
+
+
+class ContainerClock:
+    """Turns a container's stamps into moments of this machine's clock.
+
+    No picture arrives before it is taken, so the quickest of them tells how the two clocks stand to each
+    other, but for the least delay, which delay_s may make up for.
+    """
+
+    def __init__(self) -> None:
+        self._offset_s: float | None = None
+        self._heard_s = 0.0
+
+    def taken_s(self, stamp_s: float, arrived_s: float) -> float:
+        """When a picture with a stamp was taken that arrived at a moment."""
+        if abs(arrived_s - stamp_s) < _SAME_CLOCK_S and stamp_s > _SAME_CLOCK_S:
+            return stamp_s
+        offset_s = arrived_s - stamp_s
+        if self._offset_s is not None:
+            leaked_s = self._offset_s + _LEAK * (arrived_s - self._heard_s)
+            offset_s = min(offset_s, leaked_s)
+        self._offset_s, self._heard_s = offset_s, arrived_s
+        return stamp_s + offset_s
+
+
+def _opened(source: int | str, camera: Camera, fps: float) -> InputContainer:
+    if isinstance(source, int):
+        size = f"{camera.width_px}x{camera.height_px}"
+        options = {"video_size": size, "framerate": f"{fps:g}"}
+        return av.open(f"/dev/video{source}", "r", format="v4l2", options=options)
+    options = {"fflags": "nobuffer", "flags": "low_delay"}
+    if source.startswith("rtsp"):
+        options["rtsp_transport"] = "tcp"
+    return av.open(source, "r", options=options, timeout=(_OPEN_S, _READ_S))
+
+
+def _place(source: int | str) -> str:
+    """A source for messages, without a password that an address may hold."""
+    if isinstance(source, int):
+        return f"/dev/video{source}"
+    scheme, _, rest = source.partition("://")
+    return f"{scheme}://{rest.rpartition('@')[2]}" if rest else source
+
+
+def _reason(problem: Exception) -> str:
+    if isinstance(problem, IndexError):
+        return "holds no video"
+    number = getattr(problem, "errno", None)
+    return os.strerror(number) if isinstance(number, int) and 0 < number < 200 else str(problem)
+
+
+def check_file(source: LiveCamera, camera: Camera) -> None:
+    """Raise UserError where a file that is to be played cannot be, or has another size than its camera."""
+    if not source.is_file:
+        return
+    path = Path(str(source.source))
+    try:
+        index = _indexed(path, _identity(path))
+    except SourceLostError as problem:
+        raise UserError(f"[cameras.{camera.name}] source: {problem}") from None
+    check_size_of(str(source.source), camera, index.height_px, index.width_px)
+
+
+def check_size_of(place: str, camera: Camera, height_px: int, width_px: int) -> None:
+    """Raise UserError where pictures have another size than their camera is calibrated for."""
+    if (height_px, width_px) != (camera.height_px, camera.width_px):
+        raise UserError(
+            f"{place}: gives pictures of {width_px}x{height_px} pixels, but [{camera.name}] was calibrated "
+            f"with {camera.width_px}x{camera.height_px}: set the camera to that size or calibrate it anew"
+        )

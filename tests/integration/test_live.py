@@ -1,0 +1,146 @@
+"""`xormocap live` on files that are played like cameras, one of which is unplugged on the way."""
+
+import json
+import shutil
+import threading
+from pathlib import Path
+from typing import TypeAlias
+
+import av
+import numpy as np
+import pytest
+
+from services.live import LiveJob, live
+from services.live_watch import LiveProgress, in_words
+from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.energy.settings import EngineSettings
+from services.mocap.motion.settings import OutputSettings
+from services.mocap.search.settings import SearchSettings
+from services.mocap.take.folder import open_take
+from services.mocap.take.live import open_live
+from services.mocap.take.tables import read_joints_csv, read_poses_csv
+
+pytestmark = pytest.mark.timeout(280)
+
+_SLOWER = 15
+"""Of 15 frames a second: so that nothing has to be left out on a machine that is busy with other tests."""
+_CUT_AFTER_S, _CUT_S = 5.0, 5.0
+_CUT = "cam03"
+Run: TypeAlias = tuple[Path, Path, list[str]]
+
+
+def _slow_copy(video: Path, to: Path) -> None:
+    """The same packets with other stamps."""
+    with av.open(str(video)) as source, av.open(str(to), "w") as sink:
+        stream = sink.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None and packet.pts is not None:
+                packet.pts, packet.dts = packet.pts * _SLOWER, packet.dts * _SLOWER
+                packet.stream = stream
+                sink.mux(packet)
+
+
+@pytest.fixture(scope="module")
+def stage(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with live.toml: two groups of cameras whose pictures are those of the synthetic take."""
+    folder = tmp_path_factory.mktemp("live") / "stage"
+    (folder / "videos").mkdir(parents=True)
+    for name in ("background", "reference"):
+        shutil.copytree(synthetic_take / name, folder / name)
+    for name in ("calibration.toml", "actor.toml"):
+        shutil.copy(synthetic_take / name, folder)
+    tables = ""
+    for n, video in enumerate(sorted((synthetic_take / "videos").glob("*.mp4"))):
+        _slow_copy(video, folder / "videos" / video.name)
+        group = "left" if n < 2 else "right"
+        tables += f'[cameras.{video.stem}]\nsource = "videos/{video.name}"\ngroup = "{group}"\n'
+    heading_rad = read_poses_csv(folder / "reference" / "poses.csv").poses[0, DOF_INDEX["root_heading"]]
+    (folder / "live.toml").write_text(
+        f'name = "stage"\nfps = {15 / _SLOWER}\nup = "z"\ncalibration = "calibration.toml"\n'
+        f'background = "background"\nactor = "actor.toml"\ngrace_s = 1.5\n'
+        f"facing = {np.degrees(heading_rad):.1f}\n{tables}"
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def unplugged(stage: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The results of a run in which a camera's feed was cut, its recording, and what was shown meanwhile."""
+    folder = tmp_path_factory.mktemp("live-out")
+    video, lines = stage / "videos" / f"{_CUT}.mp4", list[str]()
+    cut = threading.Event()
+
+    def show(progress: LiveProgress) -> None:
+        lines.append(in_words(progress))
+        all_there = progress.told is not None and progress.told.stage != "waiting for clients"
+        if all_there and progress.told and not progress.told.absent and not cut.is_set():
+            cut.set()
+            threading.Timer(_CUT_AFTER_S, unplug).start()
+
+    def unplug() -> None:
+        away = video.rename(video.with_suffix(".away"))
+        threading.Timer(_CUT_S, lambda: away.rename(video)).start()
+
+    job = LiveJob(
+        config=stage / "live.toml",
+        take=open_live(stage / "live.toml"),
+        out=folder / "out",
+        workers=1,
+        engine=EngineSettings(),
+        search=SearchSettings(),
+        output=OutputSettings(smooth="one-euro"),
+        segmenter="auto",
+        page=None,
+        record=folder / "recorded",
+        keys=None,
+    )
+    assert live(job, show=show) is not None
+    assert cut.is_set()
+    return folder / "out", folder / "recorded", lines
+
+
+def test_every_pose_is_that_of_the_shot_that_it_names(stage: Path, unplugged: Run) -> None:
+    out, _, _ = unplugged
+    poses, truth = read_poses_csv(out / "poses.csv"), read_joints_csv(stage / "reference" / "joints.csv")
+    shots = poses.extra["shot"].astype(int)
+    assert np.array_equal(poses.frames, np.arange(len(shots)))
+    assert np.all(np.diff(shots) > 0)
+    assert len(shots) > 12
+    np.testing.assert_allclose(poses.times_s, shots * _SLOWER / 15, atol=0.02)
+    report = json.loads((out / "run.json").read_text())
+    assert report["accuracy"]["frames"] == len(shots)
+    assert report["accuracy"]["p95_mm"] < 40
+    assert len(truth.frames) == 24
+
+
+def test_an_unplugged_camera_is_missed_and_comes_back(unplugged: Run) -> None:
+    out, _, lines = unplugged
+    absent = read_poses_csv(out / "poses.csv").extra["cameras_absent"]
+    drops = json.loads((out / "run.json").read_text())["live"]["drops"]
+    assert 1 in absent.tolist()
+    assert absent[-1] == 0
+    assert drops.pop(_CUT)["source"] >= 2
+    assert {name: counts["segmentation"] for name, counts in drops.items()} == dict.fromkeys(drops, 0)
+    assert any("latency" in line for line in lines)
+
+
+def test_what_was_recorded_is_a_take(unplugged: Run) -> None:
+    _, recorded, _ = unplugged
+    take = open_take(recorded)
+    assert take.settings.frames == 24
+    stamps = {
+        camera.name: (recorded / "stamps" / f"{camera.name}.csv").read_text().splitlines()[1:]
+        for camera in take.cameras
+    }
+    assert {len(lines) for lines in stamps.values()} == {24}
+    empty = {name: sum(line.endswith(",") for line in lines) for name, lines in stamps.items()}
+    assert empty.pop(_CUT) >= 2
+    assert max(empty.values()) <= 1
+
+
+def test_frames_of_the_recording_are_shots(unplugged: Run, synthetic_take: Path) -> None:
+    _, recorded, _ = unplugged
+    original, take = open_take(synthetic_take), open_take(recorded)
+    for camera in take.cameras[:2]:  # those that were not unplugged
+        for ours, theirs in zip(take.video(camera), original.video(camera), strict=True):
+            assert np.abs(ours.astype(int) - theirs).mean() < 3

@@ -1,0 +1,25 @@
+"""Live pictures on disk: frame n is shot n, and a shot without a picture repeats the one before."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.take.csv_columns import read_columns
+from services.mocap.take.video import VideoReader
+from services.segmentation.live.recording import CameraRecording, stamps_path
+
+
+def test_frames_are_shots(tmp_path: Path, small_cameras: Callable[[int], list[Camera]]) -> None:
+    recording = CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
+    recording.end_before(10)
+    for shot in (2, 3, 6, 7, 11):
+        recording.add(shot, np.full((48, 64, 3), 20 * shot, np.uint8), shot / 10 + 0.001)
+    recording.finish(10)
+    with VideoReader(tmp_path / "videos" / "cam01.mp4") as reader:
+        levels = [round(float(picture.mean()) / 20) for picture in reader]
+    assert levels == [2, 2, 2, 3, 3, 3, 6, 7, 7, 7]
+    columns = read_columns(stamps_path(tmp_path, "cam01"), ["frame", "time_s"], allow_extra=False)
+    assert columns.cells["time_s"][2] == "0.201000"
+    assert [bool(cell) for cell in columns.cells["time_s"]] == [n in (2, 3, 6, 7) for n in range(10)]
