@@ -4,6 +4,8 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.take.live import LiveTake
@@ -13,7 +15,7 @@ from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.live.clock import CoordinatorClock
 from services.segmentation.live.feed import Feed
 from services.segmentation.live.recording import CameraRecording
-from services.segmentation.live.shots import Shot, Shots
+from services.segmentation.live.shots import Shot, Shots, Taken
 from services.segmentation.live.sources import FileSource, Source, StreamSource
 from services.segmentation.segmenters import live_mattes
 from services.segmentation.source import packed
@@ -30,6 +32,15 @@ class Silhouetter:
         self._undistorters = [Undistorter(camera) for camera in chosen]
         self._cameras, self._sees_all = chosen, len(cameras) == len(take.cameras)
         self._rigs: dict[tuple[int, ...], Rig] = {}
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Segment a picture of nothing, so that no shot waits for code that is compiled at its first use."""
+        black = {
+            k: Taken(np.zeros((camera.height_px, camera.width_px, 3), np.uint8), 0.0)
+            for k, camera in enumerate(self._cameras)
+        }
+        self.planes(Shot(0, 0.0, black))
 
     def planes(self, shot: Shot) -> tuple[list[int], Bytes]:
         """Which cameras of the group have a picture of a shot, and bit-planes (P, H, W) of these."""
