@@ -131,7 +131,7 @@ class LiveSettings(BaseModel):
         return 0.6 * self.period_s if self.tolerance_s is None else self.tolerance_s
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LiveTake(Take):
     """Live input in the place of a recording, checked by `open_live`."""
 
