@@ -125,6 +125,7 @@ class Programme:
         """The browser has taken in what was sent."""
         if self._sending is not None:
             self._sending.done(self._began_s, self._made_s)
+        if self._sending in (None, self._grid_rhythm):  # of the others nobody has counted the bytes
             self._connection.note(self._sent_bytes, time.monotonic() - self._made_s)
         if self._placed is not None and self._show.is_live and self._controls.player.is_live:
             self._behind_s = time.monotonic() - self._placed.arrived_s

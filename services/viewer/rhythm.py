@@ -35,13 +35,17 @@ class Connection:
 
     def __init__(self) -> None:
         self._seconds_per_byte: float | None = None
+        self._base_s = 0.0
+        """What an answer takes whatever was sent: a browser that draws slowly is no slow connection."""
 
     def note(self, sent_bytes: int, answer_s: float) -> None:
         """An update of so many bytes was answered after so long."""
         if sent_bytes >= _FEW_BYTES:
-            found = answer_s / sent_bytes
+            found = max(answer_s - self._base_s, 0.0) / sent_bytes
             known = found if self._seconds_per_byte is None else self._seconds_per_byte
             self._seconds_per_byte = known + _SMOOTH * (found - known)
+        else:
+            self._base_s += _SMOOTH * (answer_s - self._base_s)
 
     def seconds_for(self, n_bytes: int) -> float | None:
         """How long so many bytes will probably take; None where nothing is known yet."""
