@@ -2,20 +2,19 @@
 
 import logging
 from collections.abc import Callable
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 from urllib.parse import urlsplit
 
 import typer
+from pythonosc.osc_bundle import OscBundle
+from pythonosc.udp_client import UDPClient
 
 from proto.keys import ClientKeys
 from proto.streams import DEFAULT_ENDPOINT
+from services.bridge.puppeteer import Puppeteer
 from services.mocap.errors import UserError
 from services.mocap.motion.settings import CUTOFFS_HZ
 from services.process import KeysOption, StopRequest, keys_of_client, run_service
-
-if TYPE_CHECKING:
-    from pythonosc.osc_bundle import OscBundle
 
 DEFAULT_LISTENER = "127.0.0.1:39539"
 """Where tools listen for VMC by default, on this machine."""
@@ -36,16 +35,14 @@ def address_of(text: str) -> tuple[str, int]:
     return host, port
 
 
-def open_sender(host: str, port: int) -> "Callable[[OscBundle], None]":
+def open_sender(host: str, port: int) -> Callable[[OscBundle], None]:
     """What sends packets there, whether anybody listens or not; raises UserError for an unknown host."""
-    from pythonosc.udp_client import UDPClient
-
     try:
         client = UDPClient(host, port)
     except OSError as error:
         raise UserError(f"--vmc {host}:{port}: is not to be found ({error}): expected HOST:PORT") from None
 
-    def send(bundle: "OscBundle") -> None:
+    def send(bundle: OscBundle) -> None:
         try:
             client.send(bundle)
         except OSError as error:  # the network is down, or busy: the next pose is a newer one
@@ -63,10 +60,6 @@ def serve(
     stop: StopRequest,
 ) -> None:
     """Send what a coordinator tracks until a stop is asked for."""
-    if find_spec("pythonosc") is None:
-        raise UserError("the bridge needs python-osc, which is not here: pip install python-osc")
-    from services.bridge.puppeteer import Puppeteer
-
     send = open_sender(*address_of(listener))
     puppeteer = Puppeteer(endpoint, keys, send, take=take, cutoff_hz=cutoff_hz)
     log.info("coordinator at %s; sending VMC to %s", endpoint, listener)
