@@ -40,10 +40,11 @@ def calibrate(clips: Path, out: Path, said: dict[str, object], lens: Lens = "nor
     return printed.export_text(), warned.export_text()
 
 
-def scene(board: Board, moments: int = 10, n_cameras: int = 3) -> Scene:
+def scene(board: Board, moments: int = 10, n_cameras: int = 3, width_px: int = 1200) -> Scene:
     """Three neighbours of a ring of eight; the middle one sees the board with either neighbour."""
     rng = np.random.default_rng(11)
-    return shown_to_neighbours(ring(n_cameras, 1200, 900, rng, of=8), board, moments, rng, closed=False)
+    cameras = ring(n_cameras, width_px, width_px * 3 // 4, rng, of=8)
+    return shown_to_neighbours(cameras, board, moments, rng, closed=False)
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +91,7 @@ def test_cameras_are_found_by_pictures_of_a_charuco_board(
 
 
 def test_a_chessboard_does_as_well_and_its_two_ends_are_told_apart(tmp_path: Path) -> None:
-    shown = scene(CHESS)
+    shown = scene(CHESS, width_px=800)  # looking for a chessboard that is not there takes long
     write_pictures(tmp_path / "clips", shown, np.random.default_rng(13))
     calibrate(tmp_path / "clips", tmp_path / "calibration.toml", SAID_CHESS)
     found = read_calibration(tmp_path / "calibration.toml", "z")
@@ -144,7 +145,9 @@ def test_a_wrong_board_is_noticed(clips: Path, tmp_path: Path, changed: dict[str
 
 
 def test_a_chessboard_of_a_wrong_size_is_noticed(tmp_path: Path) -> None:
-    write_pictures(tmp_path / "clips", scene(CHESS, moments=5, n_cameras=2), np.random.default_rng(14))
+    write_pictures(
+        tmp_path / "clips", scene(CHESS, moments=5, n_cameras=2, width_px=640), np.random.default_rng(14)
+    )
     assert "shows a chessboard of 5x8 squares" in complaint(
         tmp_path / "clips", tmp_path, SAID_CHESS | {"squares": "4x7"}
     )

@@ -38,7 +38,7 @@ def needed(tool: Path | None) -> Path:
 def test_blender_puts_the_joints_where_we_do(result: Result, tmp_path: Path) -> None:
     """In BVH files of every naming, unit and rest pose, and in glTF."""
     program, motion = needed(tools.blender()), result.motion
-    chosen = list(zip(get_args(Naming), ("m", "cm", "m"), ("T", "A", "A"), strict=True))
+    chosen = list(zip(get_args(Naming), ("m", "cm", "m", "cm"), ("T", "A", "A", "T"), strict=True))
     files = [tmp_path / f"{n}.bvh" for n in range(len(chosen))]
     for file, (naming, unit, rest) in zip(files, chosen, strict=True):
         offsets_m = motion.body.offsets_m
