@@ -78,6 +78,8 @@ class Programme:
         self._placed: Shot | None = None
         self._behind_s: float | None = None
         self._told, self._advanced_s = -1, time.monotonic()
+        self._grid_told = self._told
+        """What the user had asked for when the grid was drawn last."""
         self._looked = False
 
     def _add_grid(self, gui: viser.GuiApi) -> viser.GuiHtmlHandle | None:
@@ -107,7 +109,7 @@ class Programme:
             sent = [self._show_body(shot), self._show_timeline(shot)]
         with self._client.atomic():  # by itself, since drawing takes its time
             # Of what is large only one thing at a time, so that the next body does not wait for all.
-            sent.append(self._show_curves(shot) or self._hang(shot) or self._show_grid(shot))
+            sent.append(self._show_grid(shot) or self._show_curves(shot) or self._hang(shot))
         self._told, self._made_s = controls.version, time.monotonic()
         return any(sent)
 
@@ -199,7 +201,7 @@ class Programme:
         stands = self._drawn == (shot.frame, look)
         if artist is None or self._grid is None or (stands and (self._share == 1.0 or self._is_followed)):
             return False
-        is_asked_for = self._drawn is not None and self._drawn[1] != look
+        is_asked_for = self._drawn is not None and self._grid_told != self._controls.version
         if not is_asked_for and not self._grid_rhythm.is_due():
             return False
         self._share = 1.0 if stands else self._fitting_share()
@@ -210,6 +212,7 @@ class Programme:
             tiles, self._show.camera_names, shot.frame, square=look.part is not None
         )
         self._drawn, self._sending = (shot.frame, look), self._grid_rhythm
+        self._grid_told = self._controls.version
         return True
 
     @property

@@ -4,8 +4,9 @@ import time
 
 _SMOOTH = 0.5
 """How much of a connection's last answer goes into what is known of it."""
-_LINE_REST = 3.0
-"""After something was on its way nothing of it is sent for so many times as long as that took."""
+_LINE_REST = 1.0
+"""After something was on its way nothing of it is sent for so many times as long as that took, so that other
+things have their turn."""
 _FEW_BYTES = 5_000
 """Updates of fewer bytes say nothing of how many get through."""
 

@@ -112,7 +112,7 @@ def test_live(
     first.wait(10)
     before = max(_frames(page))
     start_viewer(*arguments)
-    _until(lambda: len(_frames(page)) == 8 and min(_frames(page)) > before, "the page does not come back", 90)
+    _until(lambda: len(seen := _frames(page)) == 8 and min(seen) > before, "the page does not come back", 90)
 
 
 def test_results(result: Path, start_viewer: Start, free_port: int, page: Page, screenshots: Path) -> None:
