@@ -19,10 +19,9 @@ from services.mocap.types import Bytes, Mask
 
 _KEPT_BYTES = 2**26
 """Of silhouettes that are kept while a frame is solved; the oldest give way."""
-_STRIDE_S = 0.2
-"""From one shot to the next, while it catches up: so far a tracker follows an actor."""
 _GAINING = 1.5
-"""How much faster than the cameras it is, while it catches up."""
+"""How much faster than the cameras it is, at least, while it catches up. Shots are left out only where that
+needs it: long strides bring limbs into doubt, which takes longer than the shots that were left out."""
 _PRESENT_S, _PRESENT_SHOTS = 0.5, 3.0
 """A camera of which nothing has come for so long, and for so many shots, is not waited for."""
 _REMEMBERED = 300
@@ -168,7 +167,7 @@ class LiveFrames:
     def _on_the_way(self, whole: list[int]) -> int:
         """Of whole shots one that the tracker can still follow to, far enough on to get to the newest."""
         fps = self._take.settings.fps
-        stride = max(ceil(_STRIDE_S * fps), ceil(_GAINING * self._away_s * fps))
+        stride = max(1, ceil(_GAINING * self._away_s * fps))
         near = [shot for shot in whole if shot <= self._last_shot + stride]
         chosen = near[-1] if near else whole[0]
         self._is_behind = chosen < whole[-1]
