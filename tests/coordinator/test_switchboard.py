@@ -25,7 +25,7 @@ def endpoint() -> str:
 @pytest.fixture
 def board(endpoint: str) -> Iterator[Switchboard]:
     """A coordinator whose take has begun, with one recorder to come."""
-    board = Switchboard(endpoint, on_silhouettes=lambda _: None)
+    board = Switchboard(endpoint, on_silhouettes=lambda _: None, on_sources=lambda _: None)
     board.begin(RUN, first_frame=0, recorders=1)
     yield board
     board.close()
