@@ -96,8 +96,8 @@ def ask(path: Path) -> Mapping[str, object]:
         context.term()
 
 
-def main() -> None:
-    """Print what the service says; the exit code is 0 where it works, else 1."""
+def health() -> None:
+    """Ask the service whose socket XORMOCAP_HEALTH names whether it works, as a container's probe does."""
     path = os.environ.get(VARIABLE)
     if not path:
         sys.exit(f"{VARIABLE}: expected the path of a service's socket for health")
@@ -110,4 +110,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    health()

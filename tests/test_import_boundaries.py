@@ -11,30 +11,8 @@ ROOT = Path(__file__).resolve().parents[1]
 SHARED = ("services.process", "services.follower", "services.contents")
 """What services share: the entry of all, and what those share that only follow a coordinator; beside the
 services, not in one."""
-COMMAND = (
-    "services.cli",
-    "services.track",
-    "services.progress",
-    "services.launcher",
-    "services.doctor",
-    "services.export",
-    "services.checks",
-    "services.calibrate",
-    "services.calibrate_board",
-    "services.calibrate_check",
-    "services.calibrate_files",
-    "services.sync",
-    "services.take_outlines",
-    "services.fit",
-    "services.fit_files",
-    "services.fit_show",
-    "services.keys",
-    "services.view",
-    "services.view_show",
-    "services.status",
-    "services.bench",
-    "services.soak",
-)
+NO_SERVICES = ("commands", "runs", "checks", "bench", "soak")
+COMMAND = ("services.cli", *(f"services.{folder}" for folder in NO_SERVICES))
 """The command starts the services and may use what they are made of."""
 WORLDLY = {
     *("zmq", "socket", "socketserver", "ssl", "http", "urllib.request", "asyncio"),
@@ -69,7 +47,7 @@ IMPORTS: dict[str, set[str]] = {**dict(read_modules("services")), **dict(read_mo
 SERVICES = sorted(
     f"services.{folder.name}"
     for folder in (ROOT / "services").iterdir()
-    if (folder / "__init__.py").is_file() and folder.name not in ("mocap", "bench", "checks", "soak")
+    if (folder / "__init__.py").is_file() and folder.name not in ("mocap", *NO_SERVICES)
 )
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from rich.table import Table
 
 from services.bench.people import FPS, Person, Sex, Stance, Variety, somebody
-from services.fit import guess_first_pose
 from services.mocap.body.actor import build_body
 from services.mocap.body.bones import BONES as GENERIC
 from services.mocap.body.kinematics import joint_positions
@@ -22,6 +21,7 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
+from services.runs.fit import guess_first_pose
 
 BONES = (
     "hip_width", "shoulder_width", "trunk", "neck", "head",

@@ -18,11 +18,11 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-from services.launcher import free_endpoint
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
-from services.track import Job, track
+from services.runs.launcher import free_endpoint
+from services.runs.track import Job, track
 
 WAYS = ("no viewer", "viewer, no browser", "viewer, one browser")
 _WORKERS = 4

@@ -12,14 +12,14 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from services.launcher import ServiceFailedError
 from services.mocap.errors import UserError
+from services.runs.launcher import ServiceFailedError
+from services.runs.track import Interrupted
 from services.soak import fuzz as decoder
 from services.soak import siege
 from services.soak.fire import BrokenServiceError
 from services.soak.kills import kill_at_random, show_kills
 from services.soak.memory import MOST_GROWTH_MIB, show_memory, watch_memory
-from services.track import Interrupted
 
 app = typer.Typer(
     no_args_is_help=True,

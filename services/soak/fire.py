@@ -6,7 +6,7 @@ import zmq
 
 from proto.sockets import connect, make_socket, take
 from proto.streams import StreamName, stream_endpoint
-from services.launcher import Launcher
+from services.runs.launcher import Launcher
 from services.soak.fuzz import rss_mib
 from services.soak.hostile import Frames
 

@@ -12,16 +12,16 @@ from statistics import median
 from rich.console import Console
 from rich.table import Table
 
-from services.launcher import Launcher, free_endpoint
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
-from services.progress import Progress
+from services.runs.launcher import Launcher, free_endpoint
+from services.runs.progress import Progress
+from services.runs.track import Job, track
 from services.soak.dice import Dice
 from services.soak.latency import Latency, Stopwatch
 from services.soak.stage import make_take
 from services.soak.villain import Habits, Villain
-from services.track import Job, track
 
 _CAMERAS = 4
 _WORKERS = 4

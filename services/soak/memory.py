@@ -13,17 +13,17 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from services.launcher import SERVICES, Launcher
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import SETTINGS, silhouette_folder, silhouette_path
 from services.mocap.take.settings import read_settings, write_settings
-from services.progress import Progress
+from services.runs.launcher import SERVICES, Launcher
+from services.runs.progress import Progress
+from services.runs.track import Job, track
 from services.segmentation.files import write_silhouettes
 from services.soak.fuzz import rss_mib
 from services.soak.stage import make_take
-from services.track import Job, track
 
 _MOTION_FRAMES = 30
 _CAMERAS = 4

@@ -15,7 +15,7 @@ import zmq
 from proto.framing import MalformedMessage, decode
 from proto.messages import Hello, Recorded
 from proto.streams import StreamName
-from services.launcher import Launcher, free_endpoint
+from services.runs.launcher import Launcher, free_endpoint
 from services.soak.dice import Dice
 from services.soak.fire import BREATH_S, BURST, LOOK_S, PATIENCE_S, TARGETS, BrokenServiceError, Fire, Memory
 from services.soak.hostile import Frames, Hostile

@@ -9,7 +9,7 @@ import zmq
 from proto.messages import BlobRequest, Hello, Message
 from proto.sockets import bind, make_socket, receive_from, take, wait
 from proto.streams import stream_endpoint
-from services.launcher import Launcher, free_endpoint
+from services.runs.launcher import Launcher, free_endpoint
 from services.soak.fire import BREATH_S, BURST, LOOK_S, PATIENCE_S, BrokenServiceError, Memory, sent
 from services.soak.hostile import Frames, Hostile
 from services.soak.specimens import specimens

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
-from services.launcher import Launcher
+from services.runs.launcher import Launcher
 from services.soak.dice import Dice
 from services.soak.latency import Stopwatch
 

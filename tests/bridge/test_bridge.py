@@ -16,7 +16,6 @@ from test_humanoid import places_of
 
 from services.bridge.__main__ import address_of
 from services.bridge.humanoid import BONES, Bone
-from services.launcher import free_endpoint
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
@@ -28,6 +27,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_settings
 from services.mocap.types import Floats
+from services.runs.launcher import free_endpoint
 
 pytestmark = pytest.mark.timeout(120)
 

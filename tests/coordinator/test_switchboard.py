@@ -10,7 +10,7 @@ import zmq
 from proto.link import Link
 from proto.messages import Hello, Recorded
 from services.coordinator.switchboard import Switchboard
-from services.launcher import free_endpoint
+from services.runs.launcher import free_endpoint
 
 RUN = "0123456789abcdef" * 2
 END_FRAME = 10

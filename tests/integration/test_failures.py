@@ -12,14 +12,14 @@ from pathlib import Path
 import psutil
 import pytest
 
-from services.launcher import Launcher, ServiceFailedError
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
 from services.mocap.take.journal import JOURNAL, read_poses
 from services.mocap.take.tables import read_poses_csv
-from services.progress import Progress
-from services.track import Interrupted, Job, track
+from services.runs.launcher import Launcher, ServiceFailedError
+from services.runs.progress import Progress
+from services.runs.track import Interrupted, Job, track
 
 pytestmark = pytest.mark.timeout(280)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from busy import BUSY
 
-from services.launcher import Launcher, free_endpoint
+from services.runs.launcher import Launcher, free_endpoint
 
 pytestmark = pytest.mark.timeout(280)
 

@@ -10,8 +10,6 @@ import av
 import numpy as np
 import pytest
 
-from services.live import LiveJob, live
-from services.live_watch import LiveProgress, in_words
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.motion.settings import OutputSettings
@@ -19,6 +17,8 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
 from services.mocap.take.live import open_live
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
+from services.runs.live import LiveJob, live
+from services.runs.live_watch import LiveProgress, in_words
 
 pytestmark = pytest.mark.timeout(280)
 

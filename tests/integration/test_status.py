@@ -13,7 +13,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from services.launcher import Launcher, free_endpoint
+from services.runs.launcher import Launcher, free_endpoint
 from services.soak.latency import Stopwatch
 
 pytestmark = pytest.mark.timeout(280)

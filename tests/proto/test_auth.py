@@ -16,7 +16,7 @@ from proto.link import Line, Link
 from proto.messages import Beat, Credit, Hello, Message
 from proto.sockets import OpenConnectError, connect, make_socket, receive, send
 from services.coordinator.ports import Ports
-from services.launcher import free_endpoint
+from services.runs.launcher import free_endpoint
 
 _PATIENCE_S = 10.0
 _CREDIT = Credit(take="walk", run="0" * 32, next_frame=0, end_frame=8)

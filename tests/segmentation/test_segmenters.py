@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from services import cli
+from services.commands import consoles
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.take.folder import Take, open_take
@@ -239,7 +240,7 @@ def test_segment_takes_the_option_and_warns(
 ) -> None:
     folder, shown = small_take(frames=18), list[str]()
     shutil.rmtree(folder / "background")
-    monkeypatch.setattr(cli.err_console, "print", lambda text="", **_: shown.append(str(text)))
+    monkeypatch.setattr(consoles.stderr, "print", lambda text="", **_: shown.append(str(text)))
     monkeypatch.setenv("XORMOCAP_SEGMENTER", "mog2")
     result = CliRunner().invoke(cli.app, ["segment", str(folder), "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output

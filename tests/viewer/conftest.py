@@ -14,7 +14,6 @@ import pytest
 from playback import Playback
 from playwright.sync_api import Browser, sync_playwright
 
-from services.launcher import free_endpoint
 from services.mocap.body.actor import Actor
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
@@ -22,6 +21,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import PARTS
 from services.mocap.take.settings import read_settings
+from services.runs.launcher import free_endpoint
 from services.viewer.reel import STAGES, Shot
 
 FLAGS = (

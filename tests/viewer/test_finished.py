@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from services.commands.view_show import finished_show
 from services.mocap.errors import UserError
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv
-from services.view_show import finished_show
 from services.viewer.finished import FinishedTake
 from services.viewer.tiles import Look
 

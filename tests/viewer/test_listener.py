@@ -8,8 +8,8 @@ import pytest
 from playback import Playback
 
 from proto.messages import PoseRequest, SilhouettesRequest
-from services.launcher import free_endpoint
 from services.mocap.take.folder import Take
+from services.runs.launcher import free_endpoint
 from services.viewer.listener import Listener
 from services.viewer.show import Show
 from services.viewer.tiles import Look

@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from proto.messages import Telemetry
-from services.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
-from services.live_watch import LiveProgress, LiveWatch
 from services.mocap.atomic import atomic_file
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.motion.settings import OutputSettings
@@ -22,7 +20,9 @@ from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import begin_recording, finish_recording
 from services.process import engine_arguments, output_arguments, search_arguments
 from services.recorder.result_folder import partial_of
-from services.track import StopSignals
+from services.runs.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
+from services.runs.live_watch import LiveProgress, LiveWatch
+from services.runs.track import StopSignals
 
 _LOOK_S = 0.2
 _TOLD = ("segmentation", "coordinator", "recorder")

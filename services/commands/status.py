@@ -8,7 +8,7 @@ from typing import Annotated, Self
 
 import typer
 import zmq
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -19,6 +19,7 @@ from proto.link import Line
 from proto.messages import OPEN_END, Pose, TakeEnd, Telemetry
 from proto.sockets import receive, wait
 from proto.streams import DEFAULT_ENDPOINT, AddressError
+from services.commands.consoles import stdout
 from services.mocap.errors import UserError
 from services.process import KeysOption, keys_of_client
 
@@ -151,7 +152,7 @@ def status(
             if in_json:
                 sys.stdout.write(as_json(told) + "\n")
             elif once:
-                Console().print(as_table(told, watch.frames_per_s, watch.silent_s))
+                stdout.print(as_table(told, watch.frames_per_s, watch.silent_s))
             else:
                 _live(watch, told)
     except (AddressError, KeysError) as error:

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from services.commands.take_outlines import outlines_of
 from services.mocap.calibration.agreeing import Agreement, agreement_of, likely_mistake
 from services.mocap.calibration.hull_shares import filled_by_others
 from services.mocap.calibration.remarks import remarks_on
@@ -14,7 +15,6 @@ from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
 from services.mocap.take.folder import open_take
 from services.mocap.types import Floats
-from services.take_outlines import outlines_of
 
 _MOST_FRAMES = 60
 _FEWEST_CAMERAS = 2

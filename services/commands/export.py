@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.console import Console
 
+from services.commands.consoles import say
 from services.mocap.errors import UserError, in_short, nearest
 from services.mocap.export.bone_names import Naming
 from services.mocap.export.formats import DEFAULT_FORMATS, FORMATS, FormatName, Options, write_formats
@@ -40,7 +40,7 @@ def export(
     names = tuple(map(_format, dict.fromkeys(to or DEFAULT_FORMATS)))
     options = Options(naming=naming, unit=unit, rest=rest, take=take)
     for path in write_formats(folder, load_result(result), names, options):
-        Console().print(path, markup=False, highlight=False, soft_wrap=True)
+        say(str(path))
 
 
 def _format(name: str) -> FormatName:

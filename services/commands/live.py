@@ -1,18 +1,18 @@
 """`xormocap live`: from cameras to poses while the actor performs."""
 
-import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from services.live import LiveJob, live, serve_group
-from services.live_watch import LiveProgress, in_words
+from services.commands.consoles import stderr, stdout, warn
+from services.commands.track import accuracy_in_words
+from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError, nearest
 from services.mocap.motion.settings import Smoother
@@ -35,12 +35,14 @@ from services.process import (
     output_settings,
 )
 from services.recorder.result_folder import check_out
-from services.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
+from services.runs.live import LiveJob, serve_group
+from services.runs.live import live as track_live
+from services.runs.live_watch import LiveProgress, in_words
 
 _SMOOTHER: Smoother = "one-euro"
 
 
-def live_command(
+def live(
     config: Annotated[Path, typer.Argument(help="A TOML file that names the cameras.", metavar="CONFIG")],
     out: Annotated[Path | None, typer.Option(help="Where the results go; results/<name> by default.")] = None,
     workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 1,
@@ -63,7 +65,7 @@ def live_command(
     keys: KeysOption = None,
 ) -> None:
     """Track live cameras until Ctrl-C: poses on the wire as they are found, and results at the end."""
-    console, take = Console(stderr=True), open_live(config)
+    take = open_live(config)
     engine, output = engine_settings(backend, threads), output_settings(smooth, cutoff_hz)
     search = search_settings(changes or [], settings, len(take.cameras), preset)
     check_cost(engine, search.cost)
@@ -85,10 +87,10 @@ def live_command(
         serve_group(job, _known(group, take, config), _endpoint(take, config))
         return
     check_out(folder)
-    console.print(_body(take), markup=False, highlight=False, soft_wrap=True)
+    stderr.print(_body(take), markup=False, soft_wrap=True)
     if watch:
-        job = LiveJob(**{**vars(job), "page": tell_page(port, console)})
-    report = _track(job, console)
+        job = replace(job, page=tell_page(port, stderr))
+    report = _track(job)
     if report is None:
         raise UserError(f"{config}: nobody was tracked: the logs of xormocap live told why, line by line")
     _summarise(report, folder, record)
@@ -96,17 +98,16 @@ def live_command(
         view(folder, record, port)
 
 
-def _track(job: LiveJob, console: Console) -> dict[str, Any] | None:
+def _track(job: LiveJob) -> dict[str, Any] | None:
     """Track with a line that tells how it goes; warnings come after it."""
     warnings: list[str] = []
-    with Live(Text("starting"), console=console, refresh_per_second=4) as line:
+    with Live(Text("starting"), console=stderr, refresh_per_second=4) as line:
 
         def show(progress: LiveProgress) -> None:
             line.update(Text(in_words(progress)))
 
-        report = live(job, show=show, warn=warnings.append)
-    for sentence in dict.fromkeys(warnings):
-        console.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)
+        report = track_live(job, show=show, warn=warnings.append)
+    warn(warnings)
     return report
 
 
@@ -144,14 +145,11 @@ def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> Non
         drops = {name: counts[where] for name, counts in live_part.get("drops", {}).items()}
         table.add_row(f"dropped by {where}", _by_camera(drops))
     if "accuracy" in report:
-        accuracy = report["accuracy"]
-        table.add_row(
-            "joint error", f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"
-        )
+        table.add_row("joint error", accuracy_in_words(report["accuracy"]))
     table.add_row("results", escape(str(folder)))
     if record is not None:
         table.add_row("take", escape(str(record)))
-    Console(file=sys.stdout).print(table)
+    stdout.print(table)
 
 
 def _by_camera(drops: dict[str, int]) -> str:

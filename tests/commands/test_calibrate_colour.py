@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from services import calibrate as command
-from services.calibrate_colour import calibrate_colour
+from services.commands.calibrate import command
+from services.commands.calibrate.colour import calibrate_colour
 from services.mocap.calibration.colour_chart import fit_colours, reference_levels
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import ColourCorrection, encoded_of, linear_of, write_colours

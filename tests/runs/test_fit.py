@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from services import cli, fit_show
-from services.fit import TakeFit, fit_take, init_frames
-from services.fit_files import write_fit
+from services import cli
+from services.commands import fit_show
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOFS
 from services.mocap.camera.camera import Camera
@@ -30,6 +29,8 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_settings, write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import Bytes, Floats, Mask
+from services.runs.fit import TakeFit, fit_take, init_frames
+from services.runs.fit_files import write_fit
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenters
 from services.segmentation.source import Segmenter
@@ -137,7 +138,7 @@ def masks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Mask]:
     def repeated(mask: Mask, start: int, stop: int) -> Iterator[Mask]:
         return iter([mask] * (stop - start))
 
-    monkeypatch.setattr("services.fit.make_segmenters", segmenters)
+    monkeypatch.setattr("services.runs.fit.make_segmenters", segmenters)
     return shown
 
 

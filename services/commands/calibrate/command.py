@@ -1,15 +1,14 @@
 """`xormocap calibrate`: cameras from clips of a board, from other tools' files, or checked by silhouettes."""
 
-from rich.console import Console
-
-from services import calibrate_options as options
-from services.calibrate_board import calibrate_by_board, draw_board
-from services.calibrate_check import check_take
-from services.calibrate_colour import calibrate_colour
-from services.calibrate_files import convert
+from services.commands.calibrate import options
+from services.commands.calibrate.board import calibrate_by_board, draw_board
+from services.commands.calibrate.check import check_take
+from services.commands.calibrate.colour import calibrate_colour
+from services.commands.calibrate.files import convert
+from services.commands.consoles import say
+from services.commands.consoles import stderr as _err
+from services.commands.consoles import stdout as _out
 from services.mocap.errors import UserError
-
-_out, _err = Console(highlight=False), Console(stderr=True, highlight=False)
 
 
 def calibrate(
@@ -49,7 +48,7 @@ def calibrate(
         if out is None:
             raise UserError("calibrate --import: expected --out, the file or folder to write")
         convert(source, kind, out, target, size, units, scale, world, up, _err)
-        _out.print(f"{out}", markup=False)
+        say(f"{out}")
     else:
         said = {
             "kind": board,

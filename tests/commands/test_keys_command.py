@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from proto.keys import allowed_clients, client_keys, server_keys
-from services.keys import ROLES, app
+from services.commands.keys import ROLES, app
 from services.mocap.errors import UserError
 
 

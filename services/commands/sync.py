@@ -6,10 +6,11 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from services.commands.consoles import stderr, stdout
+from services.commands.take_outlines import outlines_of
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.steps import InStep, find_offsets
 from services.mocap.calibration.tangents import touches_of
@@ -17,7 +18,6 @@ from services.mocap.errors import TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_settings
-from services.take_outlines import outlines_of
 
 _MOST_FRAMES = 900
 _LEAST_CONFIDENCE = 0.15
@@ -25,8 +25,6 @@ _OFFSETS_TABLE = re.compile(r"^\[offsets\].*\n(?:(?!\[).*\n?)*", re.MULTILINE)
 _OFFSETS_INLINE = re.compile(r"^offsets\s*=.*\n?", re.MULTILINE)
 _FRAMES = re.compile(r"^(\s*frames\s*=\s*)\d+", re.MULTILINE)
 _INIT_FRAMES = re.compile(r"^(\s*init_frames\s*=\s*)\d+", re.MULTILINE)
-
-_out, _err = Console(highlight=False), Console(stderr=True, highlight=False)
 
 
 def sync(
@@ -43,10 +41,10 @@ def sync(
     """
     opened = open_take(take, in_step=False).without_offsets()
     frames = range(min(opened.settings.frames, _MOST_FRAMES))
-    cameras, outlines, _ = outlines_of(opened, frames, 1, _err)
+    cameras, outlines, _ = outlines_of(opened, frames, 1, stderr)
     width_px = float(np.median([camera.width_px for camera in cameras]))
     found = find_offsets(touches_of(cameras, outlines), len(cameras), reach, width_px)
-    _out.print(_table(opened, found))
+    stdout.print(_table(opened, found))
     unsure = [
         camera.name
         for camera, sure in zip(cameras, found.confidence, strict=True)
@@ -80,7 +78,7 @@ def _write(take: Take, found: InStep) -> None:
         part.write_text(f"{text.rstrip()}\n\n{table}", encoding="utf-8")
         if read_settings(part).offsets != offsets:
             raise TakeError(f"{path}: is laid out in a way that sync does not understand: put in {offsets}")
-    _out.print(f"{path}: offsets of {len(names)} cameras, frames = {frames}", markup=False, soft_wrap=True)
+    stdout.print(f"{path}: offsets of {len(names)} cameras, frames = {frames}", markup=False, soft_wrap=True)
 
 
 def _held(take: Take) -> list[int]:

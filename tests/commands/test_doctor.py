@@ -7,8 +7,9 @@ import pytest
 from machines import MESA
 from typer.testing import CliRunner
 
-from services import cli, doctor
-from services.doctor import Check, State, opengl_checks
+from services import cli
+from services.commands import doctor
+from services.commands.doctor import Check, State, opengl_checks
 from services.mocap.energy.egl_setup import EglSetup
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.gl.devices import Found

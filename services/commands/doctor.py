@@ -10,8 +10,10 @@ from importlib.metadata import PackageNotFoundError, version
 
 import av
 import numpy as np
+from rich.markup import escape
+from rich.table import Table
 
-from services.launcher import ServiceFailedError, free_endpoint
+from services.commands.consoles import stdout
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX
@@ -26,6 +28,7 @@ from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import whole_body_energy
 from services.mocap.synth.studio import studio_cameras
+from services.runs.launcher import ServiceFailedError, free_endpoint
 
 _LIBRARIES = (
     "numpy",
@@ -176,3 +179,21 @@ def _rate(engine: Engine, batch: int) -> float:
         count += batch
     backend.close()
     return count / elapsed_s
+
+
+_STATE_WORDS = {
+    State.OK: "[green]ok[/]",
+    State.HINT: "[yellow]hint[/]",
+    State.MISSING: "[red]missing[/]",
+}
+
+
+def doctor() -> None:
+    """Say what this machine has, and what is missing."""
+    table = Table(show_header=False, box=None)
+    checks = examine()
+    for check in checks:
+        table.add_row(_STATE_WORDS[check.state], check.name, escape(check.finding))
+    stdout.print(table)
+    if any(check.state is State.MISSING for check in checks):
+        sys.exit(1)

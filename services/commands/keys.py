@@ -10,10 +10,10 @@ from typing import Annotated
 
 import typer
 import zmq.auth
-from rich.console import Console
 from rich.table import Table
 
 from proto.keys import CLIENT, CLIENTS, COORDINATOR, PUBLIC, SECRET, SERVER, allowed_clients
+from services.commands.consoles import say, stdout
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
 
@@ -29,7 +29,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Keys for services that talk beyond this machine.",
 )
-_console = Console(highlight=False, soft_wrap=True, markup=False)
 Folder = Annotated[Path, typer.Argument(help="The folder of all keys.", metavar="DIR")]
 Names = Annotated[list[str], typer.Argument(help="The clients' names.", metavar="NAME...")]
 
@@ -55,7 +54,7 @@ def new(
     except OSError as problem:
         reason = problem.strerror
         raise UserError(f"{folder}: cannot be written ({reason}): choose a folder of your own") from None
-    _console.print(f"{folder}: keys of the {COORDINATOR} and of {len(names)} clients: {', '.join(names)}")
+    say(f"{folder}: keys of the {COORDINATOR} and of {len(names)} clients: {', '.join(names)}")
 
 
 @app.command(epilog=_SEE)
@@ -68,7 +67,7 @@ def add(folder: Folder, names: Names) -> None:
             raise UserError(f"{folder / name}: is there already: choose another name, or revoke it first")
     for name in names:
         _make_client(folder, name)
-        _console.print(f"{folder / name}: give this folder to the service of that name")
+        say(f"{folder / name}: give this folder to the service of that name")
 
 
 @app.command(epilog=_SEE)
@@ -83,7 +82,7 @@ def revoke(folder: Folder, names: Names) -> None:
     for name in names:
         _listed(folder, name).unlink()
         shutil.rmtree(folder / name, ignore_errors=True)
-        _console.print(f"{name}: may no longer come in")
+        say(f"{name}: may no longer come in")
 
 
 @app.command(name="list")
@@ -93,7 +92,7 @@ def show(folder: Folder) -> None:
     table = Table("client", "public key", box=None)
     for key, name in _clients_of(folder).items():
         table.add_row(name, key.decode())
-    Console(highlight=False, markup=False).print(table)
+    stdout.print(table, markup=False)
 
 
 def _make_all(folder: Path, names: list[str]) -> None:

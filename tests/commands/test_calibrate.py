@@ -19,7 +19,7 @@ from board_stage import (
 )
 from rich.console import Console
 
-from services.calibrate_board import COVERAGE, RECORD, calibrate_by_board, draw_board
+from services.commands.calibrate.board import COVERAGE, RECORD, calibrate_by_board, draw_board
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.detection import Detector
 from services.mocap.calibration.lens import Lens

@@ -7,14 +7,14 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from services.fit import TakeFit, fit_take
-from services.fit_files import uncertainty_of, write_fit
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.fit_record import OVERLAY, TURNTABLE
 from services.mocap.take.folder import Take
 from services.process import DEFAULT_SEGMENTER
+from services.runs.fit import TakeFit, fit_take
+from services.runs.fit_files import uncertainty_of, write_fit
 
 _EVERY_CORE = 0
 _HEIGHT_CM = 2.0

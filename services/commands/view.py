@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from services.commands.consoles import say
+from services.commands.view_show import finished_show
 from services.mocap.errors import UserError
-from services.view_show import finished_show
 from services.viewer.address import LOOPBACK
 
 DEFAULT_PORT = 8080
@@ -51,7 +52,7 @@ def view(
     with PageServer(port) as server:
         server.show(show)
         words = f"look at http://{LOOPBACK}:{server.port} (Ctrl-C ends this)"
-        Console().print(words, markup=False, highlight=False, soft_wrap=True)
+        say(words)
         wait_for_stop()
 
 

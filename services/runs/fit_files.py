@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from services.fit import TakeFit
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
 from services.mocap.body.measures import Measure
@@ -33,6 +32,7 @@ from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import PoseTable, write_poses_csv
 from services.mocap.take.writer import write_picture
 from services.mocap.types import Bytes
+from services.runs.fit import TakeFit
 
 
 def write_fit(take: Take, found: TakeFit, folder: Path) -> None:

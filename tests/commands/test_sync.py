@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from services.calibrate_check import DisagreeError, check_take
+from services.commands.calibrate.check import DisagreeError, check_take
+from services.commands.sync import sync
 from services.mocap.camera.calibration import read_calibration, write_calibration
 from services.mocap.errors import TakeError, UserError
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
 from services.mocap.take.settings import read_settings
-from services.sync import sync
 
 FRAMES, N_CAMERAS = 60, 5
 AHEAD = {"cam01": 4, "cam02": 0, "cam03": 10, "cam04": 7, "cam05": 1}

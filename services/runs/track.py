@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from services.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import build_body
 from services.mocap.energy.detail.cache import levels_of
@@ -31,8 +30,9 @@ from services.process import (
     output_arguments,
     search_arguments,
 )
-from services.progress import PoseWatch, Progress
 from services.recorder.result_folder import partial_of
+from services.runs.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
+from services.runs.progress import PoseWatch, Progress
 from services.segmentation.segmenters import chosen_segmenter
 
 _ALONE_S = 2.0
@@ -48,7 +48,8 @@ class Interrupted(Exception):  # noqa: N818  (a request, not an error)
 
     def __init__(self, folder: Path | None) -> None:
         """Folder: where the frames solved by then are; None where there were none."""
-        super().__init__(folder)
+        kept = f"what was tracked by then is in {folder}; the same command goes on from there"
+        super().__init__(f"stopped; {kept if folder else 'nothing was tracked'}")
         self.folder = folder
 
 

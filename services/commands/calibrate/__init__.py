@@ -1,0 +1,1 @@
+"""`xormocap calibrate`: cameras from clips of a board, from other tools' files, or checked by silhouettes."""

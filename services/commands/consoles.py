@@ -1,0 +1,18 @@
+"""Where the commands print: what was asked for to stdout, what is said meanwhile to stderr."""
+
+from collections.abc import Iterable
+
+from rich.console import Console
+
+stdout, stderr = Console(highlight=False), Console(stderr=True, highlight=False)
+
+
+def say(line: str) -> None:
+    """Print a line as it is, however long: paths and addresses are to be copied."""
+    stdout.print(line, markup=False, soft_wrap=True)
+
+
+def warn(sentences: Iterable[str]) -> None:
+    """Print warnings, each once."""
+    for sentence in dict.fromkeys(sentences):
+        stderr.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)

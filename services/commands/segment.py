@@ -1,0 +1,28 @@
+"""`xormocap segment`: the silhouettes of a take as files."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import Progress
+
+from services.commands.consoles import say, stderr, warn
+from services.commands.options import TakeFolder
+from services.mocap.take.folder import open_take
+from services.process import DEFAULT_SEGMENTER, SegmenterOption
+from services.runs.fit import kept_warnings
+from services.segmentation.files import write_silhouettes
+
+
+def segment(
+    take: TakeFolder,
+    out: Annotated[Path, typer.Option(help="Where the silhouettes go.")],
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+) -> None:
+    """Write the silhouettes of a take's videos, as they are and not undistorted, for a take of their own."""
+    opened = open_take(take)
+    with kept_warnings() as warnings, Progress(console=stderr) as bar:
+        task = bar.add_task("segmenting", total=opened.settings.frames * len(opened.cameras))
+        write_silhouettes(opened, out, lambda: bar.advance(task), segmenter)
+    warn(warnings)
+    say(f"{out}/<camera>/000000.png: {opened.settings.frames} frames of {len(opened.cameras)} cameras")

@@ -1,0 +1,168 @@
+"""`xormocap track`: a recorded take becomes a motion."""
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from services.commands.consoles import stderr, stdout, warn
+from services.commands.fit_show import fit_with_bar
+from services.commands.options import MeshOption, TakeFolder, imported
+from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
+from services.mocap.energy.engine import check_cost
+from services.mocap.errors import UserError
+from services.mocap.search.overrides import search_settings
+from services.mocap.take.actor_file import take_actor
+from services.mocap.take.folder import open_take
+from services.mocap.take.frame_range import frame_range
+from services.process import (
+    DEFAULT_ENGINE,
+    DEFAULT_OUTPUT,
+    DEFAULT_SEGMENTER,
+    BackendOption,
+    CutoffOption,
+    SearchOption,
+    SegmenterOption,
+    SetOption,
+    SettingsOption,
+    SmoothOption,
+    ThreadsOption,
+    engine_settings,
+    output_settings,
+)
+from services.recorder.result_folder import check_out
+from services.runs.fit import init_frames
+from services.runs.progress import Progress as Run
+from services.runs.track import Job
+from services.runs.track import track as track_take
+from services.segmentation.segmenters import chosen_segmenter
+
+
+def track(
+    take: TakeFolder,
+    out: Annotated[Path | None, typer.Option(help="Where the results go; results/<take> by default.")] = None,
+    workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 4,
+    frames: Annotated[str, typer.Option(help="Only frames A up to but not including B, as A:B.")] = ":",
+    overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
+    backend: BackendOption = DEFAULT_ENGINE.backend,
+    threads: ThreadsOption = DEFAULT_ENGINE.threads,
+    preset: SearchOption = "default",
+    changes: SetOption = None,
+    settings: SettingsOption = None,
+    fit_first: Annotated[
+        bool,
+        typer.Option("--fit/--no-fit", help="Where the take has no actor.toml: fit the actor, or scale one."),
+    ] = True,
+    fitted: Annotated[
+        Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
+    ] = None,
+    mesh: MeshOption = None,
+    smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
+    cutoff_hz: CutoffOption = None,
+    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    watch: ViewOption = False,
+    port: PortOption = DEFAULT_PORT,
+    endpoint: Annotated[
+        str | None,
+        typer.Option(help="Where the coordinator listens, for xormocap status; free ports by default."),
+    ] = None,
+) -> None:
+    """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
+    if mesh is not None and (fitted is not None or not fit_first):
+        raise UserError("--mesh: is fitted first: leave out --fitted and --no-fit, or leave out --mesh")
+    opened = open_take(take)
+    engine = engine_settings(backend, threads)
+    job = Job(
+        take=opened,
+        out=out or Path("results") / take.resolve().name,
+        frames=frame_range(frames, opened),
+        workers=workers,
+        overlay=overlay,
+        engine=engine,
+        search=search_settings(changes or [], settings, len(opened.cameras), preset),
+        fitted=fitted,
+        output=output_settings(smooth, cutoff_hz),
+        segmenter=segmenter,
+        endpoint=endpoint,
+    )
+    chosen_segmenter(opened, segmenter)
+    check_cost(engine, job.search.cost)
+    check_out(job.out)
+    job = replace(job, page=tell_page(port, stderr) if watch else None)
+    is_to_fit = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
+    report = _fit_and_track(job, mesh) if is_to_fit else _track(job, [])
+    _summarise(report, job.out)
+    if watch:
+        view(job.out, take, port)
+
+
+def _fit_and_track(job: Job, mesh: Path | None) -> dict[str, Any]:
+    """Track with an actor that is fitted for this run alone; returns run.json."""
+    warnings: list[str] = []
+    own, take = imported(mesh, warnings), job.take
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        folder = Path(temporary)
+        found = fit_with_bar(
+            take, init_frames(take), job.engine, job.search, folder, stderr, own, job.segmenter
+        )
+        why = _why_fitted(take.folder, mesh)
+        return _track(replace(job, fitted=folder), [*warnings, why, *found.warnings])
+
+
+def _why_fitted(take: Path, mesh: Path | None) -> str:
+    if mesh is None:
+        return f"{take}: has no actor.toml: fitted one for this run; xormocap fit {take} puts one there"
+    return f"{mesh}: was fitted for this run; xormocap fit {take} --mesh {mesh} keeps it in the take"
+
+
+def _track(job: Job, warnings: list[str]) -> dict[str, Any]:
+    """Track with a progress bar; returns run.json. Prints these warnings and the run's at the end."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total} frames"),
+        TextColumn("{task.fields[fps]:.1f} fps  energy {task.fields[energy]:.0f} px"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=stderr) as bar:
+        task = bar.add_task("starting", total=len(job.frames), fps=0.0, energy=0.0)
+
+        def show(run: Run) -> None:
+            bar.update(
+                task,
+                completed=run.frames_done,
+                fps=run.frames_per_s,
+                energy=run.energy_px,
+                description=run.stage,
+            )
+
+        report = track_take(job, show=show, warn=warnings.append)
+    warn(warnings)
+    return report
+
+
+def _summarise(report: dict[str, Any], folder: Path) -> None:
+    speed, table = report["speed"], Table(show_header=False, box=None)
+    table.add_row("frames", f"{report['take']['frames']}")
+    table.add_row(
+        "frames per second",
+        f"{speed['frames_per_s']:.2f}, after {speed['first_frame_s']:.1f} s for the first",
+    )
+    table.add_row("evaluations per frame", f"{speed['evaluations_per_frame']:.0f}")
+    if "accuracy" in report:
+        table.add_row("joint error", accuracy_in_words(report["accuracy"]))
+        table.add_row("lost limbs", f"{len(report['accuracy']['lost_limbs'])}")
+    if report["trust"]["lowest_confidence"]:  # else nothing was judged
+        table.add_row("frames not to be trusted", f"{report['trust']['distrusted_frames']}")
+    table.add_row("results", escape(str(folder)))
+    stdout.print(table)
+
+
+def accuracy_in_words(accuracy: dict[str, Any]) -> str:
+    """The joint error of a run.json."""
+    return f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"

@@ -1,0 +1,1 @@
+"""What the commands run on this machine: the services as local processes, and the actor's fit."""
