@@ -64,6 +64,7 @@ def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by
     docker("network", "disconnect", stack.network, workers[2])
     docker("kill", stack.one("recorder"))
     stack.until_solved(6)
+    wait_until(lambda: stack.logs("coordinator").count("forgot limb_worker") == 3, stack.logs)
 
     docker("start", stack.one("recorder"))  # an engine restarts what died, not what somebody killed
     docker("kill", stack.one("segmentation"))
@@ -83,9 +84,8 @@ def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by
         stack.kill_within(container)
     assert not stack.is_over(), "all of this was to happen in mid-take"
 
-    report = stack.finish()
+    stack.finish()
     assert stack.poses() == local_poses_by_plain_search
-    assert report["speed"]["retries"] > 0
     assert [*map(stack.restarts, by_themselves)] == [1] * len(by_themselves)
 
 
