@@ -29,9 +29,22 @@ hypothesis.settings.register_profile("by_hand", deadline=None)
 hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "by_hand")
 
-_SHARED_TAKES = Path(__file__).resolve().parents[2] / "shared" / "data" / "takes"
+_TESTS = Path(__file__).resolve().parent
+_SHARED_TAKES = _TESTS.parents[1] / "shared" / "data" / "takes"
 _WIDTH_PX, _HEIGHT_PX = 64, 48
 _BALL_RADIUS_M = 0.35
+
+
+_TOGETHER = ("containers", "integration", "viewer")
+"""Folders whose tests share what takes long to make; each runs in one process, the slowest first."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Says to pytest-xdist which tests belong into one process: those of a file, or of some folders."""
+    for item in items:
+        folder = item.path.relative_to(_TESTS).parts[0]
+        item.add_marker(pytest.mark.xdist_group(folder if folder in _TOGETHER else item.nodeid.split("::")[0]))
+    items.sort(key=lambda item: [f"/{folder}/" in item.nodeid for folder in _TOGETHER], reverse=True)
 
 
 @pytest.fixture(scope="session", autouse=True)
