@@ -43,7 +43,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Says to pytest-xdist which tests belong into one process: those of a file, or of some folders."""
     for item in items:
         folder = item.path.relative_to(_TESTS).parts[0]
-        item.add_marker(pytest.mark.xdist_group(folder if folder in _TOGETHER else item.nodeid.split("::")[0]))
+        group = folder if folder in _TOGETHER else str(item.path)
+        item.add_marker(pytest.mark.xdist_group(group))
     items.sort(key=lambda item: [f"/{folder}/" in item.nodeid for folder in _TOGETHER], reverse=True)
 
 
