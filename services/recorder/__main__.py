@@ -15,6 +15,7 @@ from proto.messages import Blob, BlobRequest, Hello, Message, Pose, PoseRequest,
 from proto.sockets import receive, wait
 from proto.streams import DEFAULT_ENDPOINT
 from services.mocap.motion.settings import OutputSettings
+from services.mocap.result.layout import partial_of
 from services.mocap.take.live import open_source
 from services.process import (
     DEFAULT_OUTPUT,
@@ -32,7 +33,7 @@ from services.process import (
 )
 from services.recorder.collection import Collection
 from services.recorder.metrics import ASKED, FOREIGN, FRAMES, SYNC
-from services.recorder.result_folder import check_out, clear_leftovers, partial_of
+from services.recorder.result_folder import check_out, clear_leftovers
 from services.recorder.results import write_results
 from services.recorder.store import Store
 

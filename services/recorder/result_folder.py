@@ -10,7 +10,7 @@ from pathlib import Path
 
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
-from services.mocap.result.layout import KNOWN, RUN_JSON
+from services.mocap.result.layout import KNOWN, RUN_JSON, partial_of
 from services.mocap.take.journal import JOURNAL
 
 _OLD = ".old"
@@ -29,12 +29,6 @@ def check_out(folder: Path) -> None:
         raise UserError(
             f"{folder}: holds other files than results ({others[0]}): choose another folder for --out"
         )
-
-
-def partial_of(folder: Path) -> Path:
-    """Where a run's journal is; and its results if they lack frames and a folder holds older ones."""
-    folder = folder.resolve()
-    return folder.with_name(f"{folder.name}.partial")
 
 
 def clear_leftovers(out: Path) -> None:

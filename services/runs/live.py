@@ -14,12 +14,11 @@ from proto.messages import Telemetry
 from services.mocap.atomic import atomic_file
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.motion.settings import OutputSettings
-from services.mocap.result.layout import LOGS, RUN_JSON
+from services.mocap.result.layout import LOGS, RUN_JSON, partial_of
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import begin_recording, finish_recording
 from services.process import engine_arguments, output_arguments, search_arguments
-from services.recorder.result_folder import partial_of
 from services.runs.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
 from services.runs.live_watch import LiveProgress, LiveWatch
 from services.runs.track import StopSignals

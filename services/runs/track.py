@@ -16,7 +16,7 @@ from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.export.formats import write_defaults
 from services.mocap.motion.settings import OutputSettings
-from services.mocap.result.layout import LOGS, RUN_JSON
+from services.mocap.result.layout import LOGS, RUN_JSON, partial_of
 from services.mocap.result.result import load_result
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
@@ -30,7 +30,6 @@ from services.process import (
     output_arguments,
     search_arguments,
 )
-from services.recorder.result_folder import partial_of
 from services.runs.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
 from services.runs.progress import PoseWatch, Progress
 from services.segmentation.segmenters import chosen_segmenter

@@ -56,7 +56,9 @@ def main(
     ] = None,
     results: Annotated[
         Path | None,
-        typer.Option(help="The results' folder, for frames that have left memory once the take is over."),
+        typer.Option(
+            help="The results' folder, beside which is the journal: for frames that have left memory."
+        ),
     ] = None,
     bind: Annotated[
         str, typer.Option(help="Where browsers find the page, HOST:PORT; beyond this machine with a token.")

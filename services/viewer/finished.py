@@ -1,5 +1,6 @@
 """Frames of finished results, as the page shows them."""
 
+import contextlib
 import logging
 from pathlib import Path
 
@@ -62,14 +63,24 @@ class FinishedTake:
         """folder: where they will be; None: nobody knows."""
         self._folder, self._take = folder, take
         self._frames: FinishedFrames | None = None
+        self._read_ns = 0
+        """When those were written that were looked at last."""
 
     def shot(self, frame: int) -> Shot | None:
         """A frame; None as long as there are no results, or if they are another take's."""
-        if self._frames is None and self._folder is not None and (self._folder / RUN_JSON).exists():
-            try:
-                result = load_result(self._folder)
-                if result.motion.name == self._take:
-                    self._frames = FinishedFrames(result)
-            except UserError as error:
-                log.warning("%s", error)
+        if self._frames is None and self._folder is not None:
+            with contextlib.suppress(FileNotFoundError):
+                self._read(self._folder, (self._folder / RUN_JSON).stat().st_mtime_ns)
         return None if self._frames is None else self._frames.shot(frame)
+
+    def _read(self, folder: Path, written_ns: int) -> None:
+        """Read results, but the same ones only once."""
+        if written_ns == self._read_ns:
+            return
+        self._read_ns = written_ns
+        try:
+            result = load_result(folder)
+            if result.motion.name == self._take:
+                self._frames = FinishedFrames(result)
+        except UserError as error:
+            log.warning("%s", error)

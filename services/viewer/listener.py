@@ -3,9 +3,8 @@
 import logging
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from proto.keys import ClientKeys
 from proto.messages import Message, Pose, PoseRequest, Silhouettes, SilhouettesRequest, TakeEnd, TakeInfo
@@ -13,17 +12,13 @@ from services.follower import Follower
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
-from services.mocap.take.marks import PARTS
+from services.viewer.archive import CHUNK_FRAMES, Archive, shot_of
 from services.viewer.asking import Asking
-from services.viewer.finished import FinishedTake
 from services.viewer.pictures import TakePictures
-from services.viewer.reel import RING_FRAMES, STAGES, Reel, Shot
+from services.viewer.reel import RING_FRAMES, Reel
 from services.viewer.seen import LivePictures
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
-
-_CHUNK_FRAMES = 64
-"""Poses that the coordinator sends at one request, at most."""
 
 _MOST_FRAMES = 100_000
 """How far a timeline reaches at most: some hours of live input, whose end is open."""
@@ -44,40 +39,31 @@ class Listener(Follower):
     ) -> None:
         """folder: the take's, for its pictures, where this host has it. present is called with each show.
 
-        results: where the results will be, from which frames come that nobody else has any more.
+        results: where the results will be, as this host sees it, beside which the recorder has its journal.
         """
         super().__init__(endpoint, keys)
         self._folder, self._present, self._results = folder, present, results
         self._reel: Reel | None = None
-        self._filling, self._scrubbing = Asking(), Asking()
+        self._archive: Archive | None = None
+        self._filling = Asking()
         self._pictures: LivePictures | None = None
 
     def begin(self, info: TakeInfo) -> None:
         """Begin anew."""
         self._pictures = None
-        self._filling, self._scrubbing = Asking(), Asking()
-        finished = FinishedTake(self._results, info.take)
+        self._filling = Asking()
         frames = range(info.first_frame, min(info.end_frame, info.first_frame + _MOST_FRAMES))
-        self._reel = Reel(frames, RING_FRAMES, lambda frame: self._older(frame, finished))
+        self._archive = Archive(info, frames, self._results, self.ask, lambda: self.heard_s)
+        self._reel = Reel(frames, RING_FRAMES, self._archive)
 
     def hear(self, message: Message) -> None:
         """Take in what a page may show."""
         if isinstance(message, Pose) and self._reel is not None:
-            self._reel.put(_shot(message))
+            self._reel.put(replace(shot_of(message), arrived_s=time.monotonic()))
         elif isinstance(message, Silhouettes) and self._pictures is not None:
             self._pictures.add(message)
-        elif isinstance(message, TakeEnd) and self._reel is not None:
-            self._reel.is_over = True
-
-    def _older(self, frame: int, finished: FinishedTake) -> Shot | None:
-        """A frame that has left the ring: from the results, or asked for, with those about it."""
-        if self._reel is not None and self._reel.is_over and (shot := finished.shot(frame)) is not None:
-            return shot
-        is_wanted = self._scrubbing.asks(range(frame, frame + 1), time.monotonic(), self.heard_s)
-        if self.info is not None and is_wanted:
-            end = frame + _CHUNK_FRAMES
-            self.ask(PoseRequest(run=self.info.run, first_frame=frame, end_frame=end))
-        return None
+        elif isinstance(message, TakeEnd) and self._reel is not None and self._archive is not None:
+            self._reel.is_over = self._archive.is_over = True
 
     def learn(self, actor: Actor, rig: Rig) -> None:
         """Present the take."""
@@ -107,21 +93,7 @@ class Listener(Follower):
         gap = None if self._reel is None else self._reel.last_gap(self._filling.gone_end)
         if gap is None or self.info is None:
             return ()
-        wanted = gap[-_CHUNK_FRAMES:]
+        wanted = gap[-CHUNK_FRAMES:]
         if not self._filling.asks(wanted, time.monotonic(), self.heard_s):
             return ()
         return (PoseRequest(run=self.info.run, first_frame=wanted.start, end_frame=wanted.stop),)
-
-
-def _shot(message: Pose) -> Shot:
-    return Shot(
-        frame=message.frame,
-        time_s=message.time_s,
-        pose=message.pose,
-        energy_px=message.energy_px,
-        confidence=np.array([message.confidence.get(part, np.nan) for part in PARTS]),
-        distrusted=np.array([part in message.distrusted for part in PARTS]),
-        part_px=np.array([message.part_px.get(part, np.nan) for part in PARTS]),
-        seconds=np.array([message.seconds.get(stage, np.nan) for stage in STAGES]),
-        arrived_s=time.monotonic(),
-    )

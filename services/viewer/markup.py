@@ -32,6 +32,8 @@ def camera_grid(tiles: Sequence[Tile], names: Sequence[str], frame: int, square:
         caption = html.escape(names[tile.camera])
         if tile.differing_px is not None:
             caption += f" · {tile.differing_px} px"
+        if not tile.is_known:
+            caption += " · no picture of this frame"
         cells.append(
             f'<div style="position:relative"><img alt="{html.escape(names[tile.camera])}" '
             f'data-frame="{frame}" style="width:100%;display:block" src="data:image/jpeg;base64,{source}">'

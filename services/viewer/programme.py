@@ -115,7 +115,7 @@ class Programme:
 
     def _say_missing(self, frame: int) -> bool:
         """Say that a frame is not here; what was shown before stays."""
-        words = f"{frame}: is not known yet, or kept by nobody any more"
+        words = f"{frame} {self._show.reel.why_missing(frame)}"
         content = lines_of([("take", self._show.take), ("frame", words)])
         if content == self._controls.status.content:
             return False

@@ -2,8 +2,8 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,16 +84,29 @@ class Overview:
     """(B,) bins with a frame of which some part must not be trusted."""
 
 
+class Older(Protocol):
+    """Where frames are that have left the ring; for any thread."""
+
+    def shot(self, frame: int) -> Shot | None:
+        """A frame that is at hand."""
+        ...
+
+    def ask(self, frame: int) -> None:
+        """Have a frame sent that is not at hand; it may be put into the reel later, or never."""
+        ...
+
+    def why_missing(self, frame: int) -> str:
+        """Why a frame is not there, as what follows its number in a sentence."""
+        ...
+
+
 class Reel:
     """Solved frames of a take's range; written by one thread, read by any number.
 
-    Memory does not grow with the take. older: asked for a frame that has left the ring; it may answer at once
-    (a Shot), or None and `put_older` it later.
+    Memory does not grow with the take.
     """
 
-    def __init__(
-        self, frames: range, capacity: int = RING_FRAMES, older: Callable[[int], Shot | None] | None = None
-    ) -> None:
+    def __init__(self, frames: range, capacity: int = RING_FRAMES, older: Older | None = None) -> None:
         self.frames, self.capacity = frames, min(capacity, max(len(frames), 1))
         self._older = older
         self._rows: NDArray[np.void] = np.zeros(self.capacity, _ROW)
@@ -121,8 +134,7 @@ class Reel:
             if shot.frame <= self.newest - self.capacity:
                 self._keep_fetched(shot)
                 return
-            for name in _ROW.names or ():
-                row[name] = getattr(shot, name)
+            self._fill(row, shot)
 
     def _mark(self, shot: Shot) -> None:
         at = (shot.frame - self.frames.start) * len(self._known) // len(self.frames)
@@ -139,16 +151,22 @@ class Reel:
         """A frame; None where it is not known (yet): one that left the ring is asked for by that."""
         with self._lock:
             row = self._rows[frame % self.capacity].copy()
-            fetched = self._fetched.get(frame)
         if row["frame"] == frame:
             return _shot(row)
-        if fetched is not None or self._older is None or frame not in self.frames:
-            return fetched
-        found = self._older(frame)
-        if found is not None:
-            with self._lock:
-                self._keep_fetched(found)
+        found = self._at_hand(frame)
+        if found is None and self._older is not None and self._is_past(frame):
+            self._older.ask(frame)
         return found
+
+    def _is_past(self, frame: int) -> bool:
+        """Whether a frame was solved, as far as is known."""
+        return frame in self.frames and self.newest is not None and frame <= self.newest
+
+    def why_missing(self, frame: int) -> str:
+        """Why there is no shot of a frame, as what follows its number in a sentence."""
+        if self._older is None or not self._is_past(frame):
+            return "is not known yet"
+        return self._older.why_missing(frame)
 
     def last_gap(self, start: int = 0) -> range | None:
         """The last frames, from a start on, that the ring could hold and lacks, before the newest."""
@@ -164,12 +182,34 @@ class Reel:
         return range(int(lacking[jumps[-1] + 1 if jumps.size else 0]), int(lacking[-1]) + 1)
 
     def stretch(self, start: int, stop: int) -> Stretch:
-        """What the ring holds of frames start up to and without stop."""
+        """What is at hand of frames start up to and without stop."""
         wanted = np.arange(max(start, self.frames.start), min(stop, self.frames.stop))
+        if not len(wanted):
+            return Stretch(*(self._rows[name][:0].copy() for name in _CURVES))
         with self._lock:
             rows = self._rows[wanted % self.capacity]
-        rows = rows[rows["frame"] == wanted] if len(wanted) else rows[:0]
+        for n in np.flatnonzero(rows["frame"] != wanted).tolist():
+            self._fill(rows[n], self._at_hand(int(wanted[n])))
+        rows = rows[rows["frame"] == wanted]
         return Stretch(*(rows[name].copy() for name in _CURVES))
+
+    def _at_hand(self, frame: int) -> Shot | None:
+        """A frame that has left the ring, without asking anybody for it."""
+        with self._lock:
+            found = self._fetched.get(frame)
+        if found is None and self._older is not None and self._is_past(frame):
+            found = self._older.shot(frame)
+            if found is not None:
+                with self._lock:
+                    self._mark(found)
+                    self._keep_fetched(found)
+        return found
+
+    @staticmethod
+    def _fill(row: np.void, shot: Shot | None) -> None:
+        if shot is not None:
+            for name in _ROW.names or ():
+                row[name] = getattr(shot, name)
 
     def overview(self) -> Overview:
         """The whole take, in at most 600 bins."""

@@ -51,6 +51,8 @@ class Tile:
     jpeg: bytes
     differing_px: int | None
     """Pixels of what is shown in which model and silhouette differ; None where no silhouette is known."""
+    is_known: bool = True
+    """Whether anybody knows what the camera saw; else only the model is drawn, on black."""
 
 
 class TileArtist:
@@ -113,7 +115,7 @@ class TileArtist:
             drawn = draw_outline(ground, model, grid)
         differing = None if seen is None else int(np.count_nonzero(seen != (model > 0)))
         jpeg = cv2.imencode(".jpg", drawn, _JPEG)[1]
-        return Tile(camera, jpeg.tobytes(), differing)
+        return Tile(camera, jpeg.tobytes(), differing, picture is not None or silhouette is not None)
 
 
 def _ground(picture: Bytes | None, silhouette: Mask | None, shape: tuple[int, ...]) -> Bytes:

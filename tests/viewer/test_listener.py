@@ -2,13 +2,17 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from playback import Playback
 
 from proto.messages import PoseRequest, SilhouettesRequest
+from services.mocap.result.layout import journal_of
 from services.mocap.take.folder import Take
+from services.recorder.store import Store
 from services.runs.launcher import free_endpoint
 from services.viewer.listener import Listener
 from services.viewer.show import Show
@@ -58,6 +62,28 @@ def test_what_left_the_ring_is_fetched_from_the_coordinator(
         assert reel.shot(20) is None
         _until(listener, lambda: reel.shot(20) is not None)
         assert reel.capacity == 50
+        listener.close()
+
+
+def test_what_nobody_but_the_recorder_has_comes_from_its_journal_with_its_pictures(
+    walk: Take, shows: list[Show], result: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("services.viewer.listener.RING_FRAMES", 50)
+    with Playback(walk, free_endpoint(), period_s=0.005) as playback:
+        playback.forgotten_end = 10_000
+        store = Store.in_folder(journal_of(result).parent)
+        for frame in range(100):
+            store.keep(playback.pose(frame))
+        listener = Listener(playback.endpoint, None, walk, shows.append, result)
+        _until(listener, lambda: _newest(shows) > 150)
+        show = shows[-1]
+        shot = show.reel.shot(20)
+        assert shot is not None and show.artist is not None
+        np.testing.assert_array_equal(shot.pose, playback.pose(20).pose)
+        assert show.reel.stretch(0, 100).frames.tolist() == list(range(100))
+        (tile,) = show.artist.draw(shot, Look("pictures", (3,), None))
+        assert cv2.imdecode(np.frombuffer(tile.jpeg, np.uint8), cv2.IMREAD_COLOR).std() > 10
+        store.close(remove=True)
         listener.close()
 
 

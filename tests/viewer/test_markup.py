@@ -10,12 +10,16 @@ from services.viewer.tiles import Tile
 
 
 def test_the_grid_has_a_picture_for_every_camera_and_no_foreign_markup() -> None:
-    html = camera_grid([Tile(0, b"\xff\xd8a", 12), Tile(1, b"\xff\xd8b", None)], ["<b>left", "right"], 7)
+    tiles = [Tile(0, b"\xff\xd8a", 12), Tile(1, b"\xff\xd8b", None, is_known=False)]
+    html = camera_grid(tiles, ["<b>left", "right"], 7)
     tree = ET.fromstring(_closed(html))  # noqa: S314  (our own)
     images = tree.findall(".//img")
     assert [image.get("data-frame") for image in images] == ["7", "7"]
     assert [image.get("alt") for image in images] == ["<b>left", "right"]
-    assert [span.text for span in tree.findall(".//span")] == ["<b>left · 12 px", "right"]
+    assert [span.text for span in tree.findall(".//span")] == [
+        "<b>left · 12 px",
+        "right · no picture of this frame",
+    ]
 
 
 def _closed(html: str) -> str:

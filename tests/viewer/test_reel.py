@@ -9,6 +9,23 @@ from services.viewer.reel import Reel, Shot
 Make = Callable[..., Shot]
 
 
+class Shelf:
+    """Where older frames are that are known from the start."""
+
+    def __init__(self, *shots: Shot) -> None:
+        self._shots = {shot.frame: shot for shot in shots}
+        self.asked: list[int] = []
+
+    def shot(self, frame: int) -> Shot | None:
+        return self._shots.get(frame)
+
+    def ask(self, frame: int) -> None:
+        self.asked.append(frame)
+
+    def why_missing(self, frame: int) -> str:
+        return f"was eaten ({frame})"
+
+
 def test_a_frame_comes_back_as_it_was_put(shot: Make) -> None:
     reel = Reel(range(10, 20))
     reel.put(shot(12, distrusted=("left_arm",)))
@@ -28,13 +45,13 @@ def test_frames_of_another_range_are_left_out(shot: Make) -> None:
 
 
 def test_the_ring_holds_the_latest_and_no_more(shot: Make) -> None:
-    asked: list[int] = []
-    reel = Reel(range(1000), capacity=100, older=lambda frame: asked.append(frame))
+    shelf = Shelf()
+    reel = Reel(range(1000), capacity=100, older=shelf)
     for frame in range(1000):
         reel.put(shot(frame))
     assert all(reel.shot(frame) is not None for frame in range(900, 1000))
     assert reel.shot(899) is None
-    assert asked == [899]
+    assert shelf.asked == [899]
 
 
 def test_what_has_left_the_ring_is_fetched_and_forgotten_again(shot: Make) -> None:
@@ -49,12 +66,28 @@ def test_what_has_left_the_ring_is_fetched_and_forgotten_again(shot: Make) -> No
     assert len(kept) == 512
 
 
-def test_older_frames_may_come_at_once(shot: Make) -> None:
-    reel = Reel(range(1000), capacity=10, older=shot)
-    for frame in range(50):
+def test_older_frames_may_be_at_hand(shot: Make) -> None:
+    shelf = Shelf(shot(3), shot(4, distrusted=("head",)), shot(60))
+    reel = Reel(range(1000), capacity=10, older=shelf)
+    for frame in range(20, 50):
         reel.put(shot(frame))
+    assert not reel.overview().known[1] and not reel.overview().distrusted.any()
+    assert reel.stretch(2, 8).frames.tolist() == [3, 4]
+    assert shelf.asked == [], "curves do not ask for what is not at hand"
     found = reel.shot(3)
     assert found is not None and found.energy_px == 103
+    assert reel.overview().known[1] and reel.overview().distrusted[2]
+    assert reel.stretch(38, 42).frames.tolist() == [40, 41]
+
+
+def test_why_a_frame_is_missing_is_said(shot: Make) -> None:
+    shelf = Shelf(shot(60))
+    reel = Reel(range(1000), capacity=10, older=shelf)
+    assert reel.why_missing(0) == "is not known yet"
+    reel.put(shot(50))
+    assert reel.why_missing(3) == "was eaten (3)"
+    assert reel.why_missing(60) == "is not known yet"
+    assert reel.shot(60) is None and reel.shot(1000) is None and shelf.asked == []
 
 
 def test_gaps_are_found_the_latest_first(shot: Make) -> None:

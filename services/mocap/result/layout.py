@@ -1,5 +1,7 @@
 """Where things lie in a folder of results: the names that its writers and its readers share."""
 
+from pathlib import Path
+
 from services.mocap.body.actor import MESH_FILE
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.journal import JOURNAL
@@ -16,3 +18,14 @@ KNOWN = {
     *(ACTOR, MESH_FILE, FIT_FOLDER, JOURNAL),
 }
 """All that a folder of results may hold."""
+
+
+def partial_of(folder: Path) -> Path:
+    """Where a run's journal is; and its results if they lack frames and a folder holds older ones."""
+    folder = folder.resolve()
+    return folder.with_name(f"{folder.name}.partial")
+
+
+def journal_of(folder: Path) -> Path:
+    """Where the poses of a run are, frame by frame, until all its results are in a folder."""
+    return partial_of(folder) / JOURNAL

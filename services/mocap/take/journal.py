@@ -28,6 +28,8 @@ JOURNAL = "poses.journal"
 POSE = "pose"
 """The kind of record that holds a solved frame."""
 _HEADER = b"xormocap journal 1\n"
+FIRST = len(_HEADER)
+"""The offset of the first record."""
 _PREFIX = struct.Struct("<II")
 _LONGEST_BYTES = 2**27
 
@@ -90,7 +92,7 @@ class Journal:
     def _take_stock(self) -> tuple[list[int], int]:
         """Where the records are that are whole, and where they end."""
         size = os.fstat(self._file).st_size
-        offsets = [offset for offset, _ in _payloads(self._file, self.path)]
+        offsets = [offset for offset, _ in payloads(self._file, self.path)]
         end = _end_of(self._file, offsets)
         self.torn_bytes = size - end if size > len(_HEADER) else 0
         if size < len(_HEADER):
@@ -106,7 +108,7 @@ class Journal:
 
     def at(self, offset: int) -> Record:
         """The record at an offset that `append` or `records` has told."""
-        payload = _payload(self._file, offset)
+        payload = payload_at(self._file, offset)
         if payload is None:
             raise OSError(f"{self.path}: changed under the hands of its writer")
         return Record.unpacked(payload)
@@ -156,7 +158,7 @@ def read_records(path: Path) -> Iterator[Record]:
     except OSError as problem:
         raise TakeError(f"{path}: cannot be read ({problem.strerror}): expected a journal") from None
     try:
-        for _, payload in _payloads(file, path):
+        for _, payload in payloads(file, path):
             yield Record.unpacked(payload)
     finally:
         os.close(file)
@@ -180,18 +182,25 @@ def read_poses(path: Path) -> PoseTable:
     )
 
 
-def _payloads(file: int, path: Path) -> Iterator[tuple[int, bytes]]:
-    """Offsets and payloads of the whole records; raises TakeError where the file is no journal."""
+def payloads(file: int, path: Path, offset: int = FIRST) -> Iterator[tuple[int, bytes]]:
+    """Offsets and payloads of the whole records of an open file, from an offset on.
+
+    Raises TakeError where the file is no journal.
+    """
     head = os.pread(file, len(_HEADER), 0)
     if not _HEADER.startswith(head):
         raise TakeError(f"{path}: is not a journal of this version: remove it")
-    offset = len(_HEADER)
-    while (payload := _payload(file, offset)) is not None:
+    while (payload := payload_at(file, offset)) is not None:
         yield offset, payload
-        offset += _PREFIX.size + len(payload)
+        offset = behind(offset, payload)
 
 
-def _payload(file: int, offset: int) -> bytes | None:
+def behind(offset: int, payload: bytes) -> int:
+    """Where the record ends that has a payload and begins at an offset."""
+    return offset + _PREFIX.size + len(payload)
+
+
+def payload_at(file: int, offset: int) -> bytes | None:
     """The payload of the record at an offset; None where none is whole."""
     prefix = os.pread(file, _PREFIX.size, offset)
     if len(prefix) < _PREFIX.size:

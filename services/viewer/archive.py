@@ -1,0 +1,96 @@
+"""Frames that have left a viewer's memory: from the recorder's journal, results, or the coordinator."""
+
+import logging
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from proto.messages import Pose, PoseRequest, TakeInfo
+from services.mocap.errors import TakeError
+from services.mocap.result.layout import journal_of
+from services.mocap.take.journal import Record
+from services.mocap.take.journal_index import JournalIndex
+from services.mocap.take.marks import PARTS
+from services.viewer.asking import Asking
+from services.viewer.finished import FinishedTake
+from services.viewer.reel import STAGES, Shot
+
+CHUNK_FRAMES = 64
+"""Poses that the coordinator sends at one request, at most."""
+
+log = logging.getLogger(__name__)
+
+
+class Archive:
+    """See reel.Older. For any thread."""
+
+    def __init__(
+        self,
+        info: TakeInfo,
+        frames: range,
+        results: Path | None,
+        ask: Callable[[PoseRequest], None],
+        heard_s: Callable[[], float],
+    ) -> None:
+        """results: where the recorder's results will be, as this host sees it; None: it does not.
+
+        ask: asks the coordinator, whose answers go to the reel. heard_s: when that was heard last.
+        """
+        self.is_over = False
+        """Whether the take is over: only then results may be those of this run."""
+        self._run, self._ask, self._heard_s = info.run, ask, heard_s
+        self._finished = FinishedTake(results, info.take)
+        self._journal = None if results is None else JournalIndex(journal_of(results), info.run, frames)
+        self._problem = "this viewer was not told where the results go (--results)" if results is None else ""
+        self._asking = Asking()
+
+    def shot(self, frame: int) -> Shot | None:
+        """A frame that is on disk."""
+        if self._journal is None:
+            return None
+        try:
+            record = self._journal.pose(frame)
+            self._problem = f"{self._journal.path} does not hold it"
+            return None if record is None else shot_of(_pose(record))
+        except FileNotFoundError:  # not yet, or no longer, since all is among the results
+            self._problem = f"there is no journal at {self._journal.path}"
+            return self._finished.shot(frame) if self.is_over else None
+        except (OSError, TakeError) as problem:
+            self._problem = f"the recorder's journal cannot be read: {problem}"
+        except (KeyError, TypeError, ValidationError):
+            self._problem = f"{self._journal.path} was written by another version"
+        return None
+
+    def ask(self, frame: int) -> None:
+        """Have the coordinator send a frame and those that follow it, if it may have them."""
+        if self._asking.asks(range(frame, frame + 1), time.monotonic(), self._heard_s()):
+            end = frame + CHUNK_FRAMES
+            self._ask(PoseRequest(run=self._run, first_frame=frame, end_frame=end))
+
+    def why_missing(self, frame: int) -> str:
+        """Why a frame is not here, as the end of a sentence."""
+        if frame >= self._asking.gone_end:
+            return "was asked for"
+        return f"has left this viewer's memory and the coordinator's, and {self._problem}"
+
+
+def _pose(record: Record) -> Pose:
+    arrays = {name: np.array(array) for name, array in record.arrays.items()}
+    return Pose.model_validate(record.fields | arrays)
+
+
+def shot_of(message: Pose) -> Shot:
+    """A frame as it was published."""
+    return Shot(
+        frame=message.frame,
+        time_s=message.time_s,
+        pose=message.pose,
+        energy_px=message.energy_px,
+        confidence=np.array([message.confidence.get(part, np.nan) for part in PARTS]),
+        distrusted=np.array([part in message.distrusted for part in PARTS]),
+        part_px=np.array([message.part_px.get(part, np.nan) for part in PARTS]),
+        seconds=np.array([message.seconds.get(stage, np.nan) for stage in STAGES]),
+    )
