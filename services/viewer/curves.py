@@ -1,8 +1,10 @@
 """The curves of one browser: energy, confidence, times, speed, over the last frames that are known."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 import viser
@@ -10,7 +12,7 @@ import viser.uplot
 
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats, Ints
-from services.viewer.reel import STAGES, Reel
+from services.viewer.reel import STAGES, Reel, Stretch
 
 SPAN_FRAMES = 300
 """Frames that the curves show, of which those up to the one that is shown are shaded."""
@@ -21,6 +23,10 @@ _SHOWN_STAGES = ("torso", "limbs", "head", "frame")
 _STAGE_WORDS = {"torso": "whole body", "limbs": "limbs", "head": "head", "frame": "frame in all"}
 
 
+Draw: TypeAlias = Callable[[int], bool]
+"""Draws a chart about a frame; False where nothing is known of it."""
+
+
 @dataclass
 class _Chart:
     handle: "viser.GuiUplotHandle"
@@ -29,17 +35,23 @@ class _Chart:
 
 
 class Curves:
-    """Charts of a reel; sent anew as a whole, so not to be drawn too often."""
+    """Charts of a reel; each sent anew as a whole, so not to be drawn too often."""
 
     def __init__(self, gui: viser.GuiApi, reel: Reel) -> None:
         self._reel = reel
-        self._energy = self._chart(gui, "Energy (differing pixels)", ("energy",))
-        self._parts = self._chart(gui, "Energy by the nearest part", [_words(part) for part in PARTS])
-        self._confidence = self._chart(gui, "Confidence", [_words(part) for part in PARTS], (0, 1.02))
-        self._times = self._chart(gui, "Milliseconds", [_STAGE_WORDS[name] for name in _SHOWN_STAGES])
-        self._speed = self._chart(gui, "Frames per second", ("tracked",))
+        parts = [_words(part) for part in PARTS]
+        known: tuple[tuple[_Chart, Callable[[Stretch], Floats]], ...] = (
+            (self._chart(gui, "Energy (differing pixels)", ("energy",)), lambda k: k.energy_px[:, None]),
+            (self._chart(gui, "Energy by the nearest part", parts), lambda k: k.part_px),
+            (self._chart(gui, "Confidence", parts, (0, 1.02)), lambda k: k.confidence),
+            (self._chart(gui, "Milliseconds", [_STAGE_WORDS[n] for n in _SHOWN_STAGES]), _milliseconds),
+            (self._chart(gui, "Frames per second", ("tracked",)), _frames_per_s),
+        )
         self._lag = self._chart(gui, "Seconds that this page is behind", ("behind",))
         self._lags_s: deque[tuple[int, Floats]] = deque(maxlen=SPAN_FRAMES)
+        self._turns = deque[Draw]([*(partial(self._draw, *chart) for chart in known), self._draw_lag])
+        self._drawn: dict[Draw, int] = {}
+        """The frame that each was drawn about last."""
 
     @staticmethod
     def _chart(
@@ -70,40 +82,38 @@ class Curves:
         )
         return _Chart(handle, None if limits is None else limits[0])
 
-    def draw(self, frame: int) -> None:
-        """Draw the frames about one; charts of which nothing is known stay away."""
+    def draw_next(self, frame: int) -> bool:
+        """Draw the next chart, about a frame, that has not been; False once all have.
+
+        One at a time, since the next body waits for as long as it is on its way. Charts of which nothing is
+        known stay away.
+        """
+        for _ in range(len(self._turns)):
+            draw = self._turns[0]
+            self._turns.rotate(-1)
+            if self._drawn.get(draw) != frame:
+                self._drawn[draw] = frame
+                if draw(frame):
+                    return True
+        return False
+
+    def _draw(self, chart: _Chart, values_of: Callable[[Stretch], Floats], frame: int) -> bool:
         start = max(self._reel.frames.start, frame - SPAN_FRAMES + 1)
         known = self._reel.stretch(start, start + SPAN_FRAMES)
-        if len(known.frames) < 2:
-            return
-        ms = 1e3 * known.seconds[:, [STAGES.index(name) for name in _SHOWN_STAGES]]
-        self._fill(self._energy, known.frames, frame, known.energy_px[:, None])
-        self._fill(self._parts, known.frames, frame, known.part_px)
-        self._fill(self._confidence, known.frames, frame, known.confidence)
-        self._fill(self._times, known.frames, frame, ms)
-        with np.errstate(divide="ignore"):
-            self._fill(
-                self._speed,
-                known.frames,
-                frame,
-                _smooth(1.0 / known.seconds[:, STAGES.index("frame")])[:, None],
-            )
-
-        self._fill_noted(self._lag, self._lags_s, frame)
+        return len(known.frames) > 1 and self._fill(chart, known.frames, frame, values_of(known))
 
     def note_lag(self, frame: int, behind_s: float) -> None:
         """Remember how late the browser was with a live frame."""
         self._lags_s.append((frame, np.array([behind_s])))
 
-    def _fill_noted(self, chart: _Chart, noted: deque[tuple[int, Floats]], frame: int) -> None:
+    def _draw_lag(self, frame: int) -> bool:
         """Draw what was remembered, in the order of frames."""
-        rows = dict(sorted(dict(noted).items()))
-        if len(rows) > 1:
-            frames = np.array(list(rows), np.int32)
-            self._fill(chart, frames, frame, np.array(list(rows.values())))
+        rows = dict(sorted(dict(self._lags_s).items()))
+        frames, values = np.array(list(rows), np.int32), np.array(list(rows.values()))
+        return len(rows) > 1 and self._fill(self._lag, frames, frame, values)
 
     @staticmethod
-    def _fill(chart: _Chart, frames: Ints, frame: int, values: Floats) -> None:
+    def _fill(chart: _Chart, frames: Ints, frame: int, values: Floats) -> bool:
         """frames: (N,), values: (N, S) of the chart's series; up to a frame they are shaded."""
         has_any = bool(np.isfinite(values).any())
         if has_any:
@@ -114,6 +124,18 @@ class Curves:
             chart.handle.data = (frames.astype(np.float64), *columns, past)
         if chart.handle.visible != has_any:
             chart.handle.visible = has_any
+        return has_any
+
+
+def _milliseconds(known: Stretch) -> Floats:
+    """(N, 4) of the stages that are shown."""
+    return 1e3 * known.seconds[:, [STAGES.index(name) for name in _SHOWN_STAGES]]
+
+
+def _frames_per_s(known: Stretch) -> Floats:
+    """(N, 1) how fast frames are tracked."""
+    with np.errstate(divide="ignore"):
+        return _smooth(1.0 / known.seconds[:, STAGES.index("frame")])[:, None]
 
 
 def _words(part: Part) -> str:

@@ -9,6 +9,7 @@ from services.mocap.camera.undistort import Undistorter
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.video import index_video
+from services.mocap.take.video_picker import PicturePicker
 from services.mocap.types import Bytes, Mask
 
 Content = TypeVar("Content")
@@ -33,11 +34,9 @@ class Pictures(Protocol):
 class Reader(Generic[Content]):
     """Reads something in order, and turns back or jumps where somebody wants another place."""
 
-    def __init__(
-        self, begin: Callable[[int], Iterator[Content]], read_from: Callable[[int], int] = lambda frame: frame
-    ) -> None:
-        """Begin: what follows from a frame on. read_from: where that starts reading, such as a keyframe."""
-        self._begin, self._read_from = begin, read_from
+    def __init__(self, begin: Callable[[int], Iterator[Content]]) -> None:
+        """Begin: what follows from a frame on."""
+        self._begin = begin
         self._stream: Iterator[Content] = iter(())
         self._next: int | None = None
         self._last: tuple[int, Content] | None = None
@@ -47,13 +46,28 @@ class Reader(Generic[Content]):
         if self._last is not None and self._last[0] == frame:
             return self._last[1]
         at = self._next
-        if at is None or frame < at or self._read_from(frame) >= at + _SPARED_FRAMES:
+        if at is None or frame < at or frame >= at + _SPARED_FRAMES:
             self._stream, at = self._begin(frame), frame
         self._next = None  # until all went well
         for _ in range(at, frame):
             next(self._stream)
         self._last = frame, next(self._stream)
         self._next = frame + 1
+        return self._last[1]
+
+
+class _Video:
+    """One camera's pictures, the last of which is kept."""
+
+    def __init__(self, picker: PicturePicker, ahead: int, undistorter: Undistorter) -> None:
+        """ahead: frames that the camera began before the take."""
+        self._picker, self._ahead, self._undistorter = picker, ahead, undistorter
+        self._last: tuple[int, Bytes] | None = None
+
+    def read(self, frame: int) -> Bytes:
+        """Undistorted (h, w, 3); raises TakeError where it cannot be decoded."""
+        if self._last is None or self._last[0] != frame:
+            self._last = frame, self._undistorter.image(self._picker.read(frame + self._ahead))
         return self._last[1]
 
 
@@ -64,7 +78,7 @@ class TakePictures:
         """silhouettes: makes those of takes that have none; None: then there are none."""
         self._take, self._segment = take, silhouettes
         self._lock = threading.Lock()
-        self._pictures: dict[int, Reader[Bytes]] = {}
+        self._pictures: dict[int, _Video] = {}
         self._masks: dict[int, Reader[Mask]] = {}
 
     def picture(self, camera: int, frame: int) -> Bytes | None:
@@ -76,15 +90,10 @@ class TakePictures:
                 self._pictures[camera] = self._video_of(self._take.cameras[camera])
             return self._pictures[camera].read(frame)
 
-    def _video_of(self, camera: Camera) -> Reader[Bytes]:
+    def _video_of(self, camera: Camera) -> "_Video":
         index = index_video(layout.video_path(self._take.folder, camera.name))
-        undistorter, end = Undistorter(camera), self._take.settings.frames
-
-        def undistorted(start: int) -> Iterator[Bytes]:
-            with self._take.video(camera, start, end, index) as video:
-                yield from map(undistorter.image, video)
-
-        return Reader(undistorted, lambda frame: index.keyframe_before(frame)[0])
+        picker = PicturePicker(index, self._take.colours.get(camera.name))
+        return _Video(picker, self._take.settings.offset(camera.name), Undistorter(camera))
 
     def silhouette(self, camera: int, frame: int) -> Mask | None:
         """See Pictures.silhouette."""

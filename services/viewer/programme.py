@@ -26,19 +26,23 @@ class _Pace:
     body_s: float
     grid_s: float
     frusta_s: float
-    curves_s: float
+    chart_s: float
+    """From one chart to the next."""
     timeline_s: float
     rest: float
-    """After drawing the grid nothing of it is drawn for so many times as long as that took."""
+    """After drawing the grid nothing of it is drawn for so many times the processor time that this took. Most
+    goes into decoding the pictures between those that are shown, of which resting longer makes more."""
 
 
-_LIVE = _Pace(body_s=0.066, grid_s=0.2, frusta_s=1.0, curves_s=1.0, timeline_s=0.5, rest=5.0)
+_LIVE = _Pace(body_s=0.066, grid_s=0.3, frusta_s=1.0, chart_s=0.2, timeline_s=0.5, rest=2.0)
 """Beside tracking, which wants the processor."""
-_FINISHED = _Pace(body_s=0.04, grid_s=0.1, frusta_s=0.5, curves_s=0.5, timeline_s=0.1, rest=3.0)
+_FINISHED = _Pace(body_s=0.04, grid_s=0.1, frusta_s=0.5, chart_s=0.1, timeline_s=0.1, rest=2.0)
+_OFTEN, _SELDOM = 0.5, 4.0
+"""How much longer the grid, and what matters less, rest than they were on their way."""
 _WIDTHS = (1.0, 0.75, 0.5, 0.375)
 """Of tiles against those that are wanted: how small they get for connections that are slow."""
 _FIRST_WIDTH = 0.5
-_GRID_ANSWER_S = 0.3
+_GRID_ANSWER_S = 0.25
 """How long a grid may be on its way to a browser."""
 _TRAIL_S = 2.0
 _GRID_WIDTH_PX = 540
@@ -62,19 +66,17 @@ class Programme:
             self._curves = Curves(client.gui, show.reel)
         pace = _LIVE if show.is_live else _FINISHED
         self._tick_s = pace.body_s
-        self._grid_rhythm = Rhythm(pace.grid_s, pace.rest)
-        self._curves_rhythm, self._frusta_rhythm = (
-            Rhythm(pace.curves_s, pace.rest),
-            Rhythm(pace.frusta_s, pace.rest),
-        )
+        self._grid_rhythm = Rhythm(pace.grid_s, pace.rest, _OFTEN)
+        self._curves_rhythm = Rhythm(pace.chart_s, pace.rest, _SELDOM)
+        self._frusta_rhythm = Rhythm(pace.frusta_s, pace.rest, _SELDOM)
         self._timeline_rhythm = Rhythm(pace.timeline_s)
         self._connection, self._grid_bytes, self._share = Connection(), 0, 1.0
         self._sending: Rhythm | None = None
         """What the browser has not answered yet, of all that is large."""
-        self._began_s = self._made_s = 0.0
+        self._began_s = self._made_s = self._cpu_s = 0.0
         self._sent_bytes = 0
         self._drawn: tuple[int, Look] | None = None
-        self._curves_frame = self._hung_frame = self._timeline_frame = -1
+        self._hung_frame = self._timeline_frame = -1
         self._placed: Shot | None = None
         self._behind_s: float | None = None
         self._told, self._advanced_s = -1, time.monotonic()
@@ -107,10 +109,11 @@ class Programme:
         self._began_s, self._sending, self._sent_bytes = time.monotonic(), None, 0
         with self._client.atomic():
             sent = [self._show_body(shot), self._show_timeline(shot)]
+        cpu_s = time.thread_time()
         with self._client.atomic():  # by itself, since drawing takes its time
             # Of what is large only one thing at a time, so that the next body does not wait for all.
             sent.append(self._show_grid(shot) or self._show_curves(shot) or self._hang(shot))
-        self._told, self._made_s = controls.version, time.monotonic()
+        self._told, self._made_s, self._cpu_s = controls.version, time.monotonic(), time.thread_time() - cpu_s
         return any(sent)
 
     def _say_missing(self, frame: int) -> bool:
@@ -126,7 +129,7 @@ class Programme:
     def note_answer(self) -> None:
         """The browser has taken in what was sent."""
         if self._sending is not None:
-            self._sending.done(self._began_s, self._made_s)
+            self._sending.done(self._began_s, self._made_s, self._cpu_s)
         if self._sending in (None, self._grid_rhythm):  # of the others nobody has counted the bytes
             self._connection.note(self._sent_bytes, time.monotonic() - self._made_s)
         if self._placed is not None and self._show.is_live and self._controls.player.is_live:
@@ -228,22 +231,22 @@ class Programme:
         return next((w for w in _WIDTHS if w * w * likely_s <= _GRID_ANSWER_S), _WIDTHS[-1])
 
     def _show_curves(self, shot: Shot) -> bool:
-        if shot.frame == self._curves_frame or not self._curves_rhythm.is_due():
+        if not self._curves_rhythm.is_due() or not self._curves.draw_next(shot.frame):
             return False
-        self._curves.draw(shot.frame)
-        self._curves_frame, self._sending = shot.frame, self._curves_rhythm
+        self._sending = self._curves_rhythm
         return True
 
     def _hang(self, shot: Shot) -> bool:
         """Bring the pictures in the room up to date."""
         artist = self._show.artist
-        if artist is None or not self._controls.wants_frusta or shot.frame == self._hung_frame:
+        frame = shot.frame if self._drawn is None else self._drawn[0]  # whose pictures are decoded already
+        if artist is None or not self._controls.wants_frusta or frame == self._hung_frame:
             return False
         if not self._frusta_rhythm.is_due():
             return False
         for c in range(len(self._show.camera_names)):
-            self._stage.hang_picture(c, _small(artist.ground(shot.frame, c)))
-        self._hung_frame, self._sending = shot.frame, self._frusta_rhythm
+            self._stage.hang_picture(c, _small(artist.ground(frame, c)))
+        self._hung_frame, self._sending = frame, self._frusta_rhythm
         return True
 
 

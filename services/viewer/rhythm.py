@@ -4,9 +4,6 @@ import time
 
 _SMOOTH = 0.5
 """How much of a connection's last answer goes into what is known of it."""
-_LINE_REST = 1.0
-"""After something was on its way nothing of it is sent for so many times as long as that took, so that other
-things have their turn."""
 _FEW_BYTES = 5_000
 """Updates of fewer bytes say nothing of how many get through."""
 
@@ -14,20 +11,25 @@ _FEW_BYTES = 5_000
 class Rhythm:
     """Says when something may be done again."""
 
-    def __init__(self, period_s: float, rest: float = 0.0) -> None:
-        """rest: afterwards it is left alone for so many times as long as making it took."""
-        self._period_s, self._rest = period_s, rest
+    def __init__(self, period_s: float, rest: float = 0.0, line_rest: float = 1.0) -> None:
+        """Afterwards it is left alone for rest times the processor time that making it took, so that others
+        have theirs, and for line_rest times as long as it was on its way, so that others have their turn.
+        """
+        self._period_s, self._rest, self._line_rest = period_s, rest, line_rest
         self._again_s = 0.0
 
     def is_due(self) -> bool:
         """Whether it may be done."""
         return time.monotonic() >= self._again_s
 
-    def done(self, began_s: float, made_s: float | None = None) -> None:
-        """It was done, beginning at a time of time.monotonic; made_s: when it began to be on its way."""
+    def done(self, began_s: float, made_s: float | None = None, cpu_s: float = 0.0) -> None:
+        """It was done, beginning at a time of time.monotonic; made_s: when it began to be on its way.
+
+        cpu_s: processor time that making it took, however long it had to wait for a processor.
+        """
         now = time.monotonic()
         made_s = now if made_s is None else made_s
-        rest_s = self._rest * (made_s - began_s) + _LINE_REST * (now - made_s)
+        rest_s = self._rest * cpu_s + self._line_rest * (now - made_s)
         self._again_s = max(began_s + self._period_s, now + rest_s)
 
 

@@ -22,18 +22,6 @@ def test_a_reader_goes_on_turns_back_and_jumps() -> None:
     assert begun == [0, 3, 199, 0]
 
 
-def test_a_reader_reads_on_where_beginning_anew_would_read_as_much() -> None:
-    begun: list[int] = []
-
-    def begin(start: int) -> Iterator[int]:
-        begun.append(start)
-        return iter(range(start, 1000))
-
-    reader = Reader(begin, lambda frame: frame // 250 * 250)
-    assert [reader.read(frame) for frame in (0, 200, 260, 520, 530)] == [0, 200, 260, 520, 530]
-    assert begun == [0, 260, 520]
-
-
 def test_a_reader_that_failed_begins_anew() -> None:
     def begin(start: int) -> Iterator[int]:
         for frame in range(start, 10):

@@ -22,7 +22,7 @@ from services.mocap.camera.colour import ColourCorrection
 from services.mocap.errors import TakeError
 from services.mocap.types import Bytes, Floats
 
-_COPY_AGAIN = "copy or record it again"
+COPY_AGAIN = "copy or record it again"
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def index_video(path: Path) -> VideoIndex:
         packets_in_file = packets
     whole = sum(packet.is_whole for packet in packets_in_file)
     if whole < max(declared, len(packets_in_file), 1):
-        raise TakeError(f"{path}: cut off after {whole} of {max(declared, whole)} frames: {_COPY_AGAIN}")
+        raise TakeError(f"{path}: cut off after {whole} of {max(declared, whole)} frames: {COPY_AGAIN}")
     stamps = sorted(packet.shown for packet in packets if not packet.is_hidden)
     keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in packets if p.is_key)
     height, width = _first_picture(path).shape[:2]
@@ -88,12 +88,12 @@ class _Packet(NamedTuple):
 
 def _demuxed(path: Path, options: dict[str, str] | None = None) -> tuple[list[_Packet], int, float]:
     """All packets of the video, their number as the file declares it, and the stamps' unit in seconds."""
-    with _opened(path, options) as container:
-        stream = _video_stream(container, path)
+    with opened_video(path, options) as container:
+        stream = video_stream(container, path)
         try:
             packets = [_Packet.of(packet) for packet in container.demux(stream) if packet.size]
         except av.error.FFmpegError:
-            raise TakeError(f"{path}: is damaged: {_COPY_AGAIN}") from None
+            raise TakeError(f"{path}: is damaged: {COPY_AGAIN}") from None
         return packets, stream.frames, float(stream.time_base or 0)
 
 
@@ -121,8 +121,8 @@ class VideoReader:
                 f"{self.index.path}: frames {self.start} to {self.stop} were asked for, "
                 f"but it holds {self.index.n_frames}"
             )
-        self._container = _opened(self.index.path)
-        self._stream = _video_stream(self._container, self.index.path)
+        self._container = opened_video(self.index.path)
+        self._stream = video_stream(self._container, self.index.path)
 
     def __enter__(self) -> Self:
         return self
@@ -161,23 +161,25 @@ class VideoReader:
             if frame is not None and frame.pts is not None and frame.pts < stamps[self.start]:
                 continue  # between the keyframe and the start
             if frame is None or frame.pts != stamps[expected] or frame.is_corrupt:
-                raise TakeError(f"{self.index.path}: frame {expected} cannot be decoded: {_COPY_AGAIN}")
+                raise TakeError(f"{self.index.path}: frame {expected} cannot be decoded: {COPY_AGAIN}")
             yield frame
             expected += 1
 
 
-def _opened(path: Path, options: dict[str, str] | None = None) -> InputContainer:
+def opened_video(path: Path, options: dict[str, str] | None = None) -> InputContainer:
+    """A video file; raises TakeError where it is missing or cannot be read."""
     try:
         return av.open(str(path), "r", options=options)
     except FileNotFoundError:
         raise TakeError(f"{path}: is missing: expected a video") from None
     except (av.error.FFmpegError, OSError):
         raise TakeError(
-            f"{path}: cannot be read as a video (empty, cut off before its index, or no video): {_COPY_AGAIN}"
+            f"{path}: cannot be read as a video (empty, cut off before its index, or no video): {COPY_AGAIN}"
         ) from None
 
 
-def _video_stream(container: InputContainer, path: Path) -> VideoStream:
+def video_stream(container: InputContainer, path: Path) -> VideoStream:
+    """The first video stream, to be decoded on one thread; raises TakeError where there is none."""
     if not container.streams.video:
         raise TakeError(f"{path}: holds no video stream: expected a video")
     stream = container.streams.video[0]
@@ -187,13 +189,13 @@ def _video_stream(container: InputContainer, path: Path) -> VideoStream:
 
 def _first_picture(path: Path) -> Bytes:
     """The first picture that decodes, turned upright."""
-    with _opened(path) as container:
+    with opened_video(path) as container:
         try:
-            frame = next(container.decode(_video_stream(container, path)), None)
+            frame = next(container.decode(video_stream(container, path)), None)
         except av.error.FFmpegError:
             frame = None
         if frame is None:
-            raise TakeError(f"{path}: frame 0 cannot be decoded: {_COPY_AGAIN}")
+            raise TakeError(f"{path}: frame 0 cannot be decoded: {COPY_AGAIN}")
         return bgr_picture(frame, VideoReformatter())
 
 

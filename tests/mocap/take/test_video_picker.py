@@ -1,0 +1,81 @@
+"""Pictures picked in any order are those that reading in order gives."""
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from services.mocap.errors import TakeError
+from services.mocap.take.video import VideoReader, index_video
+from services.mocap.take.video_picker import PicturePicker
+
+_N = 60
+
+
+@pytest.fixture(scope="module", params=["mp4", "mkv"])
+def video(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Sixty pictures with B-frames that refer to each other, a keyframe every 12."""
+    path = tmp_path_factory.mktemp("video") / f"v.{request.param}"
+    noise = np.random.default_rng(3)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", 25, {"bf": "3", "g": "12", "b_strategy": "0"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for n in range(_N):
+            picture = noise.integers(0, 60, (48, 64, 3), np.uint8)
+            picture[:, n : n + 4] = 255
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "bgr24")))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize("step", [1, 2, 5, 13, -1, -7])
+def test_pictures_in_any_order_are_exact(video: Path, step: int) -> None:
+    with VideoReader(video) as reader:
+        expected = list(reader)
+    picker = PicturePicker(index_video(video))
+    for frame in range(_N)[::step]:
+        np.testing.assert_array_equal(picker.read(frame), expected[frame])
+
+
+def test_going_on_decodes_less_than_all(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    picker = PicturePicker(index_video(video))
+    read: list[object] = []
+    decode = picker._decode
+    monkeypatch.setattr(
+        picker, "_decode", lambda packet, wanted: (read.append(packet), decode(packet, wanted))
+    )
+    picker.read(1)
+    read.clear()
+    picker.read(37)
+    assert len(read) <= 10, "it begins at the keyframe before"
+    read.clear()
+    picker.read(41)
+    assert len(read) <= 5
+
+
+def test_what_is_not_there_is_said(video: Path) -> None:
+    picker = PicturePicker(index_video(video))
+    with pytest.raises(TakeError, match="holds no frame 60"):
+        picker.read(_N)
+    picker.read(_N - 1)
+    picker.read(0)
+
+
+def test_what_cannot_be_decoded_is_said_and_others_can(video: Path) -> None:
+    index, content = index_video(video), bytearray(video.read_bytes())
+    whole = PicturePicker(index).read(0)
+    content[len(content) // 2 : len(content) // 2 + 6000] = bytes(6000)
+    video.with_suffix(".hurt").write_bytes(content)
+    hurt = PicturePicker(index)
+    hurt._container.close()
+    hurt._container = av.open(str(video.with_suffix(".hurt")))
+    hurt._stream = hurt._container.streams.video[0]
+    failed = 0
+    for frame in range(_N):
+        try:
+            hurt.read(frame)
+        except TakeError:
+            failed += 1
+    assert 0 < failed < _N
+    np.testing.assert_array_equal(hurt.read(0), whole)
