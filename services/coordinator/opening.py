@@ -54,17 +54,19 @@ def solve_opening(
     settings: SearchSettings,
     fitted_pose: Floats | None = None,
     names: Sequence[str] = (),
+    made: Model | None = None,
 ) -> Opening:
     """Find the actor and the pose of a take's first frame.
 
     silhouettes (P, H, W); actor: None where the take has none; hints: of take.toml, for this very frame; pool
     makes the limb pool for a model, engine its backend. settings: those of the frames to come. fitted_pose:
     (35,), where it was found along with the actor; then nothing is searched far and wide. names: of the
-    cameras. Raises TakeError where nobody is to be seen, or the silhouettes make no sense (look_first).
+    cameras. made: the model of the told actor (told_actor), where there is one already. Raises TakeError
+    where nobody is to be seen, or the silhouettes make no sense (look_first).
     """
     picture = Picture.whole(rig, silhouettes)
     if actor is not None and fitted_pose is not None:
-        model = model_of(actor, rig, engine)
+        model = made or model_of(actor, rig, engine)
         limbs = pool(model, actor)
         return Opening(actor, model, solve_frame(model, picture, fitted_pose[None], settings, limbs))
     masks = unpack(silhouettes, rig.n_cameras)
@@ -73,7 +75,7 @@ def solve_opening(
         log.warning("%s", remark)
     settings = _believing(settings, look, rig.n_cameras)
     hull = carve(rig, look.believed(masks))
-    opening = first_guess(hull, picture, rig, actor, hints, pool, engine, settings)
+    opening = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made)
     if actor is not None or hints.actor_height is not None:
         return opening
     opening.model.backend.close()
@@ -96,6 +98,13 @@ def _believing(settings: SearchSettings, look: FirstLook, n_cameras: int) -> Sea
     return settings.model_copy(update={"camera_weights": weights})
 
 
+def told_actor(actor: Actor | None, hints: TakeSettings, mesh: OwnMesh | None = None) -> Actor | None:
+    """The actor, or else the generic one, or a mesh, as tall as the hints say; None where they do not."""
+    if actor is not None or hints.actor_height is None:
+        return actor
+    return Actor(height=round(hints.actor_height, 3), mesh=mesh)
+
+
 def first_guess(
     hull: Hull,
     picture: Picture,
@@ -106,6 +115,7 @@ def first_guess(
     engine: Engine,
     settings: SearchSettings,
     mesh: OwnMesh | None = None,
+    made: Model | None = None,
 ) -> Opening:
     """The first frame's pose, with the actor or else with the generic body, from its hull and its picture.
 
@@ -113,8 +123,8 @@ def first_guess(
     arguments as solve_opening's.
     Raises TakeError where nobody can be so tall, or where a body as tall as the hull covers too little.
     """
-    is_told = actor is not None or hints.actor_height is not None
-    actor = actor or Actor(height=round(hints.actor_height or _plausible_height_m(hull), 3), mesh=mesh)
+    told = told_actor(actor, hints, mesh)
+    actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=mesh)
     if not _LOWEST_HULL <= hull.height_m / actor.height <= _HIGHEST_HULL:
         log.warning(
             "the visual hull of the first frame is %.2f m high for an actor of %.2f m: check the scale "
@@ -122,12 +132,12 @@ def first_guess(
             hull.height_m,
             actor.height,
         )
-    model = model_of(actor, rig, engine)
+    model = made or model_of(actor, rig, engine)
     solution = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
     uncovered = uncovered_share(model, picture, solution.pose, settings)
     if uncovered > MOST_UNCOVERED:
         sentence = NOT_ALONE.format(covered=1.0 - uncovered)
-        if not is_told:
+        if told is None:
             model.backend.close()
             raise TakeError(sentence)
         log.warning("%s", sentence)  # what was told of the actor may be wrong as well

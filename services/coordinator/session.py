@@ -13,7 +13,7 @@ from services.coordinator.incoming import Frame, Incoming, RecordedFrames
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.live_frames import LiveFrames
 from services.coordinator.metrics import Gauges, note_pose
-from services.coordinator.opening import Opening, model_of, solve_opening
+from services.coordinator.opening import Opening, model_of, solve_opening, told_actor
 from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import LostFramesError, Switchboard
@@ -26,6 +26,7 @@ from services.mocap.errors import TakeError, UserError
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model
+from services.mocap.search.warm_up import rehearse
 from services.mocap.take.live import LiveTake
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
@@ -70,6 +71,7 @@ class Session:
         self._solved_end = plan.frames.start
         self._recorders, self._shards = 0, 1
         self._told = ""
+        self._made: Model | None = None
         self._gauges, self._overhead = Gauges(), Overhead()
         self._board.telemetry = self._telemetry
         about(take=self._wording.take)
@@ -142,7 +144,21 @@ class Session:
         self._await_recorders()
         log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._incoming.dropped})
 
+    def _rehearse(self) -> None:
+        """Make what the first pose needs, here and in workers, before cameras begin: they do not wait."""
+        told = told_actor(self._plan.actor, self._plan.take.settings)
+        model = model_of(told or Actor(), self._rig, self._engine)
+        began_s = time.perf_counter()
+        rehearse(model, self._pool(model, told or Actor()), self._plan.settings)
+        log.info("ready for the first shot: rehearsed in %.1f s", time.perf_counter() - began_s)
+        if told is not None:
+            self._made = model
+        else:
+            model.backend.close()
+
     def _track(self, held: Recording | None) -> None:
+        if self._is_live and held is None:
+            self._rehearse()
         self._stage = "first frame" if held is None else "tracking"
         self._incoming.begin(self._wording.run, self._solved_end)
         tracker = self._open() if held is None else self._go_on(held)
@@ -195,6 +211,7 @@ class Session:
             without_weight(self._plan.settings, first.absent, self._rig),
             self._plan.fitted_pose,
             [camera.name for camera in self._plan.take.cameras],
+            self._made,
         )
 
     def _say_nobody(self, why: str) -> None:

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
 from scipy import ndimage
 
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
-from services.mocap.types import Floats, Ints, Mask
+from services.mocap.types import Bytes, Floats, Ints, Mask
 
 _VOXEL_M = 0.03
 _FEET_M = 0.15
@@ -151,11 +152,28 @@ def look_up(rig: Rig, silhouette: Mask, camera: int, points_world_m: Floats) -> 
     """Which points (N,) project into a camera's picture, and which of them onto its silhouette (H, W)."""
     width, height = rig.sizes_px[camera]
     size = 1 + 2 * max(1, round(_SLACK_PX * width / 320))
-    wide = cv2.dilate(silhouette[:height, :width].astype(np.uint8), np.ones((size, size), np.uint8))
-    homogeneous = points_world_m @ rig.P_px_world[camera, :, :3].T + rig.P_px_world[camera, :, 3]
-    ahead = homogeneous[:, 2] > 0
-    pixel = np.rint(homogeneous[:, :2] / np.where(ahead, homogeneous[:, 2], 1.0)[:, None]).astype(np.int64)
-    in_picture: Mask = ahead & np.all((pixel >= 0) & (pixel < (width, height)), axis=1)
-    on_actor = in_picture.copy()
-    on_actor[in_picture] = wide[pixel[in_picture, 1], pixel[in_picture, 0]] > 0
+    wide: Bytes = np.asarray(
+        cv2.dilate(silhouette[:height, :width].astype(np.uint8), np.ones((size, size), np.uint8)), np.uint8
+    )
+    in_picture, on_actor = np.zeros((2, len(points_world_m)), bool)
+    _project(np.ascontiguousarray(points_world_m), rig.P_px_world[camera], wide, in_picture, on_actor)
     return in_picture, on_actor
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _project(
+    points_world_m: Floats, P_px_world: Floats, picture: Bytes, inside: Mask, on_white: Mask
+) -> None:
+    """Mark which points (N, 3) project into a picture (h, w), and which of them onto what is not black."""
+    height, width = picture.shape
+    for n in range(len(points_world_m)):
+        x, y, z = points_world_m[n]
+        depth = P_px_world[2, 0] * x + P_px_world[2, 1] * y + P_px_world[2, 2] * z + P_px_world[2, 3]
+        if depth <= 0:
+            continue
+        across = P_px_world[0, 0] * x + P_px_world[0, 1] * y + P_px_world[0, 2] * z + P_px_world[0, 3]
+        down = P_px_world[1, 0] * x + P_px_world[1, 1] * y + P_px_world[1, 2] * z + P_px_world[1, 3]
+        column, row = np.rint(across / depth), np.rint(down / depth)
+        if 0 <= column < width and 0 <= row < height:
+            inside[n] = True
+            on_white[n] = picture[int(row), int(column)] > 0

@@ -6,13 +6,25 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.compiled import forget_other_code
+from services.mocap.energy.bitplanes import n_planes
 from services.mocap.energy.engine import Engine, open_engine
-from services.mocap.energy.picture import Picture, Region
+from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.frame import solve_frame
-from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.hull import look_up
+from services.mocap.search.jobs import LimbPool, LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
+
+_QUICK = {
+    "max_passes": 1,
+    "arm_grid": (1, 1, 1, 1),
+    "leg_grid": (1, 1, 1, 1),
+    "descent_rounds": 1,
+    "search_limbs": "always",
+}
+REHEARSAL_PASS = 9900
+"""Number of a rehearsal's pass, beyond those of a frame that is solved in earnest."""
 
 
 def warm_up(engine: Engine) -> None:
@@ -22,11 +34,21 @@ def warm_up(engine: Engine) -> None:
     """
     rig = Rig(np.array([[[100.0, 0, 32, 0], [0, 100, 32, 0], [0, 0, 1, 3]]]), np.array([[64, 64]], np.int32))
     body = build_body(Actor())
-    picture = Picture.of_region(rig, Region.whole(rig), np.zeros((1, 64, 64), np.uint8))
-    quick = SearchSettings(max_passes=1, arm_grid=(1, 1, 1, 1), leg_grid=(1, 1, 1, 1), descent_rounds=1)
     model = Model(body, rig, engine.backend(body, rig))
-    solve_frame(model, picture, np.zeros((1, N_DOF)), quick, LocalLimbs(model))
+    rehearse(model, LocalLimbs(model), SearchSettings())
     model.backend.close()
+
+
+def rehearse(model: Model, limbs: LimbPool, settings: SearchSettings) -> None:
+    """Solve a frame in which nobody is, all limbs included, as cheaply as it goes.
+
+    What is loaded, compiled or built at its first use is there afterwards, also in those who solve limbs.
+    """
+    rig = model.rig
+    nobody = Picture.whole(rig, np.zeros((n_planes(rig.n_cameras), *rig.shape_px), np.uint8))
+    look_up(rig, np.zeros(rig.shape_px, bool), 0, np.zeros((1, 3)))
+    quick = settings.model_copy(update=_QUICK)
+    solve_frame(model, nobody, np.zeros((1, N_DOF)), quick, limbs, REHEARSAL_PASS)
 
 
 if __name__ == "__main__":

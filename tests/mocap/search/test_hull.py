@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from services.mocap.body.kinematics import joint_positions
@@ -11,7 +12,7 @@ from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.errors import TakeError
-from services.mocap.search.hull import Hull, carve
+from services.mocap.search.hull import Hull, carve, cube_about, look_up
 from services.mocap.search.model import Model
 from services.mocap.types import Bytes, Floats, Mask
 
@@ -50,6 +51,22 @@ def test_encloses_the_body_and_measures_it(
     assert hull.height_m == pytest.approx(1.75, abs=0.04)
     assert hull.bottom_m == pytest.approx(0.0, abs=0.03)
     np.testing.assert_allclose(hull.axis_world_m, pose[:2], atol=0.05)
+
+
+def test_points_are_looked_up_where_they_project(model: Model, masks_of: MasksOf, standing: Poser) -> None:
+    rig, mask = model.rig, masks_of(standing())[1]
+    points_world_m = cube_about(np.array([0.3, 0.1, 0.9]), 6.0, 0.5)  # some behind the camera, some beside it
+    in_picture, on_actor = look_up(rig, mask, 1, points_world_m)
+    homogeneous = np.column_stack([points_world_m, np.ones(len(points_world_m))]) @ rig.P_px_world[1].T
+    pixel = np.rint(homogeneous[:, :2] / homogeneous[:, 2:])
+    width, height = rig.sizes_px[1]
+    expected = (homogeneous[:, 2] > 0) & np.all((pixel >= 0) & (pixel < (width, height)), axis=1)
+    np.testing.assert_array_equal(in_picture, expected)
+    around = ndimage.maximum_filter(mask, 1 + 2 * max(1, round(width / 320)))
+    columns, rows = pixel[expected].astype(int).T
+    np.testing.assert_array_equal(on_actor[expected], around[rows, columns])
+    assert 0 < on_actor.sum() < in_picture.sum() < len(points_world_m)
+    assert not on_actor[~expected].any()
 
 
 def test_is_one_piece_without_doubles(model: Model, standing: Poser, masks_of: MasksOf) -> None:
