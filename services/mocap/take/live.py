@@ -13,8 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from services.mocap.camera.calibration import Up, read_calibration
 from services.mocap.camera.camera import Camera
+from services.mocap.camera.colour import read_colours
 from services.mocap.errors import TakeError, load_toml, nearest, validated
 from services.mocap.take.folder import Take, open_take
+from services.mocap.take.layout import COLOURS
 from services.mocap.take.pictures import check_png, check_size, read_picture
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.video import VideoReader, index_video
@@ -91,6 +93,9 @@ class LiveSettings(BaseModel):
         default=None,
         description="the path of a folder with the empty stage, NAME.png or NAME.mp4 of every camera",
     )
+    colour: str | None = Field(
+        default=None, description="the path of a colour.toml, as xormocap calibrate --colour writes it"
+    )
     empty_stage_s: float = Field(
         default=2.0,
         gt=0,
@@ -140,6 +145,8 @@ class LiveTake(Take):
     """Of the cameras, in their order; paths are complete."""
     background_folder: Path | None
     """The empty stage; None: seen at the start."""
+    colour_path: Path | None
+    """Where colours come from; None: nothing is corrected."""
 
     def has_video(self, camera: Camera) -> bool:  # noqa: ARG002  (as of a take)
         """See Take: there is none to go back to."""
@@ -154,10 +161,12 @@ class LiveTake(Take):
         path = self.plate(camera)
         if path is None:
             raise TakeError(f"{self.folder}: has no picture of the empty stage of {camera.name}")
+        colour = self.colours.get(camera.name)
         if path.suffix == ".png":
-            yield read_picture(path)
+            picture = read_picture(path)
+            yield picture if colour is None else colour.apply(picture)
             return
-        with VideoReader(path) as reader:
+        with VideoReader(path, colour=colour) as reader:
             yield from reader
 
     @property
@@ -167,8 +176,8 @@ class LiveTake(Take):
 
     def inputs(self, from_videos: bool) -> list[Path]:  # noqa: ARG002  (as of a take)
         """See Take: what stays the same from run to run."""
-        plates = [self.plate(camera) for camera in self.cameras]
-        return [self.folder / self.live.calibration, *(path for path in plates if path is not None)]
+        files = [*(self.plate(camera) for camera in self.cameras), self.colour_path]
+        return [self.folder / self.live.calibration, *(path for path in files if path is not None)]
 
     def groups(self) -> dict[str, list[int]]:
         """Cameras by their place in calibration.toml, group by group."""
@@ -207,6 +216,7 @@ def open_live(path: Path) -> LiveTake:
                 f"{path}: elsewhere: {group}: no camera is of that group: {nearest(group, known)}"
             )
     background = None if settings.background is None else folder / settings.background
+    colour_path = _colour_path(path, settings)
     take = LiveTake(
         folder=folder,
         settings=TakeSettings(
@@ -220,12 +230,26 @@ def open_live(path: Path) -> LiveTake:
         ),
         cameras=cameras,
         source="videos",
+        colours=read_colours(colour_path, [camera.name for camera in cameras]) if colour_path else {},
+        colour_path=colour_path,
         live=settings,
         sources=sources,
         background_folder=background,
     )
     _check_plates(path, take)
     return take
+
+
+def _colour_path(path: Path, settings: LiveSettings) -> Path | None:
+    """The file of colours that the configuration names, or else the one beside it, as in a take folder."""
+    named = path.resolve().parent / (settings.colour or COLOURS)
+    if named.exists():
+        return named
+    if settings.colour is not None:
+        raise TakeError(
+            f"{path}: colour: {named} is missing: expected a file as xormocap calibrate --colour writes it"
+        )
+    return None
 
 
 def _sources(path: Path, settings: LiveSettings, cameras: tuple[Camera, ...]) -> tuple[LiveCamera, ...]:

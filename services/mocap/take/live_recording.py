@@ -55,6 +55,8 @@ def finish_recording(take: LiveTake, folder: Path) -> list[str]:
         plates.mkdir(exist_ok=True)
         for plate in filter(None, map(take.plate, take.cameras)):
             shutil.copy(plate, plates)
+    if take.colour_path is not None:
+        shutil.copy(take.colour_path, part / layout.COLOURS)  # its videos are as the cameras gave them
     actor = take_actor(take)
     if actor is not None:
         write_actor(part / layout.ACTOR, actor, take.settings.name)

@@ -29,6 +29,7 @@ class Silhouetter:
         chosen = [take.cameras[c] for c in cameras]
         self._height_px, self._width_px = Rig.of(take.cameras).shape_px
         self._mattes = live_mattes(take, chosen, SegmentationSettings(), segmenter)
+        self._colours = [take.colours.get(camera.name) for camera in chosen]
         self._undistorters = [Undistorter(camera) for camera in chosen]
         self._cameras, self._sees_all = chosen, len(cameras) == len(take.cameras)
         self._rigs: dict[tuple[int, ...], Rig] = {}
@@ -45,12 +46,16 @@ class Silhouetter:
     def planes(self, shot: Shot) -> tuple[list[int], Bytes]:
         """Which cameras of the group have a picture of a shot, and bit-planes (P, H, W) of these."""
         there = sorted(shot.taken)
-        masks: list[Mask] = [
-            self._undistorters[k].mask(self._mattes[k].silhouette(shot.taken[k].image)) for k in there
-        ]
+        masks = [self._mask(k, shot.taken[k].image) for k in there]
         if self._sees_all:
             masks = drop_unsupported(self._rig(tuple(there)), masks)
         return there, packed(masks, self._width_px, self._height_px)
+
+    def _mask(self, k: int, image: Bytes) -> Mask:
+        """The undistorted silhouette (h, w) of a picture (h, w, 3) as the camera gave it."""
+        colour = self._colours[k]
+        corrected = image if colour is None else colour.apply(image)
+        return self._undistorters[k].mask(self._mattes[k].silhouette(corrected))
 
     def _rig(self, there: tuple[int, ...]) -> Rig:
         if there not in self._rigs:

@@ -1,10 +1,13 @@
 """A live configuration is checked before anything is opened, and what it records is a take."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from services.mocap.camera.colour import ColourCorrection, write_colours
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take.folder import open_take
 from services.mocap.take.live import OPEN_END, LiveTake, open_live, open_source
@@ -13,6 +16,7 @@ from services.mocap.take.writer import video_writer
 
 _HEAD = 'name = "stage"\nfps = 10.0\nup = "z"\ncalibration = "calibration.toml"\n'
 _CAMERAS = "".join(f'[cameras.cam0{c}]\nsource = "videos/cam0{c}.mp4"\n' for c in (1, 2, 3))
+_HALF = ColourCorrection(np.hstack([0.5 * np.eye(3), np.zeros((3, 1))]))
 SmallTake = Callable[..., Path]
 
 
@@ -112,6 +116,35 @@ def test_an_empty_stage_that_is_not_there(folder: Path) -> None:
     (folder / "background" / "cam02.mp4").unlink()
     with pytest.raises(TakeError, match=r"background: holds neither cam02\.png nor cam02\.mp4"):
         open_live(_write(folder, _HEAD + 'background = "background"\n' + _CAMERAS))
+
+
+def test_colours_are_corrected_in_plates_and_in_what_is_recorded(folder: Path, tmp_path: Path) -> None:
+    raw = open_live(_write(folder, _HEAD + 'background = "background"\n' + _CAMERAS))
+    assert raw.colours == {}
+    write_colours(folder / "colour.toml", {"cam02": (_HALF, 9.0, 1.0)})
+    take = open_live(_write(folder, _HEAD + 'background = "background"\n' + _CAMERAS))
+    assert list(take.colours) == ["cam02"]
+    for camera in take.cameras:
+        ours, theirs = next(iter(take.background(camera))), next(iter(open_take(folder).background(camera)))
+        np.testing.assert_array_equal(ours, theirs)
+        assert np.any(ours != next(iter(raw.background(camera)))) == (camera.name == "cam02")
+    assert folder / "colour.toml" in take.inputs(from_videos=True)
+    part = begin_recording(tmp_path / "recorded")
+    shutil.copytree(folder / "videos", part / "videos")
+    finish_recording(take, tmp_path / "recorded")
+    recorded = open_take(tmp_path / "recorded")
+    for ours, theirs in zip(
+        recorded.video(recorded.cameras[1]), open_take(folder).video(take.cameras[1]), strict=True
+    ):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_file_of_colours_that_is_named_has_to_be_there(folder: Path) -> None:
+    path = _write(folder, _HEAD + 'colour = "colours.toml"\nbackground = "background"\n' + _CAMERAS)
+    with pytest.raises(
+        TakeError, match=r"live\.toml: colour: .*colours\.toml is missing: expected a file as"
+    ):
+        open_live(path)
 
 
 def test_a_recording_is_a_take(folder: Path, tmp_path: Path) -> None:
