@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -82,11 +83,11 @@ class Group:
     def _feed(self, k: int, c: int) -> Feed:
         return Feed(
             self._take.cameras[c],
-            lambda stopped: self._open(c, stopped),
+            lambda stopped: self._open(k, c, stopped),
             lambda image, taken_s: self._give(k, image, taken_s),
         )
 
-    def _open(self, c: int, stopped: threading.Event) -> Source | None:
+    def _open(self, k: int, c: int, stopped: threading.Event) -> Source | None:
         """A camera's source; files begin with shot 0, so that each of their pictures has its number."""
         source = self._take.sources[c]
         if not source.is_file:
@@ -94,7 +95,8 @@ class Group:
         while not self._begun.wait(0.1):
             if stopped.is_set():
                 return None
-        return FileSource(Path(str(source.source)), self._files_begin_s, stopped)
+        passed_over = partial(self.shots.pass_over, k)
+        return FileSource(Path(str(source.source)), self._files_begin_s, stopped, passed_over)
 
     def _give(self, k: int, image: Bytes, taken_s: float) -> None:
         shot = self.shots.put(k, image, taken_s)

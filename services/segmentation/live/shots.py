@@ -77,6 +77,7 @@ class Shots:
         """Shots of which a camera gave no picture."""
         self.dropped = [0] * n_cameras
         """Pictures of a camera that were not given out."""
+        self._passed_over = [0] * n_cameras
         self.latest_s: list[float | None] = [None] * n_cameras
         """When a camera took its latest picture, on this machine's clock."""
 
@@ -93,7 +94,11 @@ class Shots:
             if number is None or number < 0 or (last is not None and number <= last):
                 self.dropped[camera] += number is None or number >= 0
                 return None
-            self.missed[camera] += number - (last + 1 if last is not None else 0)
+            lacking = number - (last + 1 if last is not None else 0)
+            late = min(lacking, self._passed_over[camera])
+            self._passed_over[camera] = 0
+            self.dropped[camera] += late
+            self.missed[camera] += lacking - late
             self._last_of[camera] = number
             if number <= self._last_given:
                 self.dropped[camera] += 1
@@ -104,6 +109,11 @@ class Shots:
                 self._drop(min(self._shots))
             self._changed.notify_all()
             return number
+
+    def pass_over(self, camera: int, pictures: int) -> None:
+        """Pictures of a camera were there, but not read in time: they count as dropped, not as missed."""
+        with self._changed:
+            self._passed_over[camera] += pictures
 
     def take(self, timeout_s: float) -> Shot | None:
         """The next shot that is whole: the oldest, or where too many wait, the newest."""

@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -9,6 +10,7 @@ from threading import Event
 from typing import Protocol
 
 import av
+import numpy as np
 from av.container import InputContainer
 from av.video.reformatter import VideoReformatter
 
@@ -22,6 +24,10 @@ _OPEN_S, _READ_S = 5.0, 1.5
 """How long a network source may be silent, while it is opened and afterwards, before it counts as lost."""
 _SAME_CLOCK_S = 2.0
 """Stamps so near to this machine's monotonic clock are its own, as drivers of cameras give them."""
+_LATE_S, _LATE_PICTURES = 0.4, 2
+"""A file's picture that nobody has read after both together gives way to newer ones, as a camera's does."""
+_MEET_S = 0.25
+"""About so far apart are the pictures at which files go on then, so that those of several meet again."""
 _LEAK = 1e-3
 """How much a container's clock may run slow against ours, in seconds a second."""
 
@@ -58,26 +64,52 @@ class FileSource:
     A file that is removed, or that another one takes the place of, is a camera that is unplugged.
     """
 
-    def __init__(self, path: Path, begin_s: float, stopped: Event) -> None:
-        """begin_s: when the file's first picture is taken; what has passed by then is over."""
-        self._begin_s, self._stopped, self._path = begin_s, stopped, path
+    def __init__(
+        self, path: Path, begin_s: float, stopped: Event, passed_over: Callable[[int], None] = lambda _: None
+    ) -> None:
+        """begin_s: when the file's first picture is taken; what has passed by then is over. passed_over: told
+        how many pictures were left out since they were not read in time."""
+        self._stopped, self._path, self._passed_over = stopped, path, passed_over
         try:
             self._identity = _identity(path)
-            index = _indexed(path, self._identity)
+            self._index = _indexed(path, self._identity)
         except TakeError as problem:
             raise SourceLostError(str(problem)) from None
-        self._due_s = begin_s + index.times_s - index.times_s[0]
-        now_s = time.monotonic()
-        first = int((self._due_s < now_s).sum()) if now_s > begin_s else 0
-        self._next = first
-        self._reader = VideoReader(index, first) if first < index.n_frames else None
+        self._due_s = begin_s + self._index.times_s - self._index.times_s[0]
+        steps_s = np.diff(self._due_s)
+        period_s = float(np.median(steps_s)) if len(steps_s) else _MEET_S
+        self._late_s = _LATE_S + _LATE_PICTURES * period_s
+        self._meet = max(1, round(_MEET_S / period_s))
+        self._reader: VideoReader | None = None
+        self._go_to(int((self._due_s < time.monotonic()).sum()))
+
+    def _go_to(self, number: int) -> None:
+        """Let a picture be the next one; none where there are no more."""
+        self.close()
+        self._next = number
+        self._reader = VideoReader(self._index, number) if number < self._index.n_frames else None
         self._frames = iter(self._reader) if self._reader is not None else iter(())
+
+    def _leave_out_late_ones(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._due_s[self._next] < self._late_s:
+            return
+        number = -(-int((self._due_s < now_s).sum()) // self._meet) * self._meet
+        number = min(number, self._index.n_frames)
+        self._passed_over(number - self._next)
+        if number == self._index.n_frames or self._index.keyframe_before(number)[0] > self._next:
+            self._go_to(number)
+        while self._next < number:
+            next(self._frames)
+            self._next += 1
 
     def read(self) -> Picture | None:
         """See Source.read."""
-        if self._next >= len(self._due_s):
-            return None
         try:
+            if self._next < len(self._due_s):
+                self._leave_out_late_ones()
+            if self._next >= len(self._due_s):
+                return None
             image = next(self._frames)
         except TakeError as problem:
             raise SourceLostError(str(problem)) from None

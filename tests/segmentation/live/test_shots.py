@@ -105,3 +105,12 @@ def test_before_a_run_there_are_no_shots(now_s: float) -> None:
     assert shots.put(0, _IMAGE, now_s) is None
     assert shots.latest_s == [now_s]
     assert shots.dropped == [0]
+
+
+def test_pictures_that_were_not_read_in_time_are_dropped_not_missed(shots: Shots, now_s: float) -> None:
+    shots.put(0, _IMAGE, now_s)
+    shots.pass_over(0, 4)
+    shots.put(0, _IMAGE, now_s + 7 * _PERIOD_S)
+    assert (shots.dropped[0], shots.missed[0]) == (4, 2)
+    shots.put(0, _IMAGE, now_s + 10 * _PERIOD_S)
+    assert (shots.dropped[0], shots.missed[0]) == (4, 4)

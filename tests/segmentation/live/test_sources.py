@@ -50,6 +50,29 @@ def _number(image: Bytes) -> int:
     return round((float(image.mean()) - 20) / 4)
 
 
+def test_pictures_that_are_not_read_in_time_give_way_to_newer_ones(video: Path) -> None:
+    begin_s, left_out = time.monotonic() + 0.1, list[int]()
+    source = FileSource(video, begin_s, threading.Event(), left_out.append)
+    numbers = [0, 1]
+    for n in numbers:
+        picture = source.read()
+        assert picture is not None
+        assert _number(picture.image) == n
+    time.sleep(0.75)  # of twenty a second
+    for _ in range(3):
+        picture = source.read()
+        assert picture is not None
+        numbers.append(_number(picture.image))
+        assert picture.taken_s == pytest.approx(begin_s + numbers[-1] / _FPS, abs=1e-4)
+        assert time.monotonic() >= picture.taken_s
+    assert numbers[2] % 5 == 0
+    assert numbers[2] >= 15
+    assert numbers[3:] == [numbers[2] + 1, numbers[2] + 2]
+    assert left_out == [numbers[2] - 2]
+    time.sleep(max(begin_s + 40 / _FPS + 0.5 - time.monotonic(), 0))
+    assert source.read() is None
+
+
 def test_a_file_comes_at_its_own_rate(video: Path) -> None:
     begin_s = time.monotonic() + 0.1
     source = FileSource(video, begin_s, threading.Event())
