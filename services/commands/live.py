@@ -140,6 +140,13 @@ def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> Non
     table.add_row(
         "latency", f"median {1000 * latency_s['median']:.0f} ms, 95 % below {1000 * latency_s['p95']:.0f} ms"
     )
+    if (abreast := live_part["abreast"]) is not None and abreast["poses_before"]:
+        since_ms = [1000 * abreast["latency_s"][name] for name in ("median", "p95")]
+        table.add_row(
+            "caught up",
+            f"after {abreast['after_s']:.1f} s; since then median {since_ms[0]:.0f} ms, "
+            f"95 % below {since_ms[1]:.0f} ms",
+        )
     table.add_row("first pose", f"{speed['first_frame_s']:.1f} s")
     for where in ("source", "segmentation", "tracking"):
         drops = {name: counts[where] for name, counts in live_part.get("drops", {}).items()}

@@ -9,6 +9,8 @@ from proto.messages import OPEN_END, Pose, TakeInfo
 from services.mocap.types import Floats
 
 _LEAST_STEP_S = 1e-6
+_FRESH_SHOTS, _FRESH_S = 4.0, 0.3
+"""A pose is abreast of the cameras if it came no later than both together."""
 
 
 def is_live(info: TakeInfo) -> bool:
@@ -42,12 +44,31 @@ def rate_fps(info: TakeInfo, recorded: Sequence[Pose]) -> float:
     return (len(recorded) - 1) / lasted_s if lasted_s > 0 else info.fps
 
 
-def live_report(recorded: Sequence[Pose]) -> dict[str, Any]:
-    """For run.json: how late poses came, and how many shots they are of."""
-    latencies_s = np.array([message.latency_s for message in recorded])
+def since_abreast(times_s: Floats, latencies_s: Floats, fps: float) -> dict[str, Any] | None:
+    """When poses (N,) of some moments and latencies first were abreast of the cameras, and how late since.
+
+    Before that come those of shots that waited while the first pose was looked for. None: they never were.
+    """
+    is_abreast = latencies_s <= _FRESH_S + _FRESH_SHOTS / fps
+    if not is_abreast.any():
+        return None
+    first = int(is_abreast.argmax())
+    after_s = float(times_s[first] + latencies_s[first] - times_s[0])
+    return {"after_s": after_s, "poses_before": first, "latency_s": _latency_s(latencies_s[first:])}
+
+
+def _latency_s(latencies_s: Floats) -> dict[str, float]:
     median_s, p95_s = np.percentile(latencies_s, [50, 95])
+    return {"median": float(median_s), "p95": float(p95_s)}
+
+
+def live_report(info: TakeInfo, recorded: Sequence[Pose]) -> dict[str, Any]:
+    """For run.json: how late poses came, also since they caught up, and how many shots they are of."""
+    latencies_s = np.array([message.latency_s for message in recorded])
+    times_s = np.array([message.time_s for message in recorded])
     return {
-        "latency_s": {"median": float(median_s), "p95": float(p95_s)},
+        "latency_s": _latency_s(latencies_s),
+        "abreast": since_abreast(times_s, latencies_s, info.fps),
         "shots": {
             "first": recorded[0].shot,
             "last": recorded[-1].shot,

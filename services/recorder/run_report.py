@@ -73,7 +73,7 @@ def write_run_json(
         "trust": _trust(motion.marks),
     }
     if is_live(info):
-        report["live"] = live_report(recorded)
+        report["live"] = live_report(info, recorded)
     of_motion = {"accuracy": motion.written_world_m}
     if motion.output.smooth != "none":
         of_motion["accuracy_before_smoothing"] = motion.tracked_world_m
