@@ -227,7 +227,10 @@ class LiveFrames:
         """See Incoming.has_ended: all sources are files that are over."""
         now_s = self._now()
         here = [word for word in self._words.values() if now_s - word.heard_s < _SILENT_S]
-        return bool(here) and not self._shots and all(word.message.ended for word in here)
+        if not here or not all(word.message.ended for word in here):
+            return False
+        # What has too few cameras by now will have no more.
+        return all(len(shot.times_s) < self._take.live.least_cameras for shot in self._shots.values())
 
     @property
     def end_shot(self) -> int:

@@ -209,6 +209,16 @@ def test_it_ends_when_all_files_are_over(stage: Stage) -> None:
     assert stage.frames.end_shot == 10
 
 
+def test_shots_of_too_few_cameras_do_not_keep_it_from_ending(stage: Stage) -> None:
+    stage.send_all(9)
+    assert stage.frames.take_next() is not None
+    stage.send(10, [0, 1])
+    stage.report([0, 1], ended=True)
+    assert stage.frames.has_ended is False  # the other group may have something
+    stage.report([2, 3], ended=True)
+    assert stage.frames.has_ended
+
+
 def test_what_segmentation_says_is_told(stage: Stage) -> None:
     stage.report([2, 3], missed=[7, 1], dropped=[0, 2])
     drops = stage.frames.figures().drops
