@@ -77,7 +77,7 @@ class LiveFrames:
         self._latencies_s: deque[float] = deque(maxlen=_REMEMBERED)
         self._skipped = np.zeros(rig.n_cameras, np.int64)
         self._looked_s = self._returned_s = now()
-        self._away_s, self._is_behind = 0.0, False
+        self._away_s, self._is_behind, self._is_solved_meanwhile = 0.0, False, False
         self.dropped = 0
         """See Incoming."""
 
@@ -150,8 +150,9 @@ class LiveFrames:
         """See Incoming.take_next."""
         now_s = self._now()
         away_s, self._looked_s = now_s - self._looked_s, now_s
-        if away_s > self._take.live.period_s:
+        if self._is_solved_meanwhile and away_s > self._take.live.period_s:
             self._returned_s, self._away_s = now_s, away_s
+        self._is_solved_meanwhile = False  # between looks that find nothing it only waits
         whole = sorted(shot for shot in self._shots if self._is_whole(shot, now_s))
         if not whole:
             return None
@@ -190,7 +191,7 @@ class LiveFrames:
         shot = self._shots.pop(number)
         for older in [other for other in self._shots if other < number]:
             self._skip(older)
-        self._last_shot = number
+        self._last_shot, self._is_solved_meanwhile = number, True
         self._next += 1
         masks: Mask = np.zeros((self._rig.n_cameras, *self._rig.shape_px), bool)
         for cameras, planes in shot.parts:

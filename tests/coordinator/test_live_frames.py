@@ -179,6 +179,21 @@ def test_old_news_is_passed_over(stage: Stage) -> None:
     assert frame.shot == 31
 
 
+def test_old_news_that_nothing_follows_is_solved_after_all(stage: Stage) -> None:
+    stage.send_all(0)
+    assert stage.frames.take_next() is not None
+    stage.send_all(1)
+    stage.clock.now_s += 3.0
+    stage.report([0, 1], ended=True)
+    stage.report([2, 3], ended=True)
+    assert stage.frames.take_next() is None
+    stage.clock.now_s += 0.4  # the coordinator waits for messages in between
+    frame = stage.frames.take_next()
+    assert frame is not None
+    assert frame.shot == 1
+    assert stage.frames.has_ended
+
+
 def test_foreign_messages_are_counted(stage: Stage) -> None:
     before = stage.frames.dropped
     planes = np.zeros((1, *stage.rig.shape_px), np.uint8)
