@@ -66,7 +66,7 @@ SetOption: TypeAlias = Annotated[
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Change a setting of the search, such as detail_px=0; may be repeated. README.md lists them.",
+        help="Change a setting of the search, such as detail_px=0; may be repeated. The README lists them.",
     ),
 ]
 SettingsOption: TypeAlias = Annotated[

@@ -1,4 +1,4 @@
-"""README.md says what the code does, where that can be checked."""
+"""The README pages say what the code does, where that can be checked."""
 
 import json
 import re
@@ -11,12 +11,24 @@ from services.mocap.export.formats import FORMATS
 from services.mocap.motion.angles import ANGLES
 from services.mocap.search.settings import SearchSettings
 
-_README = Path(__file__).resolve().parents[1] / "README.md"
+_ROOT = Path(__file__).resolve().parents[1]
+_PAGES = sorted(
+    page
+    for folder in ("", "docker", "proto", "services/*", "services/mocap/*")
+    for page in _ROOT.glob(f"{folder}/*.md" if folder else "*.md")
+)
 
 
 @pytest.fixture(scope="module")
 def readme() -> str:
-    return _README.read_text(encoding="utf-8")
+    """All pages, one after another."""
+    return "\n".join(page.read_text(encoding="utf-8") for page in _PAGES)
+
+
+def _anchors(page: Path) -> set[str]:
+    """What a link may name on a page: its headings, as GitHub writes them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def _settings_table() -> str:
@@ -30,13 +42,13 @@ def _settings_table() -> str:
 
 def test_every_search_setting_is_told(readme: str) -> None:
     table = _settings_table()
-    assert table in readme, f"README.md should read:\n\n{table}"
+    assert table in readme, f"a page should read:\n\n{table}"
 
 
 def test_every_angle_is_told(readme: str) -> None:
     rows = [f"| `{angle.name}` | {angle.meaning} |" for angle in ANGLES]
     table = "\n".join(["| angle | positive is |", "| --- | --- |", *rows, ""])
-    assert table in readme, f"README.md should read:\n\n{table}"
+    assert table in readme, f"a page should read:\n\n{table}"
 
 
 def test_every_format_is_told(readme: str) -> None:
@@ -46,8 +58,13 @@ def test_every_format_is_told(readme: str) -> None:
             assert f"`{file}`" in readme, file
 
 
-def test_links_lead_somewhere(readme: str) -> None:
-    targets = re.findall(r"\]\(([^)#]+)\)", readme)
+@pytest.mark.parametrize("page", _PAGES, ids=lambda page: str(page.relative_to(_ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    targets = re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
     assert targets
-    for target in targets:
-        assert (_README.parent / target).exists(), target
+    for path, _, anchor in (target.partition("#") for target in targets):
+        if "://" in path:
+            continue
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), path
+        assert not anchor or anchor in _anchors(target), f"{path}#{anchor}"
