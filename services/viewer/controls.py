@@ -42,7 +42,7 @@ class Controls:
 
     def __init__(self, gui: viser.GuiApi, show: Show) -> None:
         self.show = show
-        frames = show.reel.frames
+        frames = show.reel.extent
         newest = show.reel.newest
         at = newest if show.is_live and newest is not None else frames.start
         self.player = Player(show.reel, show.fps, at, is_live=show.is_live, is_playing=not show.is_live)
@@ -90,11 +90,12 @@ class Controls:
 
     def _looks(self) -> None:
         self.wants_trails, self.wants_frusta = False, True
-        self._content: Content = "pictures"
+        self._content: Content = "pictures" if self.show.has_pictures else "silhouettes"
         self._part: Part | None = None
         self._shown = list(range(len(self.show.camera_names)))
         if self.show.artist is not None:
-            content = self._gui.add_dropdown("Cameras", tuple(_CONTENTS))
+            contents = tuple(name for name in _CONTENTS if self.show.has_pictures or name != "pictures")
+            content = self._gui.add_dropdown("Cameras", contents)
             self._on_update(content, lambda value: self._compare(_CONTENTS[value]))
             part = self._gui.add_dropdown("of", tuple(_PARTS))
             self._on_update(part, lambda value: setattr(self, "_part", _PARTS[value]))
@@ -133,6 +134,9 @@ class Controls:
 
     def follow(self, frame: int) -> None:
         """Let the widgets say what is shown."""
+        last = self.show.reel.extent[-1]
+        if last > self._slider.max:
+            self._slider.max = last
         self._slider.value = frame
         if self._live is not None:
             self._live.value = self.player.is_live

@@ -52,9 +52,10 @@ class Listener(Follower):
         """Begin anew."""
         self._pictures = None
         self._filling = Asking()
-        frames = range(info.first_frame, min(info.end_frame, info.first_frame + _MOST_FRAMES))
+        last_end = info.first_frame + _MOST_FRAMES
+        frames, is_open = range(info.first_frame, min(info.end_frame, last_end)), info.end_frame > last_end
         self._archive = Archive(info, frames, self._results, self.ask, lambda: self.heard_s)
-        self._reel = Reel(frames, RING_FRAMES, self._archive)
+        self._reel = Reel(frames, RING_FRAMES, self._archive, is_open=is_open)
 
     def hear(self, message: Message) -> None:
         """Take in what a page may show."""
@@ -79,7 +80,18 @@ class Listener(Follower):
         else:
             names = tuple(camera.name for camera in folder.cameras)
         artist = TileArtist(body, rig, self._pictures)
-        self._present(Show(info.take, info.fps, reel, body, rig, names, artist, is_live=True))
+        show = Show(
+            info.take,
+            info.fps,
+            reel,
+            body,
+            rig,
+            names,
+            artist,
+            is_live=True,
+            has_pictures=pictures is not None,
+        )
+        self._present(show)
 
     def _fits(self, folder: Take, info: TakeInfo) -> bool:
         """Whether a folder is that of the take that is tracked."""

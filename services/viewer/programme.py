@@ -158,7 +158,7 @@ class Programme:
         is_asked_for = self._told != self._controls.version
         if shot.frame == self._timeline_frame or not (is_asked_for or self._timeline_rhythm.is_due()):
             return False
-        frames = self._show.reel.frames
+        frames = self._show.reel.extent
         at = (shot.frame - frames.start + 0.5) / len(frames)
         self._controls.timeline.content = timeline(self._show.reel.overview(), at)
         self._timeline_frame = shot.frame
@@ -189,7 +189,7 @@ class Programme:
         state = "live" if player.is_live else "playing" if player.is_playing else "standing"
         rows = [
             ("take", show.take),
-            ("frame", f"{shot.frame} of {show.reel.frames[-1]}, {shot.time_s:.2f} s, {state}"),
+            ("frame", f"{shot.frame}{self._last()}, {shot.time_s:.2f} s, {state}"),
             ("energy", f"{shot.energy_px:.0f} px"),
         ]
         seconds = shot.seconds[STAGES.index("frame")]
@@ -198,6 +198,11 @@ class Programme:
         if player.is_live and self._behind_s is not None:
             rows.append(("page", f"{self._behind_s:.2f} s behind"))
         return lines_of(rows)
+
+    def _last(self) -> str:
+        """The last frame, where anybody knows which that will be."""
+        reel = self._show.reel
+        return f" of {reel.frames[-1]}" if reel.extent == reel.frames else ""
 
     def _show_grid(self, shot: Shot) -> bool:
         artist, look = self._show.artist, self._controls.look

@@ -106,13 +106,23 @@ class Reel:
     Memory does not grow with the take.
     """
 
-    def __init__(self, frames: range, capacity: int = RING_FRAMES, older: Older | None = None) -> None:
+    def __init__(
+        self,
+        frames: range,
+        capacity: int = RING_FRAMES,
+        older: Older | None = None,
+        *,
+        is_open: bool = False,
+    ) -> None:
+        """is_open: whether nobody knows yet how many frames come; then their end is the last that may."""
         self.frames, self.capacity = frames, min(capacity, max(len(frames), 1))
+        self.extent = frames[:_MOST_BINS] if is_open else frames
+        """What the timeline spans: all frames, or twice as many whenever those of an open take exceed it."""
         self._older = older
         self._rows: NDArray[np.void] = np.zeros(self.capacity, _ROW)
         self._rows["frame"] = -1
         self._fetched: OrderedDict[int, Shot] = OrderedDict()
-        bins = min(_MOST_BINS, max(len(frames), 1))
+        bins = min(_MOST_BINS, max(len(self.extent), 1))
         self._known, self._distrusted = np.zeros(bins, bool), np.zeros(bins, bool)
         self._energy_px = np.zeros(bins)
         self._lock = threading.Lock()
@@ -137,10 +147,20 @@ class Reel:
             self._fill(row, shot)
 
     def _mark(self, shot: Shot) -> None:
-        at = (shot.frame - self.frames.start) * len(self._known) // len(self.frames)
+        while shot.frame not in self.extent:
+            self._widen()
+        at = (shot.frame - self.extent.start) * len(self._known) // len(self.extent)
         self._known[at] = True
         self._energy_px[at] = max(self._energy_px[at], shot.energy_px)
         self._distrusted[at] |= bool(shot.distrusted.any())
+
+    def _widen(self) -> None:
+        """Let the timeline span twice as many frames, two bins becoming one."""
+        self.extent = range(self.extent.start, self.extent.start + 2 * len(self.extent))
+        self._known, self._energy_px, self._distrusted = (
+            np.append(bins.reshape(-1, 2).max(axis=1), np.zeros_like(bins[::2]))
+            for bins in (self._known, self._energy_px, self._distrusted)
+        )
 
     def _keep_fetched(self, shot: Shot) -> None:
         self._fetched[shot.frame] = shot

@@ -31,6 +31,8 @@ class Show:
     """Draws the camera grid; None without a rig."""
     is_live: bool
     """Whether frames may still come."""
+    has_pictures: bool = True
+    """Whether there are pictures; else silhouettes stand for them."""
     remark: str = ""
     """What somebody should know who misses something here; a sentence, or nothing."""
 

@@ -127,3 +127,14 @@ def test_the_overview_tells_of_the_whole_take_in_bins(shot: Make) -> None:
     assert overview.known.sum() == 300
     assert np.flatnonzero(overview.distrusted).tolist() == [123]
     assert overview.energy_px[123] == 100 + 1239
+
+
+def test_the_timeline_of_an_open_take_grows_with_it(shot: Make) -> None:
+    reel, same = Reel(range(100_000), capacity=10, is_open=True), Reel(range(2400), capacity=10)
+    assert reel.extent == range(600)
+    for frame in range(1500):
+        for each in (reel, same):
+            each.put(shot(frame, distrusted=("head",) if frame == 1234 else ()))
+    assert reel.extent == same.extent == range(2400)
+    for found, expected in zip(vars(reel.overview()).values(), vars(same.overview()).values(), strict=True):
+        np.testing.assert_array_equal(found, expected)
