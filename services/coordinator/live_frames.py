@@ -3,7 +3,6 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from math import ceil
 
 import numpy as np
@@ -11,14 +10,13 @@ import numpy as np
 from proto.clock import clock_name
 from proto.messages import Credit, LivePace, LiveSilhouettes, LiveSources, Silhouettes
 from services.coordinator.incoming import Frame, LiveFigures
+from services.coordinator.live_shots import Shots
+from services.coordinator.live_sources import SourceWords
 from services.coordinator.pace import Pace
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import n_planes, pack, unpack
+from services.mocap.energy.bitplanes import n_planes, pack
 from services.mocap.take.live import LiveTake
-from services.mocap.types import Bytes, Mask
 
-_KEPT_BYTES = 2**26
-"""Of silhouettes that are kept while a frame is solved; the oldest give way."""
 _GAINING = 1.5
 """How much faster than the cameras it is, at least, while it catches up. Shots are left out only where that
 needs it: long strides bring limbs into doubt, which takes longer than the shots that were left out."""
@@ -26,35 +24,12 @@ _PRESENT_S, _PRESENT_SHOTS = 0.5, 3.0
 """A camera of which nothing has come for so long, and for so many shots, is not waited for."""
 _REMEMBERED = 300
 """Poses whose latency counts."""
-_SOURCES_S = 10.0
-"""How long the pace waits, after the first segmentation's word, for those of other cameras."""
-_SILENT_S = 5.0
-"""A segmentation that says nothing for so long has left."""
 _FRESH_SHOTS, _FRESH_S = 4.0, 0.3
 """Shots older than both together are old news: they waited in queues while something else was done. They are
 passed over for as long as newer ones may follow them at once."""
 _DRAIN_SHOTS = 3.0
 _END_SHOTS = 4
 """From the end of tracking to that of recordings, so that all who record hear of it before it has come."""
-
-
-@dataclass
-class _Shot:
-    """What has come of a shot."""
-
-    arrived_s: float
-    parts: list[tuple[list[int], Bytes]] = field(default_factory=list)
-    """Cameras, and bit-planes of these, as they came."""
-    times_s: dict[int, float] = field(default_factory=dict)
-    """When each camera took its picture."""
-
-
-@dataclass
-class _Word:
-    """What a group of cameras said last of itself."""
-
-    message: LiveSources
-    heard_s: float
 
 
 class LiveFrames:
@@ -67,15 +42,12 @@ class LiveFrames:
         self._take, self._rig, self._now = take, rig, now
         self._names = [camera.name for camera in take.cameras]
         self._run, self._next = "", 0
-        self._shots: dict[int, _Shot] = {}
+        self._shots, self._words = Shots(rig.n_cameras), SourceWords(rig.n_cameras)
         self._last_shot = self._highest = -1
         self._came_s = np.full(rig.n_cameras, -np.inf)
-        self._words: dict[tuple[int, ...], _Word] = {}
-        self._first_word_s: float | None = None
         self._pace = Pace(take.live.period_s)
         self._present_s = max(_PRESENT_S, _PRESENT_SHOTS * take.live.period_s)
         self._latencies_s: deque[float] = deque(maxlen=_REMEMBERED)
-        self._skipped = np.zeros(rig.n_cameras, np.int64)
         self._looked_s = self._returned_s = now()
         self._away_s, self._is_behind, self._is_solved_meanwhile = 0.0, False, False
         self.dropped = 0
@@ -91,8 +63,7 @@ class LiveFrames:
             self.dropped += 1
             return None
         now_s = self._now()
-        self._first_word_s = self._first_word_s or now_s
-        self._words[tuple(sources.cameras)] = _Word(sources, now_s)
+        self._words.note(sources, now_s)
         if self._run and not self._pace.has_begun:
             self._begin_pace(now_s)
         shot, shot_s = self._pace.anchor
@@ -109,11 +80,11 @@ class LiveFrames:
 
     def _begin_pace(self, now_s: float) -> None:
         """Begin to count shots, once all cameras have been heard of or that takes too long."""
-        heard = {c for cameras in self._words for c in cameras}
-        waited_s = now_s - (self._first_word_s or now_s)
-        if len(heard) == self._rig.n_cameras or waited_s > _SOURCES_S:
-            self._pace.begin([s for word in self._words.values() for s in word.message.latest_s], now_s)
-            self._came_s[sorted(heard)] = self._pace.due_s(0)  # as if they had come: they are waited for
+        if self._words.are_complete(now_s):
+            self._pace.begin(self._words.latest_s, now_s)
+            self._came_s[self._words.cameras] = self._pace.due_s(
+                0
+            )  # as if they had come: they are waited for
 
     def add(self, message: Silhouettes | LiveSilhouettes) -> None:
         """See Incoming.add."""
@@ -125,22 +96,15 @@ class LiveFrames:
         self._pace.hear(message.shot, message.times_s)
         self._highest = max(self._highest, message.shot)
         if message.shot <= self._last_shot:
-            self._skipped[message.cameras] += 1
+            self._shots.passed[message.cameras] += 1
             return
-        shot = self._shots.setdefault(message.shot, _Shot(now_s))
-        shot.parts.append((message.cameras, message.planes))
-        shot.times_s.update(zip(message.cameras, message.times_s, strict=True))
-        if len(self._shots) * message.planes.nbytes > _KEPT_BYTES:
-            self._skip(min(self._shots))
+        self._shots.add(message, now_s)
 
     def _fits(self, message: LiveSilhouettes) -> bool:
         cameras, n_cameras = message.cameras, self._rig.n_cameras
         ids = (message.take, message.run) == (self._take.settings.name, self._run)
         known = len(set(cameras)) == len(cameras) == len(message.times_s) and max(cameras) < n_cameras
         return ids and known and message.planes.shape == (n_planes(len(cameras)), *self._rig.shape_px)
-
-    def _skip(self, shot: int) -> None:
-        self._skipped[list(self._shots.pop(shot).times_s)] += 1
 
     def credit(self) -> Credit | None:
         """See Incoming.credit: live cameras do not wait."""
@@ -153,7 +117,7 @@ class LiveFrames:
         if self._is_solved_meanwhile and away_s > self._take.live.period_s:
             self._returned_s, self._away_s = now_s, away_s
         self._is_solved_meanwhile = False  # between looks that find nothing it only waits
-        whole = sorted(shot for shot in self._shots if self._is_whole(shot, now_s))
+        whole = self._whole(now_s)
         if not whole:
             return None
         if self._is_behind:
@@ -174,13 +138,11 @@ class LiveFrames:
         self._is_behind = chosen < whole[-1]
         return chosen
 
-    def _is_whole(self, number: int, now_s: float) -> bool:
-        """Whether a shot has all cameras that are there, or enough of them and has waited for the others."""
-        shot, live = self._shots[number], self._take.live
-        if len(shot.times_s) < live.least_cameras:
-            return False
+    def _whole(self, now_s: float) -> list[int]:
+        """Shots that have all cameras that are there, or enough of them and have waited for the others."""
+        live = self._take.live
         there = set(np.flatnonzero(now_s - self._came_s < self._present_s).tolist())
-        return there <= shot.times_s.keys() or now_s - shot.arrived_s >= live.grace_s
+        return self._shots.whole(there, live.least_cameras, now_s - live.grace_s)
 
     def _is_old_news(self, number: int, now_s: float) -> bool:
         period_s = self._take.live.period_s
@@ -188,14 +150,10 @@ class LiveFrames:
         return is_old and now_s - self._returned_s < _DRAIN_SHOTS * period_s
 
     def _hand_out(self, number: int) -> Frame:
-        shot = self._shots.pop(number)
-        for older in [other for other in self._shots if other < number]:
-            self._skip(older)
+        shot = self._shots.take(number)
         self._last_shot, self._is_solved_meanwhile = number, True
         self._next += 1
-        masks: Mask = np.zeros((self._rig.n_cameras, *self._rig.shape_px), bool)
-        for cameras, planes in shot.parts:
-            masks[cameras] = unpack(planes, len(cameras))
+        masks = shot.masks(self._rig.n_cameras, self._rig.shape_px)
         shutter_s = float(np.median(list(shot.times_s.values())))
         absent = tuple(c for c in range(self._rig.n_cameras) if c not in shot.times_s)
         time_s = max(self._pace.since_first_s(shutter_s), 0.0)
@@ -220,18 +178,15 @@ class LiveFrames:
     @property
     def n_ready(self) -> int:
         """See Incoming.n_ready."""
-        now_s = self._now()
-        return sum(self._is_whole(shot, now_s) for shot in self._shots)
+        return len(self._whole(self._now()))
 
     @property
     def has_ended(self) -> bool:
         """See Incoming.has_ended: all sources are files that are over."""
-        now_s = self._now()
-        here = [word for word in self._words.values() if now_s - word.heard_s < _SILENT_S]
-        if not here or not all(word.message.ended for word in here):
-            return False
         # What has too few cameras by now will have no more.
-        return all(len(shot.times_s) < self._take.live.least_cameras for shot in self._shots.values())
+        return self._words.have_ended(self._now()) and not self._shots.have_enough(
+            self._take.live.least_cameras
+        )
 
     @property
     def end_shot(self) -> int:
@@ -253,17 +208,13 @@ class LiveFrames:
 
     def figures(self) -> LiveFigures:
         """See Incoming.figures."""
-        now_s = self._now()
-        drops = {name: [0, 0, int(skipped)] for name, skipped in zip(self._names, self._skipped, strict=True)}
-        absent = set(np.flatnonzero(now_s - self._came_s >= self._present_s).tolist())
-        for cameras, word in self._words.items():
-            told = word.message
-            for k, c in enumerate(cameras[: min(len(told.missed), len(told.dropped))]):
-                drops[self._names[c]][0] = told.missed[k]
-                drops[self._names[c]][1] = told.dropped[k]
-                drops[self._names[c]][2] += told.unsent
+        drops = {}
+        told = self._words.drops()
+        for c, name in enumerate(self._names):
+            missed, dropped, unsent = told.get(c, (0, 0, 0))
+            drops[name] = [missed, dropped, int(self._shots.passed[c]) + unsent]
         latency_s = {}
         if self._latencies_s:
             median_s, p95_s = np.percentile(self._latencies_s, [50, 95])
             latency_s = {"median": float(median_s), "p95": float(p95_s)}
-        return LiveFigures(latency_s, drops, [self._names[c] for c in sorted(absent)])
+        return LiveFigures(latency_s, drops, [self._names[c] for c in self.waiting_for()])

@@ -157,7 +157,7 @@ class Session:
             model.backend.close()
 
     def _track(self, held: Recording | None) -> None:
-        if self._is_live and held is None:
+        if self._is_live:
             self._rehearse()
         self._stage = "first frame" if held is None else "tracking"
         self._incoming.begin(self._wording.run, self._solved_end)

@@ -1,0 +1,70 @@
+"""Shots of live cameras, put together from what comes of each."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from proto.messages import LiveSilhouettes
+from services.mocap.energy.bitplanes import unpack
+from services.mocap.types import Bytes, Ints, Mask
+
+_KEPT_BYTES = 2**26
+"""Of silhouettes that are kept while a frame is solved; the oldest give way."""
+
+
+@dataclass
+class Shot:
+    """What has come of a shot."""
+
+    arrived_s: float
+    parts: list[tuple[list[int], Bytes]] = field(default_factory=list)
+    """Cameras, and bit-planes of these, as they came."""
+    times_s: dict[int, float] = field(default_factory=dict)
+    """When each camera took its picture."""
+
+    def masks(self, n_cameras: int, shape_px: tuple[int, int]) -> Mask:
+        """(C, h, w) silhouettes; empty for cameras of which nothing came."""
+        masks: Mask = np.zeros((n_cameras, *shape_px), bool)
+        for cameras, planes in self.parts:
+            masks[cameras] = unpack(planes, len(cameras))
+        return masks
+
+
+class Shots:
+    """Shots that nobody has solved yet, by their number."""
+
+    def __init__(self, n_cameras: int) -> None:
+        self._shots: dict[int, Shot] = {}
+        self.passed: Ints = np.zeros(n_cameras, np.int64)
+        """(C,) pictures of shots that were passed over."""
+
+    def add(self, message: LiveSilhouettes, now_s: float) -> None:
+        """Take in some cameras' part of a shot."""
+        shot = self._shots.setdefault(message.shot, Shot(now_s))
+        shot.parts.append((message.cameras, message.planes))
+        shot.times_s.update(zip(message.cameras, message.times_s, strict=True))
+        if len(self._shots) * message.planes.nbytes > _KEPT_BYTES:
+            self._pass_over(min(self._shots))
+
+    def _pass_over(self, number: int) -> None:
+        self.passed[list(self._shots.pop(number).times_s)] += 1
+
+    def whole(self, there: set[int], least_cameras: int, older_than_s: float) -> list[int]:
+        """Shots that have all cameras that are there, or enough of them and arrived before a time; in order."""
+        return sorted(
+            number
+            for number, shot in self._shots.items()
+            if len(shot.times_s) >= least_cameras
+            and (there <= shot.times_s.keys() or shot.arrived_s <= older_than_s)
+        )
+
+    def take(self, number: int) -> Shot:
+        """Hand a shot out; older ones are passed over."""
+        taken = self._shots.pop(number)
+        for older in [other for other in self._shots if other < number]:
+            self._pass_over(older)
+        return taken
+
+    def have_enough(self, least_cameras: int) -> bool:
+        """Whether any shot has so many cameras."""
+        return any(len(shot.times_s) >= least_cameras for shot in self._shots.values())
