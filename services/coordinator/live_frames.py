@@ -82,9 +82,8 @@ class LiveFrames:
         """Begin to count shots, once all cameras have been heard of or that takes too long."""
         if self._words.are_complete(now_s):
             self._pace.begin(self._words.latest_s, now_s)
-            self._came_s[self._words.cameras] = self._pace.due_s(
-                0
-            )  # as if they had come: they are waited for
+            # As if they had come, so that they are waited for.
+            self._came_s[self._words.cameras] = self._pace.due_s(0)
 
     def add(self, message: Silhouettes | LiveSilhouettes) -> None:
         """See Incoming.add."""
@@ -184,9 +183,8 @@ class LiveFrames:
     def has_ended(self) -> bool:
         """See Incoming.has_ended: all sources are files that are over."""
         # What has too few cameras by now will have no more.
-        return self._words.have_ended(self._now()) and not self._shots.have_enough(
-            self._take.live.least_cameras
-        )
+        is_more_to_solve = self._shots.have_enough(self._take.live.least_cameras)
+        return self._words.have_ended(self._now()) and not is_more_to_solve
 
     @property
     def end_shot(self) -> int:

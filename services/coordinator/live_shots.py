@@ -50,7 +50,7 @@ class Shots:
         self.passed[list(self._shots.pop(number).times_s)] += 1
 
     def whole(self, there: set[int], least_cameras: int, older_than_s: float) -> list[int]:
-        """Shots that have all cameras that are there, or enough of them and arrived before a time; in order."""
+        """Shots, in order, that have all cameras that are there, or enough and arrived before a time."""
         return sorted(
             number
             for number, shot in self._shots.items()

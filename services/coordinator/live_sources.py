@@ -1,4 +1,4 @@
-"""What segmentation says of live cameras: which are there, what their sources and it have dropped, whether all is over."""
+"""What segmentation says of live cameras: which are there, what was dropped of them, whether all is over."""
 
 from dataclasses import dataclass
 

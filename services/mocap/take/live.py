@@ -3,20 +3,18 @@
 What is missing in it is what only recorded takes have: videos, and a number of frames.
 """
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
-
-from services.mocap.camera.calibration import Up, read_calibration
+from services.mocap.camera.calibration import read_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import read_colours
 from services.mocap.errors import TakeError, load_toml, nearest, validated
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import COLOURS
+from services.mocap.take.live_settings import LiveCamera, LiveSettings
 from services.mocap.take.pictures import check_png, check_size, read_picture
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.video import VideoReader, index_video
@@ -24,116 +22,6 @@ from services.mocap.types import Bytes
 
 OPEN_END = 2**31 - 1
 """The number of frames of live input, which ends when somebody ends it."""
-_URL = re.compile(r"(?:rtsps?|https?)://\S+")
-_RTSP = ("rtsp://", "rtsps://")
-_LEAST_CAMERAS = 3
-
-Stamps: TypeAlias = Literal["container", "arrival"]
-
-
-class LiveCamera(BaseModel):
-    """A table [cameras.NAME]; a description says what its field has to be."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-    source: int | str = Field(
-        description="the number of a V4L2 device such as 0, an RTSP or HTTP address, or a video file's path"
-    )
-    stamps: Stamps | None = Field(
-        default=None,
-        description='"container" (the stamps that come with the pictures) or "arrival" (when they come)',
-    )
-    delay_s: float = Field(
-        default=0.0, ge=0, le=10, description="seconds from the shutter to the stamp, 0 to 10"
-    )
-    group: str = Field(
-        default="cameras", min_length=1, max_length=100, description="the name of a group of cameras"
-    )
-
-    @field_validator("source")
-    @classmethod
-    def _is_a_source(cls, source: int | str) -> int | str:
-        if isinstance(source, int) and source < 0:
-            raise ValueError(f"expected the number of a V4L2 device, 0 or more, found {source}")
-        if isinstance(source, str) and (not source or ("://" in source and not _URL.fullmatch(source))):
-            raise ValueError(
-                f"expected an address that begins with rtsp:// or http://, or a file, found {source!r}"
-            )
-        return source
-
-    @property
-    def is_file(self) -> bool:
-        """Whether the source is a file that is played at its own rate."""
-        return isinstance(self.source, str) and not _URL.fullmatch(self.source)
-
-    @property
-    def has_stamps(self) -> bool:
-        """Whether pictures come with stamps that say when they were taken: RTSP and devices do, HTTP not."""
-        if self.stamps is not None:
-            return self.stamps == "container"
-        return isinstance(self.source, int) or self.source.startswith(_RTSP)
-
-
-_Cameras: TypeAlias = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
-
-
-class LiveSettings(BaseModel):
-    """The fields of a live configuration; a description says what its field has to be."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-    name: str = Field(
-        min_length=1, max_length=200, description="a name for it in quotes, 200 letters at most"
-    )
-    fps: float = Field(gt=0, lt=1000, description="the cameras' frames per second, above 0")
-    up: Up = Field(description='"y" or "z", the axis of the calibrated world that points up')
-    calibration: str = Field(description="the path of a calibration.toml")
-    cameras: _Cameras = Field(description="a table [cameras.NAME] with its source for every camera")
-    background: str | None = Field(
-        default=None,
-        description="the path of a folder with the empty stage, NAME.png or NAME.mp4 of every camera",
-    )
-    colour: str | None = Field(
-        default=None, description="the path of a colour.toml, as xormocap calibrate --colour writes it"
-    )
-    empty_stage_s: float = Field(
-        default=2.0,
-        gt=0,
-        le=60,
-        description="for how many seconds the stage stays empty at the start, above 0 to 60",
-    )
-    actor: str | None = Field(default=None, description="the path of an actor.toml")
-    actor_height: float | None = Field(
-        default=None, ge=0.5, le=2.5, description="the actor's height in metres, 0.5 to 2.5"
-    )
-    facing: float | None = Field(
-        default=None, description="where the actor faces at first, in degrees about up, as in take.toml"
-    )
-    tolerance_s: float | None = Field(
-        default=None,
-        gt=0,
-        le=1,
-        description="how far apart in time a picture and its shot may be, above 0 to 1 second",
-    )
-    grace_s: float = Field(
-        default=0.1, ge=0, le=5, description="how long a shot waits for cameras that are late, 0 to 5 seconds"
-    )
-    least_cameras: int = Field(
-        default=_LEAST_CAMERAS, ge=2, description="how few cameras a shot may be solved from, 2 or more"
-    )
-    endpoint: str | None = Field(default=None, description="where the coordinator listens, tcp://HOST:PORT")
-    elsewhere: list[str] = Field(default=[], description="a list of groups of cameras that other hosts serve")
-
-    @property
-    def period_s(self) -> float:
-        """From one shot to the next."""
-        return 1.0 / self.fps
-
-    @property
-    def reach_s(self) -> float:
-        """How far from its shot's moment a picture may be: by default as far as half-way to the next, and a
-        little more, so that one that hovers there does not jump to and fro."""
-        return 0.6 * self.period_s if self.tolerance_s is None else self.tolerance_s
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -16,7 +16,7 @@ from av.video.reformatter import VideoReformatter
 
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError, UserError
-from services.mocap.take.live import LiveCamera
+from services.mocap.take.live_settings import LiveCamera
 from services.mocap.take.video import VideoIndex, VideoReader, bgr_picture, index_video
 from services.mocap.types import Bytes
 

@@ -12,7 +12,7 @@ import pytest
 
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
-from services.mocap.take.live import LiveCamera
+from services.mocap.take.live_settings import LiveCamera
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes
 from services.segmentation.live.feed import Feed
