@@ -1,7 +1,7 @@
 """One show on one browser's page: what is sent of it, and when."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -10,13 +10,13 @@ import viser
 from services.mocap.types import Bytes, Floats
 from services.viewer.controls import Controls
 from services.viewer.curves import Curves
-from services.viewer.markup import camera_grid, lines_of, notice, timeline
+from services.viewer.grid import CameraGrid
+from services.viewer.markup import lines_of, timeline
 from services.viewer.metrics import BEHIND
 from services.viewer.reel import STAGES, Shot
-from services.viewer.rhythm import Connection, Rhythm
+from services.viewer.rhythm import Rhythm
 from services.viewer.show import Show
 from services.viewer.stage import Stage
-from services.viewer.tiles import Look
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,7 @@ _LIVE = _Pace(body_s=0.066, grid_s=0.3, frusta_s=1.0, chart_s=0.2, timeline_s=0.
 _FINISHED = _Pace(body_s=0.04, grid_s=0.1, frusta_s=0.5, chart_s=0.1, timeline_s=0.1, rest=2.0)
 _OFTEN, _SELDOM = 0.5, 4.0
 """How much longer the grid, and what matters less, rest than they were on their way."""
-_WIDTHS = (1.0, 0.75, 0.5, 0.375)
-"""Of tiles against those that are wanted: how small they get for connections that are slow."""
-_FIRST_WIDTH = 0.5
-_GRID_ANSWER_S = 0.25
-"""How long a grid may be on its way to a browser."""
 _TRAIL_S = 2.0
-_GRID_WIDTH_PX = 540
 _AWAY_M, _BESIDE_RAD, _FOV_RAD, _WAYPOINTS = 2.4, 0.9, 0.9, 9
 _ROAMING_M = 1.0
 """Where a browser looks from at first, and how far it stands back while little is known of a motion."""
@@ -60,41 +54,23 @@ class Programme:
         client.scene.reset()
         self._client, self._show = client, show
         self._stage = Stage(client.scene, show)
-        self._grid = self._add_grid(client.gui)
+        pace = _LIVE if show.is_live else _FINISHED
+        self._grid = CameraGrid(client.gui, show, Rhythm(pace.grid_s, pace.rest, _OFTEN))
         self._controls = Controls(client.gui, show)
         with client.gui.add_folder("Curves"):
             self._curves = Curves(client.gui, show.reel)
-        pace = _LIVE if show.is_live else _FINISHED
         self._tick_s = pace.body_s
-        self._grid_rhythm = Rhythm(pace.grid_s, pace.rest, _OFTEN)
         self._curves_rhythm = Rhythm(pace.chart_s, pace.rest, _SELDOM)
         self._frusta_rhythm = Rhythm(pace.frusta_s, pace.rest, _SELDOM)
         self._timeline_rhythm = Rhythm(pace.timeline_s)
-        self._connection, self._grid_bytes, self._share = Connection(), 0, 1.0
         self._sending: Rhythm | None = None
         """What the browser has not answered yet, of all that is large."""
         self._began_s = self._made_s = self._cpu_s = 0.0
-        self._sent_bytes = 0
-        self._drawn: tuple[int, Look] | None = None
         self._hung_frame = self._timeline_frame = -1
         self._placed: Shot | None = None
         self._behind_s: float | None = None
         self._told, self._advanced_s = -1, time.monotonic()
-        self._grid_told = self._told
-        """What the user had asked for when the grid was drawn last."""
         self._looked = False
-
-    def _add_grid(self, gui: viser.GuiApi) -> viser.GuiHtmlHandle | None:
-        if self._show.artist is None and not self._show.remark:
-            return None
-        panel = gui.add_panel()
-        with panel.add_tab("Cameras", viser.Icon.CAMERA):
-            grid = gui.add_html(notice(self._show.remark) if self._show.remark else "")
-            if self._show.artist is None:
-                return None
-        panel.dock_left()
-        panel.set_width(_GRID_WIDTH_PX)
-        return grid
 
     def update(self) -> bool:
         """Let the user's wishes and time go on, and send what differs; True when anything was sent."""
@@ -106,7 +82,7 @@ class Programme:
         shot = self._show.reel.shot(frame)
         if shot is None:
             return self._say_missing(frame)
-        self._began_s, self._sending, self._sent_bytes = time.monotonic(), None, 0
+        self._began_s, self._sending = time.monotonic(), None
         with self._client.atomic():
             sent = [self._show_body(shot), self._show_timeline(shot)]
         cpu_s = time.thread_time()
@@ -130,8 +106,9 @@ class Programme:
         """The browser has taken in what was sent."""
         if self._sending is not None:
             self._sending.done(self._began_s, self._made_s, self._cpu_s)
-        if self._sending in (None, self._grid_rhythm):  # of the others nobody has counted the bytes
-            self._connection.note(self._sent_bytes, time.monotonic() - self._made_s)
+        if self._sending in (None, self._grid.rhythm):  # of the others nobody has counted the bytes
+            sent_bytes = 0 if self._sending is None else self._grid.sent_bytes
+            self._grid.connection.note(sent_bytes, time.monotonic() - self._made_s)
         if self._placed is not None and self._show.is_live and self._controls.player.is_live:
             self._behind_s = time.monotonic() - self._placed.arrived_s
             BEHIND.observe(self._behind_s)
@@ -205,35 +182,10 @@ class Programme:
         return f" of {reel.frames[-1]}" if reel.extent == reel.frames else ""
 
     def _show_grid(self, shot: Shot) -> bool:
-        artist, look = self._show.artist, self._controls.look
-        stands = self._drawn == (shot.frame, look)
-        if artist is None or self._grid is None or (stands and (self._share == 1.0 or self._is_followed)):
+        if not self._grid.draw(shot, self._controls):
             return False
-        is_asked_for = self._drawn is not None and self._grid_told != self._controls.version
-        if not is_asked_for and not self._grid_rhythm.is_due():
-            return False
-        self._share = 1.0 if stands else self._fitting_share()
-        tiles = artist.draw(shot, replace(look, tile_width_px=round(self._share * look.tile_width_px)))
-        self._sent_bytes = sum(len(tile.jpeg) for tile in tiles)
-        self._grid_bytes = round(self._sent_bytes / self._share**2)
-        self._grid.content = camera_grid(
-            tiles, self._show.camera_names, shot.frame, square=look.part is not None
-        )
-        self._drawn, self._sending = (shot.frame, look), self._grid_rhythm
-        self._grid_told = self._controls.version
+        self._sending = self._grid.rhythm
         return True
-
-    @property
-    def _is_followed(self) -> bool:
-        """Whether another frame is to come soon; one that stands is shown whole, however long that takes."""
-        return self._controls.player.is_live and not self._show.reel.is_over
-
-    def _fitting_share(self) -> float:
-        """How wide tiles are against what is wanted: less where the browser would be long in taking them."""
-        likely_s = self._connection.seconds_for(self._grid_bytes)
-        if likely_s is None:
-            return _FIRST_WIDTH
-        return next((w for w in _WIDTHS if w * w * likely_s <= _GRID_ANSWER_S), _WIDTHS[-1])
 
     def _show_curves(self, shot: Shot) -> bool:
         if not self._curves_rhythm.is_due() or not self._curves.draw_next(shot.frame):
@@ -242,9 +194,9 @@ class Programme:
         return True
 
     def _hang(self, shot: Shot) -> bool:
-        """Bring the pictures in the room up to date."""
+        """Bring the pictures in the room up to date, with those that the grid has had decoded if it has."""
         artist = self._show.artist
-        frame = shot.frame if self._drawn is None else self._drawn[0]  # whose pictures are decoded already
+        frame = shot.frame if self._grid.frame is None else self._grid.frame
         if artist is None or not self._controls.wants_frusta or frame == self._hung_frame:
             return False
         if not self._frusta_rhythm.is_due():
