@@ -39,6 +39,7 @@ _TOGETHER = ("containers", "integration", "viewer")
 """Folders whose tests share what takes long to make; each runs in one process, the slowest first."""
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Says to pytest-xdist which tests belong into one process: those of a file, or of some folders."""
     for item in items:
