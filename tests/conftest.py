@@ -9,6 +9,8 @@ import cv2
 import hypothesis
 import numpy as np
 import pytest
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import LOWER, UPPER
@@ -29,8 +31,7 @@ hypothesis.settings.register_profile("by_hand", deadline=None)
 hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "by_hand")
 
-_TESTS = Path(__file__).resolve().parent
-_SHARED_TAKES = _TESTS.parents[1] / "shared" / "data" / "takes"
+_SHARED_TAKES = Path(__file__).resolve().parents[2] / "shared" / "data" / "takes"
 _WIDTH_PX, _HEIGHT_PX = 64, 48
 _BALL_RADIUS_M = 0.35
 
@@ -39,13 +40,21 @@ _TOGETHER = ("containers", "integration", "viewer")
 """Folders whose tests share what takes long to make; each runs in one process, the slowest first."""
 
 
-@pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks
+class Sharing(LoadScopeScheduling):
+    """How pytest-xdist shares tests out: a file, or one of some folders, goes to one process."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        path = nodeid.partition("::")[0]
+        return next((folder for folder in _TOGETHER if f"/{folder}/" in path), path)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
+    """What pytest-xdist shares tests out by, in place of what --dist says."""
+    return Sharing(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Says to pytest-xdist which tests belong into one process: those of a file, or of some folders."""
-    for item in items:
-        folder = item.path.relative_to(_TESTS).parts[0]
-        group = folder if folder in _TOGETHER else str(item.path)
-        item.add_marker(pytest.mark.xdist_group(group))
+    """The slowest folders first, since nothing else can be done beside the last of them."""
     items.sort(key=lambda item: [f"/{folder}/" in item.nodeid for folder in _TOGETHER], reverse=True)
 
 

@@ -59,7 +59,7 @@ def read(*arguments: str, env: dict[str, str] | None = None) -> tuple[EngineSett
         max_passes=st.integers(1, 20),
         detail_px=st.floats(0, 100),
         leg_grid=st.tuples(*[st.integers(1, 15)] * 4),
-        camera_weights=st.just(()) | st.tuples(*[st.floats(0, 1000)] * CAMERAS),
+        camera_weights=st.just(()) | st.tuples(*[st.floats(0, 1000)] * CAMERAS).filter(any),
     ),
 )
 def test_what_is_handed_on_arrives(engine: EngineSettings, search: SearchSettings) -> None:
