@@ -1,0 +1,80 @@
+"""The camera grid of one page: drawn when its turn has come, as large as the browser takes quickly."""
+
+from dataclasses import replace
+
+import viser
+
+from services.viewer.controls import Controls
+from services.viewer.markup import camera_grid, notice
+from services.viewer.reel import Shot
+from services.viewer.rhythm import Connection, Rhythm
+from services.viewer.show import Show
+from services.viewer.tiles import Look
+
+_PANEL_WIDTH_PX = 540
+_WIDTHS = (1.0, 0.75, 0.5, 0.375)
+"""Of tiles against those that are wanted: how small they get for connections that are slow."""
+_FIRST_WIDTH = 0.5
+_ANSWER_S = 0.25
+"""How long a grid may be on its way to a browser."""
+
+
+class CameraGrid:
+    """One browser's; `draw` sends it, in the thread of its page."""
+
+    def __init__(self, gui: viser.GuiApi, show: Show, rhythm: Rhythm) -> None:
+        self._show, self.rhythm = show, rhythm
+        self.connection = Connection()
+        self.sent_bytes = 0
+        """Of the grid that was sent last."""
+        self._whole_bytes, self._share = 0, 1.0
+        self._drawn: tuple[int, Look] | None = None
+        self._told = -1
+        """What the user had asked for when it was drawn last."""
+        self._html = self._panel(gui)
+
+    def _panel(self, gui: viser.GuiApi) -> viser.GuiHtmlHandle | None:
+        show = self._show
+        if show.artist is None and not show.remark:
+            return None
+        panel = gui.add_panel()
+        with panel.add_tab("Cameras", viser.Icon.CAMERA):
+            html = gui.add_html(notice(show.remark) if show.remark else "")
+            if show.artist is None:
+                return None
+        panel.dock_left()
+        panel.set_width(_PANEL_WIDTH_PX)
+        return html
+
+    @property
+    def frame(self) -> int | None:
+        """The frame that it shows."""
+        return None if self._drawn is None else self._drawn[0]
+
+    def draw(self, shot: Shot, controls: Controls) -> bool:
+        """Send it, if it is to show something else and its turn has come; True when it was."""
+        artist, look = self._show.artist, controls.look
+        stands = self._drawn == (shot.frame, look)
+        is_followed = controls.player.is_live and not self._show.reel.is_over  # another frame comes soon
+        if artist is None or self._html is None or (stands and (self._share == 1.0 or is_followed)):
+            return False
+        is_asked_for = self._drawn is not None and self._told != controls.version
+        if not is_asked_for and not self.rhythm.is_due():
+            return False
+        # A frame that stands is shown whole, however long that takes.
+        self._share = 1.0 if stands else self._fitting_share()
+        tiles = artist.draw(shot, replace(look, tile_width_px=round(self._share * look.tile_width_px)))
+        self.sent_bytes = sum(len(tile.jpeg) for tile in tiles)
+        self._whole_bytes = round(self.sent_bytes / self._share**2)
+        self._html.content = camera_grid(
+            tiles, self._show.camera_names, shot.frame, square=look.part is not None
+        )
+        self._drawn, self._told = (shot.frame, look), controls.version
+        return True
+
+    def _fitting_share(self) -> float:
+        """How wide tiles are against what is wanted: less where the browser would be long in taking them."""
+        likely_s = self.connection.seconds_for(self._whole_bytes)
+        if likely_s is None:
+            return _FIRST_WIDTH
+        return next((w for w in _WIDTHS if w * w * likely_s <= _ANSWER_S), _WIDTHS[-1])
