@@ -202,7 +202,7 @@ def _opened(source: int | str, camera: Camera, fps: float) -> InputContainer:
         return av.open(f"/dev/video{source}", "r", format="v4l2", options=options)
     options = {"fflags": "nobuffer", "flags": "low_delay"}
     if source.startswith("rtsp"):
-        options["rtsp_transport"] = "tcp"
+        options["rtsp_flags"] = "prefer_tcp"  # which loses nothing; some sources have UDP only
     return av.open(source, "r", options=options, timeout=(_OPEN_S, _READ_S))
 
 
