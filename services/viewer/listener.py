@@ -12,6 +12,7 @@ from services.follower import Follower
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
+from services.mocap.take.live import LiveTake
 from services.viewer.archive import CHUNK_FRAMES, Archive, shot_of
 from services.viewer.asking import Asking
 from services.viewer.pictures import TakePictures
@@ -73,7 +74,8 @@ class Listener(Follower):
             return
         body = build_body(actor)
         folder = self._folder if self._folder is not None and self._fits(self._folder, info) else None
-        pictures = None if folder is None else TakePictures(folder, None)
+        has_pictures = folder is not None and not isinstance(folder, LiveTake)
+        pictures = TakePictures(folder, None) if folder is not None and has_pictures else None
         self._pictures = LivePictures(rig, pictures, lambda frame: self.ask(SilhouettesRequest(frame=frame)))
         if folder is None:
             names = tuple(f"camera {c + 1}" for c in range(rig.n_cameras))
@@ -89,7 +91,7 @@ class Listener(Follower):
             names,
             artist,
             is_live=True,
-            has_pictures=pictures is not None,
+            has_pictures=has_pictures,
         )
         self._present(show)
 
