@@ -1,5 +1,6 @@
 """What `xormocap fit` shows: a bar while it works, then the actor's measures and the fit in each camera."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
@@ -7,40 +8,33 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from services.mocap.body.body_mesh import OwnMesh
+from services.commands.consoles import stderr
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.settings import SearchSettings
 from services.mocap.take.fit_record import OVERLAY, TURNTABLE
 from services.mocap.take.folder import Take
-from services.process import DEFAULT_SEGMENTER
-from services.runs.fit import TakeFit, fit_take
-from services.runs.fit_files import uncertainty_of, write_fit
+from services.runs.fit import Show, TakeFit
+from services.runs.fit_files import frames_in_words, uncertainty_of, write_fit
 
 _EVERY_CORE = 0
 _HEIGHT_CM = 2.0
 """Further than this from the height in take.toml a fitted one is worth a word."""
 
 
-def fit_with_bar(
-    take: Take,
-    frames: range,
-    engine: EngineSettings,
-    search: SearchSettings,
-    folder: Path,
-    console: Console,
-    mesh: OwnMesh | None = None,
-    segmenter: str = DEFAULT_SEGMENTER,
-) -> TakeFit:
-    """Fit the actor to some frames and write what was found into a folder, as fit_take and write_fit do."""
+def with_every_core(engine: EngineSettings) -> EngineSettings:
+    """An engine's settings while no other process computes."""
+    return engine.model_copy(update={"threads": _EVERY_CORE})
+
+
+def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> TakeFit:
+    """Fit the actor of a take by fit_take or refine_take, and write what was found into a folder."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    alone = engine.model_copy(update={"threads": _EVERY_CORE})  # no other process computes
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=stderr) as bar:
         task = bar.add_task("starting", total=1.0)
 
         def show(stage: str, share: float) -> None:
             bar.update(task, completed=share, description=stage)
 
-        found = fit_take(take, frames, alone, search, show, mesh=mesh, segmenter=segmenter)
+        found = work(show)
         bar.update(task, description="drawing")
         write_fit(take, found, folder)
         show("fitted", 1.0)
@@ -77,7 +71,7 @@ def _measures(found: TakeFit) -> Table:
 def _quality(found: TakeFit) -> Table:
     """Means over the frames."""
     before, after = found.fit.before, found.fit.after
-    table = Table(f"frames {found.frames.start} to {found.frames.stop - 1}", box=None, header_style="bold")
+    table = Table(frames_in_words(found), box=None, header_style="bold")
     for column in ("before", "after"):
         table.add_column(column, justify="right")
     energies = (f"{quality.energy_px.mean():.0f}" for quality in (before, after))

@@ -2,6 +2,7 @@
 
 import tempfile
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from services.commands.consoles import stderr, stdout, warn
-from services.commands.fit_show import fit_with_bar
+from services.commands.fit_show import fit_with_bar, with_every_core
 from services.commands.options import MeshOption, TakeFolder, imported
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 from services.mocap.energy.engine import check_cost
@@ -36,7 +37,7 @@ from services.process import (
     output_settings,
 )
 from services.recorder.result_folder import check_out
-from services.runs.fit import init_frames
+from services.runs.fit import fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.track import Job
 from services.runs.track import track as track_take
@@ -107,9 +108,11 @@ def _fit_and_track(job: Job, mesh: Path | None) -> dict[str, Any]:
     own, take = imported(mesh, warnings), job.take
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         folder = Path(temporary)
-        found = fit_with_bar(
-            take, init_frames(take), job.engine, job.search, folder, stderr, own, job.segmenter
+        engine = with_every_core(job.engine)
+        work = partial(
+            fit_take, take, init_frames(take), engine, job.search, mesh=own, segmenter=job.segmenter
         )
+        found = fit_with_bar(take, folder, work)
         why = _why_fitted(take.folder, mesh)
         return _track(replace(job, fitted=folder), [*warnings, why, *found.warnings])
 

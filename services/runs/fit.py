@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
@@ -32,7 +32,7 @@ from services.mocap.types import Bytes, Floats, Mask
 from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenters
-from services.segmentation.source import in_common_size
+from services.segmentation.source import Segmenter, in_common_size
 
 log = logging.getLogger(__name__)
 
@@ -47,9 +47,10 @@ Fitter = Callable[[Rig, Bytes, Actor, Floats, Callable[[float], None]], Fit]
 
 @dataclass(frozen=True, eq=False)
 class TakeFit:
-    """The actor of a take, and the poses of its first frames."""
+    """The actor of a take, and the poses of some of its frames, as a rule the first."""
 
-    frames: range
+    frames: Sequence[int]
+    """In increasing order."""
     cameras: tuple[Camera, ...]
     """Those whose silhouettes made sense."""
     silhouettes: Bytes
@@ -88,43 +89,57 @@ def fit_take(
     makes the silhouettes. Cameras whose silhouettes in the first frame make no sense are left out, with a
     warning. Raises TakeError where there is nobody, or more than one, or hardly a camera is left.
     """
-    clock = _Clock(show)
+    clock = Clock(show)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            cameras, silhouettes = _silhouettes(take, frames, segmenter, progress)
+            cameras, silhouettes = silhouettes_of(take, frames, segmenter, progress)
         rig = Rig.of(cameras)
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
             told = _without(search, take, cameras)
             guess = guess_first_pose(rig, silhouettes[0], take.settings, opened, told, mesh)
         with clock.stage("fitting the actor") as progress:
             fit = fitter(rig, silhouettes, guess.actor, guess.solution.pose, progress)
-        actor = rounded(fit.actor)
-        measures = measure(build_body(actor))
-        if fit.shape_covariance is not None:
-            measures = with_uncertainties(measures, actor, fit.shape_covariance)
+    start = (guess.actor, guess.solution.pose)
+    return concluded(frames, cameras, silhouettes, start, fit, clock.seconds, warnings)
+
+
+def concluded(
+    frames: Sequence[int],
+    cameras: tuple[Camera, ...],
+    silhouettes: Bytes,
+    start: tuple[Actor, Floats],
+    fit: Fit,
+    seconds: dict[str, float],
+    warnings: list[str],
+) -> TakeFit:
+    """A fit with what follows from it: the actor as it is written, and its measures."""
+    actor = rounded(fit.actor)
+    measures = measure(build_body(actor))
+    if fit.shape_covariance is not None:
+        measures = with_uncertainties(measures, actor, fit.shape_covariance)
     return TakeFit(
         frames=frames,
         cameras=cameras,
         silhouettes=silhouettes,
-        start=guess.actor,
-        first_pose=guess.solution.pose,
+        start=start[0],
+        first_pose=start[1],
         actor=actor,
         fit=fit,
         measures=measures,
-        seconds=clock.seconds,
+        seconds=seconds,
         warnings=warnings,
     )
 
 
-def _silhouettes(
-    take: Take, frames: range, name: str, progress: Callable[[float], None]
+def silhouettes_of(
+    take: Take, frames: Sequence[int], name: str, progress: Callable[[float], None]
 ) -> tuple[tuple[Camera, ...], Bytes]:
     """The cameras that make sense, and their silhouettes (F, P, H, W), as segmentation sends them."""
     height_px, width_px = Rig.of(take.cameras).shape_px
     masks: Mask = np.zeros((len(frames), len(take.cameras), height_px, width_px), bool)
     segmenters = make_segmenters(take, take.cameras, SegmentationSettings(), name)
     for c, segmenter in enumerate(segmenters):
-        for f, mask in enumerate(islice(segmenter.silhouettes(frames.start, frames.stop), len(frames))):
+        for f, mask in enumerate(_masks_of(segmenter, frames)):
             masks[f, c] = in_common_size(mask, width_px, height_px)
         progress((c + 1) / len(take.cameras))
     if chosen_segmenter(take, name) != READY:
@@ -136,6 +151,13 @@ def _silhouettes(
     cameras = tuple(take.cameras[c] for c in chosen)
     height_px, width_px = Rig.of(cameras).shape_px
     return cameras, np.array([pack(of_frame) for of_frame in masks[:, chosen, :height_px, :width_px]])
+
+
+def _masks_of(segmenter: Segmenter, frames: Sequence[int]) -> Iterator[Mask]:
+    """A camera's silhouettes of frames: read on where they follow each other, else each by itself."""
+    if isinstance(frames, range):
+        return islice(segmenter.silhouettes(frames.start, frames.stop), len(frames))
+    return (next(iter(segmenter.silhouettes(frame, frame + 1))) for frame in frames)
 
 
 def _keep_supported(take: Take, masks: Mask) -> None:
@@ -178,7 +200,7 @@ def guess_first_pose(
     return guess
 
 
-class _Clock:
+class Clock:
     """Books the time of the stages and tells how far the whole is."""
 
     def __init__(self, show: Show) -> None:

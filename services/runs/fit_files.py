@@ -53,8 +53,13 @@ def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
 
 def origin_of(take: Take, found: TakeFit) -> str:
     """What an actor was fitted to, in words."""
-    frames = f"frames {found.frames.start} to {found.frames.stop - 1}"
-    return f"{frames} of {take.settings.name!r}"
+    return f"{frames_in_words(found)} of {take.settings.name!r}"
+
+
+def frames_in_words(found: TakeFit) -> str:
+    """Which frames an actor was fitted to."""
+    ends = f"{found.frames[0]} to {found.frames[-1]}"
+    return f"frames {ends}" if isinstance(found.frames, range) else f"{len(found.frames)} frames from {ends}"
 
 
 def _overlay(take: Take, found: TakeFit) -> Bytes:
@@ -71,7 +76,7 @@ def _overlay(take: Take, found: TakeFit) -> Bytes:
     ):
         painter = ModelPainter(build_body(actor), Rig.of(found.cameras))
         title = (
-            f"{title}, height {actor.height:.3f} m, frame {found.frames.start}: "
+            f"{title}, height {actor.height:.3f} m, frame {found.frames[0]}: "
             f"energy {quality.energy_px[0]:.0f} px, mean IoU {quality.iou[0].mean():.3f}"
         )
         states.append(Shown(title, painter.segment_masks(pose), quality.iou[0]))
@@ -85,7 +90,7 @@ def _seen(take: Take, found: TakeFit) -> list[Seen]:
         mask = camera_bit(found.silhouettes[0], c)[: camera.height_px, : camera.width_px]
         picture = silhouette_picture(mask)
         if take.has_video(camera):
-            with take.video(camera, found.frames.start, found.frames.start + 1) as video:
+            with take.video(camera, found.frames[0], found.frames[0] + 1) as video:
                 picture = Undistorter(camera).image(next(iter(video)))
         seen.append(Seen(camera, picture, mask))
     return seen
@@ -110,8 +115,8 @@ def _record(take: Take, found: TakeFit) -> FitRecord:
 
     return FitRecord(
         actor=found.actor.content_hash,
-        first_frame=found.frames.start,
-        end_frame=found.frames.stop,
+        first_frame=found.frames[0],
+        end_frame=found.frames[-1] + 1,
         hints=hints_of(take.settings),
         energy_before_px=found.fit.before.energy_px.tolist(),
         energy_after_px=found.fit.after.energy_px.tolist(),

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from services import cli
-from services.commands import fit_show
+from services.commands import fit as fit_command
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOFS
 from services.mocap.camera.camera import Camera
@@ -170,7 +170,7 @@ def test_a_camera_that_makes_no_sense_is_left_out(
 @pytest.fixture
 def command(monkeypatch: pytest.MonkeyPatch, found: TakeFit) -> Callable[..., str]:
     """`command(*arguments)`: what the command prints; the fit is the one that is there already."""
-    monkeypatch.setattr(fit_show, "fit_take", lambda *_, **__: found)
+    monkeypatch.setattr(fit_command, "fit_take", lambda *_, **__: found)
 
     def run(*arguments: object) -> str:
         done = CliRunner().invoke(cli.app, ["fit", *map(str, arguments)], catch_exceptions=True)

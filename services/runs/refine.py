@@ -1,0 +1,58 @@
+"""Fitting the actor of a take again, to frames of all of it: a run over it says where everybody was.
+
+In the first frames people often hold their arms and legs straight, and along a straight limb no outline tells
+where its joint is. Later they bend them.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from services.mocap.camera.rig import Rig
+from services.mocap.errors import UserError
+from services.mocap.fit.fitting import fit_actor
+from services.mocap.result.result import Result, load_result
+from services.mocap.take.folder import Take
+from services.mocap.types import Ints
+from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, silhouettes_of
+from services.segmentation.segmenters import AUTO
+
+DEFAULT_REFINE_FRAMES = 16
+_LEAST_FRAMES = 2
+
+
+def refine_take(
+    take: Take,
+    result: Path,
+    n_frames: int,
+    show: Show,
+    fitter: Fitter = fit_actor,
+    segmenter: str = AUTO,
+) -> TakeFit:
+    """Fit the actor of a result anew, to so many frames of its take, from the first to the last alike.
+
+    Frames that the result marks are left out. Raises UserError where the result is another take's, or has not
+    two frames to be trusted; else as fit_take.
+    """
+    found = load_result(result)
+    rows = _spread(found, take, n_frames)
+    frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
+    clock = Clock(show)
+    with kept_warnings() as warnings:
+        with clock.stage("looking at silhouettes") as progress:
+            cameras, silhouettes = silhouettes_of(take, frames, segmenter, progress)
+        with clock.stage("fitting the actor") as progress:
+            fit = fitter(Rig.of(cameras), silhouettes, found.actor, poses, progress)
+    return concluded(frames, cameras, silhouettes, (found.actor, poses[0]), fit, clock.seconds, warnings)
+
+
+def _spread(found: Result, take: Take, n_frames: int) -> Ints:
+    """Rows of a result's frames, evenly spread over those to be trusted."""
+    name = found.run.get("take", {}).get("name", take.settings.name)
+    if name != take.settings.name or found.frames[-1] >= take.settings.frames:
+        raise UserError(f"--refine {found.folder}: is of {name!r}, not of {take.settings.name!r}")
+    trusted = np.flatnonzero(~found.distrusted.any(axis=1))
+    if len(trusted) < _LEAST_FRAMES:
+        raise UserError(f"--refine {found.folder}: expected at least {_LEAST_FRAMES} frames without a mark")
+    picked = np.linspace(0, len(trusted) - 1, min(n_frames, len(trusted)))
+    return np.asarray(trusted[np.unique(picked.round().astype(int))], np.int64)

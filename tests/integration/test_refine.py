@@ -1,0 +1,63 @@
+"""`xormocap fit --refine`: the body fitted again, to frames in which it has been tracked."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from services.mocap.body.actor import build_body
+from services.mocap.body.measures import measure
+from services.mocap.take.actor_file import read_actor, write_actor
+from services.mocap.take.layout import ACTOR
+from services.mocap.take.tables import read_poses_csv
+
+Command = Callable[..., object]
+_OFF_M = 0.02
+_WRONG = (
+    ("upper_arm", "upper arm", _OFF_M),
+    ("forearm", "forearm", -_OFF_M),
+    ("thigh", "thigh", _OFF_M),
+    ("shank", "shank", -_OFF_M),
+)
+"""Bones, what their lengths are called among the measures, and how far they are off."""
+
+
+def _lengths_cm(folder: Path) -> dict[str, float]:
+    return {row.name: row.cm for row in measure(build_body(read_actor(folder / ACTOR)))}
+
+
+@pytest.fixture
+def result(tracked: Path, tmp_path: Path) -> Path:
+    """Results of a body whose elbows and knees are not where the actor has them."""
+    folder = tmp_path / "result"
+    shutil.copytree(tracked, folder)
+    true = _lengths_cm(tracked)
+    wrong_m = {bone: (true[word] + 100 * off_m) / 100 for bone, word, off_m in _WRONG}
+    actor = read_actor(tracked / ACTOR).model_copy(update={"bone_lengths": wrong_m})
+    write_actor(folder / ACTOR, actor, "nothing")
+    return folder
+
+
+def test_joints_are_found_where_limbs_bend(
+    synthetic_take: Path, tracked: Path, result: Path, xormocap: Command, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    done = xormocap("fit", synthetic_take, "--refine", result, "--frames", 4, "--out", out)
+    assert done.returncode == 0, done.stderr
+    true, found = _lengths_cm(tracked), _lengths_cm(out)
+    for _, word, off_m in _WRONG:
+        assert found[word] == pytest.approx(true[word], abs=100 * abs(off_m) / 2), word
+    tracked_frames = read_poses_csv(tracked / "poses.csv").frames
+    frames = read_poses_csv(out / "poses.csv").frames
+    assert len(frames) == 4
+    assert frames[[0, -1]].tolist() == tracked_frames[[0, -1]].tolist()
+    assert "4 frames from 14 to 19" in done.stdout
+
+
+def test_results_of_another_take_are_refused(known_take: Path, result: Path, xormocap: Command) -> None:
+    run_json = result / "run.json"
+    run_json.write_text(run_json.read_text().replace('"name": "walk"', '"name": "another"'))
+    done = xormocap("fit", known_take, "--refine", result)
+    assert done.returncode == 2
+    assert "is of 'another', not of 'walk'" in " ".join(done.stderr.split())
