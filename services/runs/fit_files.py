@@ -62,12 +62,18 @@ def frames_in_words(found: TakeFit) -> str:
     return f"frames {ends}" if isinstance(found.frames, range) else f"{len(found.frames)} frames from {ends}"
 
 
+def _start_in_words(found: TakeFit) -> str:
+    if not isinstance(found.frames, range):
+        return "body of the run"
+    return "generic body" if found.start.mesh is None else "own mesh"
+
+
 def _overlay(take: Take, found: TakeFit) -> Bytes:
     """The first frame of all cameras, before and after."""
     states = []
     for title, actor, pose, quality in (
         (
-            f"before: {'generic body' if found.start.mesh is None else 'own mesh'}",
+            f"before: {_start_in_words(found)}",
             found.start,
             found.first_pose,
             found.fit.before,
