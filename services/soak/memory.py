@@ -89,8 +89,9 @@ def watch_memory(frames: int, progress: Callable[[int], None]) -> Report:
 
 def _look(launcher: Launcher, frames_done: int, report: Report) -> None:
     for name in SERVICES:
-        with suppress(OSError, ValueError):  # it may just have ended
-            report.seen_mib[name].append((frames_done, max(rss_mib(pid) for pid in launcher.pids(name))))
+        with suppress(OSError, ValueError):  # it may just have ended, or is not part of this run
+            largest_mib = max(rss_mib(pid) for pid in launcher.pids(name))
+            report.seen_mib[name].append((frames_done, largest_mib))
 
 
 def _long_take(folder: Path, frames: int) -> Path:
