@@ -12,7 +12,7 @@ def say(line: str) -> None:
     stdout.print(line, markup=False, soft_wrap=True)
 
 
-def warn(sentences: Iterable[str]) -> None:
+def warn(sentences: Iterable[str], to: Console = stderr) -> None:
     """Print warnings, each once."""
     for sentence in dict.fromkeys(sentences):
-        stderr.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)
+        to.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)

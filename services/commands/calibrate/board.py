@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from services.commands.consoles import warn
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.coverage import covered_share, draw_coverage
@@ -52,8 +53,7 @@ def calibrate_by_board(
     write_calibration(out, solution.cameras, up)
     write_picture(out.with_name(COVERAGE), draw_coverage(solution))
     _write_record(out.with_name(RECORD), solution, board, remarks)
-    for remark in remarks:
-        errors.print(f"warning: {remark}", style="yellow", markup=False, soft_wrap=True)
+    warn(remarks, errors)
     console.print(_table(solution))
     console.print(f"{out}; look at {out.with_name(COVERAGE)}", markup=False, soft_wrap=True)
 

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from services.commands.consoles import warn
 from services.commands.take_outlines import outlines_of
 from services.mocap.calibration.agreeing import Agreement, agreement_of, likely_mistake
 from services.mocap.calibration.hull_shares import filled_by_others
@@ -38,8 +39,7 @@ def check_take(folder: Path, console: Console, errors: Console) -> None:
             f"{folder}: silhouettes: the actor is whole in no two cameras: nothing can be compared"
         )
     console.print(_table(names, found, filled_by_others(Rig.of(cameras), middle)))
-    for remark in remarks_on(cameras):
-        errors.print(f"warning: {remark}", style="yellow", markup=False, soft_wrap=True)
+    warn(remarks_on(cameras), errors)
     if not found.odd:
         return
     good = [c for c in range(len(cameras)) if c not in found.odd and np.isfinite(found.off_px[c])]

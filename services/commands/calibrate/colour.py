@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from services.commands.consoles import warn
 from services.mocap.calibration.colour_chart import ColourFit, fit_colours
 from services.mocap.camera.colour import write_colours
 from services.mocap.errors import CalibrationError
@@ -33,12 +34,8 @@ def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
         )
     missing = [camera.name for camera in take.cameras if camera.name not in fits]
     if missing:
-        errors.print(
-            f"warning: {folder}: no picture of a chart by {', '.join(missing)}: colours stay as they are",
-            style="yellow",
-            markup=False,
-            soft_wrap=True,
-        )
+        names = ", ".join(missing)
+        warn([f"{folder}: no picture of a chart by {names}: colours stay as they are"], errors)
     means = {
         name: (fit.correction, float(fit.before.mean()), float(fit.after.mean()))
         for name, fit in fits.items()

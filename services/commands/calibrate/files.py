@@ -6,6 +6,7 @@ from typing import Literal
 
 from rich.console import Console
 
+from services.commands.consoles import warn
 from services.mocap.calibration.remarks import remarks_on
 from services.mocap.camera.calibration import Up
 from services.mocap.camera.formats import Axis, Format, Units, read_any, write_opencv, write_pose2sim
@@ -36,5 +37,4 @@ def convert(
     cameras, remarks = read_any(source, kind, size_px, units, scale, its_up)
     write = write_pose2sim if target == "pose2sim" else write_opencv
     write(out, cameras, up)
-    for remark in (*remarks, *remarks_on(cameras)):
-        errors.print(f"warning: {remark}", style="yellow", markup=False, soft_wrap=True)
+    warn((*remarks, *remarks_on(cameras)), errors)
