@@ -28,14 +28,17 @@ def test_a_crossing_counts_from_the_first_centre_that_is_not_left_of_it(
     (y0, x0), (y1, x1) = sorted([(y0, x0), (y1, x1)])
     first, last = _rows(y0, y1)
     crossings: Ints = np.array([[x0, y0, x1 - x0, y1 - y0, first, last, sign]], np.int32)
-    canvas, extent = empty_canvas(HEIGHT_PX, width_px), np.array([HEIGHT_PX, 0], np.int32)
-    wind(crossings, int(first < last), width_px, canvas, extent)
+    canvas = empty_canvas(HEIGHT_PX, width_px)
+    wind(crossings, int(first < last), canvas)
     expected = np.zeros_like(canvas[0])
     for row in range(first, last):
         exact = -(-(x0 * (y1 - y0) + (row * SUBPIXEL - y0) * (x1 - x0)) // ((y1 - y0) * SUBPIXEL))
-        expected[row, min(max(exact, 0), width_px)] = sign
+        if exact < width_px:
+            expected[row, max(exact, 0)] = sign
     np.testing.assert_array_equal(canvas[0], expected)
-    assert list(extent) == ([first, last] if first < last else [HEIGHT_PX, 0])
+    crossed = np.unpackbits(canvas[1].view(np.uint8), axis=1, bitorder="little")[:, :width_px]
+    np.testing.assert_array_equal(crossed, expected != 0)
+    assert list(canvas[2]) == ([first, last] if first < last else [HEIGHT_PX, 0])
 
 
 @given(st.integers(0, 10**6), st.integers(0, 12), st.sampled_from([1, 5, 64, 100]))
@@ -58,14 +61,13 @@ def test_what_is_covered_is_collected_and_the_canvas_left_empty(
     crossings = crossings[crossings[:, 4] < crossings[:, 5]]
     canvas = empty_canvas(HEIGHT_PX, width_px)
     for collect_twice in range(2):  # the second time on the canvas that the first one left
-        extent = np.array([HEIGHT_PX, 0], np.int32)
-        wind(crossings, len(crossings), width_px, canvas, extent)
+        wind(crossings, len(crossings), canvas)
         if collect_twice:
             plane = np.zeros((HEIGHT_PX, width_px), np.uint8)
-            collect_bits(canvas, extent, plane, np.uint8(4))
+            collect_bits(canvas, plane, np.uint8(4))
             np.testing.assert_array_equal(plane, 4 * covered)
         else:
-            total = collect_gain(canvas, extent, summed_gain(gain)[0])
+            total = collect_gain(canvas, summed_gain(gain)[0])
             assert total == gain[0][covered].sum()
         for left_behind, empty in zip(canvas, empty_canvas(HEIGHT_PX, width_px), strict=True):
             np.testing.assert_array_equal(left_behind, empty)

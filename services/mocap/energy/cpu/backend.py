@@ -50,7 +50,7 @@ class CpuBackend:
             pose, transforms, scratch, canvas = lanes[lane]
             evaluate(
                 values, plan, pose, transforms, self._body.offsets_m, cameras, problem.detail_px,
-                mesh, scratch, gain_sums, costs, region.width_px, canvas, energies,
+                mesh, scratch, gain_sums, costs, canvas, energies,
             )  # fmt: skip
 
         def evaluate_all(values: Floats) -> Floats:

@@ -6,76 +6,88 @@ import numba
 import numpy as np
 
 from services.mocap.energy.cost import Counts
-from services.mocap.energy.cpu.arrays import Shorts
+from services.mocap.energy.cpu.arrays import Shorts, Words
+from services.mocap.energy.cpu.bits import lowest_bit
 from services.mocap.types import Bytes, Ints
 
-Canvas: TypeAlias = tuple[Shorts, Ints]
-"""Winding (H, W + 1 or a little more): what crosses each row of a picture from one column to the next, by its
-sign; and the spans (H, 3) of the rows."""
-COUNT, LEFT, RIGHT = range(3)
-"""Columns of spans: how many crossings a row has, and the first and the last column that has one."""
-NO_SPAN: Ints = np.array([0, 1 << 16, 0], np.int32)
-
-_COLUMNS_PER_WORD = 4
+Canvas: TypeAlias = tuple[Shorts, Words, Ints]
+"""Winding (H, W): what crosses each row of a picture from one column to the next, by its sign; a bit for
+every column of a row (H, words) that is crossed; the first row and the last row + 1 (2,) of those that may
+be. What crosses right of the picture leaves nothing."""
+_BITS, _LOG2_BITS = 64, 6
+"""Of a word."""
 
 
 def empty_canvas(height_px: int, width_px: int) -> Canvas:
-    """Room for what outlines leave behind in a picture: nothing yet.
-
-    Column W of the winding holds what crosses right of the picture; rows end on whole words, so that empty
-    stretches can be passed over four columns at a time.
-    """
-    words = width_px // _COLUMNS_PER_WORD + 1
-    return np.zeros((height_px, words * _COLUMNS_PER_WORD), np.int16), np.tile(NO_SPAN, (height_px, 1))
+    """Room for what outlines leave behind in a picture: nothing yet."""
+    crossed = np.zeros((height_px, -(-width_px // _BITS)), np.uint64)
+    return np.zeros((height_px, width_px), np.int16), crossed, np.array([height_px, 0], np.int32)
 
 
 def summed_gain(gain: Counts) -> Counts:
-    """What the pixels left of each column gain in all (C, H, columns of empty_canvas), of gain (C, H, W)."""
+    """What the pixels left of each column, and left of the end, gain in all (C, H, W + 1); gain (C, H, W)."""
     n_cameras, height_px, width_px = gain.shape
-    sums = np.zeros((n_cameras, *empty_canvas(height_px, width_px)[0].shape), np.int32)
-    np.cumsum(gain, axis=2, out=sums[:, :, 1 : width_px + 1])
+    sums = np.zeros((n_cameras, height_px, width_px + 1), np.int32)
+    np.cumsum(gain, axis=2, out=sums[:, :, 1:])
     return sums
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def collect_gain(canvas: Canvas, extent: Ints, gain_sums: Counts) -> int:
-    """Sum the gain of covered pixels and empty the canvas.
+def cross(canvas: Canvas, row: np.uint32, column: np.uint32, sign: int) -> None:
+    """Note that an outline crosses a row from the column before into this one, which is in the picture.
 
-    extent: first row and last row + 1 of what is not empty. gain_sums (H, columns): one camera's summed_gain.
+    Whoever calls it widens the extent.
     """
-    winding, spans = canvas
-    words = winding.view(np.uint64)
+    winding, crossed = canvas[0], canvas[1]
+    winding[row, column] += sign
+    bit = np.uint64(1) << np.uint64(column & np.uint32(_BITS - 1))
+    crossed[row, column >> np.uint32(_LOG2_BITS)] |= bit
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def collect_gain(canvas: Canvas, gain_sums: Counts) -> int:
+    """Sum the gain of covered pixels and empty the canvas; gain_sums (H, W + 1): one camera's summed_gain."""
+    winding, crossed, extent = canvas
     total = 0
     for r in range(extent[0], extent[1]):
         row, depth = np.uint32(r), 0
-        count, left, right = spans[row, COUNT], np.uint32(spans[row, LEFT]), np.uint32(spans[row, RIGHT])
-        spans[row, COUNT], spans[row, LEFT], spans[row, RIGHT] = NO_SPAN[0], NO_SPAN[1], NO_SPAN[2]
-        if count == 2:  # in and out again, as in most rows of most segments
-            total += gain_sums[row, right] - gain_sums[row, left]
-            winding[row, left] = winding[row, right] = 0
-        elif count:
-            for w in range(left // _COLUMNS_PER_WORD, right // _COLUMNS_PER_WORD + 1):
-                word = np.uint32(w)
-                if words[row, word] == 0:
-                    continue
-                for k in range(_COLUMNS_PER_WORD):
-                    x = np.uint32(_COLUMNS_PER_WORD * w + k)
-                    was_covered = depth > 0
-                    depth += winding[row, x]
-                    total += (int(was_covered) - int(depth > 0)) * gain_sums[row, x]
-                words[row, word] = 0
+        for w in range(crossed.shape[1]):
+            word = np.uint32(w)
+            bits = crossed[row, word]
+            crossed[row, word] = 0
+            while bits:
+                column = np.uint32(_BITS * word + lowest_bit(bits))
+                bits &= bits - np.uint64(1)
+                was_covered = depth > 0
+                depth += winding[row, column]
+                winding[row, column] = 0
+                total += (int(was_covered) - int(depth > 0)) * gain_sums[row, column]
+        if depth > 0:  # up to the picture's end
+            total += gain_sums[row, winding.shape[1]]
+    extent[0], extent[1] = winding.shape[0], 0
     return total
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def collect_bits(canvas: Canvas, extent: Ints, plane: Bytes, bit: np.uint8) -> None:
-    """Set the bit of covered pixels in plane (H, W), and empty the canvas; extent as in collect_gain."""
-    winding, spans = canvas
+def collect_bits(canvas: Canvas, plane: Bytes, bit: np.uint8) -> None:
+    """Set the bit of covered pixels in plane (H, W), and empty the canvas."""
+    winding, crossed, extent = canvas
+    width_px = winding.shape[1]
     for row in range(extent[0], extent[1]):
-        depth, left, right = 0, spans[row, LEFT], spans[row, RIGHT]
-        for x in range(left, right):
-            depth += winding[row, x]
-            if depth > 0:
+        depth, covered_from = 0, width_px
+        for word in range(crossed.shape[1]):
+            bits = crossed[row, word]
+            crossed[row, word] = 0
+            while bits:
+                column = int(_BITS * word + lowest_bit(bits))
+                bits &= bits - np.uint64(1)
+                if depth > 0:
+                    for x in range(covered_from, column):
+                        plane[row, x] |= bit
+                depth += winding[row, column]
+                winding[row, column] = 0
+                covered_from = column
+        if depth > 0:
+            for x in range(covered_from, width_px):
                 plane[row, x] |= bit
-        winding[row, left : right + 1] = 0
-        spans[row] = NO_SPAN
+    extent[0], extent[1] = winding.shape[0], 0

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 
 from services.mocap.energy.cpu.arrays import Indices
-from services.mocap.energy.cpu.collecting import COUNT, LEFT, RIGHT, Canvas
+from services.mocap.energy.cpu.collecting import Canvas, cross
 from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, SUBPIXEL_BITS
 from services.mocap.types import Floats, Ints
 
@@ -72,18 +72,17 @@ def _put(uv: Ints, a: int, b: int, along: bool, height_px: int, crossings: Ints,
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def wind(crossings: Ints, n: int, width_px: int, canvas: Canvas, extent: Ints) -> None:
-    """Add the signs of n crossings to a canvas where they cross a row, and widen the extent.
+def wind(crossings: Ints, n: int, canvas: Canvas) -> None:
+    """Add the signs of n crossings to a canvas where they cross a row, and widen its extent.
 
     A crossing counts from the first pixel whose centre is not left of it, so that a centre on a left or top
-    edge is inside and one on a right or bottom edge outside; right of the picture it counts in column
-    width_px. extent: first row and last row + 1 of what has been touched.
+    edge is inside and one on a right or bottom edge outside; right of the picture it leaves nothing.
 
     A column is a quotient of whole numbers, rounded up, and doubles get it right: a divisor has at most 37
     bits, so that below 65536 columns a quotient that is not whole is farther off a whole number than it is
     rounded; and a numerator too long to be exact stands for a column beyond any picture.
     """
-    winding, spans = canvas
+    extent, width_px = canvas[2], canvas[0].shape[1]
     top, bottom = extent[0], extent[1]
     for i in range(n):
         x, y = np.int64(crossings[i, X]), np.int64(crossings[i, Y])
@@ -92,12 +91,9 @@ def wind(crossings: Ints, n: int, width_px: int, canvas: Canvas, extent: Ints) -
         top, bottom = min(top, first), max(bottom, last)
         divisor = dy << SUBPIXEL_BITS
         crossing, step = x * dy + ((first << SUBPIXEL_BITS) - y) * dx, dx << SUBPIXEL_BITS
-        for r in range(first, last):
-            row = np.uint32(r)
+        for row in range(first, last):
             column = np.int64(min(max(np.ceil(crossing / divisor), 0.0), float(width_px)))
             crossing += step
-            winding[row, np.uint32(column)] += sign
-            spans[row, COUNT] += 1
-            spans[row, LEFT] = min(spans[row, LEFT], column)
-            spans[row, RIGHT] = max(spans[row, RIGHT], column)
+            if column < width_px:
+                cross(canvas, np.uint32(row), np.uint32(column), sign)
     extent[0], extent[1] = top, bottom

@@ -14,15 +14,16 @@ from services.mocap.body.kinematics import SEGMENT_JOINTS
 from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
-from services.mocap.energy.cpu.facing import HIDDEN, NEAR, find_candidates, look
+from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, find_candidates, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.snapping import depth_range, project_range
 from services.mocap.types import Bytes, Floats, Ints
 
 MeshArrays: TypeAlias = tuple[Floats, Indices, Singles, Singles, Ints, Floats, Floats]
 """A FlatMesh as a plain tuple: numba's cache on disk cannot be read once a named one has been renamed."""
-Scratch: TypeAlias = tuple[Bytes, Indices, Ints, Floats, Ints]
-"""(BLOCK + B,) flags; (E + 1,) edges found; (2, V) snapped vertices; (V,) depths; (E + 1, 7) crossings."""
+Scratch: TypeAlias = tuple[Bytes, Indices, Ints, Floats, Ints, Floats, Singles]
+"""(BLOCK + B,) flags; (E + 1,) edges found; (2, V) snapped vertices; (V,) depths; (E + 1, 7) crossings; the
+M (3, 4) and eye (EYE_SIZE,) of look."""
 
 
 def scratch_for(mesh: FlatMesh) -> Scratch:
@@ -34,6 +35,8 @@ def scratch_for(mesh: FlatMesh) -> Scratch:
         np.zeros((2, n_vertices), np.int32),
         np.zeros(n_vertices),
         np.zeros((n_edges + 1, 7), np.int32),
+        np.zeros((3, 4)),
+        np.zeros(EYE_SIZE, np.float32),
     )
 
 
@@ -46,20 +49,16 @@ def draw(
     detail_px: float,
     mesh: MeshArrays,
     scratch: Scratch,
-    width_px: int,
-    view: tuple[Floats, Singles],
     canvas: Canvas,
-    extent: Ints,
 ) -> None:
-    """Put one camera's outlines of the segments on an empty canvas; extent as in wind.
+    """Put one camera's outlines of the segments on an empty canvas.
 
     T_world_joint (17, 4, 4); P_px_world (3, 4) and lens (LENS_SIZE,): the camera; detail_px: thinned levels
-    may be off by this much. view: room for M (3, 4) and eye (EYE_SIZE,), as look has them.
+    may be off by this much.
     """
     spheres_m, errors_m = mesh[5], mesh[6]
-    height_px = canvas[0].shape[0]
-    M, eye = view
-    extent[0], extent[1] = height_px, 0
+    height_px, width_px = canvas[0].shape
+    M, eye = scratch[5], scratch[6]
     for s in segments:
         T_world_segment = T_world_joint[SEGMENT_JOINTS[s]]
         compose(P_px_world, T_world_segment, M)
@@ -68,7 +67,7 @@ def draw(
             continue
         level = 0 if seen_as == NEAR else _coarsest(errors_m, s, detail_px / eye[6])
         n = _find(level * errors_m.shape[1] + s, seen_as, M, eye, mesh, scratch, height_px)
-        wind(scratch[4], n, width_px, canvas, extent)
+        wind(scratch[4], n, canvas)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
@@ -77,7 +76,7 @@ def _find(
 ) -> int:
     """Write a part's crossings with pixel rows to scratch; returns how many."""
     xyz_m, edges, planes, block_planes, starts = mesh[:5]
-    flags, found, uv, depth_m, crossings = scratch
+    flags, found, uv, depth_m, crossings = scratch[:5]
     vertex, vertex_end = starts[0, part], starts[0, part + 1]
     block, block_end = starts[1, part], starts[1, part + 1]
     project_range(xyz_m, vertex, vertex_end, M, uv)

@@ -123,5 +123,4 @@ class GlBackend:
 
 def _by_column(gain: Counts) -> Counts:
     """What the pixels left of each column gain (C, W + 1, H), of gain (C, H, W)."""
-    sums = summed_gain(gain)[:, :, : gain.shape[2] + 1]
-    return np.ascontiguousarray(sums.transpose(0, 2, 1))
+    return np.ascontiguousarray(summed_gain(gain).transpose(0, 2, 1))

@@ -20,7 +20,7 @@ from services.mocap.energy.cpu.mesh import FlatMesh
 from services.mocap.energy.cpu.outline import scratch_for
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.alignment.pulls import SHARES
+from services.mocap.search.alignment.pulls import SHARES, pull_scratch
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, REFERENCE_WIDTH_PX
@@ -80,8 +80,7 @@ class Aligner:
         self._offsets_m, self._rig = body.offsets_m, rig
         self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
         self._rim = (*RimMesh.of(body, levels),)
-        n_edges = self._rim[0].shape[1]
-        self._edges = (np.zeros(n_edges, np.uint8), np.zeros(n_edges + 1, np.uint32))
+        self._pull_scratch = pull_scratch(self._rim)
         self._scale = rig.shape_px[1] / REFERENCE_WIDTH_PX
 
     def align(
@@ -111,7 +110,7 @@ class Aligner:
             self._weights(settings),
             self._sizes_px(region),
         )
-        rims = (np.array(segments, np.int32), self._rim, views, self._edges)
+        rims = (np.array(segments, np.int32), self._rim, views, self._pull_scratch)
         planes = np.array(picture.silhouettes)  # to Numba one that is read-only is of another type
         follow(
             moved, self._offsets_m, _ALL_JOINTS, planes, drawing, settings.detail_px, rims,

@@ -9,6 +9,7 @@ import numpy as np
 from services.mocap.body.kinematics import N_DOF, N_JOINTS, PARENT, SEGMENT_JOINTS
 from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.energy.cpu.outline import compose
+from services.mocap.energy.cpu.uncounted import uncounted
 from services.mocap.search.alignment.contour import distance_to_contour
 from services.mocap.search.alignment.twists import DOF_JOINT, TWIST_SIZE, moved_by
 from services.mocap.types import Bytes, Floats, Ints
@@ -17,6 +18,9 @@ RimArrays: TypeAlias = tuple[Singles, Floats, Floats, Floats, Ints]
 """A RimMesh as a plain tuple."""
 Views: TypeAlias = tuple[Floats, Floats, Floats, Ints]
 """Projections (C, 3, 4), centres in the world (C, 3), weights (C,) and the pictures' sizes (C, 2)."""
+PullScratch: TypeAlias = tuple[Bytes, Indices, Floats, Floats, Floats, Singles]
+"""Room for sum_pulls: (E,) flags, (E + 1,) edges found, a projection (3, 4), a rim point (8,), its row of the
+Jacobian (6,) and where the camera is (3,)."""
 SHARES = 3
 """Columns of what is said of a segment's rim: its length, what of it lies near a contour, what found none."""
 
@@ -31,7 +35,7 @@ _NEAR_PX = 2.0
 _MOVED_BY = moved_by()
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@uncounted
 def sum_pulls(
     rim: RimArrays,
     segments: Ints,
@@ -42,7 +46,7 @@ def sum_pulls(
     reach_px: int,
     cap_px: float,
     every: int,
-    scratch: tuple[Bytes, Indices],
+    scratch: PullScratch,
     wrenches: Floats,
     pulls: Floats,
     shares_px: Floats,
@@ -51,14 +55,14 @@ def sum_pulls(
 
     segments: whose rim counts; every: how many rim edges one is taken of. Planes (P, H, W): the input and the
     whole model in the same region. A residual r counts by a weight of 1 / (1 + (r / cap_px)^2) times its
-    length of outline. scratch: (E,) flags and indices. Sets wrenches (17, 6, 6) and pulls (17, 6): per joint
+    length of outline. Sets wrenches (17, 6, 6) and pulls (17, 6): per joint
     that carries segments the sums of weight w w^T (its lower half) and of weight r w over its rim points, w
     being the row of the Jacobian by the joint's twist; and shares_px (16, SHARES). Returns the robust cost,
     in cubed pixels.
     """
     P_px_world, centres_world_m, weights, sizes_px = views
     wrenches[:], pulls[:], shares_px[:] = 0.0, 0.0, 0.0
-    M, point, w = np.empty((3, 4)), np.empty(8), np.empty(TWIST_SIZE)
+    flags, found, M, point, w, eye = scratch
     cost = 0.0
     for c in range(len(P_px_world)):
         if weights[c] == 0.0:
@@ -67,8 +71,8 @@ def sum_pulls(
         for s in segments:
             T = T_world_joint[SEGMENT_JOINTS[s]]
             compose(P_px_world[c], T, M)
-            for k in range(0, _find_rim(rim, s, T, centres_world_m[c], scratch), every):
-                e = scratch[1][k]
+            for k in range(0, _find_rim(rim, s, T, centres_world_m[c], eye, flags, found), every):
+                e = found[k]
                 if not _project(rim, e, M, width, height, point):
                     continue
                 u, v, nx, ny = point[0], point[1], point[2], point[3]
@@ -92,16 +96,18 @@ def sum_pulls(
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _find_rim(
-    rim: RimArrays, s: int, T: Floats, centre_world_m: Floats, scratch: tuple[Bytes, Indices]
+    rim: RimArrays, s: int, T: Floats, centre_world_m: Floats, eye: Singles, flags: Bytes, found: Indices
 ) -> int:
-    """Write the edges of segment s to scratch that have the camera before one of their two faces only."""
+    """Write the edges of segment s to found that have the camera before one of their two faces only.
+
+    eye (3,) and flags (E,) are scratch.
+    """
     planes, starts = rim[0], rim[4]
-    flags, found = scratch
     x, y, z = 0.0, 0.0, 0.0
     for i in range(3):
         off_m = centre_world_m[i] - T[i, 3]
         x, y, z = x + T[i, 0] * off_m, y + T[i, 1] * off_m, z + T[i, 2] * off_m
-    eye = np.array([x, y, z], np.float32)
+    eye[0], eye[1], eye[2] = x, y, z
     _flag(planes, starts[s], starts[s + 1], eye, flags)
     n = 0
     for e in range(starts[s], starts[s + 1]):
@@ -213,3 +219,10 @@ def _dot(a: Floats, b: Floats) -> float:
     for i in range(TWIST_SIZE):
         total += a[i] * b[i]
     return total
+
+
+def pull_scratch(rim: RimArrays) -> PullScratch:
+    """Room for what sum_pulls finds on a rim."""
+    n_edges = rim[0].shape[1]
+    flags, found = np.zeros(n_edges, np.uint8), np.zeros(n_edges + 1, np.uint32)
+    return flags, found, np.zeros((3, 4)), np.zeros(8), np.zeros(TWIST_SIZE), np.zeros(3, np.float32)

@@ -6,17 +6,16 @@ import numba
 import numpy as np
 
 from services.mocap.body.kinematics import N_DOF, N_JOINTS, place_joints
-from services.mocap.energy.cpu.arrays import Indices
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.evaluation import cover
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch
-from services.mocap.search.alignment.pulls import RimArrays, Views, normal_equations, sum_pulls
+from services.mocap.search.alignment.pulls import PullScratch, RimArrays, Views, normal_equations, sum_pulls
 from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
 from services.mocap.types import Bytes, Floats, Ints
 
 Drawing: TypeAlias = tuple[Ints, MeshArrays, Scratch, tuple[Floats, Floats], Canvas]
 """Segments drawn; mesh, scratch, cameras and canvas as cover takes them."""
-Rims: TypeAlias = tuple[Ints, RimArrays, Views, tuple[Bytes, Indices]]
+Rims: TypeAlias = tuple[Ints, RimArrays, Views, PullScratch]
 """Segments that pull; mesh, views and scratch as sum_pulls takes them."""
 _SINGULAR = 1e-6
 
@@ -46,7 +45,7 @@ def follow(
     (16, SHARES) as sum_pulls sets it.
     """
     segments, mesh, scratch, cameras, canvas = drawing
-    pulling, rim, views, edges = rims
+    pulling, rim, views, room = rims
     T_world_joint = np.empty((1, N_JOINTS, 4, 4))
     model_planes = np.zeros((1, *input_planes.shape), np.uint8)
     twists, wrenches = np.zeros((N_DOF, TWIST_SIZE)), np.empty((N_JOINTS, TWIST_SIZE, TWIST_SIZE))
@@ -59,7 +58,7 @@ def follow(
         place_twists(pose, T_world_joint[0], twists)
         account[0] = sum_pulls(
             rim, pulling, T_world_joint[0], views, input_planes, model_planes[0],
-            int(reach_px), cap_px, int(every), edges, wrenches, pulls, shares_px,
+            int(reach_px), cap_px, int(every), room, wrenches, pulls, shares_px,
         )  # fmt: skip
         normal_equations(twists, wrenches, pulls, hessian, slope)
         account[1] = 0.0
