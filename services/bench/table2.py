@@ -12,6 +12,7 @@ from rich.table import Table
 from services.bench.command import Run, track
 from services.bench.takes import take_folder
 from services.mocap.errors import UserError
+from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
 from services.mocap.take.frame_range import frame_range
 
@@ -35,9 +36,11 @@ class Way:
     """Slow ways are measured on so many frames at the start, unless all are asked for."""
 
 
+_DETAIL_PX = SearchSettings().detail_px
 PLAIN = Way("plain XOR, one process", ("--search", "plain"), 0, {"A": 7.98, "B": 14.1}, 25)
 WAYS: tuple[Way, ...] = (
     PLAIN,
+    Way("plain XOR of thinned meshes", ("--search", "plain", "--set", f"detail_px={_DETAIL_PX}"), 0, {}, 25),
     Way("windows, pre-rendering, one process", ("--search", "paper"), 0, {"A": 3.30, "B": 10.1}, 100),
     Way("the same, five processes", ("--search", "paper"), FIVE, {"A": 1.16, "B": 1.76}, 100),
     Way("default, one process", (), 0, {}, None),

@@ -13,8 +13,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from services.mocap.errors import UserError
-from services.runs.launcher import ServiceFailedError
-from services.runs.track import Interrupted
+from services.runs.failures import Interrupted, ServiceFailedError
 from services.soak import fuzz as decoder
 from services.soak import siege
 from services.soak.fire import BrokenServiceError

@@ -25,7 +25,7 @@ from services.soak.villain import Habits, Villain
 
 _CAMERAS = 4
 _WORKERS = 4
-_SEARCH = PRESETS["plain"]
+_SEARCH = PRESETS["plain"].model_copy(update={"detail_px": PRESETS["default"].detail_px})
 """Every frame has work for every worker."""
 _ANYBODY = Habits(
     most={"limb_worker": 12, "segmentation": 8, "recorder": 4, "coordinator": 4},

@@ -120,6 +120,6 @@ Preset: TypeAlias = Literal["default", "paper", "plain"]
 PRESETS: dict[Preset, SearchSettings] = {
     "default": SearchSettings(),
     "paper": SearchSettings(method="paper"),
-    "plain": SearchSettings(method="paper", windows=False, prerender=False),
+    "plain": SearchSettings(method="paper", windows=False, prerender=False, detail_px=0.0),
 }
 """The searches by name, as `--search` takes them: what --set and --settings change is changed from these."""
