@@ -2,42 +2,72 @@
 
 import signal
 import sys
-from typing import NoReturn
+from importlib import import_module
+from typing import Any, NoReturn
 
 import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
 
-from services.bridge.__main__ import bridge
-from services.commands.calibrate.command import calibrate
 from services.commands.consoles import stderr
-from services.commands.doctor import doctor
-from services.commands.export import export
-from services.commands.fit import fit
-from services.commands.keys import app as keys
-from services.commands.live import live
-from services.commands.segment import segment
-from services.commands.status import status
-from services.commands.sync import sync
-from services.commands.synth import synth
-from services.commands.track import track
-from services.commands.view import view
-from services.health import health
 from services.mocap.errors import UserError
 from services.process import EXIT_STOPPED, EXIT_USER_ERROR
-from services.runs.launcher import ServiceFailedError
-from services.runs.track import Interrupted
+from services.runs.failures import Interrupted, ServiceFailedError
+
+_MODULES = {
+    "track": "services.commands.track",
+    "live": "services.commands.live",
+    "fit": "services.commands.fit",
+    "calibrate": "services.commands.calibrate.command",
+    "sync": "services.commands.sync",
+    "segment": "services.commands.segment",
+    "synth": "services.commands.synth",
+    "export": "services.commands.export",
+    "view": "services.commands.view",
+    "bridge": "services.bridge.__main__",
+    "status": "services.commands.status",
+    "doctor": "services.commands.doctor",
+    "health": "services.health",
+    "keys": "services.commands.keys",
+}
+"""Sub-command -> where it is: a function of its name, or, of several commands, an app. All of them together
+take seconds to import, so that only the one that is meant is."""
+_EXIT_INTERRUPTED = 130
+
+
+class _SubCommands(TyperGroup):
+    """The commands of _MODULES, in that order."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.commands = dict.fromkeys(_MODULES, TyperCommand(None))  # their names, to suggest from
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002  (as of any group)
+        return list(_MODULES)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        if cmd_name not in _MODULES:
+            return None
+        module = import_module(_MODULES[cmd_name])
+        if hasattr(module, "app"):
+            return get_command(module.app)
+        alone = typer.Typer(add_completion=False)
+        alone.command(cmd_name)(getattr(module, cmd_name))
+        return get_command(alone)
+
 
 app = typer.Typer(
+    cls=_SubCommands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="Markerless motion capture from silhouettes of calibrated cameras.",
 )
-_COMMANDS = (track, live, fit, calibrate, sync, segment, synth, export, view, bridge, status, doctor, health)
-for command in _COMMANDS:
-    app.command()(command)
-app.add_typer(keys, name="keys")
 
-_EXIT_INTERRUPTED = 130
+
+@app.callback()
+def _() -> None:
+    """Nothing of its own."""
 
 
 def _fail(sentence: str, code: int) -> NoReturn:

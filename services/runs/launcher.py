@@ -25,6 +25,7 @@ from services.process import (
     METRICS_VARIABLE,
     PARENT_VARIABLE,
 )
+from services.runs.failures import ServiceFailedError
 
 log = logging.getLogger(__name__)
 
@@ -56,10 +57,6 @@ SERVICES: dict[str, ServiceSpec] = {
     "viewer": ServiceSpec("services.viewer", most_restarts=20),
     "recorder": ServiceSpec("services.recorder", most_restarts=5, stop_s=60.0),  # it may be writing
 }
-
-
-class ServiceFailedError(Exception):
-    """A service ended with an error that is not the user's; the text has its last line."""
 
 
 @dataclass

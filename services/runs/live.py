@@ -19,7 +19,8 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import begin_recording, finish_recording
 from services.process import engine_arguments, output_arguments, search_arguments
-from services.runs.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
+from services.runs.failures import ServiceFailedError
+from services.runs.launcher import SERVICES, Launcher, free_endpoint
 from services.runs.live_watch import LiveProgress, LiveWatch
 from services.runs.track import StopSignals
 

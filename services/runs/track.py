@@ -30,7 +30,8 @@ from services.process import (
     output_arguments,
     search_arguments,
 )
-from services.runs.launcher import SERVICES, Launcher, ServiceFailedError, free_endpoint
+from services.runs.failures import Interrupted, ServiceFailedError
+from services.runs.launcher import SERVICES, Launcher, free_endpoint
 from services.runs.progress import PoseWatch, Progress
 from services.segmentation.segmenters import chosen_segmenter
 
@@ -40,16 +41,6 @@ _LEAVE_S = 10.0
 """How long a coordinator may take to end after the recorder."""
 _STARTING_S = 10.0
 """How long a recorder may take to start."""
-
-
-class Interrupted(Exception):  # noqa: N818  (a request, not an error)
-    """The run was stopped before its end."""
-
-    def __init__(self, folder: Path | None) -> None:
-        """Folder: where the frames solved by then are; None where there were none."""
-        kept = f"what was tracked by then is in {folder}; the same command goes on from there"
-        super().__init__(f"stopped; {kept if folder else 'nothing was tracked'}")
-        self.folder = folder
 
 
 class StopSignals:

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -35,7 +36,7 @@ from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.live.serving import serve_live
 from services.segmentation.metrics import CREDIT, FRAMES, SECONDS
-from services.segmentation.segmenters import READY, chosen_segmenter, make_segmenters
+from services.segmentation.segmenters import READY, PlateCheck, chosen_segmenter, make_segmenters
 from services.segmentation.source import packed
 
 _LOOK_S = 0.2
@@ -52,10 +53,18 @@ class Feed:
         self, take: Take, cameras: list[int], settings: SegmentationSettings, segmenter: str
     ) -> None:
         self._height, self._width = Rig.of(take.cameras).shape_px
-        self._segmenters = make_segmenters(take, [take.cameras[c] for c in cameras], settings, segmenter)
+        self._checks: deque[PlateCheck] = deque()
+        chosen = [take.cameras[c] for c in cameras]
+        self._segmenters = make_segmenters(take, chosen, settings, segmenter, self._checks.append)
         sees_all = len(cameras) == len(take.cameras) and chosen_segmenter(take, segmenter) != READY
         self._rig = Rig.of(tuple(take.cameras[c] for c in cameras)) if sees_all else None
         self._end = take.settings.frames
+
+    def check_a_plate(self) -> bool:
+        """Warn of a camera's clean plate if it is not clean; False once all have been looked at."""
+        if self._checks:
+            self._checks.popleft()()
+        return bool(self._checks)
 
     def planes(self, start: int) -> Iterator[Bytes]:
         """Bit-planes (P, H, W) of frames start to the take's end."""
@@ -139,15 +148,19 @@ def serve(
     sender = Sender(take, chosen, feed, silhouettes)
     log.info("ready: %s from %s", ", ".join(take.cameras[c].name for c in chosen), take.source)
     try:
-        _send_all(take, sender, silhouettes, poses, stop)
+        _send_all(take, feed, sender, silhouettes, poses, stop)
+        while not stop and feed.check_a_plate():
+            pass  # of a take that was over before all had been looked at
     finally:
         silhouettes.close()
         poses.close()
         context.term()
 
 
-def _send_all(take: Take, sender: Sender, silhouettes: Line, poses: Line, stop: StopRequest) -> None:
-    """Follow the coordinator's credit until it says that the take is over."""
+def _send_all(
+    take: Take, feed: Feed, sender: Sender, silhouettes: Line, poses: Line, stop: StopRequest
+) -> None:
+    """Follow the coordinator's credit until it says that the take is over; between frames look at plates."""
     credit: Credit | None = None
     while not stop:
         try:
@@ -162,7 +175,7 @@ def _send_all(take: Take, sender: Sender, silhouettes: Line, poses: Line, stop: 
             DROPPED.inc()
             log.warning("dropped a malformed message: %s", error)
         if credit is None or not sender.send_next(credit):
-            wait([poses.socket], _LOOK_S)
+            wait([poses.socket], 0.0 if feed.check_a_plate() else _LOOK_S)
         is_cut = [silhouettes.tick(), poses.tick()]
         if any(is_cut):
             sender.begin_anew()

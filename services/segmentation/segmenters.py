@@ -6,10 +6,10 @@ Others come in from outside, as entry points of the group `xormocap.segmenters`.
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -77,6 +77,10 @@ class Scene:
     @cached_property
     def _made(self) -> TakePlate:
         return plate_of_samples(spread_pictures(self.take, self.camera, SAMPLES))
+
+
+PlateCheck: TypeAlias = Callable[[], None]
+"""Warns of a recorded clean plate that is not clean."""
 
 
 class Kind(NamedTuple):
@@ -151,11 +155,16 @@ def chosen_segmenter(take: Take, name: str = AUTO) -> str:
 
 
 def make_segmenters(
-    take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str = AUTO
+    take: Take,
+    cameras: Sequence[Camera],
+    settings: SegmentationSettings,
+    name: str = AUTO,
+    later: Callable[[PlateCheck], None] = lambda check: check(),
 ) -> list[Segmenter]:
     """A segmenter for each of some cameras of a take, trained; logs one warning where the plate is a guess.
 
-    Raises UserError where there is none of that name, or the take lacks what it needs.
+    later: gets what checks each recorded clean plate, a quarter of a second each; by default it is done at
+    once. Raises UserError where there is none of that name, or the take lacks what it needs.
     """
     chosen = chosen_segmenter(take, name)
     if chosen == READY:
@@ -169,7 +178,7 @@ def make_segmenters(
         if kind in KINDS and KINDS[kind].needs_plate and not scene.is_recorded:
             unsure_shares[camera.name] = scene.unsure_share
         if kind in KINDS and KINDS[kind].needs_plate and scene.is_recorded:
-            _check_plate(scene)
+            later(partial(_check_plate, take, camera, scene.looks.pictures))
     if unsure_shares:
         _warn_of_guesses(take, unsure_shares)
     return made
@@ -204,17 +213,16 @@ def _matte(scene: Scene, kind: str, argument: str) -> Matte:
         raise UserError(f"{scene.take.folder}: {what}{scene.camera.name}: {error}") from None
 
 
-def _check_plate(scene: Scene) -> None:
-    """Warn of a recorded clean plate that is not clean."""
-    ghost = find_ghost(scene.looks.pictures, quick_looks(scene.take, scene.camera, LOOKS))
+def _check_plate(take: Take, camera: Camera, looks: Bytes) -> None:
+    """Warn of a recorded clean plate that is not clean; looks (N, h, w, 3): small copies of its pictures."""
+    ghost = find_ghost(looks, quick_looks(take, camera, LOOKS))
     if ghost is None:
         return
     what = "something moves in it" if ghost.moves else "shows something that is in no frame of the take"
     log.warning(
         "%s/background: clean plate of %s: %s (%.1f%% of the picture, about column %d, row %d), which spoils "
         "the silhouettes: record the empty stage with nobody in it",
-        scene.take.folder, scene.camera.name, what, 100 * ghost.share,
-        *ghost.centre_px(scene.camera.width_px),
+        take.folder, camera.name, what, 100 * ghost.share, *ghost.centre_px(camera.width_px),
     )  # fmt: skip
 
 

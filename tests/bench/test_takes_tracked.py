@@ -145,14 +145,15 @@ def test_table2_sets_the_ways_beside_the_papers(
     done = CliRunner().invoke(app, ["table2", "dance", "--json", str(written)])
     assert done.exit_code == 0, done.output
     assert "windows, pre-rendering, one process, dance: is left out: xormocap track: No" in done.output
-    plain, alone, five = json.loads(written.read_text())["rows"]
+    plain, thinned, alone, five = json.loads(written.read_text())["rows"]
     assert (plain["paper_s"], alone["paper_s"]) == (14.1, None)
     assert (plain["seconds_per_frame"], five["seconds_per_frame"]) == (2.0, 0.1)
     assert (plain["times_plain"], five["times_plain"]) == (1.0, pytest.approx(20))
+    assert thinned["way"] == "plain XOR of thinned meshes"
     assert (alone["processes"], five["processes"]) == (1, 5)
     assert (alone["critical_path_s"], five["critical_path_s"]) == (0.05, None)
     assert "sequence B" in done.output
-    assert [frames for _, frames, *_ in tracked] == [f"0:{N}"] * 5
+    assert [frames for _, frames, *_ in tracked] == [f"0:{N}"] * 6
 
 
 def test_slow_ways_solve_fewer_frames_unless_told_otherwise(take: Path, tracked, monkeypatch) -> None:

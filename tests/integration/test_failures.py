@@ -17,9 +17,10 @@ from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
 from services.mocap.take.journal import JOURNAL, read_poses
 from services.mocap.take.tables import read_poses_csv
-from services.runs.launcher import Launcher, ServiceFailedError
+from services.runs.failures import Interrupted, ServiceFailedError
+from services.runs.launcher import Launcher
 from services.runs.progress import Progress
-from services.runs.track import Interrupted, Job, track
+from services.runs.track import Job, track
 
 pytestmark = pytest.mark.timeout(280)
 

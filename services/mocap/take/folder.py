@@ -29,8 +29,8 @@ Source = Literal["videos", "silhouettes"]
 _LARGEST_RATE_ERROR = 0.01
 _LARGEST_GAP = 1.5
 """In usual distances between frames: from here on counting frames no longer gives the time."""
-_QUICK_TO_DECODE_PX = 10**8
-"""Videos of up to so many pixels (100 frames of 1280x720) are decoded whole, others at their end."""
+_QUICK_TO_DECODE_PX = 3 * 10**7
+"""Videos of up to so many pixels (400 frames of 320x240) are decoded whole, others at their end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +116,11 @@ class Take:
             yield from reader
 
 
-def open_take(folder: Path, *, in_step: bool = True) -> Take:
+def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Take:
     """Opens and checks a take folder; in_step: whether videos of different lengths are an error.
+
+    decoded: whether videos are decoded, short ones whole and long ones at their end, so that damage is found
+    before anything begins; else whoever reads them finds it.
 
     Raises TakeError with one sentence about the first thing found wrong: settings, calibration, missing or
     damaged videos, clean plates and silhouettes, their sizes, lengths and frame rates, reference tables.
@@ -139,8 +142,8 @@ def open_take(folder: Path, *, in_step: bool = True) -> Take:
         if source == "silhouettes":
             _check_silhouettes(take, camera)
         else:
-            _check_is_recorded(take, camera)
-    _check_videos(take, in_step)
+            _check_is_recorded(take, camera, decoded)
+    _check_videos(take, in_step, decoded)
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():
         read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
     return take
@@ -165,7 +168,7 @@ def _check_silhouettes(take: Take, camera: Camera) -> None:
     read_silhouette(layout.silhouette_path(folder, ahead))
 
 
-def _check_is_recorded(take: Take, camera: Camera) -> None:
+def _check_is_recorded(take: Take, camera: Camera, decoded: bool) -> None:
     """A camera has a video and a clean plate, unless no camera has one: then the take itself has to do."""
     video = layout.video_path(take.folder, camera.name)
     if not video.exists():
@@ -178,7 +181,8 @@ def _check_is_recorded(take: Take, camera: Camera) -> None:
     if plate.exists():
         index = index_video(plate)
         check_size(plate, index.width_px, index.height_px, camera)
-        _check_decodes(index, index.n_frames)
+        if decoded:
+            _check_decodes(index, index.n_frames)
     elif picture.exists():
         check_png(picture, camera)
     elif plate.parent.is_dir():
@@ -189,7 +193,7 @@ def _check_is_recorded(take: Take, camera: Camera) -> None:
         )
 
 
-def _check_videos(take: Take, in_step: bool) -> None:
+def _check_videos(take: Take, in_step: bool, decoded: bool) -> None:
     """Every video there is holds the take's frames, at its rate and size, and all are equally long.
 
     Their lengths may differ where take.toml has offsets, or in_step is false.
@@ -205,7 +209,7 @@ def _check_videos(take: Take, in_step: bool) -> None:
                 f"{index.path}: holds {index.n_frames} frames, but {indices[0].path.name} holds "
                 f"{indices[0].n_frames}: cut all videos to the same moments, or run xormocap sync"
             )
-    for index in indices:
+    for index in indices if decoded else ():
         _check_decodes(index, take.settings.frames + take.settings.offset(index.path.stem))
 
 

@@ -81,8 +81,12 @@ class LiveTake(Take):
 
 
 def open_source(path: Path) -> Take:
-    """A take folder, or a live configuration's file, opened and checked; raises TakeError."""
-    return open_live(path) if path.is_file() else open_take(path)
+    """A take folder, or a live configuration's file, opened and checked; raises TakeError.
+
+    Each service of a run calls it, so videos are not decoded: who starts a run has done that, or else
+    segmentation finds what is damaged.
+    """
+    return open_live(path) if path.is_file() else open_take(path, decoded=False)
 
 
 def open_live(path: Path) -> LiveTake:

@@ -150,20 +150,36 @@ class VideoReader:
             pass
 
     def _frames(self) -> Iterator[VideoFrame]:
-        self._container.seek(self.index.keyframe_before(self.start)[1], stream=self._stream)
-        stamps, expected = self.index.stamps, self.start
-        decoder = self._container.decode(self._stream)
-        while expected < self.stop:
-            try:
-                frame = next(decoder, None)
-            except av.error.FFmpegError:
-                frame = None
-            if frame is not None and frame.pts is not None and frame.pts < stamps[self.start]:
-                continue  # between the keyframe and the start
+        if self.start == self.stop:
+            return
+        stamps = self.index.stamps
+        keyframe, decoding_stamp = self.index.keyframe_before(self.start)
+        decoder, frame = self._begun(stamps[keyframe])
+        if frame is None or frame.pts != stamps[self.start]:
+            decoder, frame = self._begun(decoding_stamp)  # some kinds of file are sought in by that
+        for expected in range(self.start, self.stop):
+            if expected > self.start:
+                frame = _next_of(decoder)
             if frame is None or frame.pts != stamps[expected] or frame.is_corrupt:
                 raise TakeError(f"{self.index.path}: frame {expected} cannot be decoded: {COPY_AGAIN}")
             yield frame
-            expected += 1
+
+    def _begun(self, begin_at: int) -> tuple[Iterator[VideoFrame], VideoFrame | None]:
+        """What decodes from the keyframe found at a stamp, and the first frame not before the start."""
+        self._container.seek(begin_at, stream=self._stream)
+        decoder = self._container.decode(self._stream)
+        while True:
+            frame = _next_of(decoder)
+            if frame is None or frame.pts is None or frame.pts >= self.index.stamps[self.start]:
+                return decoder, frame
+
+
+def _next_of(decoder: Iterator[VideoFrame]) -> VideoFrame | None:
+    """None at the end, and where nothing can be decoded."""
+    try:
+        return next(decoder, None)
+    except av.error.FFmpegError:
+        return None
 
 
 def opened_video(path: Path, options: dict[str, str] | None = None) -> InputContainer:
