@@ -16,13 +16,14 @@ from rich.console import Console
 from rich.table import Table
 
 from services.bench import accuracy as accuracies
+from services.bench import actor_tables, effects
 from services.bench import actors as actor_fits
-from services.bench import effects
-from services.bench import page as watching
 from services.bench import segmentation as silhouettes
 from services.bench import table2 as frame_times
 from services.bench.contestants import Contestants, Name
+from services.bench.line import Line
 from services.bench.machine import Machine, this_machine
+from services.bench.parts import Part, Plan, measured
 from services.bench.people import Variety
 from services.bench.problems import Setup
 from services.bench.table1 import Row, as_table, measure
@@ -199,6 +200,12 @@ def actors(
         typer.Option("--variety", help="How much they differ; may be repeated; else as adults do."),
     ] = None,
     frames: Annotated[int, typer.Option(min=1, max=100, help="Frames that each fit looks at.")] = 10,
+    later: Annotated[
+        int,
+        typer.Option(
+            min=0, max=400, help="Frames of a motion after them, tracked to refine the fit; 0: none."
+        ),
+    ] = 90,
     seed: Annotated[int, typer.Option(min=0, help="Another seed, other people.")] = 0,
     json_path: JsonOption = None,
 ) -> None:
@@ -208,10 +215,10 @@ def actors(
     console.print(str(machine), highlight=False)
     for variety in varieties or [Variety.POPULATION]:
         with console.status(f"{variety}: 0 of {people} people") as status:
-            for row in actor_fits.measure(variety, range(people), frames, seed):
+            for row in actor_fits.measure(actor_fits.Trial(variety, frames, later, seed), range(people)):
                 rows.append(row)
                 status.update(f"{variety}: {row.number + 1} of {people} people")
-    _finish(console, actor_fits.as_tables(rows), json_path, machine, rows)
+    _finish(console, actor_tables.as_tables(rows), json_path, machine, rows)
 
 
 @app.command()
@@ -234,16 +241,30 @@ def segmentation(
 @app.command()
 def page(
     take: Annotated[str, typer.Argument(metavar="[TAKE]", help="A take's folder, or a motion.")] = "basic",
-    rounds: Annotated[int, typer.Option(min=1, help="How often every way is gone, in turn.")] = 5,
+    parts: Annotated[
+        list[Part] | None,
+        typer.Option("--part", help="What to measure; may be repeated; else all. Cost takes 8 minutes."),
+    ] = None,
+    rounds: Annotated[int, typer.Option(min=1, help="How often every way of the cost is gone.")] = 5,
+    rate: Annotated[float, typer.Option(min=1.0, help="Of the slow browser's line, KB/s.")] = 125.0,
+    latency: Annotated[float, typer.Option(min=0.0, help="Of that line, one way, milliseconds.")] = 50.0,
+    seconds: Annotated[float, typer.Option(min=10.0, help="How long the slow browser looks.")] = 60.0,
+    screenshot: Annotated[
+        Path | None, typer.Option(callback=_writable, help="Write the first view here, as PNG.")
+    ] = None,
     json_path: JsonOption = None,
 ) -> None:
-    """Frames per second without the viewer, with it, and with a browser that looks at the page."""
+    """The page: how soon it is there, how late behind a slow line, and what watching costs tracking."""
     console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine = this_machine()
+    machine, rows, tables = this_machine(), list[Any](), list[Table]()
     console.print(str(machine), highlight=False)
-    with console.status("tracking") as status:
-        rows = watching.measure(take_folder(take), rounds, status.update)
-    _finish(console, [watching.as_table(rows)], json_path, machine, rows)
+    plan = Plan(take_folder(take), Line(1e3 * rate, 1e-3 * latency), seconds, rounds, screenshot)
+    with console.status("the page") as status:
+        for part in parts or list(Part):
+            for table, found in _going_on(measured(part, plan, status.update), f"{take}, {part}", console):
+                tables.append(table)
+                rows += found
+    _finish(console, tables, json_path, machine, rows)
 
 
 def _going_on(measured: Iterator[Found], take: str, console: Console) -> Iterator[Found]:

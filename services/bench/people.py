@@ -96,8 +96,15 @@ def somebody(rig: Rig, variety: Variety, stance: Stance, n_frames: int, seed: in
     x = _shape(sex, variety, rng)
     body = body_of(x)
     poses = _turned(_poses(body, stance, n_frames, rng), rng.uniform(-np.pi, np.pi))
-    drawn = CpuBackend(body, rig).coverage(poses, ALL_SEGMENTS, Region.whole(rig))
-    return Person(sex, stance, x, body, poses, np.array([_spoilt(planes, rig, rng) for planes in drawn]))
+    return Person(sex, stance, x, body, poses, seen_of(body, poses, rig, rng))
+
+
+def seen_of(body: Body, poses: Floats, rig: Rig, rng: np.random.Generator) -> Bytes:
+    """Silhouettes (F, P, H, W) of a body in poses (F, 35) with bites and specks, cleaned up."""
+    backend = CpuBackend(body, rig)
+    drawn = backend.coverage(poses, ALL_SEGMENTS, Region.whole(rig))
+    backend.close()
+    return np.array([_spoilt(planes, rig, rng) for planes in drawn])
 
 
 def _shape(sex: Sex, variety: Variety, rng: np.random.Generator) -> Floats:

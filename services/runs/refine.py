@@ -4,6 +4,7 @@ In the first frames people often hold their arms and legs straight, and along a 
 where its joint is. Later they bend them.
 """
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ from services.mocap.errors import UserError
 from services.mocap.fit.fitting import fit_actor
 from services.mocap.result.result import Result, load_result
 from services.mocap.take.folder import Take
-from services.mocap.types import Ints
+from services.mocap.types import Ints, Mask
 from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, silhouettes_of
 from services.segmentation.segmenters import AUTO
 
 DEFAULT_REFINE_FRAMES = 16
+fit_apart: Fitter = partial(fit_actor, apart=True)
+"""What fits an actor to frames of all of a take."""
 _LEAST_FRAMES = 2
 
 
@@ -26,7 +29,7 @@ def refine_take(
     result: Path,
     n_frames: int,
     show: Show,
-    fitter: Fitter = fit_actor,
+    fitter: Fitter = fit_apart,
     segmenter: str = AUTO,
 ) -> TakeFit:
     """Fit the actor of a result anew, to so many frames of its take, from the first to the last alike.
@@ -51,8 +54,14 @@ def _spread(found: Result, take: Take, n_frames: int) -> Ints:
     name = found.run.get("take", {}).get("name", take.settings.name)
     if name != take.settings.name or found.frames[-1] >= take.settings.frames:
         raise UserError(f"--refine {found.folder}: is of {name!r}, not of {take.settings.name!r}")
-    trusted = np.flatnonzero(~found.distrusted.any(axis=1))
-    if len(trusted) < _LEAST_FRAMES:
+    rows = spread(np.asarray(found.distrusted.any(axis=1), bool), n_frames)
+    if len(rows) < _LEAST_FRAMES:
         raise UserError(f"--refine {found.folder}: expected at least {_LEAST_FRAMES} frames without a mark")
-    picked = np.linspace(0, len(trusted) - 1, min(n_frames, len(trusted)))
+    return rows
+
+
+def spread(distrusted: Mask, n_frames: int) -> Ints:
+    """At most so many rows of (N,) frames, evenly spread over those that are not distrusted."""
+    trusted = np.flatnonzero(~distrusted)
+    picked = np.linspace(0, max(len(trusted) - 1, 0), min(n_frames, len(trusted)))
     return np.asarray(trusted[np.unique(picked.round().astype(int))], np.int64)

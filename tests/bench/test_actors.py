@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.bench.actors import BONES, Row, as_tables, measure
+from services.bench.acting import MOTIONS, going_on
+from services.bench.actor_tables import as_tables
+from services.bench.actors import BONES, Found, Row, Trial, measure
 from services.bench.people import Stance, Variety, somebody
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu.backend import CpuBackend
@@ -47,29 +50,45 @@ def test_a_seed_makes_the_same_person_and_another_one_does_not(rig: Rig) -> None
     assert not np.array_equal(one.x, other.x)
 
 
+def test_people_go_on_from_where_they_stood(rig: Rig) -> None:
+    for motion in MOTIONS:
+        person = somebody(rig, Variety.POPULATION, Stance.T_POSE, 2, 3)
+        later = going_on(person, rig, motion, 60, 3)
+        assert later.poses.shape == (60, N_DOF)
+        assert len(later.silhouettes) == 60
+        for pose in later.poses:
+            assert person.body.lowest_point_m(pose) == pytest.approx(0.0, abs=1e-9)
+        poses = np.vstack([person.poses[-1:], later.poses])
+        assert np.abs(np.diff(poses, axis=0)).max() < 0.8  # nobody jumps
+        assert np.ptp(poses[:, 6:], axis=0).max() > np.radians(40)
+
+
 def test_a_fit_finds_people() -> None:
-    rows = list(measure(Variety.POPULATION, (0, 2), 2, seed=0))
-    assert [row.stance for row in rows] == [Stance.A_POSE, Stance.RELAXED]
-    for row in rows:
-        assert abs(row.height_cm) < 1.0
-        assert abs(row.heading_deg) < 10.0
-        assert np.median([abs(row.bones_percent[bone]) for bone in BONES]) < 3.0
-        assert abs(row.bones_percent[row.worst_bone]) < 10.0
-        assert row.iou > 0.9
+    (row,) = measure(Trial(Variety.POPULATION, 2, 20, seed=0), (2,))
+    assert row.stance is Stance.RELAXED
+    assert abs(row.heading_deg) < 10.0
+    assert row.motion == "walk"
+    assert row.refined is not None
+    for found in (row.first, row.refined):
+        assert abs(found.height_cm) < 1.0
+        assert np.median([abs(found.bones_percent[bone]) for bone in BONES]) < 3.0
+        assert abs(found.bones_percent[found.worst_bone]) < 10.0
+        assert found.iou > 0.9
 
 
 def test_what_was_asked_for_is_counted() -> None:
     bones = dict.fromkeys([*BONES, "pelvis", "torso"], 1.0)
-    good = Row(
-        Variety.POPULATION, 0, "male", Stance.A_POSE, 1.8, 0.4, bones | {"pelvis": 9.0}, 2.0, 5.0, 0.95, 9.0
-    )
-    assert good.is_found
+    right = Found(0.4, bones | {"pelvis": 9.0}, 5.0, 0.95, 9.0)
+    short_hand = replace(right, bones_percent=bones | {"hand": -5.1})
+    assert right.is_right
+    assert not replace(right, height_cm=-1.1).is_right
+    assert not short_hand.is_right
+    assert short_hand.worst_bone == "hand"
+    good = Row(Variety.POPULATION, 0, "male", Stance.A_POSE, 1.8, 2.0, right, "walk", right)
     assert good.faces_right
-    assert not replace(good, height_cm=-1.1).is_found
-    assert not replace(good, bones_percent=bones | {"hand": -5.1}).is_found
-    assert replace(good, bones_percent=bones | {"hand": -5.1}).worst_bone == "hand"
     assert not replace(good, heading_deg=-178.0).faces_right
-    tables = as_tables([good, replace(good, number=1, heading_deg=170.0)])
-    assert [list(table.columns[1].cells) for table in tables if "asked" in str(table.title)] == [
-        ["2 of 2", "2 of 2", "1 of 2"]
-    ]
+    table = as_tables([good, replace(good, number=1, heading_deg=170.0, first=short_hand)])[-1]
+    assert list(table.columns[1].cells) == ["2 of 2", "1 of 2", "1 of 2"]
+    assert list(table.columns[2].cells) == ["2 of 2", "2 of 2", ""]
+    alone = as_tables([replace(good, motion=None, refined=None)])[-1]
+    assert [list(column.cells) for column in alone.columns[1:]] == [["1 of 1", "1 of 1", "1 of 1"]]

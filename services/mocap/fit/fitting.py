@@ -13,7 +13,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import Contour, contours_of
 from services.mocap.fit.least_squares import Fitting
 from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State
-from services.mocap.fit.priors import Prior
+from services.mocap.fit.priors import WEIGHT_APART_PX3, WEIGHT_PX3, Prior
 from services.mocap.fit.quality import FitQuality, quality_of
 from services.mocap.types import Bytes, Floats
 
@@ -58,12 +58,15 @@ def fit_actor(
     start: Actor,
     poses: Floats,
     progress: Callable[[float], None] = lambda _: None,
+    *,
+    apart: bool = False,
 ) -> Fit:
     """Fit an actor and the poses of F frames to silhouettes (F, P, H, W), from an actor and poses near them.
 
     poses: (F, 35), or (35,) for the first frame, from which those of the others are followed. progress is
-    called with the share done, 0 to 1. The result never has more energy than the start. Raises ValueError
-    where shapes do not go together.
+    called with the share done, 0 to 1. apart: whether the frames are from all of a motion, so that what is
+    known of people's shapes beforehand counts less. The result never has more energy than the start. Raises
+    ValueError where shapes do not go together.
     """
     n_frames, following = len(silhouettes), poses.ndim == 1
     starts = np.tile(poses, (n_frames, 1)) if following else np.array(poses, np.float64)
@@ -74,7 +77,8 @@ def fit_actor(
     account = _Account(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
     state = _place(rig, contours, begun, following, account, start.mesh)
-    fitting = Fitting(rig, contours, Prior(state.poses), start.mesh)
+    prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3)
+    fitting = Fitting(rig, contours, prior, start.mesh)
     for stage in _SHAPING:
         state = fitting.run(state, stage, account.step_of(n_frames))
     actor = shape_space.actor_of(shape_space.with_true_height(state.x, start.mesh), start.mesh)

@@ -80,8 +80,9 @@ class Fitting:
     def shape_covariance(self, state: State, stage: Stage) -> Floats:
         """(s, s) of the stage's shape parameters where its cost is least, cameras as in its run.
 
-        Noise is taken to be alike in all frames, as the prior takes it to be: more frames of somebody who
-        hardly moves show the same. Added to it is what outlines that all lie too far out or in would do.
+        Noise is taken to be alike in all frames: more frames of somebody who hardly moves show the same. What
+        silhouettes do not tell is as open as the prior has it. To both is added what outlines that all lie
+        too far out or in would do.
         """
         current = self._matched(state, stage)
         views = [view for of_frame in current.matches for view in of_frame]
@@ -90,7 +91,10 @@ class Fitting:
         excess = data_cost / max(_USUAL_COST_PX2 * length_px, 1e-9)
         slopes = ShapeSlopes.at(state.x, stage.parameters, self._mesh)
         information = self._linearise(current, slopes, stage).shape_information()
-        noise = WEIGHT_PX3 * self._n_views * max(excess, 1.0) * np.asarray(np.linalg.inv(information))
+        known = self._prior.shape_precision(self._n_views)[np.ix_(stage.parameters, stage.parameters)]
+        scatter = WEIGHT_PX3 * max(excess, 1.0) * (information - known) + self._prior.weight_px3 * known
+        inverse = np.asarray(np.linalg.inv(information))
+        noise = self._n_views * inverse @ scatter @ inverse
         widened = [
             self._linearise(_off_by(current, off_px), slopes, stage).free_shape_step()
             for off_px in (-_OFF_PX, _OFF_PX)

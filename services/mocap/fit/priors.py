@@ -16,6 +16,8 @@ from services.mocap.types import Floats
 WEIGHT_PX3 = 0.05
 """Times eight cameras and ten frames, that is the variance of what the data pull at, as measured on people of
 known shape in noisy silhouettes: the prior then weighs what it should."""
+WEIGHT_APART_PX3 = 0.02
+"""For frames from all of a motion, since what misleads a fit in one pose does not in another."""
 _TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
 """Of the pose from the one that was begun with: twists; head, hands and feet; all other joints."""
 _END_JOINTS = ("neck", "wrist", "ankle")
@@ -38,23 +40,28 @@ class Quadratic:
 class Prior:
     """Pulls shapes to the generic one, and poses to those that were begun with."""
 
-    def __init__(self, poses: Floats) -> None:
-        """poses (F, 35): those begun with."""
-        self._poses = poses
+    def __init__(self, poses: Floats, weight_px3: float = WEIGHT_PX3) -> None:
+        """poses (F, 35): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3."""
+        self._poses, self.weight_px3 = poses, weight_px3
         self._pose_precision = np.array([_deviation(d) ** -2 for d in range(len(DOFS))])
         self._shape_precision = np.asarray(np.linalg.inv(COVARIANCE), np.float64)
 
     def cost(self, x: Floats, poses: Floats, n_views: int) -> float:
         """What a shape vector and poses (F, 35) cost, seen in n_views."""
         per_frame = float(((poses - self._poses) ** 2 @ self._pose_precision).sum()) / len(poses)
-        return WEIGHT_PX3 * n_views * (float(x @ self._shape_precision @ x) + per_frame)
+        return self.weight_px3 * n_views * (float(x @ self._shape_precision @ x) + per_frame)
+
+    def shape_precision(self, n_views: int) -> Floats:
+        """(S, S) the prior's part of the normal equations of shapes seen in n_views."""
+        return self.weight_px3 * n_views * self._shape_precision
 
     def quadratic(self, x: Floats, poses: Floats, n_views: int) -> Quadratic:
         """The normal equations of that cost."""
-        weight, per_frame = WEIGHT_PX3 * n_views, WEIGHT_PX3 * n_views / len(poses)
+        shape = self.shape_precision(n_views)
+        per_frame = self.weight_px3 * n_views / len(poses)
         return Quadratic(
-            shape=weight * self._shape_precision,
-            shape_slopes=weight * self._shape_precision @ x,
+            shape=shape,
+            shape_slopes=shape @ x,
             pose_diagonal=per_frame * self._pose_precision,
             pose_slopes=per_frame * self._pose_precision * (poses - self._poses),
         )
