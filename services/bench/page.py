@@ -5,24 +5,20 @@ import multiprocessing
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
-import msgpack
 import numpy as np
-import websockets.exceptions
-import zstandard  # as websockets, it comes with viser
+import websockets.exceptions  # it comes with viser
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
-from websockets.sync.client import connect
-from websockets.sync.connection import Connection
-from websockets.typing import Subprotocol
 
+from services.bench.spectator import watch
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
-from services.mocap.take.folder import open_take
+from services.mocap.take.folder import Take, open_take
 from services.runs.launcher import free_endpoint
 from services.runs.track import Job, track
+from services.viewer.address import LOOPBACK
 
 WAYS = ("no viewer", "viewer, no browser", "viewer, one browser")
 _WORKERS = 4
@@ -54,20 +50,24 @@ def measure(take: Path, rounds: int, tell: Callable[[str], None]) -> list[Row]:
 
 def _frames_per_s(take: Path, way: str) -> float:
     opened, port = open_take(take), int(free_endpoint().rpartition(":")[2])
-    page = None if way == WAYS[0] else f"127.0.0.1:{port}"
+    page = None if way == WAYS[0] else f"{LOOPBACK}:{port}"
     with tempfile.TemporaryDirectory() as folder, _browser(port if way == WAYS[2] else None):
-        job = Job(
-            opened,
-            Path(folder) / "result",
-            range(opened.settings.frames),
-            _WORKERS,
-            overlay=False,
-            engine=EngineSettings(),
-            search=SearchSettings(),
-            page=page,
-        )
-        report = track(job, show=lambda _: None)
+        report = track(job_of(opened, Path(folder), page), show=lambda _: None)
     return float(report["speed"]["frames_per_s"])
+
+
+def job_of(take: Take, folder: Path, page: str | None) -> Job:
+    """Tracking a whole take as measurements of the page want it, with results below a folder."""
+    return Job(
+        take,
+        folder / "result",
+        range(take.settings.frames),
+        _WORKERS,
+        overlay=False,
+        engine=EngineSettings(),
+        search=SearchSettings(),
+        page=page,
+    )
 
 
 @contextlib.contextmanager
@@ -86,56 +86,11 @@ def _browser(port: int | None) -> Iterator[None]:
 
 
 def look(port: int) -> None:
-    """Open the page's websocket, say where the camera is, and answer all that wants an answer."""
-    protocols = [Subprotocol(f"viser-v{version('viser')}")]
-    for connection in _attempts(port, protocols):
-        connection.send(_camera())
-        with contextlib.suppress(websockets.exceptions.ConnectionClosed):
-            while True:
-                for message in _messages(connection.recv()):
-                    if message["type"] == "LocalStorageGetItemRequestMessage":
-                        connection.send(_answer(message["request_uuid"]))
-
-
-def _attempts(port: int, protocols: list[Subprotocol]) -> Iterator[Connection]:
-    """A connection, once somebody listens, and another whenever that is cut."""
+    """Look at the page once somebody listens, and again whenever that is cut."""
     while True:
-        try:
-            with connect(
-                f"ws://127.0.0.1:{port}", subprotocols=protocols, max_size=None, compression=None
-            ) as connection:
-                yield connection
-        except OSError:
-            continue
-
-
-def _messages(window: str | bytes) -> list[dict[str, object]]:
-    """What the page's server sent at once: sizes, then compressed msgpack, then arrays, which are left."""
-    data = window if isinstance(window, bytes) else window.encode()
-    length, packed = (int.from_bytes(data[at : at + 8], "little") for at in (0, 8))
-    plain = zstandard.decompress(data[16 : 16 + packed], max_output_size=length)
-    messages: list[dict[str, object]] = msgpack.unpackb(plain)["messages"]
-    return messages
-
-
-def _camera() -> bytes:
-    size = {"image_height": 900, "image_width": 600, "fov": 0.9, "near": 0.01, "far": 100.0}
-    pose = {
-        "wxyz": [1.0, 0, 0, 0],
-        "position": [3.0, 0, 1],
-        "look_at": [0.0, 0, 1],
-        "up_direction": [0.0, 0, 1],
-    }
-    return _packed({"type": "ViewerCameraMessage", **size, **pose, "up_direction": [0.0, 0, 1]})
-
-
-def _answer(request: object) -> bytes:
-    kind = "LocalStorageGetItemResponseMessage"
-    return _packed({"type": kind, "value": None, "error": None, "request_uuid": request})
-
-
-def _packed(message: dict[str, object]) -> bytes:
-    return bytes(msgpack.packb(message))
+        with contextlib.suppress(OSError, websockets.exceptions.ConnectionClosed):
+            for _ in watch(port):
+                pass
 
 
 def as_table(rows: list[Row]) -> Table:

@@ -1,7 +1,6 @@
 """Coordinator process: `python -m services.coordinator --take TAKE --bind tcp://127.0.0.1:5550`."""
 
 import logging
-import os
 import signal
 from pathlib import Path
 from typing import Annotated
@@ -39,6 +38,7 @@ from services.process import (
     StopRequest,
     ThreadsOption,
     engine_settings,
+    give_way,
     on_hangup,
     run_service,
 )
@@ -71,7 +71,7 @@ def main(
     """Track a take with the limb workers that are there."""
 
     def serve(stop: StopRequest) -> None:
-        os.nice(niceness)
+        give_way(niceness)
         admission = None if keys is None else Admission(keys)
         if admission is None:
             signal.signal(signal.SIGHUP, _default_hangup)

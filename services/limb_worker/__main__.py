@@ -1,7 +1,6 @@
 """Limb worker process: `python -m services.limb_worker --connect tcp://HOST:5550`."""
 
 import logging
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -27,6 +26,7 @@ from services.process import (
     ThreadsOption,
     client_name,
     engine_settings,
+    give_way,
     keys_of_client,
     run_service,
 )
@@ -95,7 +95,7 @@ def main(
     endpoints = connect or [DEFAULT_ENDPOINT]
 
     def start(stop: StopRequest) -> None:
-        os.nice(niceness)
+        give_way(niceness)
         own_keys = _keys_for(endpoints, keys or [])
         with open_engine(engine_settings(backend, threads)) as engine:
             serve(endpoints, engine, stop, own_keys)

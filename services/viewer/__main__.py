@@ -1,7 +1,7 @@
 """Viewer process: `python -m services.viewer --connect tcp://HOST:5550`, then look at http://127.0.0.1:8080."""
 
 import logging
-import os
+import threading
 import time
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +11,7 @@ import typer
 from proto.keys import ClientKeys
 from proto.streams import DEFAULT_ENDPOINT
 from services.mocap.take.live import open_source
-from services.process import KeysOption, MetricsOption, StopRequest, keys_of_client, run_service
+from services.process import KeysOption, MetricsOption, StopRequest, give_way, keys_of_client, run_service
 from services.viewer.address import DEFAULT_ADDRESS, Address, TokenOption, token_of
 from services.viewer.doors import open_doors
 from services.viewer.listener import Listener
@@ -32,16 +32,24 @@ def serve(
     token: str | None,
     keys: ClientKeys | None,
     stop: StopRequest,
+    niceness: int,
 ) -> None:
-    """Show what a coordinator tracks until a stop is asked for."""
+    """Show what a coordinator tracks until a stop is asked for; give way to tracking once it was seen."""
     folder = None if take is None else open_source(take)
     with open_doors(address, token) as (server, url):
         watch_browsers(lambda: server.n_browsers)
         listener = Listener(endpoint, keys, folder, server.show, results)
+        preparing: threading.Thread | None = None
         log.info("coordinator at %s; look at %s", endpoint, url)
         try:
             while not stop:
                 listener.listen(_LOOK_S)
+                if server.n_browsers and preparing is None:
+                    preparing = threading.Thread(target=listener.prepare, daemon=True)
+                    preparing.start()
+                if server.has_shown and niceness:  # not before, so that a first view does not take long
+                    give_way(niceness)
+                    niceness = 0
                 if not server.n_browsers:  # what comes waits, and is taken in at once
                     time.sleep(_REST_S)
         finally:
@@ -75,7 +83,6 @@ def main(
 
     def work(stop: StopRequest) -> None:
         address = Address.of(bind)
-        os.nice(niceness)
         serve(
             take,
             results,
@@ -84,6 +91,7 @@ def main(
             token_of(token_file, address),
             keys_of_client(keys, "viewer"),
             stop,
+            niceness,
         )
 
     run_service("viewer", work, metrics)

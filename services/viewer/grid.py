@@ -51,16 +51,29 @@ class CameraGrid:
         """The frame that it shows."""
         return None if self._drawn is None else self._drawn[0]
 
-    def draw(self, shot: Shot, controls: Controls) -> bool:
-        """Send it, if it is to show something else and its turn has come; True when it was."""
-        artist, look = self._show.artist, controls.look
+    def is_due(self, shot: Shot, controls: Controls) -> bool:
+        """Whether it is to show something else, and its turn has come."""
+        look = controls.look
         stands = self._drawn == (shot.frame, look)
         is_followed = controls.player.is_live and not self._show.reel.is_over  # another frame comes soon
-        if artist is None or self._html is None or (stands and (self._share == 1.0 or is_followed)):
+        if self._show.artist is None or self._html is None:
+            return False
+        if stands and (self._share == 1.0 or is_followed):
             return False
         is_asked_for = self._drawn is not None and self._told != controls.version
-        if not is_asked_for and not self.rhythm.is_due():
+        return is_asked_for or self.rhythm.is_due()
+
+    def catch_up(self, shot: Shot, controls: Controls) -> None:
+        """Decode pictures as far as a frame, so that drawing one that has come by then takes less."""
+        if self._show.artist is not None:
+            self._show.artist.catch_up(shot.frame, controls.look)
+
+    def draw(self, shot: Shot, controls: Controls) -> bool:
+        """Send it, if it is due; True when it was."""
+        artist, look = self._show.artist, controls.look
+        if artist is None or self._html is None or not self.is_due(shot, controls):
             return False
+        stands = self._drawn == (shot.frame, look)
         # A frame that stands is shown whole, however long that takes.
         self._share = 1.0 if stands else self._fitting_share()
         tiles = artist.draw(shot, replace(look, tile_width_px=round(self._share * look.tile_width_px)))

@@ -6,11 +6,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from proto.keys import ClientKeys
 from proto.messages import Message, Pose, PoseRequest, Silhouettes, SilhouettesRequest, TakeEnd, TakeInfo
 from services.follower import Follower
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
+from services.mocap.errors import UserError
+from services.mocap.export.model_painter import ModelPainter
+from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake
 from services.viewer.archive import CHUNK_FRAMES, Archive, shot_of
@@ -44,6 +50,8 @@ class Listener(Follower):
         """
         super().__init__(endpoint, keys)
         self._folder, self._present, self._results = folder, present, results
+        has_pictures = folder is not None and not isinstance(folder, LiveTake)
+        self._folder_pictures = TakePictures(folder, None) if folder is not None and has_pictures else None
         self._reel: Reel | None = None
         self._archive: Archive | None = None
         self._filling = Asking()
@@ -57,6 +65,20 @@ class Listener(Follower):
         frames, is_open = range(info.first_frame, min(info.end_frame, last_end)), info.end_frame > last_end
         self._archive = Archive(info, frames, self._results, self.ask, lambda: self.heard_s)
         self._reel = Reel(frames, RING_FRAMES, self._archive, is_open=is_open)
+
+    def prepare(self) -> None:
+        """Do ahead what the first pictures would have to wait for; for a thread of its own.
+
+        Loads what draws the model, and opens the videos.
+        """
+        try:
+            if self._folder is not None:
+                body = build_body(take_actor(self._folder) or Actor())
+                ModelPainter(body, Rig.of(self._folder.cameras)).segment_masks(np.zeros(N_DOF))
+            if self._folder_pictures is not None:
+                self._folder_pictures.open()
+        except UserError as error:  # whoever wants pictures is told
+            log.warning("%s", error)
 
     def hear(self, message: Message) -> None:
         """Take in what a page may show."""
@@ -74,8 +96,7 @@ class Listener(Follower):
             return
         body = build_body(actor)
         folder = self._folder if self._folder is not None and self._fits(self._folder, info) else None
-        has_pictures = folder is not None and not isinstance(folder, LiveTake)
-        pictures = TakePictures(folder, None) if folder is not None and has_pictures else None
+        pictures = None if folder is None else self._folder_pictures
         self._pictures = LivePictures(rig, pictures, lambda frame: self.ask(SilhouettesRequest(frame=frame)))
         if folder is None:
             names = tuple(f"camera {c + 1}" for c in range(rig.n_cameras))
@@ -91,7 +112,7 @@ class Listener(Follower):
             names,
             artist,
             is_live=True,
-            has_pictures=has_pictures,
+            has_pictures=pictures is not None,
         )
         self._present(show)
 

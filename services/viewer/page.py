@@ -31,6 +31,11 @@ class Page:
         self._programme: Programme | None = None
         self.is_open = True
 
+    @property
+    def has_shown(self) -> bool:
+        """Whether the browser has had body, pictures and curves."""
+        return self._programme is not None and self._programme.has_shown
+
     def run(self) -> None:
         """Send updates until the browser is gone or the page is closed."""
         shown: Show | None = None

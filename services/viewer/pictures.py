@@ -81,14 +81,24 @@ class TakePictures:
         self._pictures: dict[int, _Video] = {}
         self._masks: dict[int, Reader[Mask]] = {}
 
+    def open(self) -> None:
+        """Open all videos ahead of the first picture; raises TakeError."""
+        for c, camera in enumerate(self._take.cameras):
+            if self._take.has_video(camera):
+                with self._lock:
+                    self._opened(c)
+
     def picture(self, camera: int, frame: int) -> Bytes | None:
         """See Pictures.picture."""
         if not self._take.has_video(self._take.cameras[camera]):
             return None
         with self._lock:
-            if camera not in self._pictures:
-                self._pictures[camera] = self._video_of(self._take.cameras[camera])
-            return self._pictures[camera].read(frame)
+            return self._opened(camera).read(frame)
+
+    def _opened(self, camera: int) -> "_Video":
+        if camera not in self._pictures:
+            self._pictures[camera] = self._video_of(self._take.cameras[camera])
+        return self._pictures[camera]
 
     def _video_of(self, camera: Camera) -> "_Video":
         index = index_video(layout.video_path(self._take.folder, camera.name))

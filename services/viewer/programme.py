@@ -37,8 +37,8 @@ class _Pace:
 _LIVE = _Pace(body_s=0.066, grid_s=0.3, frusta_s=1.0, chart_s=0.2, timeline_s=0.5, rest=2.0)
 """Beside tracking, which wants the processor."""
 _FINISHED = _Pace(body_s=0.04, grid_s=0.1, frusta_s=0.5, chart_s=0.1, timeline_s=0.1, rest=2.0)
-_OFTEN, _SELDOM = 0.5, 4.0
-"""How much longer the grid, and what matters less, rest than they were on their way."""
+_OFTEN, _SELDOM, _RARELY = 0.5, 4.0, 8.0
+"""How much longer the grid, charts, and the pictures in the room rest than they were on their way."""
 _TRAIL_S = 2.0
 _AWAY_M, _BESIDE_RAD, _FOV_RAD, _WAYPOINTS = 2.4, 0.9, 0.9, 9
 _ROAMING_M = 1.0
@@ -61,8 +61,9 @@ class Programme:
             self._curves = Curves(client.gui, show.reel)
         self._tick_s = pace.body_s
         self._curves_rhythm = Rhythm(pace.chart_s, pace.rest, _SELDOM)
-        self._frusta_rhythm = Rhythm(pace.frusta_s, pace.rest, _SELDOM)
+        self._frusta_rhythm = Rhythm(pace.frusta_s, pace.rest, _RARELY)
         self._timeline_rhythm = Rhythm(pace.timeline_s)
+        self._answered: set[Rhythm] = set()
         self._sending: Rhythm | None = None
         """What the browser has not answered yet, of all that is large."""
         self._began_s = self._made_s = self._cpu_s = 0.0
@@ -83,14 +84,36 @@ class Programme:
         if shot is None:
             return self._say_missing(frame)
         self._began_s, self._sending = time.monotonic(), None
+        sent = self._show_room(shot)
+        cpu_s = time.thread_time()
+        if self._grid.is_due(shot, self._controls):
+            shot = self._fresh(shot)
+            sent = self._show_room(shot) or sent
+        # Of what is large only one thing at a time, so that the next body does not wait for all.
+        sent = self._show_grid(shot) or self._show_curves(shot) or self._hang(shot) or sent
+        self._told, self._made_s, self._cpu_s = controls.version, time.monotonic(), time.thread_time() - cpu_s
+        return sent
+
+    @property
+    def has_shown(self) -> bool:
+        """Whether the browser has had pictures, where there are any, and curves."""
+        wanted = {self._curves_rhythm} | ({self._grid.rhythm} if self._show.artist is not None else set())
+        return wanted <= self._answered
+
+    def _show_room(self, shot: Shot) -> bool:
+        """Send what is small, at once: drawing pictures takes its time."""
         with self._client.atomic():
             sent = [self._show_body(shot), self._show_timeline(shot)]
-        cpu_s = time.thread_time()
-        with self._client.atomic():  # by itself, since drawing takes its time
-            # Of what is large only one thing at a time, so that the next body does not wait for all.
-            sent.append(self._show_grid(shot) or self._show_curves(shot) or self._hang(shot))
-        self._told, self._made_s, self._cpu_s = controls.version, time.monotonic(), time.thread_time() - cpu_s
+        self._client.flush()
         return any(sent)
+
+    def _fresh(self, shot: Shot) -> Shot:
+        """The frame to draw pictures of: the newest after they were decoded up to a live one that was."""
+        player = self._controls.player
+        if player.is_live and not self._show.reel.is_over:
+            self._grid.catch_up(shot, self._controls)
+            return self._show.reel.shot(player.advance(0.0)) or shot
+        return shot
 
     def _say_missing(self, frame: int) -> bool:
         """Say that a frame is not here; what was shown before stays."""
@@ -106,6 +129,7 @@ class Programme:
         """The browser has taken in what was sent."""
         if self._sending is not None:
             self._sending.done(self._began_s, self._made_s, self._cpu_s)
+            self._answered.add(self._sending)
         if self._sending in (None, self._grid.rhythm):  # of the others nobody has counted the bytes
             sent_bytes = 0 if self._sending is None else self._grid.sent_bytes
             self._grid.connection.note(sent_bytes, time.monotonic() - self._made_s)
@@ -201,8 +225,10 @@ class Programme:
             return False
         if not self._frusta_rhythm.is_due():
             return False
-        for c in range(len(self._show.camera_names)):
-            self._stage.hang_picture(c, _small(artist.ground(frame, c)))
+        pictures = [_small(artist.ground(frame, c)) for c in range(len(self._show.camera_names))]
+        with self._client.atomic():
+            for c, picture in enumerate(pictures):
+                self._stage.hang_picture(c, picture)
         self._hung_frame, self._sending = frame, self._frusta_rhythm
         return True
 

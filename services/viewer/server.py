@@ -48,6 +48,12 @@ class PageServer:
         """Browsers that look at the page."""
         return len(self._pages)
 
+    @property
+    def has_shown(self) -> bool:
+        """Whether a browser that looks at the page has got all kinds of things to see."""
+        with self._lock:
+            return any(page.has_shown for page, _ in self._pages.values())
+
     def show(self, show: Show) -> None:
         """What all browsers see from now on."""
         self._show = show

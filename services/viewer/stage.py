@@ -19,6 +19,7 @@ _FLOOR_M = 8.0
 TRAILS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 _TURNING = [s for s, joint in enumerate(SEGMENT_JOINT.values()) if any(dof.joint == joint for dof in DOFS)]
 """Segments whose joint has parameters."""
+_SKY_RGB, _GROUND_RGB = (255, 255, 255), (150, 150, 160)
 _NO_LINE = np.zeros((1, 2, 3), np.float32)
 
 
@@ -41,6 +42,7 @@ class Stage:
 
     def __init__(self, scene: viser.SceneApi, show: Show) -> None:
         self._show = show
+        self._light(scene)
         scene.add_grid(
             "/floor", _FLOOR_M, _FLOOR_M, cell_size=0.5, section_size=1.0, cell_color=(215, 220, 226),
             section_color=(170, 178, 187), plane_color=(244, 246, 248), plane_opacity=1.0,
@@ -61,6 +63,12 @@ class Stage:
             scene.add_line_segments(f"/trails/{name}", _NO_LINE, rgb_of(name), thickness=0.012, visible=False)
             for name in TRAILS
         ]
+
+    @staticmethod
+    def _light(scene: viser.SceneApi) -> None:
+        """Light from above, not from a room around: without a GPU that is most of what drawing costs."""
+        scene.configure_environment_map(hdri=None)
+        scene.add_light_hemisphere("/sky", sky_color=_SKY_RGB, ground_color=_GROUND_RGB, intensity=1.2)
 
     @staticmethod
     def _add_body(scene: viser.SceneApi, body: Body) -> "list[viser.MeshHandle]":

@@ -74,6 +74,13 @@ class TileArtist:
                     self._kept.popitem(last=False)
             return self._kept[key]
 
+    def catch_up(self, frame: int, look: Look) -> None:
+        """Decode what a look shows of a frame and of those before it."""
+        if look.content != "silhouettes":
+            with self._lock:
+                for camera in look.cameras:
+                    self._pictures.picture(camera, frame)
+
     def ground(self, frame: int, camera: int) -> Bytes:
         """What a camera saw of a frame (h, w, 3), without the model: its picture, or else its silhouette."""
         width, height = self._rig.sizes_px[camera].tolist()

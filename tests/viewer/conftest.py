@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playback import Playback
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser
 
+from services.bench.chromium import chromium_path, open_chromium
 from services.mocap.body.actor import Actor
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
@@ -23,12 +24,6 @@ from services.mocap.take.marks import PARTS
 from services.mocap.take.settings import read_settings
 from services.runs.launcher import free_endpoint
 from services.viewer.reel import STAGES, Shot
-
-FLAGS = (
-    *("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    *("--ignore-gpu-blocklist", "--disable-quic", "--no-first-run", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync"),
-)
 
 
 @pytest.fixture
@@ -116,15 +111,12 @@ def free_port() -> int:
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Browser]:
     """A browser; tests that want one are skipped where there is none."""
-    path = os.environ.get("XORMOCAP_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
-    if path is None:
+    if chromium_path() is None:
         if os.environ.get("XORMOCAP_REQUIRE_CHROMIUM"):
             pytest.fail("there is no chromium, and XORMOCAP_REQUIRE_CHROMIUM is set")
         pytest.skip("there is no chromium")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+    with open_chromium() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture

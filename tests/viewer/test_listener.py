@@ -141,7 +141,7 @@ def test_a_restarted_coordinator_with_another_take_brings_another_show(walk: Tak
 
 
 def test_the_end_of_a_take_is_noticed(walk: Take, shows: list[Show]) -> None:
-    with Playback(walk, free_endpoint(), frames=30, period_s=0.01) as playback:
+    with Playback(walk, free_endpoint(), frames=30, period_s=0.05) as playback:
         listener = Listener(playback.endpoint, None, walk, shows.append)
         _until(listener, lambda: bool(shows) and shows[-1].reel.is_over)
         _until(listener, lambda: _newest(shows) == 29 and shows[-1].reel.last_gap() is None)

@@ -1,12 +1,15 @@
 """Pictures and silhouettes in any order are those that reading in order gives."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.take.folder import Take
+from services.mocap.take.video import VideoIndex, index_video
+from services.viewer import pictures as module
 from services.viewer.pictures import Reader, TakePictures
 
 
@@ -56,3 +59,18 @@ def test_silhouettes_that_somebody_makes(walk: Take) -> None:
     even, odd = pictures.silhouette(0, 4), pictures.silhouette(0, 5)
     assert even is not None and odd is not None
     assert even.all() and not odd.any()
+
+
+def test_videos_can_be_opened_ahead(walk: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[Path] = []
+
+    def note(path: Path) -> VideoIndex:
+        opened.append(path)
+        return index_video(path)
+
+    monkeypatch.setattr(module, "index_video", note)
+    pictures = TakePictures(walk, None)
+    pictures.open()
+    assert len(opened) == 8
+    assert pictures.picture(7, 3) is not None
+    assert len(opened) == 8

@@ -1,0 +1,57 @@
+"""A browser's side of the page's websocket: it answers as a browser does, and draws nothing."""
+
+from collections.abc import Iterator
+from importlib.metadata import version
+from typing import Any, TypeAlias
+
+import msgpack
+import zstandard  # as websockets, it comes with viser
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+from websockets.typing import Subprotocol
+
+from services.viewer.address import LOOPBACK
+
+Messages: TypeAlias = list[dict[str, Any]]
+
+
+def watch(port: int) -> Iterator[Messages]:
+    """Open the page's websocket, say where the camera is, and answer all that wants an answer.
+
+    Yields what came at once. Raises OSError where nobody listens, websockets' ConnectionClosed at the end.
+    """
+    protocols = [Subprotocol(f"viser-v{version('viser')}")]
+    where = f"ws://{LOOPBACK}:{port}"
+    with connect(where, subprotocols=protocols, max_size=None, compression=None) as connection:
+        connection.send(_camera())
+        while True:
+            messages = _messages(connection.recv())
+            _answer(connection, messages)
+            yield messages
+
+
+def _answer(connection: Connection, messages: Messages) -> None:
+    for message in messages:
+        if message["type"] == "LocalStorageGetItemRequestMessage":
+            kind, request = "LocalStorageGetItemResponseMessage", message["request_uuid"]
+            connection.send(_packed({"type": kind, "value": None, "error": None, "request_uuid": request}))
+
+
+def _messages(window: str | bytes) -> Messages:
+    """What the page's server sent at once: sizes, then compressed msgpack, then arrays, which are left."""
+    data = window if isinstance(window, bytes) else window.encode()
+    length, packed = (int.from_bytes(data[at : at + 8], "little") for at in (0, 8))
+    plain = zstandard.decompress(data[16 : 16 + packed], max_output_size=length)
+    messages: Messages = msgpack.unpackb(plain)["messages"]
+    return messages
+
+
+def _camera() -> bytes:
+    size = {"image_height": 900, "image_width": 600, "fov": 0.9, "near": 0.01, "far": 100.0}
+    pose = {"wxyz": [1.0, 0.0, 0.0, 0.0], "position": [3.0, 0.0, 1.0]}
+    view = {"look_at": [0.0, 0.0, 1.0], "up_direction": [0.0, 0.0, 1.0]}
+    return _packed({"type": "ViewerCameraMessage", **size, **pose, **view})
+
+
+def _packed(message: dict[str, object]) -> bytes:
+    return bytes(msgpack.packb(message))

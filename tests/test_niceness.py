@@ -1,0 +1,22 @@
+"""Processes in sessions of their own give way to each other."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+_OWN = "import os; from services.niceness import give_way; give_way(10); print(os.nice(0))"
+_GROUP = "; print(open('/proc/self/autogroup').read().split()[-1])"
+
+
+@pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="this system does not group sessions")
+@pytest.mark.parametrize("leads", [True, False])
+def test_only_who_leads_a_session_makes_all_of_it_nice(leads: bool) -> None:
+    before = Path("/proc/self/autogroup").read_text().split()[-1]
+    command = [sys.executable, "-c", _OWN + _GROUP]
+    said = subprocess.run(
+        command, capture_output=True, text=True, check=True, start_new_session=leads
+    ).stdout.split()
+    assert int(said[0]) >= 10
+    assert said[1] == (said[0] if leads else before)
