@@ -19,7 +19,7 @@ from proto.sockets import receive, wait
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGE, PAGE_IMAGE = "xormocap:test", "xormocap:test-page"
-SLOWLY = "--search plain --set arm_grid=[7,7,3,7] --set leg_grid=[7,7,3,7]"
+SLOWLY = "--search plain --set detail_px=0.5 --set arm_grid=[7,7,3,7] --set leg_grid=[7,7,3,7]"
 """Options of a coordinator whose frames are to take long enough to do something before the last."""
 _LOOK_S = 0.2
 _PAUSE_TRIES = 8
