@@ -39,6 +39,7 @@ from services.process import (
 from services.recorder.result_folder import check_out
 from services.runs.fit import fit_take, init_frames
 from services.runs.progress import Progress as Run
+from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.track import Job
 from services.runs.track import track as track_take
 from services.segmentation.segmenters import chosen_segmenter
@@ -63,6 +64,12 @@ def track(
         Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
     ] = None,
     mesh: MeshOption = None,
+    refine: Annotated[
+        bool,
+        typer.Option(
+            "--refine", help="Then fit the body again, to frames of all of the take, and track once more."
+        ),
+    ] = False,
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
     cutoff_hz: CutoffOption = None,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
@@ -97,6 +104,7 @@ def track(
     job = replace(job, page=tell_page(port, stderr) if watch else None)
     is_to_fit = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
     report = _fit_and_track(job, mesh) if is_to_fit else _track(job, [])
+    report = _refine_and_track(job) if refine else report
     _summarise(report, job.out)
     if watch:
         view(job.out, take, port)
@@ -115,6 +123,15 @@ def _fit_and_track(job: Job, mesh: Path | None) -> dict[str, Any]:
         found = fit_with_bar(take, folder, work)
         why = _why_fitted(take.folder, mesh)
         return _track(replace(job, fitted=folder), [*warnings, why, *found.warnings])
+
+
+def _refine_and_track(job: Job) -> dict[str, Any]:
+    """Track once more, with the body of the results fitted again for this run alone; returns run.json."""
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        folder = Path(temporary)
+        work = partial(refine_take, job.take, job.out, DEFAULT_REFINE_FRAMES, segmenter=job.segmenter)
+        found = fit_with_bar(job.take, folder, work)
+        return _track(replace(job, fitted=folder), found.warnings)
 
 
 def _why_fitted(take: Path, mesh: Path | None) -> str:

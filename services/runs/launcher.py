@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeAlias
 
 from services import logs
 from services.mocap.errors import UserError
@@ -26,6 +26,7 @@ from services.process import (
     PARENT_VARIABLE,
 )
 from services.runs.failures import ServiceFailedError
+from services.runs.fork_server import Birth, Forked, ForkServer
 
 log = logging.getLogger(__name__)
 
@@ -59,12 +60,17 @@ SERVICES: dict[str, ServiceSpec] = {
 }
 
 
+_Process: TypeAlias = "subprocess.Popen[bytes] | Forked"
+_CAN_FORK = sys.platform == "linux"
+"""Elsewhere libraries do not work on in a copy of the process that has loaded them."""
+
+
 @dataclass
 class _Running:
     name: str
     arguments: list[str]
     log_path: Path
-    process: "subprocess.Popen[bytes]"
+    process: _Process
     started_s: float = field(default_factory=time.monotonic)
 
 
@@ -76,14 +82,20 @@ class Launcher:
         self._running: list[_Running] = []
         self._restarts: Counter[str] = Counter()
         self._told: set[str] = set()
+        self._forks: ForkServer | None = None
 
     def __enter__(self) -> Self:
+        if _CAN_FORK:
+            modules = [spec.module for spec in SERVICES.values()]
+            self._forks = ForkServer(modules, _own_environment(os.environ))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
+        if self._forks is not None:
+            self._forks.close()
 
     def start(self, name: str, *arguments: str, copies: int = 1) -> None:
         """Start processes of a kind; each logs to a file of its own."""
@@ -92,15 +104,19 @@ class Launcher:
             process = self._spawn(name, list(arguments), log_path)
             self._running.append(_Running(name, list(arguments), log_path, process))
 
-    def _spawn(self, name: str, arguments: list[str], log_path: Path) -> "subprocess.Popen[bytes]":
+    def _spawn(self, name: str, arguments: list[str], log_path: Path) -> _Process:
+        """A process in a session of its own: Ctrl-C reaches the launcher only, which ends all in order."""
+        module = SERVICES[name].module
+        if self._forks is not None:
+            return self._forks.start(Birth(module, arguments, str(log_path)))
         with log_path.open("ab") as log_file:
             return subprocess.Popen(  # noqa: S603  (our own modules)
-                [sys.executable, "-m", SERVICES[name].module, *arguments],
+                [sys.executable, "-m", module, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=log_file,
                 stderr=log_file,
                 env={**_own_environment(os.environ), PARENT_VARIABLE: str(os.getpid())},
-                start_new_session=True,  # Ctrl-C reaches the launcher only, which ends the run in order
+                start_new_session=True,
             )
 
     def pids(self, name: str) -> list[int]:
@@ -164,14 +180,12 @@ class Launcher:
         self._told |= set(SERVICES)
         for _ in range(2):
             for running in self._running:
-                if running.process.poll() is None:
-                    running.process.terminate()
+                running.process.send_signal(signal.SIGTERM)
             self._wait(lambda _: _STOP_S)
         self._wait(lambda spec: spec.stop_s)
         for running in self._running:
-            if running.process.poll() is None:
-                running.process.kill()
-                running.process.wait()
+            running.process.send_signal(signal.SIGKILL)
+            running.process.wait()
 
     def _wait(self, patience_s: Callable[[ServiceSpec], float]) -> None:
         """Wait for all processes, each so long as its kind is granted."""

@@ -185,7 +185,8 @@ def _follow(
     try:
         while stop.count < 2 and not (launcher.is_done("recorder") and launcher.has_ended("coordinator")):
             launcher.watch(over=SERVICES if "recorder" in ended_s else ())
-            show(watch.look(ended=launcher.is_done("coordinator")))
+            progress = watch.look(ended=launcher.is_done("coordinator"))
+            show(progress)
             for name in ("coordinator", "recorder"):
                 if launcher.is_done(name):
                     ended_s.setdefault(name, time.monotonic())
@@ -197,7 +198,7 @@ def _follow(
                 alone_s = min(
                     time.monotonic() - ended_s["coordinator"], launcher.up_s("recorder") - _STARTING_S
                 )
-                if alone_s > _ALONE_S:
+                if alone_s > _ALONE_S or (stop.count and not progress.frames_done):
                     launcher.tell_to_stop("recorder")  # it writes what it has
         launcher.watch(over=SERVICES if launcher.is_done("recorder") else ())
     finally:

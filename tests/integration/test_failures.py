@@ -38,7 +38,7 @@ def _alive(pid: int) -> bool:
 
 
 def _children(pid: int) -> list[int]:
-    return [child.pid for child in psutil.Process(pid).children()]
+    return [child.pid for child in psutil.Process(pid).children(recursive=True)]
 
 
 def _wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
@@ -145,8 +145,9 @@ def test_all_that_knew_the_poses_die_at_once(run: Run, undisturbed: Path) -> Non
 
 
 def test_a_recorder_that_dies_while_it_writes_results_writes_them_after_all(
-    run: Run, undisturbed: Path
+    known_take: Path, tmp_path: Path, undisturbed: Path
 ) -> None:
+    run = Run(known_take, tmp_path / "out", overlay=True)  # which takes its time
     run.when(lambda progress: progress.stage == "writing results", kill("recorder", signal.SIGKILL)).go()
     assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
     assert [path.name for path in run.out.parent.iterdir()] == ["out"]
@@ -208,7 +209,7 @@ def test_a_stop_before_the_first_frame_ends_at_once(run: Run, seconds: float, tm
         assert (stopped.folder is None) == (not run.out.exists())
     else:
         pytest.fail("the run went on")
-    assert time.monotonic() - began_s < 45
+    assert time.monotonic() - began_s < 45  # it takes 5 s; the machine may be busy
     assert {path.name for path in tmp_path.iterdir()} <= {"out"}
 
 
@@ -231,7 +232,8 @@ def command(known_take: Path, tmp_path: Path) -> Iterator["subprocess.Popen[str]
     process = subprocess.Popen(
         [sys.executable, "-m", "services.cli", *arguments], stderr=subprocess.PIPE, text=True
     )
-    assert _wait_until(lambda: len(_children(process.pid)) == 7, 30)
+    starter = sys.platform == "linux"  # a process of its own, of which services are copies
+    assert _wait_until(lambda: len(_children(process.pid)) == 7 + starter, 30)
     yield process
     process.kill()
     process.wait()

@@ -103,21 +103,21 @@ def test_who_has_no_right_key_never_gets_in(
     shutil.copy(other_keys / "coordinator" / "server.key", misled)
     coordinator = run.start_all(workers=1)
     logs = [run.start_worker(unknown), run.start_worker(misled)]
-    keyless = subprocess.Popen(
-        [sys.executable, "-m", "services.limb_worker", "--connect", run.endpoint],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    run.start_worker()
-    *strangers, friend = run.launcher.pids("limb_worker")
+    keyless_log = tmp_path / "keyless.log"
+    with keyless_log.open("w") as words:
+        command = [sys.executable, "-m", "services.limb_worker", "--connect", run.endpoint]
+        keyless = subprocess.Popen(command, stderr=words)
+    run.until(lambda: "the coordinator wants keys: give --keys DIR" in keyless_log.read_text())
     told = ("is not on the list in", "server.key is not this coordinator's", "somebody came without keys")
     run.until(lambda: all(sentence in coordinator() for sentence in told))
+    run.start_worker()  # not before: with it the run may be over before the others come
+    *strangers, friend = run.launcher.pids("limb_worker")
     run.until(lambda: "refuses this service's key" in logs[0]())
     run.until(lambda: "is not this coordinator's" in logs[1]())
     run.finish()
     run.until(lambda: "end: " in coordinator())
     keyless.terminate()
-    assert "the coordinator wants keys: give --keys DIR" in keyless.communicate(timeout=20)[1]
+    keyless.wait(20)
     assert f":{friend} says hello" in coordinator()
     for pid in (*strangers, keyless.pid):
         assert f":{pid} " not in coordinator()
@@ -139,12 +139,12 @@ def test_a_worker_that_is_revoked_in_mid_take_gets_no_further_task(
     revoked = run.start_worker(own)
     pid = run.launcher.pids("limb_worker")[-1]
     run.until(lambda: coordinator().count("says hello") == 3)
-    time.sleep(1)  # by now both solve limbs of the first frame, which takes some seconds
+    time.sleep(0.5)  # by now both solve limbs of the first frame, which takes a second or two
     assert "the actor faces" not in coordinator()
     (tmp_path / "keys" / "coordinator" / "clients" / "second-worker.key").unlink()
+    after = len(coordinator())
     os.kill(run.launcher.pids("coordinator")[0], signal.SIGHUP)
     run.until(lambda: "revoked: second-worker" in coordinator(), 5)
-    after = len(coordinator())
     run.finish()
     run.until(lambda: "end: " in coordinator())
     assert f":{pid}: connection lost" in coordinator()[after:]

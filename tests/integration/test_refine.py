@@ -1,5 +1,6 @@
-"""`xormocap fit --refine`: the body fitted again, to frames in which it has been tracked."""
+"""`xormocap fit --refine` and `track --refine`: the body fitted again, where it has been tracked."""
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -61,3 +62,24 @@ def test_results_of_another_take_are_refused(known_take: Path, result: Path, xor
     done = xormocap("fit", known_take, "--refine", result)
     assert done.returncode == 2
     assert "is of 'another', not of 'walk'" in " ".join(done.stderr.split())
+
+
+def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
+    synthetic_take: Path, xormocap: Command, tmp_path: Path
+) -> None:
+    take, out = tmp_path / "walk", tmp_path / "out"
+    shutil.copytree(synthetic_take, take)
+    true_cm = _lengths_cm(take)
+    bones_m = {bone: (true_cm[word] + 100 * off_m) / 100 for bone, word, off_m in _WRONG}
+    write_actor(
+        take / ACTOR, read_actor(take / ACTOR).model_copy(update={"bone_lengths": bones_m}), "nothing"
+    )
+    given_cm = _lengths_cm(take)
+    done = xormocap("track", take, "--refine", "--frames", "14:20", "--no-overlay", "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert _lengths_cm(take) == given_cm, "the take is left as it was"
+    found_cm = _lengths_cm(out)
+    for _, word, off_m in _WRONG:
+        assert abs(found_cm[word] - true_cm[word]) < 100 * abs(off_m), word
+    assert "fit" in json.loads((out / "run.json").read_text())
+    assert len(read_poses_csv(out / "poses.csv").frames) == 6

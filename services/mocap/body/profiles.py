@@ -9,10 +9,10 @@ where two thighs come out of one pelvis, each takes on something of the other, s
 
 from dataclasses import dataclass
 from functools import lru_cache
+from math import comb
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
-from scipy.special import comb
 
 from services.mocap.body.bones import smoothstep
 from services.mocap.body.shape import SegmentMesh, generic_segments
@@ -106,7 +106,8 @@ def _check_factors(where: str, factors: object) -> None:
 def bezier_weights(positions: Floats, n_controls: int) -> Floats:
     """Weights (N, n_controls) of control values at positions (N,) from 0 to 1; outside, those of the end."""
     t, k = np.clip(positions, 0.0, 1.0)[:, None], np.arange(n_controls)
-    weights: Floats = comb(n_controls - 1, k) * t**k * (1.0 - t) ** (n_controls - 1 - k)
+    counts = np.array([comb(n_controls - 1, i) for i in range(n_controls)])
+    weights: Floats = counts * t**k * (1.0 - t) ** (n_controls - 1 - k)
     return weights
 
 
