@@ -50,7 +50,9 @@ class _SubCommands(TyperGroup):
             return None
         module = import_module(_MODULES[cmd_name])
         if hasattr(module, "app"):
-            return get_command(module.app)
+            group = get_command(module.app)
+            group.name = cmd_name
+            return group
         alone = typer.Typer(add_completion=False)
         alone.command(cmd_name)(getattr(module, cmd_name))
         return get_command(alone)

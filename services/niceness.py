@@ -1,6 +1,7 @@
 """How far a process lets others go first."""
 
 import os
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -13,7 +14,7 @@ not look at the processes' own niceness, and a launcher starts each service in a
 def give_way(niceness: int) -> None:
     """Be that much nicer, to processes of other sessions as well where this one leads one; 0: as before."""
     own = os.nice(niceness)
-    for thread in threading.enumerate():  # each has its own
+    for thread in threading.enumerate() if sys.platform == "linux" else ():  # there each has its own
         if thread.native_id is not None:
             with suppress(OSError):  # it has ended
                 os.setpriority(os.PRIO_PROCESS, thread.native_id, own)

@@ -59,7 +59,7 @@ SearchOption: TypeAlias = Annotated[
     typer.Option(
         "--search",
         help="default: the whole body by its contours, limbs in doubt by XOR; paper: passes of torso, limbs "
-        "and head by XOR, as published; plain: the same without windows and pre-rendering.",
+        "and head by XOR, as published; plain: the same without windows, pre-rendering and thinned meshes.",
     ),
 ]
 SetOption: TypeAlias = Annotated[

@@ -27,7 +27,6 @@ from services.bench.parts import Part, Plan, measured
 from services.bench.people import Variety
 from services.bench.problems import Setup
 from services.bench.table1 import Row, as_table, measure
-from services.bench.takes import take_folder
 from services.mocap.errors import UserError
 from services.mocap.search.settings import Preset
 
@@ -258,7 +257,7 @@ def page(
     console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
     machine, rows, tables = this_machine(), list[Any](), list[Table]()
     console.print(str(machine), highlight=False)
-    plan = Plan(take_folder(take), Line(1e3 * rate, 1e-3 * latency), seconds, rounds, screenshot)
+    plan = Plan(take, Line(1e3 * rate, 1e-3 * latency), seconds, rounds, screenshot)
     with console.status("the page") as status:
         for part in parts or list(Part):
             for table, found in _going_on(measured(part, plan, status.update), f"{take}, {part}", console):

@@ -26,7 +26,7 @@ from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
 from services.runs.fit import guess_first_pose
-from services.runs.refine import DEFAULT_REFINE_FRAMES, fit_apart, spread
+from services.runs.refine import DEFAULT_REFINE_FRAMES, LEAST_FRAMES, fit_apart, spread
 
 BONES = (
     "hip_width", "shoulder_width", "trunk", "neck", "head",
@@ -100,13 +100,17 @@ class Trial:
     """Frames of the motion after them; none: nothing is refined."""
     seed: int
 
+    def seed_of(self, number: int) -> int:
+        """A person's own."""
+        return 1000 * self.seed + number
+
 
 def measure(trial: Trial, numbers: Sequence[int]) -> Iterator[Row]:
     """Fit one random person after the other, from their silhouettes alone."""
     rig, stances = Rig.of(studio_cameras(8)), list(Stance)
     for number in numbers:
-        stance, seed = stances[number % len(stances)], 1000 * trial.seed + number
-        person = somebody(rig, trial.variety, stance, trial.n_frames, seed)
+        stance = stances[number % len(stances)]
+        person = somebody(rig, trial.variety, stance, trial.n_frames, trial.seed_of(number))
         yield _row(trial, number, rig, person)
 
 
@@ -137,13 +141,15 @@ def _first_fit(rig: Rig, person: Person) -> tuple[Fit, float]:
     return fit, time.perf_counter() - began_s
 
 
-def _refined(trial: Trial, rig: Rig, person: Person, first: Fit, motion: str, number: int) -> Found:
-    """Track the motion with what was found at first, and fit again as --refine does."""
-    later = going_on(person, rig, motion, trial.n_later, 1000 * trial.seed + number)
+def _refined(trial: Trial, rig: Rig, person: Person, first: Fit, motion: str, number: int) -> Found | None:
+    """Track the motion with what was found at first, and fit again as --refine does, if it does."""
+    later = going_on(person, rig, motion, trial.n_later, trial.seed_of(number))
     with open_engine(EngineSettings(backend="cpu")) as engine:
         path = tracked(first.actor, first.poses, later.silhouettes, rig, engine)
     began_s = time.perf_counter()
     rows = spread(path.distrusted, DEFAULT_REFINE_FRAMES)
+    if len(rows) < LEAST_FRAMES:
+        return None
     fit = fit_apart(rig, later.silhouettes[rows], first.actor, path.poses[rows], lambda _: None)
     return _found(fit, person, later.poses[rows], time.perf_counter() - began_s)
 

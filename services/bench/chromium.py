@@ -31,11 +31,17 @@ def open_chromium() -> "Iterator[Browser]":
     if path is None:
         raise UserError(f"there is no chromium: install it, or name it by {VARIABLE}")
     try:
-        from playwright.sync_api import sync_playwright
+        from playwright.sync_api import Error, sync_playwright
     except ImportError:
         raise UserError("there is no playwright, which drives the browser: run scripts/test once") from None
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        try:
+            browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        except Error as error:
+            why = error.message.splitlines()[0]
+            raise UserError(
+                f"{path}: does not start as chromium ({why}): name another by {VARIABLE}"
+            ) from None
         try:
             yield browser
         finally:

@@ -17,7 +17,7 @@ from services.bench.chromium import open_chromium
 from services.bench.page import job_of
 from services.mocap.errors import UserError
 from services.mocap.take.folder import open_take
-from services.runs.launcher import free_endpoint
+from services.runs.launcher import free_port
 from services.runs.track import track
 from services.viewer.address import LOOPBACK
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 SIGHTS = ("page", "body", "pictures", "curves")
 _PATIENCE_S = 120.0
 """How long a run may take until it offers the page, and that until all is seen."""
-_LOOK_S = 0.1
+_LOOK_S, _CLOSING_S = 0.1, 5.0
 _SEGMENTS = 16
 _FEWEST_INDICES = 300
 """More than anything in the scene has but the body's segments."""
@@ -74,7 +74,7 @@ def measure(take: Path, screenshot: Path | None = None) -> Row:
 
     screenshot: a PNG of the page, as it is when all is seen.
     """
-    port, spawning = int(free_endpoint().rpartition(":")[2]), multiprocessing.get_context("spawn")
+    port, spawning = free_port(), multiprocessing.get_context("spawn")
     ours, theirs = spawning.Pipe()
     browser = spawning.Process(target=_look, args=(theirs, port, screenshot), daemon=True)
     browser.start()
@@ -86,8 +86,10 @@ def measure(take: Path, screenshot: Path | None = None) -> Row:
             track(job_of(open_take(take), Path(folder), f"{LOOPBACK}:{port}"), show=lambda _: None)
         offered_s, sights_s = _received(ours)
     finally:
+        browser.join(_CLOSING_S)
         browser.terminate()
         browser.join()
+        ours.close()
     return Row(offered_s - began_s, sights_s)
 
 
@@ -123,7 +125,8 @@ def _first_seen(browser: "Browser", port: int, screenshot: Path | None) -> tuple
     seen: dict[str, float] = {}
     while not set(SIGHTS) <= set(seen):
         if time.monotonic() - offered_s > _PATIENCE_S:
-            raise UserError(f"the page showed only {', '.join(seen)} after {_PATIENCE_S:.0f} s")
+            missing = ", ".join(sight for sight in SIGHTS if sight not in seen)
+            raise UserError(f"the page did not show within {_PATIENCE_S:.0f} s: {missing}")
         tab.wait_for_timeout(1e3 * _LOOK_S)
         seen = tab.evaluate("window.firstSeen")
     if screenshot is not None:

@@ -50,13 +50,20 @@ class SlowProxy:
         with suppress(OSError):  # closed
             while True:
                 browser, _ = self._listener.accept()
-                server = socket.create_connection((LOOPBACK, self._server_port))
-                server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SENDER_BYTES)
-                for end in (browser, server):
-                    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._open += [browser, server]
-                _Way(server, browser, self._line).start()
-                _Way(browser, server, Line(float("inf"), self._line.latency_s)).start()
+                try:
+                    server = socket.create_connection((LOOPBACK, self._server_port))
+                except OSError:
+                    browser.close()
+                    continue
+                self._join(browser, server)
+
+    def _join(self, browser: socket.socket, server: socket.socket) -> None:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SENDER_BYTES)
+        for end in (browser, server):
+            end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._open += [browser, server]
+        _Way(server, browser, self._line).start()
+        _Way(browser, server, Line(float("inf"), self._line.latency_s)).start()
 
 
 class _Way:
@@ -66,6 +73,8 @@ class _Way:
         self._source, self._target, self._line = source, target, line
         self._held: deque[tuple[float, bytes]] = deque()
         self._held_bytes = 0
+        self._is_cut = False
+        """Whether nothing can be written any more."""
         self._changed = threading.Condition()
 
     def start(self) -> None:
@@ -74,31 +83,40 @@ class _Way:
 
     def _read(self) -> None:
         data = b"begin"
-        while data:
-            with suppress(OSError):
+        while data and not self._is_cut:
+            try:
                 data = self._source.recv(_READ_BYTES)
+            except OSError:  # for the other side that is an end like any
+                data = b""
             with self._changed:
-                self._changed.wait_for(lambda: self._held_bytes < _HELD_BYTES)
+                self._changed.wait_for(lambda: self._is_cut or self._held_bytes < _HELD_BYTES)
                 self._held.append((time.monotonic() + self._line.latency_s, data))
                 self._held_bytes += len(data)
                 self._changed.notify_all()
 
     def _write(self) -> None:
-        free_s = time.monotonic()
         with suppress(OSError):
-            while True:
-                with self._changed:
-                    self._changed.wait_for(lambda: self._held)
-                    there_s, data = self._held.popleft()
-                if not data:
-                    self._target.shutdown(socket.SHUT_RDWR)
-                    return
-                free_s = max(free_s, there_s)
-                for at in range(0, len(data), _SEGMENT_BYTES):
-                    segment = data[at : at + _SEGMENT_BYTES]
-                    free_s += len(segment) / self._line.bytes_per_s
-                    time.sleep(max(free_s - time.monotonic(), 0.0))
-                    self._target.sendall(segment)
-                with self._changed:
-                    self._held_bytes -= len(data)
-                    self._changed.notify_all()
+            self._pass_on()
+            self._target.shutdown(socket.SHUT_WR)
+        with self._changed:
+            self._is_cut = True
+            self._changed.notify_all()
+
+    def _pass_on(self) -> None:
+        """Write what is held, each when the line has carried it, up to the end."""
+        free_s = time.monotonic()
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._held)
+                there_s, data = self._held.popleft()
+            if not data:
+                return
+            free_s = max(free_s, there_s)
+            for at in range(0, len(data), _SEGMENT_BYTES):
+                segment = data[at : at + _SEGMENT_BYTES]
+                free_s += len(segment) / self._line.bytes_per_s
+                time.sleep(max(free_s - time.monotonic(), 0.0))
+                self._target.sendall(segment)
+            with self._changed:
+                self._held_bytes -= len(data)
+                self._changed.notify_all()

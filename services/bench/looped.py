@@ -33,7 +33,7 @@ def _repeat(source: Path, copy: Path, times: int) -> None:
     with opened_video(source) as videos, av.open(str(copy), "w") as written:
         stream = video_stream(videos, source)
         out = written.add_stream_from_template(stream)
-        span = (stream.duration or 0) + (stream.start_time or 0)
+        span = stream.duration or 0
         for n in range(times):
             videos.seek(0, stream=stream)
             for packet in videos.demux(stream):

@@ -3,25 +3,27 @@
 import contextlib
 import multiprocessing
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import websockets.exceptions  # it comes with viser
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from websockets.exceptions import WebSocketException  # it comes with viser
 
 from services.bench.spectator import watch
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take, open_take
-from services.runs.launcher import free_endpoint
+from services.runs.launcher import free_port
 from services.runs.track import Job, track
 from services.viewer.address import LOOPBACK
 
 WAYS = ("no viewer", "viewer, no browser", "viewer, one browser")
 _WORKERS = 4
+_LOOK_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ def measure(take: Path, rounds: int, tell: Callable[[str], None]) -> list[Row]:
 
 
 def _frames_per_s(take: Path, way: str) -> float:
-    opened, port = open_take(take), int(free_endpoint().rpartition(":")[2])
+    opened, port = open_take(take), free_port()
     page = None if way == WAYS[0] else f"{LOOPBACK}:{port}"
     with tempfile.TemporaryDirectory() as folder, _browser(port if way == WAYS[2] else None):
         report = track(job_of(opened, Path(folder), page), show=lambda _: None)
@@ -88,9 +90,10 @@ def _browser(port: int | None) -> Iterator[None]:
 def look(port: int) -> None:
     """Look at the page once somebody listens, and again whenever that is cut."""
     while True:
-        with contextlib.suppress(OSError, websockets.exceptions.ConnectionClosed):
+        with contextlib.suppress(OSError, WebSocketException):
             for _ in watch(port):
                 pass
+        time.sleep(_LOOK_S)
 
 
 def as_table(rows: list[Row]) -> Table:

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from services.bench import first_view, page, slow_browser
 from services.bench.line import Line
+from services.bench.takes import take_folder
 
 
 class Part(StrEnum):
@@ -24,7 +25,8 @@ class Part(StrEnum):
 class Plan:
     """How the parts are measured."""
 
-    take: Path
+    take: str
+    """A folder, or a motion's name."""
     line: Line
     slow_s: float
     """How long a slow browser looks."""
@@ -36,14 +38,15 @@ class Plan:
 
 def measured(part: Part, plan: Plan, tell: Callable[[str], None]) -> Iterator[tuple[Table, list[Any]]]:
     """A part's table and rows; raises UserError."""
+    take = take_folder(plan.take)
     if part is Part.FIRST:
         tell("opening the page while all starts, about a minute")
-        row = first_view.measure(plan.take, plan.screenshot)
+        row = first_view.measure(take, plan.screenshot)
         yield first_view.as_table(row), [row]
     elif part is Part.SLOW:
         tell(f"looking from behind a slow line, {plan.slow_s:.0f} s and some more")
-        late = slow_browser.measure(plan.take, plan.line, plan.slow_s)
+        late = slow_browser.measure(take, plan.line, plan.slow_s)
         yield slow_browser.as_table(late, plan.line), late
     else:
-        rows = page.measure(plan.take, plan.rounds, tell)
+        rows = page.measure(take, plan.rounds, tell)
         yield page.as_table(rows), rows

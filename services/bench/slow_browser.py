@@ -6,7 +6,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import WebSocketException
 
 from services.bench.line import Line, SlowProxy
 from services.bench.looped import looped
@@ -22,7 +22,7 @@ from services.bench.playback import Playback
 from services.bench.spectator import Messages, watch
 from services.mocap.errors import UserError
 from services.mocap.take.folder import open_take
-from services.runs.launcher import free_endpoint
+from services.runs.launcher import free_endpoint, free_port, last_line
 from services.viewer.address import LOOPBACK
 
 FRAMES_PER_S = 25.0
@@ -30,6 +30,8 @@ FRAMES_PER_S = 25.0
 _START_S = 30.0
 _SETTLED_S = 2.0
 """What a viewer is given before a browser comes."""
+_LEAST = 2
+"""Frames of a kind, for an age to be told."""
 _BODY = re.compile(r">(\d+) of \d+,")
 _PICTURES = re.compile(r'id="cameras".*?data-frame="(\d+)"')
 
@@ -67,7 +69,7 @@ def measure(take: Path, line: Line, seconds: float) -> list[Row]:
 @contextmanager
 def _viewer(playing: Playback, take: Path, folder: Path) -> Iterator[int]:
     """The viewer's process; yields its port."""
-    port = int(free_endpoint().rpartition(":")[2])
+    port = free_port()
     command = [sys.executable, "-m", "services.viewer", "--connect", playing.endpoint]
     where = ["--take", str(take), "--bind", f"{LOOPBACK}:{port}"]
     log = folder / "viewer.log"
@@ -77,7 +79,7 @@ def _viewer(playing: Playback, take: Path, folder: Path) -> Iterator[int]:
         deadline_s = time.monotonic() + _START_S
         while "look at http" not in log.read_text():
             if process.poll() is not None or time.monotonic() > deadline_s:
-                raise UserError(f"the viewer does not start: {log.read_text()[-200:]}")
+                raise UserError(f"the viewer does not start: {last_line(log)}")
             time.sleep(0.1)
         time.sleep(_SETTLED_S)
         yield port
@@ -90,7 +92,7 @@ def _look(playing: Playback, port: int, seconds: float) -> dict[str, list[tuple[
     """When each body and each sheet of pictures came, and when its frame had been sent."""
     came: dict[str, list[tuple[float, float]]] = {"body": [], "pictures": []}
     end_s, shown = time.monotonic() + seconds, dict.fromkeys(came, -1)
-    with suppress(ConnectionClosed):
+    try:
         for messages in watch(port):
             now = time.monotonic()
             for view, frame in frames_shown(messages):
@@ -99,6 +101,8 @@ def _look(playing: Playback, port: int, seconds: float) -> dict[str, list[tuple[
                     came[view].append((now, playing.sent_s[frame]))
             if now > end_s:
                 break
+    except (OSError, WebSocketException) as error:
+        raise UserError(f"the page was cut off before its time: {error}") from None
     return came
 
 
@@ -114,9 +118,9 @@ def frames_shown(messages: Messages) -> Iterator[tuple[str, int]]:
 
 
 def _row(view: str, came: list[tuple[float, float]], seconds: float) -> Row:
-    if not came:
-        raise UserError(f"no {view} came within {seconds:.0f} s: the line is too slow, or the time too short")
     late = [(at, sent) for at, sent in came if at > came[-1][0] - 0.5 * seconds]
+    if len(late) < _LEAST:
+        raise UserError(f"too little {view} came in {seconds:.0f} s: a faster line or more time is needed")
     ages = [after - sent for (_, sent), (after, _) in pairwise(late)]
     return Row(view, [at - sent for at, sent in late], ages, 0.5 * seconds)
 

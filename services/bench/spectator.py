@@ -13,19 +13,21 @@ from websockets.typing import Subprotocol
 from services.viewer.address import LOOPBACK
 
 Messages: TypeAlias = list[dict[str, Any]]
+_SILENCE_S = 30.0
 
 
 def watch(port: int) -> Iterator[Messages]:
     """Open the page's websocket, say where the camera is, and answer all that wants an answer.
 
-    Yields what came at once. Raises OSError where nobody listens, websockets' ConnectionClosed at the end.
+    Yields what came at once. Raises OSError where nobody listens or nothing comes any more, and websockets'
+    WebSocketException where somebody else listens, or at the end.
     """
     protocols = [Subprotocol(f"viser-v{version('viser')}")]
     where = f"ws://{LOOPBACK}:{port}"
     with connect(where, subprotocols=protocols, max_size=None, compression=None) as connection:
         connection.send(_camera())
         while True:
-            messages = _messages(connection.recv())
+            messages = _messages(connection.recv(timeout=_SILENCE_S))
             _answer(connection, messages)
             yield messages
 

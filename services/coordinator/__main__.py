@@ -5,9 +5,12 @@ import signal
 from pathlib import Path
 from typing import Annotated
 
-# Who has changed the list of clients may say so before there is a handler: loading takes a second.
+# Who has changed the list of clients may say so before there is a handler: loading takes a second. Who
+# imports this for others has its own way with the signal.
 # ruff: noqa: E402
-_default_hangup = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+_default_hangup = signal.getsignal(signal.SIGHUP)
+if __name__ == "__main__":
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
 import typer
 

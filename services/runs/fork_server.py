@@ -2,18 +2,18 @@
 
 To import what a service needs takes a second or more of a processor's time, and a run has seven of them, so
 that on a small machine most of its start went there. `ForkServer` is the launcher's side; the other one is
-`python -m services.runs.fork_server FD MODULE …`. Both speak over a socket: out go Births, back come the new
-process's id at once, and (id, exit code) when it has ended.
+`python -m services.runs.fork_server FD`. Both speak over a socket: out go Births, back come the new process's
+id at once, and (id, exit code) when it has ended.
 """
 
 import gc
 import os
 import subprocess
 import sys
-import tempfile
+import threading
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing import Pipe
@@ -30,6 +30,17 @@ from services.runs.failures import ServiceFailedError
 _LOOK_S = 0.02
 _UNKNOWN = 1
 """The exit code of a process whose end nobody saw."""
+
+
+def can_fork() -> bool:
+    """Whether this system can do it: elsewhere libraries do not work on in a copy of who has loaded them."""
+    if sys.platform != "linux":
+        return False
+    try:
+        os.close(os.pidfd_open(os.getpid()))
+    except OSError:  # an old kernel, or a sandbox
+        return False
+    return True
 
 
 class Birth(NamedTuple):
@@ -69,44 +80,48 @@ class Forked:
 
 
 class ForkServer:
-    """Starts processes; none of them outlives it for long."""
+    """Starts processes; threads may share it."""
 
-    def __init__(self, modules: Sequence[str], environment: Mapping[str, str]) -> None:
-        """modules: what will be asked for, to be imported ahead."""
+    def __init__(self, environment: Mapping[str, str], log_path: Path) -> None:
+        """environment: of all processes; log_path: for what goes wrong before one has a log of its own."""
         self._line, theirs = Pipe()
         self._codes: dict[int, int] = {}
-        self._words = tempfile.TemporaryFile("w+")  # noqa: SIM115  (open as long as the server is)
-        self._process = subprocess.Popen(  # noqa: S603  (our own module)
-            [sys.executable, "-m", "services.runs.fork_server", str(theirs.fileno()), *modules],
-            stdin=subprocess.DEVNULL,
-            stdout=self._words,
-            stderr=self._words,
-            # Threads of every service's linear algebra would only wait for those of others.
-            env={"OPENBLAS_NUM_THREADS": "1", **environment},
-            pass_fds=[theirs.fileno()],
-            start_new_session=True,
-        )
+        self._log_path, self._lock = log_path, threading.Lock()
+        with log_path.open("ab") as log_file:
+            self._process = subprocess.Popen(  # noqa: S603  (our own module)
+                [sys.executable, "-m", "services.runs.fork_server", str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=log_file,
+                stderr=log_file,
+                # Threads of every service's linear algebra would only wait for those of others.
+                env={"OPENBLAS_NUM_THREADS": "1", **environment},
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+            )
         theirs.close()
 
     def start(self, birth: Birth) -> Forked:
-        """Start a process; raises ServiceFailedError where the server has ended."""
+        """Start a process; raises OSError where it cannot have a log, ServiceFailedError without a server."""
+        Path(birth.log_path).touch()
         try:
-            self._line.send(birth)
-            while not isinstance(said := self._line.recv(), int):
-                self._note(said)
+            with self._lock:
+                self._line.send(birth)
+                while not isinstance(said := self._line.recv(), int):
+                    self._note(said)
         except (EOFError, OSError):
-            self._words.seek(0)
-            why = (self._words.read().splitlines() or ["it said nothing"])[-1]
+            lines = self._log_path.read_text(errors="replace").splitlines()
+            why = lines[-1] if lines else "it said nothing"
             raise ServiceFailedError(f"the process that starts services has ended: {why}") from None
         return Forked(self, said)
 
     def code_of(self, pid: int) -> int | None:
-        """The exit code of a process; None while it runs. Without the server they all end, orderly or not."""
+        """The exit code of a process; None while it runs."""
         try:
-            while pid not in self._codes and self._line.poll():
-                self._note(self._line.recv())
-        except (EOFError, OSError):
-            return self._codes.setdefault(pid, _UNKNOWN)
+            with self._lock:
+                while pid not in self._codes and self._line.poll():
+                    self._note(self._line.recv())
+        except (EOFError, OSError):  # the server is gone; its services notice, and stop
+            return None if _exists(pid) else self._codes.setdefault(pid, _UNKNOWN)
         return self._codes.get(pid)
 
     def _note(self, end: tuple[int, int]) -> None:
@@ -114,17 +129,25 @@ class ForkServer:
         self._codes[pid] = code
 
     def close(self) -> None:
-        """End the server; processes that still run notice, and stop."""
+        """End the server, after all that it has started."""
         self._line.close()
         self._process.wait()
-        self._words.close()
+        if self._log_path.exists() and not self._log_path.stat().st_size:
+            self._log_path.unlink()
 
 
-def serve(line: Connection, modules: Sequence[str]) -> None:
-    """Start what is asked for, and tell what has ended; raises EOFError once the other side has closed."""
-    mains = {module: import_module(f"{module}.__main__").main for module in modules}
-    generic_mesh()
-    gc.freeze()  # what no copy changes, all of them share
+def _exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def serve(line: Connection) -> None:
+    """Start what is asked for, and tell what has ended; raises EOFError or ConnectionError at the end."""
+    generic_mesh()  # all have it then
+    server = os.getpid()
     running: dict[int, int] = {}
     """A descriptor of each process -> its id."""
     while True:
@@ -135,25 +158,27 @@ def serve(line: Connection, modules: Sequence[str]) -> None:
                 line.send((pid, os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])))
                 continue
             birth: Birth = line.recv()
+            main = import_module(f"{birth.module}.__main__").main
+            gc.freeze()  # what no copy changes, all of them share
             pid = os.fork()
             if pid == 0:
                 line.close()
                 for descriptor in running:
                     os.close(descriptor)
-                _settle(birth)
-                typer.run(mains[birth.module])
+                _settle(birth, server)
+                typer.run(main)
             running[os.pidfd_open(pid)] = pid
             line.send(pid)
 
 
-def _settle(birth: Birth) -> None:
+def _settle(birth: Birth, server: int) -> None:
     """Make a copy of the server a process of its own, as if it had been started by itself."""
+    os.environ[PARENT_VARIABLE] = str(server)
     os.setsid()
-    log = os.open(birth.log_path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+    log = os.open(birth.log_path, os.O_WRONLY | os.O_APPEND)
     for stream in (1, 2):
         os.dup2(log, stream)
     os.close(log)
-    os.environ[PARENT_VARIABLE] = str(os.getppid())
     Path("/proc/self/comm").write_text(birth.module.rpartition(".")[2])  # what ps and top call it
     sys.argv = [birth.module, *birth.arguments]
 
@@ -161,5 +186,5 @@ def _settle(birth: Birth) -> None:
 if __name__ == "__main__":
     # Python from 3.12 on warns of threads; those of linear algebra, if any, are built for this.
     warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
-    with suppress(EOFError, BrokenPipeError):
-        serve(Connection(int(sys.argv[1])), sys.argv[2:])
+    with suppress(EOFError, ConnectionError):
+        serve(Connection(int(sys.argv[1])))

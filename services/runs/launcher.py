@@ -26,7 +26,7 @@ from services.process import (
     PARENT_VARIABLE,
 )
 from services.runs.failures import ServiceFailedError
-from services.runs.fork_server import Birth, Forked, ForkServer
+from services.runs.fork_server import Birth, Forked, ForkServer, can_fork
 
 log = logging.getLogger(__name__)
 
@@ -61,8 +61,8 @@ SERVICES: dict[str, ServiceSpec] = {
 
 
 _Process: TypeAlias = "subprocess.Popen[bytes] | Forked"
-_CAN_FORK = sys.platform == "linux"
-"""Elsewhere libraries do not work on in a copy of the process that has loaded them."""
+_STARTS_LOG = "starts.log"
+"""Kept only where something is in it."""
 
 
 @dataclass
@@ -85,9 +85,8 @@ class Launcher:
         self._forks: ForkServer | None = None
 
     def __enter__(self) -> Self:
-        if _CAN_FORK:
-            modules = [spec.module for spec in SERVICES.values()]
-            self._forks = ForkServer(modules, _own_environment(os.environ))
+        if can_fork():
+            self._forks = ForkServer(_own_environment(os.environ), self._log_folder / _STARTS_LOG)
         return self
 
     def __exit__(
@@ -149,7 +148,7 @@ class Launcher:
             code, name = running.process.poll(), running.name
             if code is None or self._ended_well(running):
                 continue
-            last = _last_line(running.log_path)
+            last = last_line(running.log_path)
             if code == EXIT_USER_ERROR:
                 raise UserError(last)
             if name in over:
@@ -167,8 +166,9 @@ class Launcher:
         """Ask a kind's processes to end in order, once."""
         if name not in self._told:
             self._told.add(name)
-            for pid in self.pids(name):
-                os.kill(pid, signal.SIGTERM)
+            for running in self._running:
+                if running.name == name:
+                    running.process.send_signal(signal.SIGTERM)
 
     def warnings(self, name: str) -> list[str]:
         """What a kind's processes have warned of, one sentence each, without time and name."""
@@ -204,11 +204,16 @@ def _own_environment(environment: Mapping[str, str]) -> dict[str, str]:
 
 def free_endpoint() -> str:
     """A loopback endpoint whose ports are free at this moment."""
+    return f"tcp://127.0.0.1:{free_port(_PORTS)}"
+
+
+def free_port(ports: int = 1) -> int:
+    """The first of so many ports in a row that are free on loopback at this moment."""
     for _ in range(100):
         port = _LOWEST_PORT + secrets.randbelow(_HIGHEST_PORT - _LOWEST_PORT)
-        if all(_is_free(port + k) for k in range(_PORTS)):
-            return f"tcp://127.0.0.1:{port}"
-    raise ServiceFailedError("no three free ports in a row on 127.0.0.1")
+        if all(_is_free(port + k) for k in range(ports)):
+            return port
+    raise ServiceFailedError(f"no {ports} free ports in a row on 127.0.0.1")
 
 
 def _is_free(port: int) -> bool:
@@ -220,7 +225,8 @@ def _is_free(port: int) -> bool:
     return True
 
 
-def _last_line(path: Path) -> str:
+def last_line(path: Path) -> str:
+    """What a log says last."""
     lines = _lines(path)
     return lines[-1] if lines else "it said nothing"
 

@@ -21,7 +21,7 @@ from services.segmentation.segmenters import AUTO
 DEFAULT_REFINE_FRAMES = 16
 fit_apart: Fitter = partial(fit_actor, apart=True)
 """What fits an actor to frames of all of a take."""
-_LEAST_FRAMES = 2
+LEAST_FRAMES = 2
 
 
 def refine_take(
@@ -54,10 +54,12 @@ def _spread(found: Result, take: Take, n_frames: int) -> Ints:
     name = found.run.get("take", {}).get("name", take.settings.name)
     if name != take.settings.name or found.frames[-1] >= take.settings.frames:
         raise UserError(f"--refine {found.folder}: is of {name!r}, not of {take.settings.name!r}")
-    rows = spread(np.asarray(found.distrusted.any(axis=1), bool), n_frames)
-    if len(rows) < _LEAST_FRAMES:
-        raise UserError(f"--refine {found.folder}: expected at least {_LEAST_FRAMES} frames without a mark")
-    return rows
+    distrusted = np.asarray(found.distrusted.any(axis=1), bool)
+    if np.count_nonzero(~distrusted) < LEAST_FRAMES:
+        raise UserError(f"--refine {found.folder}: expected at least {LEAST_FRAMES} frames without a mark")
+    if n_frames < LEAST_FRAMES:
+        raise UserError(f"--frames {n_frames}: expected at least {LEAST_FRAMES} with --refine")
+    return spread(distrusted, n_frames)
 
 
 def spread(distrusted: Mask, n_frames: int) -> Ints:

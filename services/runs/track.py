@@ -41,6 +41,8 @@ _LEAVE_S = 10.0
 """How long a coordinator may take to end after the recorder."""
 _STARTING_S = 10.0
 """How long a recorder may take to start."""
+_CHECKS_S, _CHECK_LOOK_S = 20.0, 0.05
+"""How long segmentation may take for its last checks."""
 
 
 class StopSignals:
@@ -201,5 +203,13 @@ def _follow(
                 if alone_s > _ALONE_S or (stop.count and not progress.frames_done):
                     launcher.tell_to_stop("recorder")  # it writes what it has
         launcher.watch(over=SERVICES if launcher.is_done("recorder") else ())
+        _await_checks(launcher, stop)
     finally:
         watch.close()
+
+
+def _await_checks(launcher: Launcher, stop: StopSignals) -> None:
+    """Wait until segmentation has looked at all clean plates: after a few frames it may not have."""
+    deadline_s = time.monotonic() + _CHECKS_S
+    while not stop.count and time.monotonic() < deadline_s and not launcher.has_ended("segmentation"):
+        time.sleep(_CHECK_LOOK_S)

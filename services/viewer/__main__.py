@@ -74,7 +74,12 @@ def main(
     token_file: TokenOption = None,
     niceness: Annotated[
         int,
-        typer.Option("--nice", min=0, max=19, help="How far tracking goes first where both want a core."),
+        typer.Option(
+            "--nice",
+            min=0,
+            max=19,
+            help="How far tracking goes first where both want a core, once a browser has seen all.",
+        ),
     ] = 10,
     keys: KeysOption = None,
     metrics: MetricsOption = None,

@@ -33,7 +33,7 @@ class Page:
 
     @property
     def has_shown(self) -> bool:
-        """Whether the browser has had body, pictures and curves."""
+        """Whether the browser has had the body, pictures where there are any, and curves."""
         return self._programme is not None and self._programme.has_shown
 
     def run(self) -> None:

@@ -87,8 +87,9 @@ class Programme:
         sent = self._show_room(shot)
         cpu_s = time.thread_time()
         if self._grid.is_due(shot, self._controls):
-            shot = self._fresh(shot)
-            sent = self._show_room(shot) or sent
+            fresh = self._fresh(shot)
+            if fresh is not shot:
+                shot, sent = fresh, self._show_room(fresh) or sent
         # Of what is large only one thing at a time, so that the next body does not wait for all.
         sent = self._show_grid(shot) or self._show_curves(shot) or self._hang(shot) or sent
         self._told, self._made_s, self._cpu_s = controls.version, time.monotonic(), time.thread_time() - cpu_s

@@ -1,6 +1,7 @@
 """What a slow browser is measured with: the line, the take that goes on, what is read of a page."""
 
 import socket
+import struct
 import threading
 import time
 from pathlib import Path
@@ -36,6 +37,42 @@ def test_a_line_takes_its_time_and_loses_nothing() -> None:
                 came = b"".join(iter(lambda: browser.recv(65_536), b""))
     assert came == _ANSWER
     assert time.monotonic() - began_s >= 2 * line.latency_s + len(_ANSWER) / line.bytes_per_s
+
+
+def _reset_after_answering(listener: socket.socket) -> None:
+    connection, _ = listener.accept()
+    with connection:
+        connection.sendall(_ANSWER)
+        assert connection.recv(5) == b"hello"  # it has all
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+
+
+def test_a_connection_that_breaks_off_ends_and_repeats_nothing() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=_reset_after_answering, args=(listener,), daemon=True).start()
+        with (
+            SlowProxy(listener.getsockname()[1], Line(1e6, 0.01)) as slow,
+            socket.create_connection(("127.0.0.1", slow.port), timeout=20) as browser,
+        ):
+            came = b""
+            while len(came) < len(_ANSWER):
+                came += browser.recv(65_536)
+            browser.sendall(b"hello")
+            assert browser.recv(65_536) == b""
+    assert came == _ANSWER
+
+
+def test_a_server_that_is_not_there_yet_is_tried_again() -> None:
+    with socket.socket() as late:
+        late.bind(("127.0.0.1", 0))
+        with SlowProxy(late.getsockname()[1], Line(1e6, 0.0)) as slow:
+            with socket.create_connection(("127.0.0.1", slow.port), timeout=20) as browser:
+                assert browser.recv(1) == b""
+            late.listen()
+            threading.Thread(target=_serve_once, args=(late,), daemon=True).start()
+            with socket.create_connection(("127.0.0.1", slow.port), timeout=20) as browser:
+                browser.sendall(b"hello")
+                assert b"".join(iter(lambda: browser.recv(65_536), b"")) == _ANSWER
 
 
 def test_a_looped_take_begins_again_after_its_last_frame(tmp_path: Path) -> None:

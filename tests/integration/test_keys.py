@@ -103,10 +103,8 @@ def test_who_has_no_right_key_never_gets_in(
     shutil.copy(other_keys / "coordinator" / "server.key", misled)
     coordinator = run.start_all(workers=1)
     logs = [run.start_worker(unknown), run.start_worker(misled)]
-    keyless_log = tmp_path / "keyless.log"
-    with keyless_log.open("w") as words:
-        command = [sys.executable, "-m", "services.limb_worker", "--connect", run.endpoint]
-        keyless = subprocess.Popen(command, stderr=words)
+    run.launcher.start("limb_worker", "--connect", run.endpoint)
+    keyless_log = tmp_path / "limb_worker-5.log"
     run.until(lambda: "the coordinator wants keys: give --keys DIR" in keyless_log.read_text())
     told = ("is not on the list in", "server.key is not this coordinator's", "somebody came without keys")
     run.until(lambda: all(sentence in coordinator() for sentence in told))
@@ -116,10 +114,8 @@ def test_who_has_no_right_key_never_gets_in(
     run.until(lambda: "is not this coordinator's" in logs[1]())
     run.finish()
     run.until(lambda: "end: " in coordinator())
-    keyless.terminate()
-    keyless.wait(20)
     assert f":{friend} says hello" in coordinator()
-    for pid in (*strangers, keyless.pid):
+    for pid in strangers:
         assert f":{pid} " not in coordinator()
     for sentence in told:
         assert coordinator().count(f"{sentence}") in (1, 2, 3)  # once a stream, or once at all

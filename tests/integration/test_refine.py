@@ -64,6 +64,12 @@ def test_results_of_another_take_are_refused(known_take: Path, result: Path, xor
     assert "is of 'another', not of 'walk'" in " ".join(done.stderr.split())
 
 
+def test_one_frame_is_too_few(known_take: Path, tracked: Path, xormocap: Command) -> None:
+    done = xormocap("fit", known_take, "--refine", tracked, "--frames", 1, "--force")
+    assert done.returncode == 2
+    assert "--frames 1: expected at least 2 with --refine" in " ".join(done.stderr.split())
+
+
 def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
     synthetic_take: Path, xormocap: Command, tmp_path: Path
 ) -> None:

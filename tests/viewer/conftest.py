@@ -22,7 +22,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import PARTS
 from services.mocap.take.settings import read_settings
-from services.runs.launcher import free_endpoint
+from services.runs import launcher
 from services.viewer.reel import STAGES, Shot
 
 
@@ -69,7 +69,7 @@ def result(walk: Take, tmp_path: Path) -> Path:
 @pytest.fixture
 def playback(walk: Take) -> Iterator[Playback]:
     """A coordinator that plays the take's true poses over and over, ten a second."""
-    with Playback(walk, free_endpoint()) as running:
+    with Playback(walk, launcher.free_endpoint()) as running:
         yield running
 
 
@@ -105,7 +105,7 @@ def start_viewer(tmp_path: Path) -> Iterator[Viewer]:
 @pytest.fixture
 def free_port() -> int:
     """A port of this machine's loopback that is free at this moment."""
-    return int(free_endpoint().rpartition(":")[2])
+    return launcher.free_port()
 
 
 @pytest.fixture(scope="session")
