@@ -34,7 +34,7 @@ class _Pace:
     goes into decoding the pictures between those that are shown, of which resting longer makes more."""
 
 
-_LIVE = _Pace(body_s=0.066, grid_s=0.3, frusta_s=1.0, chart_s=0.2, timeline_s=0.5, rest=2.0)
+_LIVE = _Pace(body_s=0.066, grid_s=0.3, frusta_s=1.0, chart_s=0.2, timeline_s=0.5, rest=4.0)
 """Beside tracking, which wants the processor."""
 _FINISHED = _Pace(body_s=0.04, grid_s=0.1, frusta_s=0.5, chart_s=0.1, timeline_s=0.1, rest=2.0)
 _OFTEN, _SELDOM, _RARELY = 0.5, 4.0, 8.0
