@@ -2,8 +2,8 @@
 
 To import what a service needs takes a second or more of a processor's time, and a run has seven of them, so
 that on a small machine most of its start went there. `ForkServer` is the launcher's side; the other one is
-`python -m services.runs.fork_server FD`. Both speak over a socket: out go Births, back come the new process's
-id at once, and (id, exit code) when it has ended.
+`python -m services.runs.fork_server FD MODULE …`. Both speak over a socket: out go Births, back come the new
+process's id at once, and (id, exit code) when it has ended.
 """
 
 import gc
@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing import Pipe
@@ -82,14 +82,16 @@ class Forked:
 class ForkServer:
     """Starts processes; threads may share it."""
 
-    def __init__(self, environment: Mapping[str, str], log_path: Path) -> None:
-        """environment: of all processes; log_path: for what goes wrong before one has a log of its own."""
+    def __init__(self, modules: Iterable[str], environment: Mapping[str, str], log_path: Path) -> None:
+        """modules: to be imported at once, before what is started wants the processor; environment: of all
+        processes; log_path: for what goes wrong before one has a log of its own.
+        """
         self._line, theirs = Pipe()
         self._codes: dict[int, int] = {}
         self._log_path, self._lock = log_path, threading.Lock()
         with log_path.open("ab") as log_file:
             self._process = subprocess.Popen(  # noqa: S603  (our own module)
-                [sys.executable, "-m", "services.runs.fork_server", str(theirs.fileno())],
+                [sys.executable, "-m", "services.runs.fork_server", str(theirs.fileno()), *modules],
                 stdin=subprocess.DEVNULL,
                 stdout=log_file,
                 stderr=log_file,
@@ -144,9 +146,11 @@ def _exists(pid: int) -> bool:
     return True
 
 
-def serve(line: Connection) -> None:
+def serve(line: Connection, modules: Iterable[str]) -> None:
     """Start what is asked for, and tell what has ended; raises EOFError or ConnectionError at the end."""
-    generic_mesh()  # all have it then
+    for module in modules:
+        import_module(f"{module}.__main__")
+    generic_mesh()
     server = os.getpid()
     running: dict[int, int] = {}
     """A descriptor of each process -> its id."""
@@ -187,4 +191,4 @@ if __name__ == "__main__":
     # Python from 3.12 on warns of threads; those of linear algebra, if any, are built for this.
     warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
     with suppress(EOFError, ConnectionError):
-        serve(Connection(int(sys.argv[1])))
+        serve(Connection(int(sys.argv[1])), sys.argv[2:])

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -60,6 +60,11 @@ SERVICES: dict[str, ServiceSpec] = {
 }
 
 
+def kinds_of_run(page: str | None) -> list[str]:
+    """The kinds of processes of a run with or without a page."""
+    return [kind for kind in SERVICES if kind != "viewer" or page is not None]
+
+
 _Process: TypeAlias = "subprocess.Popen[bytes] | Forked"
 _STARTS_LOG = "starts.log"
 """Kept only where something is in it."""
@@ -77,8 +82,9 @@ class _Running:
 class Launcher:
     """A context manager that leaves no process behind."""
 
-    def __init__(self, log_folder: Path) -> None:
-        self._log_folder = log_folder
+    def __init__(self, log_folder: Path, kinds: Iterable[str] = SERVICES) -> None:
+        """kinds: those that will be started."""
+        self._log_folder, self._kinds = log_folder, kinds
         self._running: list[_Running] = []
         self._restarts: Counter[str] = Counter()
         self._told: set[str] = set()
@@ -86,7 +92,9 @@ class Launcher:
 
     def __enter__(self) -> Self:
         if can_fork():
-            self._forks = ForkServer(_own_environment(os.environ), self._log_folder / _STARTS_LOG)
+            modules = [SERVICES[kind].module for kind in self._kinds]
+            environment = _own_environment(os.environ)
+            self._forks = ForkServer(modules, environment, self._log_folder / _STARTS_LOG)
         return self
 
     def __exit__(

@@ -20,7 +20,7 @@ from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import begin_recording, finish_recording
 from services.process import engine_arguments, output_arguments, search_arguments
 from services.runs.failures import ServiceFailedError
-from services.runs.launcher import SERVICES, Launcher, free_endpoint
+from services.runs.launcher import SERVICES, Launcher, free_endpoint, kinds_of_run
 from services.runs.live_watch import LiveProgress, LiveWatch
 from services.runs.track import StopSignals
 
@@ -72,7 +72,7 @@ def live(
     shutil.rmtree(partial_of(job.out), ignore_errors=True)  # nobody goes on with live input that is over
     before_ns = _written_ns(job.out)
     try:
-        with StopSignals() as stop, Launcher(logs) as launcher:
+        with StopSignals() as stop, Launcher(logs, kinds_of_run(job.page)) as launcher:
             _start(launcher, job, endpoint, recording)
             started(launcher)
             told = _follow(launcher, endpoint, job.keys, stop, show)
@@ -188,7 +188,7 @@ def serve_group(job: LiveJob, group: str, endpoint: str) -> None:
     with (
         tempfile.TemporaryDirectory(prefix="xormocap-logs-") as logs,
         StopSignals() as stop,
-        Launcher(Path(logs)) as launcher,
+        Launcher(Path(logs), ["segmentation"]) as launcher,
     ):
         _start_group(launcher, job, job.take.groups()[group], endpoint, recording)
         while not stop.count and not launcher.has_ended("segmentation"):

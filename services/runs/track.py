@@ -31,7 +31,7 @@ from services.process import (
     search_arguments,
 )
 from services.runs.failures import Interrupted, ServiceFailedError
-from services.runs.launcher import SERVICES, Launcher, free_endpoint
+from services.runs.launcher import SERVICES, Launcher, free_endpoint, kinds_of_run
 from services.runs.progress import PoseWatch, Progress
 from services.segmentation.segmenters import chosen_segmenter
 
@@ -108,7 +108,7 @@ def track(
     endpoint, logs = job.endpoint or free_endpoint(), Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     earlier = {folder: _written_ns(folder) for folder in (job.out, partial_of(job.out))}
     try:
-        with StopSignals() as stop, Launcher(logs) as launcher:
+        with StopSignals() as stop, Launcher(logs, kinds_of_run(job.page)) as launcher:
             _thin(job)
             _start(launcher, job, endpoint)
             started(launcher)

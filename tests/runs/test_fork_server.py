@@ -38,7 +38,7 @@ def server(tmp_path: Path) -> Iterator[ForkServer]:
         (tmp_path / name / "__init__.py").touch()
         (tmp_path / name / "__main__.py").write_text(code)
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{Path.cwd()}"}
-    made = ForkServer(environment, tmp_path / "starts.log")
+    made = ForkServer(["toy"], environment, tmp_path / "starts.log")
     yield made
     made.close()
 
