@@ -29,8 +29,9 @@ Source = Literal["videos", "silhouettes"]
 _LARGEST_RATE_ERROR = 0.01
 _LARGEST_GAP = 1.5
 """In usual distances between frames: from here on counting frames no longer gives the time."""
-_QUICK_TO_DECODE_PX = 400 * 320 * 240
-"""Videos of up to so many pixels, 400 frames of 320x240, are decoded whole, others at their end."""
+_QUICK_TO_DECODE_PX = 200 * 320 * 240
+"""Videos of up to so many pixels, 200 frames of 320x240, are decoded whole, eight of which take over a
+second; others at their end."""
 
 
 @dataclass(frozen=True, eq=False)
