@@ -19,8 +19,8 @@ log = logging.getLogger(__name__)
 
 BEAT_S = 1.0
 LIVENESS_S = 60.0
-"""Silence after which the coordinator counts as lost; outlasts its longest step between two looks, also with the
-slowest search on a busy machine. One that died, was stopped or is cut off is noticed by libzmq's pings."""
+"""Silence after which the coordinator counts as lost; outlasts its longest step between two looks, also with
+the slowest search on a busy machine. One that died, was stopped or is cut off libzmq's pings notice."""
 _FIRST_RETRY_S, _LAST_RETRY_S = 1.0, 32.0
 _SAY_FAILED_S, _SAY_SILENT_S = 3.0, 15.0
 """How long handshakes must have failed, or nobody answered, before that is told."""
