@@ -33,9 +33,8 @@ _SHAPING = (
     Stage(_EVERYTHING, ALL_DOFS, 4.0, 8, damping=0.003),
     # What neighbouring bones share is told by little, so that steps go a long way with hardly a gain each.
     Stage(_EVERYTHING, ALL_DOFS, 1.5, 12, damping=0.003, patience=12),
-    # Bites out of silhouettes all pull the same way: thin limbs would get shorter by them. With half as many
-    # steps, where elbows are found still depends on where the fit begins.
-    Stage(_EVERYTHING, ALL_DOFS, 0.8, 36, damping=0.003, patience=36, is_strict=True),
+    # Bites out of silhouettes all pull the same way: thin limbs would get shorter by them.
+    Stage(_EVERYTHING, ALL_DOFS, 0.8, 18, damping=0.003, patience=18, is_strict=True),
 )
 """All frames together."""
 
