@@ -31,10 +31,12 @@ _FIRST_CAP_PX, _LAST_CAP_PX = 6.0, 1.5
 """Contours farther off than this count as outliers, in the first step and in the last."""
 _LAST_REACH = 0.375
 """Of the reach, in the last step."""
-_FIRST_DAMPING, _LAST_DAMPING = 0.05, 0.01
-_EVERY = 3
-"""Of so many rim points one is taken, until the last steps."""
-_FULL_STEPS = 2
+_FIRST_DAMPING, _LAST_DAMPING = 0.05, 0.001
+_COARSE_M = 0.006
+"""So much the rim may be off, in pictures 320 wide, until the last steps; they see every edge of the body."""
+_FINE_STEPS = 2
+_FINE = 0.2
+"""Of the level of detail, in the last steps."""
 _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
 """How far a step goes at most, in metres and radians."""
 _ALL_JOINTS = np.arange(N_JOINTS, dtype=np.int32)
@@ -79,9 +81,9 @@ class Aligner:
         mesh = FlatMesh.of(body, levels)
         self._offsets_m, self._rig = body.offsets_m, rig
         self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
-        self._rim = (*RimMesh.of(body, levels),)
-        self._pull_scratch = pull_scratch(self._rim)
         self._scale = rig.shape_px[1] / REFERENCE_WIDTH_PX
+        self._rims = (*RimMesh.of(body, levels, _COARSE_M / self._scale),), (*RimMesh.of(body),)
+        self._pull_scratch = pull_scratch(self._rims[-1])
 
     def align(
         self,
@@ -110,12 +112,14 @@ class Aligner:
             self._weights(settings),
             self._sizes_px(region),
         )
-        rims = (np.array(segments, np.int32), self._rim, views, self._pull_scratch)
+        pulling, stages = np.array(segments, np.int32), self._stages(settings)
         planes = np.array(picture.silhouettes)  # to Numba one that is read-only is of another type
-        follow(
-            moved, self._offsets_m, _ALL_JOINTS, planes, drawing, settings.detail_px, rims,
-            self._stages(settings), free, prior, _LIMITS, account, rim_px,
-        )  # fmt: skip
+        fineness = (stages[:-_FINE_STEPS], 1.0), (stages[-_FINE_STEPS:], _FINE)
+        for rim, (steps, share) in zip(self._rims, fineness, strict=True):
+            follow(
+                moved, self._offsets_m, _ALL_JOINTS, planes, drawing, share * settings.detail_px,
+                (pulling, rim, views, self._pull_scratch), steps, free, prior, _LIMITS, account, rim_px,
+            )  # fmt: skip
         return Aligned(moved, float(account[1]), rim_px)
 
     def _weights(self, settings: SearchSettings) -> Floats:
@@ -128,13 +132,12 @@ class Aligner:
         return sizes_px
 
     def _stages(self, settings: SearchSettings) -> Floats:
-        """(K, 4) as follow takes them: from far to near."""
+        """(K, 3) as follow takes them: from far to near."""
         share = np.linspace(0.0, 1.0, settings.contour_steps)
         reach_px = settings.contour_reach_px * self._scale * (1.0 + (_LAST_REACH - 1.0) * share)
         cap_px = self._scale * _FIRST_CAP_PX * (_LAST_CAP_PX / _FIRST_CAP_PX) ** share
         damping = _FIRST_DAMPING * (_LAST_DAMPING / _FIRST_DAMPING) ** share
-        every = np.where(np.arange(settings.contour_steps) < settings.contour_steps - _FULL_STEPS, _EVERY, 1)
-        return np.column_stack([np.ceil(reach_px), cap_px, damping, every])
+        return np.column_stack([np.ceil(reach_px), cap_px, damping])
 
 
 def _prior(expected: Floats, settings: SearchSettings) -> Floats:

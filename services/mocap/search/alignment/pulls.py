@@ -28,6 +28,8 @@ _NEAREST_M = 0.1
 """Rim points nearer to a camera's plane are left out."""
 _OFF_PX = 1.0
 """This far off the surface, an outline point of the whole silhouette is off the model."""
+_OWN_REACH_PX = 2
+"""A rim point with no contour of the drawn model this near is not on the whole silhouette's outline."""
 _BORDER_PX = 2.0
 """This near to a picture's border, an outline may be the picture's end."""
 _NEAR_PX = 2.0
@@ -45,7 +47,6 @@ def sum_pulls(
     model_planes: Bytes,
     reach_px: int,
     cap_px: float,
-    every: int,
     scratch: PullScratch,
     wrenches: Floats,
     pulls: Floats,
@@ -53,12 +54,13 @@ def sum_pulls(
 ) -> float:
     """Sum over all rim points what moving them would gain.
 
-    segments: whose rim counts; every: how many rim edges one is taken of. Planes (P, H, W): the input and the
-    whole model in the same region. A residual r counts by a weight of 1 / (1 + (r / cap_px)^2) times its
-    length of outline. Sets wrenches (17, 6, 6) and pulls (17, 6): per joint
-    that carries segments the sums of weight w w^T (its lower half) and of weight r w over its rim points, w
-    being the row of the Jacobian by the joint's twist; and shares_px (16, SHARES). Returns the robust cost,
-    in cubed pixels.
+    segments: whose rim counts. Planes (P, H, W): the input and the whole model in the same region. A residual
+    r is how far the input's contour lies from the model's, both as their pixels show them: what pixels do to
+    a contour is done to both, so that nothing pulls where the model covers just what is seen. It counts by a
+    weight of 1 / (1 + (r / cap_px)^2) times its length of outline. Sets wrenches (17, 6, 6) and pulls
+    (17, 6): per joint that carries segments the sums of weight w w^T (its lower half) and of weight r w over
+    its rim points, w being the row of the Jacobian by the joint's twist; and shares_px (16, SHARES). Returns
+    the robust cost, in cubed pixels.
     """
     P_px_world, centres_world_m, weights, sizes_px = views
     wrenches[:], pulls[:], shares_px[:] = 0.0, 0.0, 0.0
@@ -71,7 +73,7 @@ def sum_pulls(
         for s in segments:
             T = T_world_joint[SEGMENT_JOINTS[s]]
             compose(P_px_world[c], T, M)
-            for k in range(0, _find_rim(rim, s, T, centres_world_m[c], eye, flags, found), every):
+            for k in range(_find_rim(rim, s, T, centres_world_m[c], eye, flags, found)):
                 e = found[k]
                 if not _project(rim, e, M, width, height, point):
                     continue
@@ -79,9 +81,12 @@ def sum_pulls(
                 column, row = int(u + _OFF_PX * nx + 0.5), int(v + _OFF_PX * ny + 0.5)
                 if (model_planes[c >> 3, row, column] >> (c & 7)) & 1:
                     continue
+                own_px = distance_to_contour(model_planes, c, u, v, nx, ny, _OWN_REACH_PX)
+                if own_px != own_px:
+                    continue
                 along_px = point[5] * weights[c]
                 shares_px[s, 0] += along_px
-                r = -distance_to_contour(input_planes, c, u, v, nx, ny, reach_px)
+                r = own_px - distance_to_contour(input_planes, c, u, v, nx, ny, reach_px)
                 if r != r:
                     shares_px[s, 2] += along_px
                     continue

@@ -10,9 +10,6 @@ from services.mocap.body.surface import Level, closed_edges
 from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.types import Floats, Ints
 
-ERROR_M = 0.003
-"""The coarsest level of detail that is off by no more than this is used: a fifth of a pixel in the studio."""
-
 
 class RimMesh(NamedTuple):
     """Every segment's edges one behind the other, in the segment's frame."""
@@ -29,9 +26,10 @@ class RimMesh(NamedTuple):
     """(17,) where each segment's edges begin, and their number."""
 
     @classmethod
-    def of(cls, body: Body, thinned: Sequence[Sequence[Level]]) -> "RimMesh":
-        """A body's, from its own meshes or each segment's coarsest thinned one that ERROR_M allows."""
-        levels = [_coarsest(body, s, ladder) for s, ladder in enumerate(thinned)]
+    def of(cls, body: Body, thinned: Sequence[Sequence[Level]] = (), most_m: float = 0.0) -> "RimMesh":
+        """A body's, from each segment's coarsest thinned mesh that is off by most_m at most, or its own."""
+        ladders = thinned or [()] * len(body.faces)
+        levels = [_coarsest(body, s, ladder, most_m) for s, ladder in enumerate(ladders)]
         pieces = [_edges(level) for level in levels]
         starts = np.cumsum([0] + [len(piece[0]) for piece in pieces])
         arrays = (np.ascontiguousarray(np.concatenate(column).T) for column in zip(*pieces, strict=True))
@@ -39,9 +37,9 @@ class RimMesh(NamedTuple):
         return cls(planes.astype(np.float32), middles_m, halves_m, outward, starts.astype(np.int32))
 
 
-def _coarsest(body: Body, segment: int, ladder: Sequence[Level]) -> Level:
+def _coarsest(body: Body, segment: int, ladder: Sequence[Level], most_m: float) -> Level:
     full = Level(body.vertices_m[segment], body.faces[segment], 0.0)
-    return max([full, *(lv for lv in ladder if lv.error_m <= ERROR_M)], key=lambda level: level.error_m)
+    return max([full, *(lv for lv in ladder if lv.error_m <= most_m)], key=lambda level: level.error_m)
 
 
 def _edges(level: Level) -> tuple[Floats, Floats, Floats, Floats]:

@@ -38,8 +38,7 @@ def follow(
 ) -> None:
     """Move a pose (35,) in place so that the rim comes to lie on the contours.
 
-    stages (K, 4): for every step the reach, the cap, the damping as a share of the diagonal, and of how many
-    rim edges one is taken. free (35,):
+    stages (K, 3): for every step the reach, the cap, and the damping as a share of the diagonal. free (35,):
     1 for parameters that vary. prior (3, 35): target, weight of its square, and the largest step. limits (2,
     35). account (2,) gets the robust cost at the last match and the prior's; shares_px
     (16, SHARES) as sum_pulls sets it.
@@ -51,14 +50,14 @@ def follow(
     twists, wrenches = np.zeros((N_DOF, TWIST_SIZE)), np.empty((N_JOINTS, TWIST_SIZE, TWIST_SIZE))
     pulls, hessian, slope = np.empty((N_JOINTS, TWIST_SIZE)), np.empty((N_DOF, N_DOF)), np.empty(N_DOF)
     for k in range(len(stages)):
-        reach_px, cap_px, damping, every = stages[k]
+        reach_px, cap_px, damping = stages[k]
         place_joints(pose, offsets_m, joints, T_world_joint[0])
         model_planes[:] = 0
         cover(T_world_joint, segments, cameras, detail_px, mesh, scratch, canvas, model_planes)
         place_twists(pose, T_world_joint[0], twists)
         account[0] = sum_pulls(
             rim, pulling, T_world_joint[0], views, input_planes, model_planes[0],
-            int(reach_px), cap_px, int(every), room, wrenches, pulls, shares_px,
+            int(reach_px), cap_px, room, wrenches, pulls, shares_px,
         )  # fmt: skip
         normal_equations(twists, wrenches, pulls, hessian, slope)
         account[1] = 0.0
