@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from services.mocap.camera.rig import Rig
@@ -133,8 +134,11 @@ def _check_cut_off(rig: Rig, silhouettes: Mask, usable: tuple[int, ...], names: 
 
 
 def _is_cut_off(silhouette: Mask, width: int, height: int) -> bool:
-    """Whether more than a hand reaches the edge of a picture."""
-    seen = silhouette[:height, :width]
+    """Whether more than a hand of the largest piece reaches the edge of a picture; specks lie there too."""
+    _, pieces, statistics, _ = cv2.connectedComponentsWithStats(silhouette[:height, :width].astype(np.uint8))
+    if len(statistics) < 2:
+        return False
+    seen = pieces == 1 + statistics[1:, cv2.CC_STAT_AREA].argmax()
     contacts = [np.count_nonzero(edge) for edge in (seen[0], seen[-1], seen[:, 0], seen[:, -1])]
     return bool(max(contacts) > _CUT_SHARE * np.sqrt(np.count_nonzero(seen)))
 

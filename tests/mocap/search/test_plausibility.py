@@ -173,6 +173,12 @@ def test_a_hand_at_the_edge_is_nothing(model: Model, masks: Masks) -> None:
     assert look_first(model.rig, seen).left_out == ()
 
 
+def test_specks_at_the_edge_are_nothing(model: Model, masks: Masks) -> None:
+    seen = masks(**A_POSE)
+    seen[:, 0, 10:60:6], seen[:, 0, 11:60:6] = True, True
+    assert look_first(model.rig, seen).left_out == ()
+
+
 def test_nobody_and_inverted_are_told_apart(model: Model, masks: Masks) -> None:
     seen = masks(**A_POSE)
     with pytest.raises(TakeError, match=r"^silhouettes: nobody is to be seen .* choose a first frame"):

@@ -64,6 +64,15 @@ def test_the_full_meshes_do_as_well(
     assert joint_errors_mm(found.pose, truth).mean() < 5
 
 
+def test_nothing_pulls_where_the_model_covers_just_what_is_seen(
+    model: Model, standing: Maker, picture_of: Callable[[Floats], Picture]
+) -> None:
+    truth, full = standing(**BENT), SearchSettings(detail_px=0.0, rest=0.0)
+    found = model.aligner(full).align(picture_of(truth), truth, full)
+    np.testing.assert_array_equal(found.pose, truth)
+    assert found.rim_px[:, 2].max() == 0.0
+
+
 def test_a_limb_is_aligned_in_its_window_and_nothing_else_moves(
     model: Model,
     standing: Maker,
