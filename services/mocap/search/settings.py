@@ -37,10 +37,10 @@ class SearchSettings(BaseModel):
     """Steps of an alignment with the contours."""
     contour_reach_px: int = Field(default=16, ge=2, le=64, description="a whole number from 2 to 64")
     """How far from the body its contour is looked for, in pixels of a picture 320 wide."""
-    steadiness: float = Field(default=300.0, ge=0, le=1e6, description="a number from 0 to 1000000")
+    steadiness: float = Field(default=100.0, ge=0, le=1e6, description="a number from 0 to 1000000")
     """How firmly parameters that the contours do not tell are held where they are expected: what a radian or
     a metre off costs against a pixel squared on a pixel of contour."""
-    rest: float = Field(default=300.0, ge=0, le=1e6, description="a number from 0 to 1000000")
+    rest: float = Field(default=100.0, ge=0, le=1e6, description="a number from 0 to 1000000")
     """How firmly hands that the contours do not tell are drawn to being straight, feet with a third of it,
     and limbs with a tenth to no twist; in the unit of steadiness."""
     doubt_px: float = Field(default=30.0, ge=0, le=10000, description="a number from 0 to 10000")
