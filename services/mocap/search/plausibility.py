@@ -21,6 +21,8 @@ _CUT_SHARE = 0.12
 
 A hand at the edge stays below, two legs, a trunk or a head do not.
 """
+_SPECK_SHARE = 0.05
+"""Of the largest piece of a silhouette: what is smaller is no part of an actor in pieces."""
 _SECOND_SHARE = 0.12
 """Of the silhouettes, which a second person fills alone; ghosts of the hull and crumbs fill hardly any."""
 _LEFT_OUT = ": it is left out while the first pose is looked for"
@@ -134,11 +136,11 @@ def _check_cut_off(rig: Rig, silhouettes: Mask, usable: tuple[int, ...], names: 
 
 
 def _is_cut_off(silhouette: Mask, width: int, height: int) -> bool:
-    """Whether more than a hand of the largest piece reaches the edge of a picture; specks lie there too."""
+    """Whether more than a hand reaches the edge of a picture; specks there do not count."""
     _, pieces, statistics, _ = cv2.connectedComponentsWithStats(silhouette[:height, :width].astype(np.uint8))
-    if len(statistics) < 2:
-        return False
-    seen = pieces == 1 + statistics[1:, cv2.CC_STAT_AREA].argmax()
+    areas_px = statistics[:, cv2.CC_STAT_AREA]
+    areas_px[0] = 0  # the background
+    seen = (areas_px > _SPECK_SHARE * areas_px.max())[pieces]
     contacts = [np.count_nonzero(edge) for edge in (seen[0], seen[-1], seen[:, 0], seen[:, -1])]
     return bool(max(contacts) > _CUT_SHARE * np.sqrt(np.count_nonzero(seen)))
 

@@ -167,6 +167,15 @@ def test_an_actor_cut_off_in_most_cameras_is_refused(model: Model, masks: Masks)
         look_first(model.rig, masks(z_m=1.0, **A_POSE), NAMES)
 
 
+def test_so_is_one_in_two_pieces(model: Model, masks: Masks) -> None:
+    seen = masks(z_m=1.0, **A_POSE)
+    for mask in seen:
+        lowest = np.flatnonzero(mask.any(axis=1))[-1]
+        mask[lowest // 3 : lowest // 3 + 2] = False
+    with pytest.raises(TakeError, match=r"^silhouettes: \d of 8 cameras \(cam0.*\) cut the actor off"):
+        look_first(model.rig, seen, NAMES)
+
+
 def test_a_hand_at_the_edge_is_nothing(model: Model, masks: Masks) -> None:
     seen = masks(**A_POSE)
     seen[:5, 120:124, 0] = True

@@ -3,7 +3,8 @@
 The rim of the model, where its surface turns away from a camera, is to lie on the input's contour. Points of
 the rim look along their normals for the contour that faces the same way, Gauss-Newton moves the pose, and so
 again with shorter reach and less patience for outliers (a form of articulated ICP on silhouettes: Rosenhahn,
-Brox, Weickert, IJCV 73(3), 2007). Nothing is drawn but the model's silhouettes, which tell hidden rims.
+Brox, Weickert, IJCV 73(3), 2007). Nothing is drawn but the model's silhouettes: they tell which rims are
+hidden, and the others' contour as pixels show it, which is what the input's is compared with.
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from services.mocap.energy.cpu.mesh import FlatMesh
 from services.mocap.energy.cpu.outline import scratch_for
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.alignment.pulls import SHARES, pull_scratch
+from services.mocap.search.alignment.pulls import OWN_REACH_PX, SHARES, pull_scratch
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, REFERENCE_WIDTH_PX
@@ -34,7 +35,10 @@ _LAST_REACH = 0.375
 _FIRST_DAMPING, _LAST_DAMPING = 0.05, 0.001
 _COARSE_M = 0.006
 """So much the rim may be off, in pictures 320 wide, until the last steps; they see every edge of the body."""
+_COARSEST_M = 0.003
+"""In larger pictures it may be off by so much all the same: looking at every edge takes its time."""
 _FINE_STEPS = 2
+"""The last ones; an alignment has no fewer."""
 _FINE = 0.2
 """Of the level of detail, in the last steps."""
 _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
@@ -82,7 +86,10 @@ class Aligner:
         self._offsets_m, self._rig = body.offsets_m, rig
         self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
         self._scale = rig.shape_px[1] / REFERENCE_WIDTH_PX
-        self._rims = (*RimMesh.of(body, levels, _COARSE_M / self._scale),), (*RimMesh.of(body),)
+        self._rims = (
+            (*RimMesh.of(body, levels, max(_COARSE_M / self._scale, _COARSEST_M)),),
+            (*RimMesh.of(body),),
+        )
         self._pull_scratch = pull_scratch(self._rims[-1])
 
     def align(
@@ -100,7 +107,7 @@ class Aligner:
         free = np.zeros(N_DOF)
         free[list(dofs)] = 1.0
         prior = _prior(pose, settings)
-        moved, account, rim_px = pose.copy(), np.zeros(2), np.zeros((len(SEGMENT_NAMES), SHARES))
+        moved, prior_cost, rim_px = pose.copy(), np.zeros(1), np.zeros((len(SEGMENT_NAMES), SHARES))
         region = picture.region
         P_px_world = region.projections(self._rig)
         lenses = lenses_of(P_px_world, region.width_px, region.height_px)
@@ -118,9 +125,9 @@ class Aligner:
         for rim, (steps, share) in zip(self._rims, fineness, strict=True):
             follow(
                 moved, self._offsets_m, _ALL_JOINTS, planes, drawing, share * settings.detail_px,
-                (pulling, rim, views, self._pull_scratch), steps, free, prior, _LIMITS, account, rim_px,
+                (pulling, rim, views, self._pull_scratch), steps, free, prior, _LIMITS, prior_cost, rim_px,
             )  # fmt: skip
-        return Aligned(moved, float(account[1]), rim_px)
+        return Aligned(moved, float(prior_cost[0]), rim_px)
 
     def _weights(self, settings: SearchSettings) -> Floats:
         return np.array(settings.camera_weights or (1.0,) * self._rig.n_cameras, np.float64)
@@ -137,7 +144,7 @@ class Aligner:
         reach_px = settings.contour_reach_px * self._scale * (1.0 + (_LAST_REACH - 1.0) * share)
         cap_px = self._scale * _FIRST_CAP_PX * (_LAST_CAP_PX / _FIRST_CAP_PX) ** share
         damping = _FIRST_DAMPING * (_LAST_DAMPING / _FIRST_DAMPING) ** share
-        return np.column_stack([np.ceil(reach_px), cap_px, damping])
+        return np.column_stack([np.maximum(np.ceil(reach_px), OWN_REACH_PX), cap_px, damping])
 
 
 def _prior(expected: Floats, settings: SearchSettings) -> Floats:

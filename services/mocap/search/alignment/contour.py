@@ -1,4 +1,4 @@
-"""Compiled search in the input for the contour that a point of the rim belongs to."""
+"""Compiled search in silhouettes for the contour that a point of the rim belongs to."""
 
 from math import floor, nan
 
@@ -14,10 +14,10 @@ _FINE_PX = 0.5
 def distance_to_contour(
     silhouettes: Bytes, camera: int, x: float, y: float, nx: float, ny: float, reach_px: int
 ) -> float:
-    """How far along a normal the input's contour is that faces the same way; negative: against it.
+    """How far along a normal the contour is that faces the same way; negative: against it.
 
     silhouettes: bit-planes (P, H, W). (x, y) in pixels; (nx, ny) a unit vector that points off the model.
-    The nearest place where the input ends in the normal's direction, up to reach_px away either way; NaN
+    The nearest place where the silhouette ends in the normal's direction, up to reach_px away either way; NaN
     where there is none. Contours run where the silhouette, interpolated bilinearly, is a half.
     """
     plane, bit = camera >> 3, camera & 7

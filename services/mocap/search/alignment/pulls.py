@@ -1,6 +1,6 @@
 """Compiled sums of what the contours pull at: from a pose to the normal equations of moving it."""
 
-from math import log1p, sqrt
+from math import sqrt
 from typing import TypeAlias
 
 import numba
@@ -28,12 +28,12 @@ _NEAREST_M = 0.1
 """Rim points nearer to a camera's plane are left out."""
 _OFF_PX = 1.0
 """This far off the surface, an outline point of the whole silhouette is off the model."""
-_OWN_REACH_PX = 2
+OWN_REACH_PX = 2
 """A rim point with no contour of the drawn model this near is not on the whole silhouette's outline."""
 _BORDER_PX = 2.0
 """This near to a picture's border, an outline may be the picture's end."""
 _NEAR_PX = 2.0
-"""A rim point lies on the contour if it is no farther from it."""
+"""A rim point lies on the contour if the model's is no farther from the input's there."""
 _MOVED_BY = moved_by()
 
 
@@ -51,21 +51,19 @@ def sum_pulls(
     wrenches: Floats,
     pulls: Floats,
     shares_px: Floats,
-) -> float:
+) -> None:
     """Sum over all rim points what moving them would gain.
 
     segments: whose rim counts. Planes (P, H, W): the input and the whole model in the same region. A residual
-    r is how far the input's contour lies from the model's, both as their pixels show them: what pixels do to
-    a contour is done to both, so that nothing pulls where the model covers just what is seen. It counts by a
-    weight of 1 / (1 + (r / cap_px)^2) times its length of outline. Sets wrenches (17, 6, 6) and pulls
+    r is how far the model's contour lies beyond the input's, both as their pixels show them: what pixels do
+    to a contour is done to both, so that nothing pulls where the model covers just what is seen. It counts by
+    a weight of 1 / (1 + (r / cap_px)^2) times its length of outline. Sets wrenches (17, 6, 6) and pulls
     (17, 6): per joint that carries segments the sums of weight w w^T (its lower half) and of weight r w over
-    its rim points, w being the row of the Jacobian by the joint's twist; and shares_px (16, SHARES). Returns
-    the robust cost, in cubed pixels.
+    its rim points, w being the row of the Jacobian by the joint's twist; and shares_px (16, SHARES).
     """
     P_px_world, centres_world_m, weights, sizes_px = views
     wrenches[:], pulls[:], shares_px[:] = 0.0, 0.0, 0.0
     flags, found, M, point, w, eye = scratch
-    cost = 0.0
     for c in range(len(P_px_world)):
         if weights[c] == 0.0:
             continue
@@ -81,7 +79,7 @@ def sum_pulls(
                 column, row = int(u + _OFF_PX * nx + 0.5), int(v + _OFF_PX * ny + 0.5)
                 if (model_planes[c >> 3, row, column] >> (c & 7)) & 1:
                     continue
-                own_px = distance_to_contour(model_planes, c, u, v, nx, ny, _OWN_REACH_PX)
+                own_px = distance_to_contour(model_planes, c, u, v, nx, ny, OWN_REACH_PX)
                 if own_px != own_px:
                     continue
                 along_px = point[5] * weights[c]
@@ -92,11 +90,9 @@ def sum_pulls(
                     continue
                 shares_px[s, 1] += along_px * (abs(r) < _NEAR_PX)
                 squares = (r / cap_px) ** 2
-                cost += along_px * cap_px**2 * log1p(squares)
                 _write_row(rim, e, T, P_px_world[c], point, w)
                 joint = SEGMENT_JOINTS[s]
                 _add(along_px / (1.0 + squares), r, w, wrenches[joint], pulls[joint])
-    return cost
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

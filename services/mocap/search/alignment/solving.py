@@ -33,15 +33,14 @@ def follow(
     free: Floats,
     prior: Floats,
     limits: Floats,
-    account: Floats,
+    prior_cost: Floats,
     shares_px: Floats,
 ) -> None:
     """Move a pose (35,) in place so that the rim comes to lie on the contours.
 
     stages (K, 3): for every step the reach, the cap, and the damping as a share of the diagonal. free (35,):
     1 for parameters that vary. prior (3, 35): target, weight of its square, and the largest step. limits (2,
-    35). account (2,) gets the robust cost at the last match and the prior's; shares_px
-    (16, SHARES) as sum_pulls sets it.
+    35). prior_cost (1,) gets the prior's at the last match, shares_px (16, SHARES) what sum_pulls sets.
     """
     segments, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, room = rims
@@ -55,15 +54,15 @@ def follow(
         model_planes[:] = 0
         cover(T_world_joint, segments, cameras, detail_px, mesh, scratch, canvas, model_planes)
         place_twists(pose, T_world_joint[0], twists)
-        account[0] = sum_pulls(
+        sum_pulls(
             rim, pulling, T_world_joint[0], views, input_planes, model_planes[0],
             int(reach_px), cap_px, room, wrenches, pulls, shares_px,
         )  # fmt: skip
         normal_equations(twists, wrenches, pulls, hessian, slope)
-        account[1] = 0.0
+        prior_cost[0] = 0.0
         for d in range(N_DOF):
             off = pose[d] - prior[0, d]
-            account[1] += prior[1, d] * off * off
+            prior_cost[0] += prior[1, d] * off * off
             hessian[d, d] += prior[1, d]
             slope[d] += prior[1, d] * off
             hessian[d, d] += damping * hessian[d, d] + _SINGULAR

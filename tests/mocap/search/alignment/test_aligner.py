@@ -73,6 +73,20 @@ def test_nothing_pulls_where_the_model_covers_just_what_is_seen(
     assert found.rim_px[:, 2].max() == 0.0
 
 
+def test_the_last_steps_are_the_fine_ones(
+    model: Model,
+    standing: Maker,
+    picture_of: Callable[[Floats], Picture],
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    truth = standing(**BENT)
+    few, free = SearchSettings(contour_steps=2, rest=0.0), SearchSettings(rest=0.0)
+    near = model.aligner(few).align(picture_of(truth), truth, few)
+    found = model.aligner(free).align(picture_of(truth), _nearby(truth, 1), free)
+    assert joint_errors_mm(near.pose, truth).max() < 1.0
+    assert joint_errors_mm(found.pose, truth).mean() < 1.5
+
+
 def test_a_limb_is_aligned_in_its_window_and_nothing_else_moves(
     model: Model,
     standing: Maker,
