@@ -3,16 +3,16 @@
 A field annotated with Array travels as a raw binary frame of its own, all others in the msgpack header.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 6
+PROTOCOL_VERSION = 7
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
 MAX_TOLD = 200
@@ -56,6 +56,18 @@ class Message(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, arbitrary_types_allowed=True)
     type: ClassVar[str]
+
+
+_Unsure: TypeAlias = Annotated[NDArray[np.uint8], Array("uint8", ("Q", "H", "W"))]
+
+
+def _no_planes_like(field: str) -> Callable[[dict[str, Any]], NDArray[np.uint8]]:
+    """What makes planes (0, H, W) where that other field holds planes (P, H, W)."""
+
+    def none_of_them(fields: dict[str, Any]) -> NDArray[np.uint8]:
+        return fields[field][:0] if field in fields else np.zeros((0, 0, 0), np.uint8)
+
+    return none_of_them
 
 
 class Hello(Message):
@@ -107,6 +119,10 @@ class LimbTask(Message):
     window: Annotated[NDArray[np.uint8], Array("uint8", ("P", "h", "w"))]
     """Input silhouettes: bit c % 8 of plane c // 8 is camera c's; unused bits are 0. Where distances cost,
     wider than the window on all sides by distance_cap_px, rounded up, and one."""
+    unsure: Annotated[NDArray[np.uint8], Array("uint8", ("Q", "h", "w"))] = Field(
+        default_factory=_no_planes_like("window")
+    )
+    """As in the silhouettes, in the layout of window: Q = P, or 0 where nothing is unsure."""
 
 
 class LimbResult(Message):
@@ -196,6 +212,9 @@ class Silhouettes(Message):
     """Which cameras, by their place in calibration.toml, from 0; none twice."""
     planes: Annotated[NDArray[np.uint8], Array("uint8", ("P", "H", "W"))]
     """Bit k % 8 of plane k // 8 is the silhouette of the k-th camera of the list, from 0."""
+    unsure: _Unsure = Field(default_factory=_no_planes_like("planes"))
+    """Pixels that may be actor or not, in the layout of planes: they count for nothing. Q = P, or 0 where
+    there is none; a bit that is set in both means unsure."""
 
 
 class Credit(Message):
@@ -428,6 +447,9 @@ class LiveSilhouettes(Message):
     """When each of them took its picture, on the coordinator's clock."""
     planes: Annotated[NDArray[np.uint8], Array("uint8", ("P", "H", "W"))]
     """Bit k % 8 of plane k // 8 is the silhouette of the k-th camera of the list, from 0."""
+    unsure: _Unsure = Field(default_factory=_no_planes_like("planes"))
+    """Pixels that may be actor or not, in the layout of planes: they count for nothing. Q = P, or 0 where
+    there is none; a bit that is set in both means unsure."""
 
 
 class LiveSources(Message):

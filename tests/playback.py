@@ -5,6 +5,7 @@ from services.bench.playback import RUN as RUN
 from services.bench.playback import Playback as Player
 from services.mocap.body.actor import build_body
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.export.model_painter import ModelPainter
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
@@ -52,5 +53,5 @@ class Playback(Player):
             mask[: mask.shape[0] // 3] = False
         height, width = self._rig.shape_px
         cameras = list(range(len(masks)))
-        planes = packed(masks, width, height)
+        planes = packed([trimap_of(mask) for mask in masks], width, height).silhouettes
         return Silhouettes(take=self._info.take, run=RUN, frame=frame, cameras=cameras, planes=planes)

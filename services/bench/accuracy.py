@@ -12,7 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from services.bench.command import Run, frame_numbers, track
-from services.bench.hardship import Hardship, Silhouettes, silhouettes_of, write_harder
+from services.bench.hardship import Hardship, Trimaps, trimaps_of, write_harder
 from services.bench.takes import take_folder
 from services.mocap.body.actor import build_body
 from services.mocap.camera.rig import Rig
@@ -20,7 +20,7 @@ from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import pack
 from services.mocap.fit.quality import quality_of
 from services.mocap.take.folder import Take, open_take
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import ACTOR, Bytes, Floats, Mask
 
 PLAIN = "as it is"
 _CHUNK = 50
@@ -68,13 +68,13 @@ def measure(name: str, frames: str, workers: int, options: tuple[str, ...], hard
     with tempfile.TemporaryDirectory(prefix="xormocap-bench-") as temporary:
         scratch = Path(temporary)
         run = track(folder, scratch / "plain", frames, workers, options)
-        silhouettes = silhouettes_of(take, scratch / "segmented")
-        plain = _row(shown, PLAIN, run, overlaps(take, silhouettes, run))
+        trimaps = trimaps_of(take, scratch / "segmented")
+        plain = _row(shown, PLAIN, run, overlaps(take, trimaps, run))
         yield plain
         for k, hardship in enumerate(Hardship if harder else ()):
-            write_harder(scratch / f"take{k}", take, silhouettes, run.actor, hardship)
+            write_harder(scratch / f"take{k}", take, trimaps, run.actor, hardship)
             hard = track(scratch / f"take{k}", scratch / f"out{k}", frames, workers, options)
-            row = _row(shown, hardship, hard, overlaps(take, silhouettes, hard))
+            row = _row(shown, hardship, hard, overlaps(take, trimaps, hard))
             yield replace(row, growth_percent=_growth_percent(plain, row))
 
 
@@ -107,11 +107,11 @@ def _growth_percent(plain: Row, row: Row) -> float:
     return 100.0 * ((1.0 - row.iou) / (1.0 - plain.iou) - 1.0)
 
 
-def overlaps(take: Take, silhouettes: Silhouettes, run: Run) -> Floats:
+def overlaps(take: Take, trimaps: Trimaps, run: Run) -> Floats:
     """IoU (F, C) of a run's poses, as tracked, with a take's silhouettes."""
     rig, body = Rig.of(take.cameras), build_body(run.actor)
     numbers = frame_numbers(run)
-    inputs = _packed(take, silhouettes, numbers)
+    inputs = _packed(take, trimaps, numbers)
     found = []
     for first in range(0, len(numbers), _CHUNK):
         poses = run.poses.poses[first : first + _CHUNK]
@@ -119,15 +119,15 @@ def overlaps(take: Take, silhouettes: Silhouettes, run: Run) -> Floats:
     return np.concatenate(found)
 
 
-def _packed(take: Take, silhouettes: Silhouettes, numbers: range) -> Iterator[Bytes]:
+def _packed(take: Take, trimaps: Trimaps, numbers: range) -> Iterator[Bytes]:
     """Undistorted silhouettes (P, H, W) of some frames, all in the size of the largest picture."""
-    readers = [islice(silhouettes(camera), numbers.start, numbers.stop) for camera in take.cameras]
+    readers = [islice(trimaps(camera), numbers.start, numbers.stop) for camera in take.cameras]
     undistorters = [Undistorter(camera) for camera in take.cameras]
     shape = max(c.height_px for c in take.cameras), max(c.width_px for c in take.cameras)
     for masks in zip(*readers, strict=True):
         common: Mask = np.zeros((len(masks), *shape), bool)
         for c, (undistorter, mask) in enumerate(zip(undistorters, masks, strict=True)):
-            common[c, : mask.shape[0], : mask.shape[1]] = undistorter.mask(mask)
+            common[c, : mask.shape[0], : mask.shape[1]] = undistorter.mask(mask == ACTOR)
         yield pack(common)
 
 

@@ -11,12 +11,14 @@ import numpy as np
 from services.bench.command import xormocap
 from services.mocap.body.actor import Actor
 from services.mocap.camera.camera import Camera
+from services.mocap.energy.bitplanes import trimap_of
+from services.mocap.take import layout
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take
-from services.mocap.take.layout import ACTOR, REFERENCE_JOINTS_CSV, silhouette_folder
-from services.mocap.take.pictures import SilhouetteReader
+from services.mocap.take.layout import REFERENCE_JOINTS_CSV, silhouette_folder
+from services.mocap.take.pictures import TrimapReader
 from services.mocap.take.writer import take_writer
-from services.mocap.types import Mask
+from services.mocap.types import ACTOR, UNSURE, Mask, Trimap
 
 EATEN = 0.05
 """Share of the contour's pixels that is bitten away, with what lies around it."""
@@ -46,32 +48,41 @@ def _cameras_left(cameras: Sequence[Camera], hardship: Hardship) -> list[Camera]
     return list(cameras)
 
 
-Silhouettes = Callable[[Camera], Iterator[Mask]]
-"""A camera's raw silhouettes, frame by frame from the take's first on."""
+Trimaps = Callable[[Camera], Iterator[Trimap]]
+"""A camera's raw trimaps, frame by frame from the take's first on."""
 
 
-def silhouettes_of(take: Take, folder: Path) -> Silhouettes:
+def trimaps_of(take: Take, folder: Path) -> Trimaps:
     """The silhouettes that a take is tracked by; folder: where those of videos are put."""
     if take.source == "silhouettes":
-        return lambda camera: iter(take.silhouettes(camera))
+        return lambda camera: iter(take.trimaps(camera))
     xormocap("segment", take.folder, "--out", folder)
     frames = take.settings.frames
-    return lambda camera: iter(SilhouetteReader(silhouette_folder(folder, camera.name), 0, frames))
+    return lambda camera: iter(TrimapReader(silhouette_folder(folder, camera.name), 0, frames))
 
 
 def write_harder(
-    folder: Path, take: Take, silhouettes: Silhouettes, actor: Actor, hardship: Hardship, seed: int = 0
+    folder: Path, take: Take, trimaps: Trimaps, actor: Actor, hardship: Hardship, seed: int = 0
 ) -> None:
     """Write the take that a hardship makes of another one, with its actor and what is known of its truth."""
     cameras = _cameras_left(take.cameras, hardship)
-    with take_writer(folder, take.settings, cameras) as writer:
+    settings = take.settings.model_copy(update={"unsure": [UNSURE, UNSURE]})
+    with take_writer(folder, settings, cameras) as writer:
         for c, camera in enumerate(cameras):
-            for frame, mask in enumerate(silhouettes(camera)):
+            for frame, trimap in enumerate(trimaps(camera)):
                 rng = np.random.default_rng((seed, c, frame))
-                spoilt = with_specks(bitten(mask, rng), rng) if hardship is Hardship.NOISE else mask
-                writer.silhouette(camera, frame, spoilt)
-        write_actor(writer.folder / ACTOR, actor, "the take that this one was made of")
+                writer.silhouette(
+                    camera, frame, _spoilt(trimap, rng) if hardship is Hardship.NOISE else trimap
+                )
+        write_actor(writer.folder / layout.ACTOR, actor, "the take that this one was made of")
         _copy_truth(take.folder, writer.folder)
+
+
+def _spoilt(trimap: Trimap, rng: np.random.Generator) -> Trimap:
+    """A trimap (H, W) whose actor is bitten and who has specks about; unsure pixels stay so."""
+    actor = with_specks(bitten(trimap == ACTOR, rng), rng)
+    spoilt: Trimap = np.where(trimap == UNSURE, trimap, trimap_of(actor))
+    return spoilt
 
 
 def _copy_truth(source: Path, target: Path) -> None:

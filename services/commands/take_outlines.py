@@ -10,7 +10,7 @@ from services.mocap.calibration.tangents import Outline, outline_of
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
-from services.mocap.types import Mask
+from services.mocap.types import ACTOR, Mask
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenters
 from services.segmentation.source import in_common_size
@@ -32,9 +32,10 @@ def outlines_of(
         task = bar.add_task("looking at silhouettes", total=len(cameras))
         for c, camera in enumerate(take.cameras):
             (segmenter,) = make_segmenters(take, [camera], SegmentationSettings())
-            masks = segmenter.silhouettes(frames.start, frames.stop)
+            trimaps = segmenter.trimaps(frames.start, frames.stop)
             of_camera: list[Outline | None] = []
-            for n, mask in enumerate(islice(masks, 0, len(frames), every)):
+            for n, trimap in enumerate(islice(trimaps, 0, len(frames), every)):
+                mask = trimap == ACTOR
                 of_camera.append(outline_of(mask, cameras[c]))
                 if n == len(chosen) // 2:
                     middle[c] = in_common_size(mask, width_px, height_px)

@@ -8,7 +8,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
 from services.mocap.take.folder import Take, open_take
-from services.mocap.types import Mask
+from services.mocap.types import Trimap
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenters
 from services.segmentation.source import Segmenter
@@ -56,13 +56,13 @@ def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:
     return open_take(folder), ""
 
 
-def _segmentation(take: Take) -> Callable[[Camera, int, int], Iterator[Mask]]:
+def _segmentation(take: Take) -> Callable[[Camera, int, int], Iterator[Trimap]]:
     """Silhouettes as the tracker had them; a camera's clean plate is learnt when it is first asked for."""
     learnt: dict[str, Segmenter] = {}
 
-    def silhouettes(camera: Camera, start: int, stop: int) -> Iterator[Mask]:
+    def trimaps(camera: Camera, start: int, stop: int) -> Iterator[Trimap]:
         if camera.name not in learnt:
             (learnt[camera.name],) = make_segmenters(take, [camera], SegmentationSettings())
-        return learnt[camera.name].silhouettes(start, stop)
+        return learnt[camera.name].trimaps(start, stop)
 
-    return silhouettes
+    return trimaps

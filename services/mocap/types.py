@@ -10,3 +10,8 @@ Ints: TypeAlias = NDArray[np.int32]
 Bytes: TypeAlias = NDArray[np.uint8]
 """Images (…, 3) in BGR order, and bit-plane buffers."""
 Mask: TypeAlias = NDArray[np.bool_]
+Trimap: TypeAlias = NDArray[np.uint8]
+"""A silhouette (H, W) of three states, each pixel one of those below."""
+
+BACKGROUND, UNSURE, ACTOR = 0, 128, 255
+"""Pixels of a trimap; those that nobody is sure of count for nothing."""

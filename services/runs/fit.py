@@ -28,7 +28,7 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import ACTOR, Bytes, Floats, Trimap
 from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenters
@@ -136,39 +136,41 @@ def silhouettes_of(
 ) -> tuple[tuple[Camera, ...], Bytes]:
     """The cameras that make sense, and their silhouettes (F, P, H, W), as segmentation sends them."""
     height_px, width_px = Rig.of(take.cameras).shape_px
-    masks: Mask = np.zeros((len(frames), len(take.cameras), height_px, width_px), bool)
+    trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
     segmenters = make_segmenters(take, take.cameras, SegmentationSettings(), name)
     for c, segmenter in enumerate(segmenters):
-        for f, mask in enumerate(_masks_of(segmenter, frames)):
-            masks[f, c] = in_common_size(mask, width_px, height_px)
+        for f, trimap in enumerate(_trimaps_of(segmenter, frames)):
+            trimaps[f, c] = in_common_size(trimap, width_px, height_px)
         progress((c + 1) / len(take.cameras))
     if chosen_segmenter(take, name) != READY:
-        _keep_supported(take, masks)
-    look = look_first(Rig.of(take.cameras), masks[0], [camera.name for camera in take.cameras])
+        _keep_supported(take, trimaps)
+    look = look_first(Rig.of(take.cameras), trimaps[0] == ACTOR, [camera.name for camera in take.cameras])
     for remark in look.remarks:
         log.warning("%s", remark)
     chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
     cameras = tuple(take.cameras[c] for c in chosen)
     height_px, width_px = Rig.of(cameras).shape_px
-    return cameras, np.array([pack(of_frame) for of_frame in masks[:, chosen, :height_px, :width_px]])
+    return cameras, np.array(
+        [pack(of_frame == ACTOR) for of_frame in trimaps[:, chosen, :height_px, :width_px]]
+    )
 
 
-def _masks_of(segmenter: Segmenter, frames: Sequence[int]) -> Iterator[Mask]:
-    """A camera's silhouettes of frames: read on where they follow each other, else each by itself."""
+def _trimaps_of(segmenter: Segmenter, frames: Sequence[int]) -> Iterator[Trimap]:
+    """A camera's trimaps of frames: read on where they follow each other, else each by itself."""
     if isinstance(frames, range):
-        return islice(segmenter.silhouettes(frames.start, frames.stop), len(frames))
-    return (next(iter(segmenter.silhouettes(frame, frame + 1))) for frame in frames)
+        return islice(segmenter.trimaps(frames.start, frames.stop), len(frames))
+    return (next(iter(segmenter.trimaps(frame, frame + 1))) for frame in frames)
 
 
-def _keep_supported(take: Take, masks: Mask) -> None:
-    """Clear what only one camera sees in silhouettes (F, C, H, W), as segmentation does."""
+def _keep_supported(take: Take, trimaps: Trimap) -> None:
+    """Clear what only one camera sees in trimaps (F, C, H, W), as segmentation does."""
     rig = Rig.of(take.cameras)
-    for of_frame in masks:
-        seen = [mask[:height, :width] for mask, (width, height) in zip(of_frame, rig.sizes_px, strict=True)]
-        for mask, kept in zip(
+    for of_frame in trimaps:
+        seen = [part[:height, :width] for part, (width, height) in zip(of_frame, rig.sizes_px, strict=True)]
+        for part, kept in zip(
             seen, drop_unsupported(rig, list(map(np.ascontiguousarray, seen))), strict=True
         ):
-            mask[:] = kept
+            part[:] = kept
 
 
 def _without(search: SearchSettings, take: Take, left: tuple[Camera, ...]) -> SearchSettings:

@@ -10,10 +10,10 @@ from services.mocap.body.actor import build_body
 from services.mocap.body.measures import Measure
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
-from services.mocap.energy.bitplanes import camera_bit
+from services.mocap.energy.bitplanes import camera_bit, trimap_of
 from services.mocap.export.fit_sheet import Seen, Shown, draw_fit
 from services.mocap.export.model_painter import ModelPainter
-from services.mocap.export.tiles import silhouette_picture
+from services.mocap.export.tiles import trimap_picture
 from services.mocap.export.turntable import draw_turntable
 from services.mocap.fit.quality import FitQuality
 from services.mocap.take.actor_file import write_actor
@@ -93,12 +93,12 @@ def _seen(take: Take, found: TakeFit) -> list[Seen]:
     """The first frame as the cameras saw it; its silhouettes stand for pictures where there are none."""
     seen = []
     for c, camera in enumerate(found.cameras):
-        mask = camera_bit(found.silhouettes[0], c)[: camera.height_px, : camera.width_px]
-        picture = silhouette_picture(mask)
+        trimap = trimap_of(camera_bit(found.silhouettes[0], c)[: camera.height_px, : camera.width_px])
+        picture = trimap_picture(trimap)
         if take.has_video(camera):
             with take.video(camera, found.frames[0], found.frames[0] + 1) as video:
                 picture = Undistorter(camera).image(next(iter(video)))
-        seen.append(Seen(camera, picture, mask))
+        seen.append(Seen(camera, picture, trimap))
     return seen
 
 

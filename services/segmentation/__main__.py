@@ -17,10 +17,10 @@ from proto.messages import Credit, Silhouettes, TakeEnd
 from proto.sockets import receive, send, wait
 from proto.streams import DEFAULT_ENDPOINT
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.errors import UserError, nearest
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
-from services.mocap.types import Bytes
 from services.process import (
     DEFAULT_SEGMENTER,
     DROPPED,
@@ -66,11 +66,11 @@ class Feed:
             self._checks.popleft()()
         return bool(self._checks)
 
-    def planes(self, start: int) -> Iterator[Bytes]:
-        """Bit-planes (P, H, W) of frames start to the take's end."""
-        streams = [segmenter.silhouettes(start, self._end) for segmenter in self._segmenters]
-        for masks in zip(*streams, strict=True):
-            kept = masks if self._rig is None else drop_unsupported(self._rig, masks)
+    def planes(self, start: int) -> Iterator[TriPlanes]:
+        """Planes (P, H, W) of frames start to the take's end."""
+        streams = [segmenter.trimaps(start, self._end) for segmenter in self._segmenters]
+        for trimaps in zip(*streams, strict=True):
+            kept = trimaps if self._rig is None else drop_unsupported(self._rig, trimaps)
             yield packed(kept, self._width, self._height)
 
 
@@ -80,7 +80,7 @@ class Sender:
     def __init__(self, take: Take, cameras: list[int], feed: Feed, line: Line) -> None:
         self._take, self._cameras, self._feed, self._line = take, cameras, feed, line
         self._run, self._next = "", 0
-        self._planes: Iterator[Bytes] | None = None
+        self._planes: Iterator[TriPlanes] | None = None
         self._unsent: Silhouettes | None = None
         self._advanced_s = time.monotonic()
 
@@ -115,7 +115,8 @@ class Sender:
                 run=self._run,
                 frame=self._next,
                 cameras=self._cameras,
-                planes=planes,
+                planes=planes.silhouettes,
+                unsure=planes.sent_unsure,
             )
         if not send(self._line.socket, self._unsent):
             return False

@@ -9,7 +9,7 @@ import numpy as np
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
 from services.mocap.search.hull import cube_about, look_up, meeting_point
-from services.mocap.types import Floats, Ints, Mask
+from services.mocap.types import ACTOR, BACKGROUND, Floats, Ints, Mask, Trimap
 from services.segmentation.source import in_common_size
 
 _VOXEL_M = 0.08
@@ -36,40 +36,42 @@ class _Blobs:
         return cls(np.asarray(labels, np.int32), np.asarray(table[:, cv2.CC_STAT_AREA], np.int32))
 
 
-def drop_unsupported(rig: Rig, masks: Sequence[Mask]) -> list[Mask]:
-    """Undistorted masks (h, w) of all of a rig's cameras without blobs that no other camera supports.
+def drop_unsupported(rig: Rig, trimaps: Sequence[Trimap]) -> list[Trimap]:
+    """Undistorted trimaps (h, w) of all of a rig's cameras without blobs that no other camera supports.
 
-    A camera whose picture has one blob or none stays as it is, and so does one in which nothing is
-    supported: it may be the calibration that is wrong. Frames in which all cameras are such cost next to
-    nothing.
+    Blobs are of what is surely actor; unsure pixels of the others leave room, and stay what they are. A
+    camera whose picture has one blob or none stays as it is, and so does one in which nothing is supported:
+    it may be the calibration that is wrong. Frames in which all cameras are such cost next to nothing.
     """
-    blobs = [_Blobs.of(mask) for mask in masks]
+    actors = [trimap == ACTOR for trimap in trimaps]
+    blobs = [_Blobs.of(mask) for mask in actors]
     doubtful = [c for c, of_camera in enumerate(blobs) if of_camera.areas_px.size > 2]
-    kept = list(masks)
+    kept = list(trimaps)
     if not doubtful or rig.n_cameras <= _LEAST_OTHERS:
         return kept
-    points_world_m = _room(rig, masks, blobs)
+    points_world_m = _room(rig, blobs)
     if points_world_m is None:
         return kept
+    possible = [trimap != BACKGROUND for trimap in trimaps]
     for c in doubtful:
-        room_m = _left_by_others(rig, masks, c, points_world_m)
-        drawn = _drawn(rig, c, room_m, masks[c].shape)
+        room_m = _left_by_others(rig, actors[c], possible, c, points_world_m)
+        drawn = _drawn(rig, c, room_m, trimaps[c].shape)
         labels, areas_px = blobs[c].labels, blobs[c].areas_px
         supported = np.bincount(labels[drawn], minlength=areas_px.size) >= _SUPPORTED * areas_px
         if supported[1:].any():
-            kept[c] = masks[c] & supported[labels]
+            kept[c] = np.where(actors[c] & ~supported[labels], np.uint8(BACKGROUND), trimaps[c])
     return kept
 
 
-def _room(rig: Rig, masks: Sequence[Mask], blobs: Sequence[_Blobs]) -> Floats | None:
+def _room(rig: Rig, blobs: Sequence[_Blobs]) -> Floats | None:
     """Points (N, 3) in the world about the actor; None where the cameras do not meet anywhere."""
     height, width = rig.shape_px
-    largest: Mask = np.zeros((len(masks), height, width), bool)
+    largest: Mask = np.zeros((len(blobs), height, width), bool)
     for c, of_camera in enumerate(blobs):
         if of_camera.areas_px.size > 1:
             biggest = 1 + int(of_camera.areas_px[1:].argmax())
             largest[c] = in_common_size(of_camera.labels == biggest, width, height)
-    seen = [c for c in range(len(masks)) if largest[c].any()]
+    seen = [c for c in range(len(blobs)) if largest[c].any()]
     if len(seen) <= _LEAST_OTHERS:
         return None
     try:
@@ -78,14 +80,21 @@ def _room(rig: Rig, masks: Sequence[Mask], blobs: Sequence[_Blobs]) -> Floats | 
         return None
 
 
-def _left_by_others(rig: Rig, masks: Sequence[Mask], camera: int, points_world_m: Floats) -> Floats:
-    """Those of some points (N, 3) on a camera's silhouette that the other cameras leave room for: (M, 3)."""
-    _, on_own = look_up(rig, masks[camera], camera, points_world_m)
+def _left_by_others(
+    rig: Rig, own: Mask, possible: Sequence[Mask], camera: int, points_world_m: Floats
+) -> Floats:
+    """Those of some points (N, 3) on a camera's own silhouette (h, w) that the others leave room for: (M, 3).
+
+    possible: (h, w) what may be actor, of each camera.
+    """
+    _, on_own = look_up(rig, own, camera, points_world_m)
     points_world_m = points_world_m[on_own]
     seeing, holding = np.zeros((2, len(points_world_m)), np.int32)
     for c in range(rig.n_cameras):
         if c != camera:
-            in_picture, on_actor = look_up(rig, _widened(rig, masks[c], c, points_world_m), c, points_world_m)
+            in_picture, on_actor = look_up(
+                rig, _widened(rig, possible[c], c, points_world_m), c, points_world_m
+            )
             seeing += in_picture
             holding += on_actor
     return points_world_m[(seeing >= _LEAST_OTHERS) & (holding >= seeing - 1)]

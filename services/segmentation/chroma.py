@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import Bytes, Floats, Mask, Trimap
 from services.segmentation.cleanup import SegmentationSettings, cleanup
 from services.segmentation.pixels import Levels
 
@@ -71,6 +72,10 @@ class ChromaKey:
     def silhouette(self, image_bgr: Bytes) -> Mask:
         """The actor in an image (H, W, 3) BGR uint8: a mask (H, W) without specks and holes."""
         return cleanup(~self.screen(image_bgr), self.settings)
+
+    def trimap(self, image_bgr: Bytes) -> Trimap:
+        """See Matte.trimap: `silhouette`, of which every pixel is taken as sure."""
+        return trimap_of(self.silhouette(image_bgr))
 
     def screen(self, image_bgr: Bytes) -> Mask:
         """Where an image (H, W, 3) shows the screen's colour, in light or shadow: a mask (H, W)."""

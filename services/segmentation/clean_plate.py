@@ -11,8 +11,9 @@ from math import radians, tan
 import cv2
 import numpy as np
 
+from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
-from services.mocap.types import Bytes, Ints, Mask
+from services.mocap.types import Bytes, Ints, Mask, Trimap
 from services.segmentation.cleanup import SegmentationSettings, cleanup_in_place
 from services.segmentation.edges import settle_edges
 from services.segmentation.patches import extent
@@ -138,6 +139,10 @@ class CleanPlate:
         cleanup_in_place(part, mask.size, settings)
         silhouette[rows, columns] = part
         return silhouette
+
+    def trimap(self, image_bgr: Bytes) -> Trimap:
+        """See Matte.trimap: `silhouette`, of which every pixel is taken as sure."""
+        return trimap_of(self.silhouette(image_bgr))
 
     def foreground(self, image_bgr: Bytes) -> Mask:
         """What differs from the plate and is no shadow, pixel by pixel: a mask (H, W), specks included."""

@@ -15,9 +15,9 @@ from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make
 def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmenter: str = AUTO) -> None:
     """Write silhouettes/<camera>/000000.png … of a take with videos into out, all or nothing.
 
-    They are those of the raw pictures, lens distortion included, as a take folder holds them. advance is
-    called after each picture. segmenter: what makes them. Raises UserError where that is silhouettes which
-    the take has already, or out is not free.
+    They are those of the raw pictures, lens distortion included, as a take folder holds them: 0 is
+    background, 128 unsure, 255 actor. advance is called after each picture. segmenter: what makes them.
+    Raises UserError where that is silhouettes which the take has already, or out is not free.
     """
     if chosen_segmenter(take, segmenter) == READY:
         raise UserError(f"{take.folder}: has silhouettes already: expected videos, or --segmenter")
@@ -26,6 +26,6 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
         made = make_segmenters(take, take.cameras, settings, segmenter)
         for camera, of_camera in zip(take.cameras, made, strict=True):
             folder = part / layout.SILHOUETTES / camera.name
-            for frame, mask in enumerate(of_camera.raw_silhouettes(0, take.settings.frames)):
-                write_picture(layout.silhouette_path(folder, frame), mask)
+            for frame, trimap in enumerate(of_camera.raw_trimaps(0, take.settings.frames)):
+                write_picture(layout.silhouette_path(folder, frame), trimap)
                 advance()

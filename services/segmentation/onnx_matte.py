@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import Bytes, Mask, Trimap
 from services.segmentation.cleanup import SegmentationSettings, cleanup
 
 _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
@@ -57,6 +58,10 @@ class OnnxMatte:
                 )
                 return cleanup(whole >= 0.5, self._settings)
         raise UserError(f"{self._file}: expected an output of one channel, the actor's opacity from 0 to 1")
+
+    def trimap(self, image_bgr: Bytes) -> Trimap:
+        """See Matte.trimap: `silhouette`, of which every pixel is taken as sure."""
+        return trimap_of(self.silhouette(image_bgr))
 
 
 def _session(file: Path) -> Any:

@@ -6,7 +6,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from services.mocap.types import Bytes, Mask
+from services.mocap.energy.bitplanes import trimap_of
+from services.mocap.types import Bytes, Mask, Trimap
 from services.segmentation.cleanup import SegmentationSettings, cleanup
 
 _FOREGROUND = 255
@@ -30,6 +31,10 @@ class TrainedModel:
         """The actor in an image (H, W, 3) BGR uint8: a mask (H, W) without specks and holes."""
         marked = np.asarray(self._model.apply(image_bgr, learningRate=0))
         return cleanup(marked == _FOREGROUND, self._settings)
+
+    def trimap(self, image_bgr: Bytes) -> Trimap:
+        """See Matte.trimap: `silhouette`, of which every pixel is taken as sure."""
+        return trimap_of(self.silhouette(image_bgr))
 
 
 def mog2(plate: Iterable[Bytes], settings: SegmentationSettings) -> TrainedModel:

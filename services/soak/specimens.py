@@ -33,6 +33,8 @@ _CAMERAS = 8
 _HASH = "0" * 64
 _RUN = "f" * 32
 """No real run has it."""
+_SEEN, _UNSURE = np.ones((1, 12, 16), np.uint8), np.full((1, 12, 16), 2, np.uint8)
+"""Silhouettes of two cameras, and their unsure pixels."""
 _PASS = 1_000_003
 """No task of a real run has it."""
 
@@ -57,6 +59,7 @@ def _of_limbs(take: str, frame: int) -> list[Message]:
             "pose": np.zeros(35),
             "origin_px": np.zeros((_CAMERAS, 2), np.int32),
             "window": np.zeros((1, 16, 16), np.uint8),
+            "unsure": np.ones((1, 16, 16), np.uint8),
         }
     )
     result = LimbResult.model_validate(ids | measured | {"values": np.zeros(7)})
@@ -85,7 +88,7 @@ def _of_takes(take: str, frame: int) -> list[Message]:
     }
     solved |= {"retries": 0, "backend": "cpu", "worker_backends": {"cpu": 8}, "seconds": {"torso": 0.1}}
     return [
-        Silhouettes(take=take, run=_RUN, frame=frame, cameras=[0, 1], planes=np.ones((1, 12, 16), np.uint8)),
+        Silhouettes(take=take, run=_RUN, frame=frame, cameras=[0, 1], planes=_SEEN, unsure=_UNSURE),
         Credit(take=take, run=_RUN, next_frame=frame, end_frame=frame + 8),
         TakeInfo.model_validate({"take": take} | info),
         Pose.model_validate({"take": take, "run": _RUN} | solved | {"pose": np.zeros(35)}),
@@ -137,7 +140,8 @@ def _of_live(take: str, shot: int) -> list[Message]:
             shot=shot,
             cameras=cameras,
             times_s=[10.0, 10.01],
-            planes=np.ones((1, 12, 16), np.uint8),
+            planes=_SEEN,
+            unsure=_UNSURE,
         ),
         LiveSources.model_validate(
             clock

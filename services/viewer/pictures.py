@@ -10,13 +10,13 @@ from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.video import index_video
 from services.mocap.take.video_picker import PicturePicker
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import Bytes, Trimap
 
 Content = TypeVar("Content")
 _SPARED_FRAMES = 24
 """Where so many frames need not be read, it is worth to begin anew."""
-Silhouettes = Callable[[Camera, int, int], Iterator[Mask]]
-"""Undistorted masks (h, w) of a camera, from a frame up to and without another."""
+Trimaps = Callable[[Camera, int, int], Iterator[Trimap]]
+"""Undistorted trimaps (h, w) of a camera, from a frame up to and without another."""
 
 
 class Pictures(Protocol):
@@ -26,7 +26,7 @@ class Pictures(Protocol):
         """(h, w, 3); None where there is none."""
         ...
 
-    def silhouette(self, camera: int, frame: int) -> Mask | None:
+    def trimap(self, camera: int, frame: int) -> Trimap | None:
         """(h, w); None where there is none."""
         ...
 
@@ -74,12 +74,12 @@ class _Video:
 class TakePictures:
     """A take folder's pictures and silhouettes."""
 
-    def __init__(self, take: Take, silhouettes: Silhouettes | None) -> None:
-        """silhouettes: makes those of takes that have none; None: then there are none."""
-        self._take, self._segment = take, silhouettes
+    def __init__(self, take: Take, trimaps: Trimaps | None) -> None:
+        """trimaps: makes those of takes that have none; None: then there are none."""
+        self._take, self._segment = take, trimaps
         self._lock = threading.Lock()
         self._pictures: dict[int, _Video] = {}
-        self._masks: dict[int, Reader[Mask]] = {}
+        self._trimaps: dict[int, Reader[Trimap]] = {}
 
     def open(self) -> None:
         """Open all videos ahead of the first picture; raises TakeError."""
@@ -105,18 +105,18 @@ class TakePictures:
         picker = PicturePicker(index, self._take.colours.get(camera.name))
         return _Video(picker, self._take.settings.offset(camera.name), Undistorter(camera))
 
-    def silhouette(self, camera: int, frame: int) -> Mask | None:
-        """See Pictures.silhouette."""
+    def trimap(self, camera: int, frame: int) -> Trimap | None:
+        """See Pictures.trimap."""
         if self._take.source == "videos" and self._segment is None:
             return None
         with self._lock:
-            if camera not in self._masks:
-                self._masks[camera] = Reader(self._masks_of(self._take.cameras[camera]))
-            return self._masks[camera].read(frame)
+            if camera not in self._trimaps:
+                self._trimaps[camera] = Reader(self._trimaps_of(self._take.cameras[camera]))
+            return self._trimaps[camera].read(frame)
 
-    def _masks_of(self, camera: Camera) -> Callable[[int], Iterator[Mask]]:
+    def _trimaps_of(self, camera: Camera) -> Callable[[int], Iterator[Trimap]]:
         take, segment = self._take, self._segment
         if take.source == "videos" and segment is not None:
             return lambda start: segment(camera, start, take.settings.frames)
         undistorter = Undistorter(camera)
-        return lambda start: (undistorter.mask(mask) for mask in take.silhouettes(camera, start))
+        return lambda start: map(undistorter.trimap, take.trimaps(camera, start))

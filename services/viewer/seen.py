@@ -9,8 +9,8 @@ import numpy as np
 
 from proto.messages import Silhouettes
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import camera_bit
-from services.mocap.types import Bytes, Mask
+from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, unpack_trimaps
+from services.mocap.types import Bytes, Trimap
 from services.viewer.pictures import TakePictures
 
 _KEPT_FRAMES = 512
@@ -33,11 +33,11 @@ class LivePictures:
         """See Pictures.picture."""
         return None if self._folder is None else self._folder.picture(camera, frame)
 
-    def silhouette(self, camera: int, frame: int) -> Mask | None:
-        """See Pictures.silhouette."""
-        mask = None if self._folder is None else self._folder.silhouette(camera, frame)
-        if mask is not None:
-            return mask
+    def trimap(self, camera: int, frame: int) -> Trimap | None:
+        """See Pictures.trimap."""
+        trimap = None if self._folder is None else self._folder.trimap(camera, frame)
+        if trimap is not None:
+            return trimap
         with self._came:
             if frame not in self._asked and frame not in self._packed:
                 self._asked[frame] = None
@@ -49,25 +49,27 @@ class LivePictures:
         width, height = self._rig.sizes_px[camera].tolist()
         if packed is None:
             return None
-        bits = np.frombuffer(zlib.decompress(packed), np.uint8)
-        return np.unpackbits(bits, count=height * width).reshape(height, width).astype(bool)
+        return np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, width)
 
     def _is_whole(self, frame: int) -> bool:
         return len(self._packed.get(frame, {})) == self._rig.n_cameras
 
     def add(self, message: Silhouettes) -> None:
         """Take in silhouettes of some cameras; those that do not fit the rig are left out."""
-        cameras = message.cameras
+        cameras, n_planes = message.cameras, len(message.planes)
+        if len(message.unsure) not in (0, n_planes):
+            return
+        planes = TriPlanes.of_sent(message.planes, message.unsure)
         if max(cameras) >= self._rig.n_cameras or message.planes.shape[1:] != self._rig.shape_px:
             return
         with self._came:
             if message.frame not in self._asked:
                 return
             frame = self._packed.setdefault(message.frame, {})
-            for k, camera in enumerate(cameras[: 8 * len(message.planes)]):
+            cameras = cameras[: CAMERAS_PER_PLANE * n_planes]
+            for camera, trimap in zip(cameras, unpack_trimaps(planes, len(cameras)), strict=True):
                 width, height = self._rig.sizes_px[camera].tolist()
-                mask = camera_bit(message.planes, k)[:height, :width]
-                frame[camera] = zlib.compress(np.packbits(mask).tobytes(), 1)
+                frame[camera] = zlib.compress(trimap[:height, :width].tobytes(), 1)
             while len(self._packed) > _KEPT_FRAMES:
                 self._packed.popitem(last=False)
             self._came.notify_all()

@@ -11,11 +11,11 @@ import numpy as np
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
 from services.mocap.export.model_painter import ModelPainter
-from services.mocap.export.tiles import Grid, draw_difference, draw_outline, silhouette_picture
+from services.mocap.export.tiles import Grid, differing_pixels, draw_difference, draw_outline, trimap_picture
 from services.mocap.search.chains import window_origins_px, window_size_px
 from services.mocap.search.shares import PART_STAGES
 from services.mocap.take.marks import Part
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import Bytes, Floats, Trimap
 from services.viewer.pictures import Pictures
 from services.viewer.reel import Shot
 
@@ -86,8 +86,8 @@ class TileArtist:
         width, height = self._rig.sizes_px[camera].tolist()
         with self._lock:
             picture = self._pictures.picture(camera, frame)
-            silhouette = self._pictures.silhouette(camera, frame) if picture is None else None
-        return _ground(picture, silhouette, (height, width))
+            trimap = self._pictures.trimap(camera, frame) if picture is None else None
+        return _ground(picture, trimap, (height, width))
 
     def _draw(self, shot: Shot, look: Look) -> tuple[Tile, ...]:
         masks = self._painter.segment_masks(shot.pose)
@@ -111,26 +111,26 @@ class TileArtist:
     ) -> Tile:
         picture = None if look.content == "silhouettes" else self._pictures.picture(camera, frame)
         is_needed = picture is None or look.content != "pictures"  # silhouettes may cost a lot
-        silhouette = self._pictures.silhouette(camera, frame) if is_needed else None
-        ground, model = _ground(picture, silhouette, model.shape)[window], model[window]
+        trimap = self._pictures.trimap(camera, frame) if is_needed else None
+        ground, model = _ground(picture, trimap, model.shape)[window], model[window]
         height = max(2, round(look.tile_width_px * model.shape[0] / model.shape[1]))
         grid = Grid(1, 1, look.tile_width_px, height)
-        seen = None if silhouette is None else silhouette[window]
+        seen = None if trimap is None else trimap[window]
         if look.content == "difference" and seen is not None:
             drawn = draw_difference(_faded(ground), seen, model, grid)
         else:
             drawn = draw_outline(ground, model, grid)
-        differing = None if seen is None else int(np.count_nonzero(seen != (model > 0)))
+        differing = None if seen is None else int(np.count_nonzero(differing_pixels(seen, model)))
         jpeg = cv2.imencode(".jpg", drawn, _JPEG)[1]
-        return Tile(camera, jpeg.tobytes(), differing, picture is not None or silhouette is not None)
+        return Tile(camera, jpeg.tobytes(), differing, picture is not None or trimap is not None)
 
 
-def _ground(picture: Bytes | None, silhouette: Mask | None, shape: tuple[int, ...]) -> Bytes:
+def _ground(picture: Bytes | None, trimap: Trimap | None, shape: tuple[int, ...]) -> Bytes:
     """What the model is drawn over, (h, w, 3): black where nothing is known of a frame."""
     if picture is not None:
         return picture
-    if silhouette is not None:
-        return silhouette_picture(silhouette)
+    if trimap is not None:
+        return trimap_picture(trimap)
     return np.zeros((*shape, 3), np.uint8)
 
 

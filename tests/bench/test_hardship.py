@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.bench.hardship import EATEN, SPECKS, Hardship, bitten, silhouettes_of, with_specks, write_harder
+from services.bench.hardship import EATEN, SPECKS, Hardship, bitten, trimaps_of, with_specks, write_harder
 from services.mocap.body.actor import Actor
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import silhouette_folder
-from services.mocap.take.pictures import SilhouetteReader
+from services.mocap.take.pictures import TrimapReader
 from services.mocap.take.tables import write_joints_csv
-from services.mocap.types import Mask
+from services.mocap.types import ACTOR, Mask
 
 
 def figure() -> Mask:
@@ -57,7 +57,7 @@ def test_an_empty_silhouette_has_nothing_to_bite_off() -> None:
 
 
 def masks_of(folder: Path, camera: str, frames: int) -> list[Mask]:
-    return list(SilhouetteReader(silhouette_folder(folder, camera), 0, frames))
+    return [trimap == ACTOR for trimap in TrimapReader(silhouette_folder(folder, camera), 0, frames)]
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_half_of_the_cameras_see_what_they_saw(
 ) -> None:
     take = open_take(small_take(n_cameras=5, frames=2, source="silhouettes"))
     actor = Actor(height=1.6)
-    silhouettes = silhouettes_of(take, tmp_path / "unused")
+    silhouettes = trimaps_of(take, tmp_path / "unused")
     write_harder(tmp_path / "half", take, silhouettes, actor, hardship)
     half = open_take(tmp_path / "half")
     assert [camera.name for camera in half.cameras] == left
@@ -81,7 +81,7 @@ def test_half_of_the_cameras_see_what_they_saw(
 
 def test_bad_silhouettes_differ_from_frame_to_frame_and_repeat_by_seed(small_take, tmp_path: Path) -> None:
     take = open_take(small_take(frames=2, source="silhouettes"))
-    silhouettes = silhouettes_of(take, tmp_path / "unused")
+    silhouettes = trimaps_of(take, tmp_path / "unused")
     for name in ("one", "other"):
         write_harder(tmp_path / name, take, silhouettes, Actor(), Hardship.NOISE)
     one, other = (masks_of(tmp_path / name, "cam02", 2) for name in ("one", "other"))
@@ -92,9 +92,9 @@ def test_bad_silhouettes_differ_from_frame_to_frame_and_repeat_by_seed(small_tak
     assert (changed[0] != changed[1]).any()
 
 
-def test_silhouettes_of_videos_are_segmented(small_take, tmp_path: Path) -> None:
+def test_trimaps_of_videos_are_segmented(small_take, tmp_path: Path) -> None:
     take = open_take(small_take(frames=2))
-    silhouettes = silhouettes_of(take, tmp_path / "segmented")
+    silhouettes = trimaps_of(take, tmp_path / "segmented")
     masks = list(silhouettes(take.cameras[0]))
     assert len(masks) == 2
     assert masks[0].any()
@@ -106,5 +106,5 @@ def test_the_truth_goes_with_the_take(small_take, tmp_path: Path) -> None:
     joints.parent.mkdir()
     write_joints_csv(joints, np.arange(2, dtype=np.int32), np.arange(2) / 10, np.ones((2, 15, 3)))
     take = open_take(folder)
-    write_harder(tmp_path / "harder", take, silhouettes_of(take, tmp_path), Actor(), Hardship.NOISE)
+    write_harder(tmp_path / "harder", take, trimaps_of(take, tmp_path), Actor(), Hardship.NOISE)
     assert (tmp_path / "harder" / "reference" / "joints.csv").read_bytes() == joints.read_bytes()

@@ -222,7 +222,7 @@ def test_a_plate_of_another_camera_setting_serves_once_corrected(
     def found() -> Mask:
         again = open_take(folder)
         (one,) = make_segmenters(again, again.cameras[:1], settings, "chroma:28af46")
-        return next(one.silhouettes(0, 1))
+        return next(one.trimaps(0, 1))
 
     true = ball_silhouette(take.cameras[0], 0)
     before = found()

@@ -65,7 +65,7 @@ def test_offsets_of_up_to_ten_frames_are_found_and_read(take: Path, recorded: Pa
     assert "# by hand" in (take / "take.toml").read_text()
     opened, original = open_take(take), open_take(recorded)
     for camera in opened.cameras:
-        for mask, same in zip(opened.silhouettes(camera), original.silhouettes(camera, 10), strict=False):
+        for mask, same in zip(opened.trimaps(camera), original.trimaps(camera, 10), strict=False):
             np.testing.assert_array_equal(mask, same)
     sync(take, reach=12, write=True)  # again: offsets that are there already do not add up
     assert read_settings(take / "take.toml") == settings

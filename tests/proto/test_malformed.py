@@ -16,6 +16,8 @@ from proto.messages import MESSAGES, Credit, Message, Pose, Silhouettes
 Header = dict[str, Any]
 _LONGEST_REASON = 300
 _CROWDED = "header holds a list or map of more than 1000 entries"
+_NONE = [0, 2, 3]
+"""The shape of unsure planes that there are none of."""
 _BAD_SIZE = "silhouettes.planes: a size is not a whole number in range"
 
 
@@ -67,23 +69,23 @@ def silhouettes_with(**changed: Any) -> list[bytes]:
         ([b"\x81\xa1v\x91" + b"\x91" * 5000 + b"\x01"], "header is not msgpack"),
         ([b"\x81\xa1v\xdb\xff\xff\xff\xff"], "header is not msgpack"),
         ([b"\x81\xa1v\xdd\xff\xff\xff\xff"], _CROWDED),
-        ([msgpack.packb({"v": 6, "x": [0] * 1001})], _CROWDED),
+        ([msgpack.packb({"v": 7, "x": [0] * 1001})], _CROWDED),
         ([msgpack.packb({str(k): 0 for k in range(1001)})], _CROWDED),
-        ([msgpack.packb({"v": 6, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
+        ([msgpack.packb({"v": 7, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
         ([b"\x81\xa1v\xd5\xff\x00\x00"], "header is not msgpack"),
         ([b"\x81\xa1v\xa1\xff"], "header is not msgpack"),
-        ([msgpack.packb({"v": 6, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
-        ([msgpack.packb({})], "protocol version is not 6"),
-        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], "protocol version is not 6"),
-        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 6"),
-        ([msgpack.packb({"v": 6.0, "type": "beat", "shapes": []})], "protocol version is not 6"),
-        ([msgpack.packb({"v": 6, "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 6, "type": "dance", "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 6, "type": ["beat"], "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 6, "type": "beat"})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 6, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 6, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 6, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 7, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
+        ([msgpack.packb({})], "protocol version is not 7"),
+        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], "protocol version is not 7"),
+        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 7"),
+        ([msgpack.packb({"v": 7.0, "type": "beat", "shapes": []})], "protocol version is not 7"),
+        ([msgpack.packb({"v": 7, "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 7, "type": "dance", "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 7, "type": ["beat"], "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": 7, "type": "beat"})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 7, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 7, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": 7, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
     ],
 )  # fmt: skip
 def test_bad_headers(frames: list[bytes], reason: str) -> None:
@@ -93,19 +95,25 @@ def test_bad_headers(frames: list[bytes], reason: str) -> None:
 @pytest.mark.parametrize(
     ("frames", "reason"),
     [
-        (silhouettes_frames()[:1], "silhouettes: expected 1 arrays"),
-        ([*silhouettes_frames(), b""], "silhouettes: expected 1 arrays"),
-        ([silhouettes_frames()[0], b"12345"], "silhouettes.planes: 5 bytes where the shape needs 6"),
-        ([silhouettes_frames()[0], b"1234567"], "silhouettes.planes: 7 bytes where the shape needs 6"),
-        (silhouettes_with(shapes=[[6]]), "silhouettes.planes: expected 3 dimensions"),
-        (silhouettes_with(shapes=[6]), "silhouettes.planes: expected 3 dimensions"),
-        (silhouettes_with(shapes=[[1, 2, -3]]), _BAD_SIZE),
-        (silhouettes_with(shapes=[[1, 2, 3.0]]), _BAD_SIZE),
-        (silhouettes_with(shapes=[[True, 2, 3]]), _BAD_SIZE),
-        (silhouettes_with(shapes=[[1, 2, 2**63]]), _BAD_SIZE),
+        (silhouettes_frames()[:1], "silhouettes: expected 2 arrays"),
+        ([*silhouettes_frames(), b""], "silhouettes: expected 2 arrays"),
+        ([silhouettes_frames()[0], b"12345", b""], "silhouettes.planes: 5 bytes where the shape needs 6"),
+        ([silhouettes_frames()[0], b"1234567", b""], "silhouettes.planes: 7 bytes where the shape needs 6"),
+        (silhouettes_with(shapes=[[6], _NONE]), "silhouettes.planes: expected 3 dimensions"),
+        (silhouettes_with(shapes=[6, _NONE]), "silhouettes.planes: expected 3 dimensions"),
+        (silhouettes_with(shapes=[[1, 2, -3], _NONE]), _BAD_SIZE),
+        (silhouettes_with(shapes=[[1, 2, 3.0], _NONE]), _BAD_SIZE),
+        (silhouettes_with(shapes=[[True, 2, 3], _NONE]), _BAD_SIZE),
+        (silhouettes_with(shapes=[[1, 2, 2**63], _NONE]), _BAD_SIZE),
         (
-            silhouettes_with(shapes=[[MAX_FRAME_BYTES] * 3]),
+            silhouettes_with(shapes=[[MAX_FRAME_BYTES] * 3, [0, MAX_FRAME_BYTES, MAX_FRAME_BYTES]]),
             f"silhouettes.planes: 6 bytes where the shape needs {MAX_FRAME_BYTES**3}",
+        ),
+        (silhouettes_with(shapes=[[1, 2, 3], [0, 2]]), "silhouettes.unsure: expected 3 dimensions"),
+        (silhouettes_with(shapes=[[1, 2, 3], [0, 3, 2]]), "silhouettes.unsure: size 3 where H is 2"),
+        (
+            silhouettes_with(shapes=[[1, 2, 3], [1, 2, 3]]),
+            "silhouettes.unsure: 0 bytes where the shape needs 6",
         ),
         (silhouettes_with(take=""), "silhouettes.take: String should have at least 1 character"),
         (silhouettes_with(take=b"walk"), "silhouettes.take: Input should be a valid string"),
@@ -242,10 +250,10 @@ def test_damaged_frames(message: Message, data: st.DataObject) -> None:
 
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.lists(st.integers(-1, MAX_FRAME_BYTES) | st.integers(0, 8), max_size=5), max_size=4))
-@example([[0, MAX_FRAME_BYTES, MAX_FRAME_BYTES]])
+@example([[0, MAX_FRAME_BYTES, MAX_FRAME_BYTES]] * 2)
 def test_any_shapes(shapes: list[list[int]]) -> None:
     decodes_or_is_malformed(silhouettes_with(shapes=shapes))
-    decodes_or_is_malformed([silhouettes_with(shapes=shapes)[0], b""])
+    decodes_or_is_malformed([silhouettes_with(shapes=shapes)[0], b"", b""])
 
 
 def test_reading_on_after_malformed_ones() -> None:

@@ -17,11 +17,12 @@ from typer.testing import CliRunner
 from services import cli
 from services.commands import consoles
 from services.mocap.camera.camera import Camera
+from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.pictures import read_silhouette
 from services.mocap.take.writer import video_writer
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import ACTOR, UNSURE, Bytes, Mask
 from services.segmentation import segmenters
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import check_segmenter, make_segmenters
@@ -36,10 +37,10 @@ def overlap(take: Take, ball: Ball, name: str) -> float:
     made = make_segmenters(take, take.cameras, SETTINGS, name)
     frames = take.settings.frames
     return min(
-        float((mask & true).sum() / (mask | true).sum())
+        float(((trimap == ACTOR) & true).sum() / ((trimap == ACTOR) | true).sum())
         for camera, of_camera in zip(take.cameras, made, strict=True)
-        for mask, true in zip(
-            of_camera.silhouettes(0, frames), [ball(camera, f) for f in range(frames)], strict=True
+        for trimap, true in zip(
+            of_camera.trimaps(0, frames), [ball(camera, f) for f in range(frames)], strict=True
         )
     )
 
@@ -132,6 +133,15 @@ class Stencil:
         return mask
 
 
+class Doubtful(Stencil):
+    def silhouette(self, image_bgr: Bytes) -> Any:
+        trimap = trimap_of(super().silhouette(image_bgr))
+        trimap[20:22] = self.doubt
+        return trimap
+
+    doubt: ClassVar[int] = UNSURE
+
+
 class Wrong(Stencil):
     def silhouette(self, image_bgr: Bytes) -> Any:
         return super().silhouette(image_bgr).astype(np.float32)
@@ -139,9 +149,10 @@ class Wrong(Stencil):
 
 @pytest.fixture
 def plug_ins(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Entry points stencil and wrong, as installed packages would have them."""
+    """Entry points stencil, doubtful and wrong, as installed packages would have them."""
     installed = EntryPoints(
-        EntryPoint(name, f"{__name__}:{name.title()}", segmenters.GROUP) for name in ("stencil", "wrong")
+        EntryPoint(name, f"{__name__}:{name.title()}", segmenters.GROUP)
+        for name in ("stencil", "doubtful", "wrong")
     )
     for module in ("segmenters", "foreign"):
         monkeypatch.setattr(
@@ -161,7 +172,7 @@ def test_a_plug_in(small_take: SmallTake, has_plate: bool) -> None:
     assert [name for name, _ in Stencil.given] == ["cam01", "cam02"]
     for _, plate in Stencil.given:
         assert (plate.shape == (48, 64, 3) and plate.dtype == np.uint8) if has_plate else plate is None
-    assert next(made[0].silhouettes(0, 1)).sum() == 100
+    assert np.count_nonzero(next(made[0].trimaps(0, 1)) == ACTOR) == 100
 
 
 @pytest.mark.usefixtures("plug_ins")
@@ -169,7 +180,17 @@ def test_a_plug_in_that_answers_nonsense(small_take: SmallTake) -> None:
     take = open_take(small_take())
     made = make_segmenters(take, take.cameras, SETTINGS, "wrong")
     with pytest.raises(UserError, match=r"--segmenter wrong: expected masks of .* got .* of float32"):
-        next(made[0].silhouettes(0, 1))
+        next(made[0].trimaps(0, 1))
+
+
+@pytest.mark.usefixtures("plug_ins")
+def test_a_plug_in_may_be_unsure(small_take: SmallTake, monkeypatch: pytest.MonkeyPatch) -> None:
+    take = open_take(small_take())
+    (trimap,) = make_segmenters(take, take.cameras, SETTINGS, "doubtful")[0].trimaps(0, 1)
+    assert (np.count_nonzero(trimap == ACTOR), np.count_nonzero(trimap == UNSURE)) == (100, 2 * 64)
+    monkeypatch.setattr(Doubtful, "doubt", 7)
+    with pytest.raises(UserError, match=r"--segmenter doubtful: expected 0 .* 128 .* 255 .* got 7: ask"):
+        next(make_segmenters(take, take.cameras, SETTINGS, "doubtful")[0].trimaps(0, 1))
 
 
 class RedNetwork:

@@ -49,14 +49,15 @@ def test_pictures_of_a_take(walk: Take) -> None:
         found = pictures.picture(2, frame)
         assert found is not None
         np.testing.assert_array_equal(found, expected[frame])
-    assert pictures.silhouette(2, 3) is None  # nobody makes any
+    assert pictures.trimap(2, 3) is None  # nobody makes any
 
 
 def test_silhouettes_that_somebody_makes(walk: Take) -> None:
     pictures = TakePictures(
-        walk, lambda _, start, stop: (np.full((2, 3), f % 2 == 0) for f in range(start, stop))
+        walk,
+        lambda _, start, stop: (np.full((2, 3), 255 * (f % 2 == 0), np.uint8) for f in range(start, stop)),
     )
-    even, odd = pictures.silhouette(0, 4), pictures.silhouette(0, 5)
+    even, odd = pictures.trimap(0, 4), pictures.trimap(0, 5)
     assert even is not None and odd is not None
     assert even.all() and not odd.any()
 

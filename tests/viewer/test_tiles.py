@@ -8,11 +8,12 @@ import pytest
 
 from services.mocap.body.actor import Body, build_body
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.export.model_painter import ModelPainter
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import Bytes, Floats, Trimap
 from services.viewer.reel import Shot
 from services.viewer.tiles import Look, Tile, TileArtist
 
@@ -33,8 +34,8 @@ class Fixed:
     def picture(self, camera: int, frame: int) -> Bytes | None:  # noqa: ARG002
         return np.full((*self._masks[camera].shape, 3), 90, np.uint8)
 
-    def silhouette(self, camera: int, frame: int) -> Mask | None:  # noqa: ARG002
-        return self._masks[camera]
+    def trimap(self, camera: int, frame: int) -> Trimap | None:  # noqa: ARG002
+        return trimap_of(self._masks[camera])
 
 
 @pytest.fixture

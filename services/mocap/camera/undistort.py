@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.types import Bytes, Ints, Mask
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Mask, Trimap
 
 
 class Undistorter:
@@ -47,6 +47,20 @@ class Undistorter:
             whole, fraction = (part[rows, columns] for part in self._maps)
             weight = cv2.remap(silhouette.astype(np.uint8) * 255, whole, fraction, cv2.INTER_LINEAR)
             undistorted[rows, columns] = weight > 127
+        return undistorted
+
+    def trimap(self, trimap: Trimap) -> Trimap:
+        """(H, W) trimap; a pixel is sure where `mask` says the same whatever the unsure pixels were.
+
+        Raises as image does.
+        """
+        self._check(trimap)
+        if self._maps is None:
+            return trimap
+        actor = self.mask(trimap == ACTOR)
+        undistorted: Trimap = np.where(actor, np.uint8(ACTOR), np.uint8(BACKGROUND))
+        if (trimap == UNSURE).any():
+            undistorted[self.mask(trimap != BACKGROUND) & ~actor] = UNSURE
         return undistorted
 
     def _check(self, picture: Bytes | Mask) -> None:

@@ -3,9 +3,12 @@
 Camera c stands in bit c % 8 of plane c // 8, so that any number of cameras makes a (P, H, W) buffer.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from services.mocap.types import Bytes, Ints, Mask
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Mask, Trimap
 
 CAMERAS_PER_PLANE = 8
 _BITS: Ints = (np.arange(256)[:, None] >> np.arange(CAMERAS_PER_PLANE) & 1).astype(np.int32)
@@ -28,6 +31,55 @@ def pack(masks: Mask) -> Bytes:
 def unpack(planes: Bytes, n_cameras: int) -> Mask:
     """Unpack planes (P, H, W) into masks (C, H, W)."""
     return np.array([camera_bit(planes, c) for c in range(n_cameras)], bool)
+
+
+@dataclass(frozen=True, eq=False)
+class TriPlanes:
+    """Trimaps of any number of cameras, packed into two buffers (P, H, W) that have no bit in common."""
+
+    silhouettes: Bytes
+    """What is surely actor."""
+    unsure: Bytes
+    """What nobody is sure of."""
+
+    @classmethod
+    def sure(cls, silhouettes: Bytes) -> "TriPlanes":
+        """Silhouettes (P, H, W) without an unsure pixel."""
+        return cls(silhouettes, np.zeros_like(silhouettes))
+
+    @classmethod
+    def of_sent(cls, planes: Bytes, unsure: Bytes) -> "TriPlanes":
+        """What a message holds: planes (P, H, W), and as many of unsure pixels, which win, or none."""
+        return cls(planes & ~unsure, unsure) if len(unsure) else cls.sure(planes)
+
+    @property
+    def possible(self) -> Bytes:
+        """(P, H, W) what may be actor."""
+        return self.silhouettes | self.unsure
+
+    @property
+    def sent_unsure(self) -> Bytes:
+        """Unsure pixels as a message holds them: (P, H, W), or (0, H, W) where there is none."""
+        return self.unsure if self.unsure.any() else self.unsure[:0]
+
+
+def pack_trimaps(trimaps: Sequence[Trimap]) -> TriPlanes:
+    """Pack trimaps, one (H, W) per camera."""
+    stacked = np.asarray(trimaps)
+    return TriPlanes(pack(stacked == ACTOR), pack(stacked == UNSURE))
+
+
+def unpack_trimaps(planes: TriPlanes, n_cameras: int) -> Trimap:
+    """Unpack planes (P, H, W) into trimaps (C, H, W)."""
+    unsure = np.where(unpack(planes.unsure, n_cameras), UNSURE, BACKGROUND)
+    trimaps: Trimap = np.where(unpack(planes.silhouettes, n_cameras), ACTOR, unsure).astype(np.uint8)
+    return trimaps
+
+
+def trimap_of(silhouette: Mask) -> Trimap:
+    """The trimap (H, W) of a silhouette (H, W) without an unsure pixel."""
+    trimap: Trimap = np.multiply(silhouette.view(np.uint8), ACTOR, dtype=np.uint8)
+    return trimap
 
 
 def camera_bit(planes: Bytes, camera: int) -> Mask:

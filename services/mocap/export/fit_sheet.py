@@ -8,7 +8,7 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.export.tiles import BEYOND_BGR, MISSED_BGR, Grid, draw_difference, grid_for
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import ACTOR, Bytes, Floats, Mask, Trimap
 
 _SCREEN_WIDTH_PX = 1920
 _NARROWEST_PX, _WIDEST_PX = 240, 480
@@ -25,7 +25,7 @@ class Seen:
     camera: Camera
     picture: Bytes
     """(H, W, 3) undistorted."""
-    silhouette: Mask
+    trimap: Trimap
     """(H, W)"""
 
 
@@ -49,7 +49,7 @@ def draw_fit(seen: Sequence[Seen], states: Sequence[Shown]) -> Bytes:
     columns = grid_for(cameras, _WIDEST_PX).columns
     grid = grid_for(cameras, int(np.clip(_SCREEN_WIDTH_PX / columns, _NARROWEST_PX, _WIDEST_PX)))
     cuts = [
-        _cut(one.silhouette | np.any([state.segment_masks[c] > 0 for state in states], axis=0), grid)
+        _cut((one.trimap == ACTOR) | np.any([state.segment_masks[c] > 0 for state in states], axis=0), grid)
         for c, one in enumerate(seen)
     ]
     return np.vstack([_block(seen, state, cuts, grid) for state in states])[:-_GAP_PX]
@@ -63,7 +63,7 @@ def _block(seen: Sequence[Seen], state: Shown, cuts: list[tuple[slice, slice]], 
         end = _write(block, text, (end + 20, _HEADER_PX - 11), colour_bgr)
     for c, one in enumerate(seen):
         model, cut = state.segment_masks[c], cuts[c]
-        tile = draw_difference(one.picture[cut], one.silhouette[cut], model[cut], grid)
+        tile = draw_difference(one.picture[cut], one.trimap[cut], model[cut], grid)
         _write(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), _WHITE_BGR)
         x, y = grid.tile_origin_px(c)
         y += _HEADER_PX

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.camera.camera import Camera
-from services.mocap.export.tiles import LEFT_BGR, RIGHT_BGR, draw_tile, grid_for, silhouette_picture
+from services.mocap.export.tiles import LEFT_BGR, RIGHT_BGR, draw_tile, grid_for, trimap_picture
 from services.mocap.take.writer import video_writer
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import Bytes, Trimap
 
 HEADER_PX = 40
 """Height of the line of text above the tiles."""
@@ -58,12 +58,12 @@ class OverlayWriter:
         segment_masks: Sequence[Bytes] | Bytes,
         energy: float,
         *,
-        silhouettes: Sequence[Mask] | None = None,
+        trimaps: Sequence[Trimap] | None = None,
     ) -> None:
         """Draw and write one frame.
 
         images: per camera the undistorted picture (H, W, 3), or None where there is none; there the
-        silhouette (H, W), if silhouettes are given, is drawn grey in its place, else the ground stays black.
+        trimap (H, W), if trimaps are given, is drawn in greys in its place, else the ground stays black.
         segment_masks: per camera (H, W), 0 = no model, 1 = centre, 2 = left limb, 3 = right limb; or
         (C, H, W). energy: in pixels. Raises ValueError on a number or size of them that is not the cameras'.
         """
@@ -73,12 +73,12 @@ class OverlayWriter:
             self._cameras,
             images,
             segment_masks,
-            [None] * len(self._cameras) if silhouettes is None else silhouettes,
+            [None] * len(self._cameras) if trimaps is None else trimaps,
             strict=True,
         )
-        for index, (camera, image, segment_mask, silhouette) in enumerate(inputs):
+        for index, (camera, image, segment_mask, trimap) in enumerate(inputs):
             _check_size(camera, segment_mask)
-            tile = draw_tile(_picture(camera, image, silhouette), segment_mask, self._grid)
+            tile = draw_tile(_picture(camera, image, trimap), segment_mask, self._grid)
             _write_text(tile, camera.name, (8, 22), _WHITE_BGR)
             x, y = self._grid.tile_origin_px(index)
             below_header = sheet[HEADER_PX:]
@@ -86,14 +86,14 @@ class OverlayWriter:
         self._video.write(sheet)
 
 
-def _picture(camera: Camera, image: Bytes | None, silhouette: Mask | None) -> Bytes:
+def _picture(camera: Camera, image: Bytes | None, trimap: Trimap | None) -> Bytes:
     """What the model is drawn over, (H, W, 3)."""
     if image is not None:
         _check_size(camera, image)
         return image
-    if silhouette is not None:
-        _check_size(camera, silhouette)
-        return silhouette_picture(silhouette)
+    if trimap is not None:
+        _check_size(camera, trimap)
+        return trimap_picture(trimap)
     return np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
 
 

@@ -6,7 +6,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.errors import UserError, nearest
 from services.mocap.export.model_painter import ModelPainter
-from services.mocap.export.tiles import draw_tile, grid_for, silhouette_picture
+from services.mocap.export.tiles import draw_tile, grid_for, trimap_picture
 from services.mocap.result.result import Result
 from services.mocap.take.folder import Take
 from services.mocap.types import Bytes
@@ -30,7 +30,7 @@ def draw_frame(result: Result, take: Take, camera: str, frame: int, *, width_px:
         with take.video(seen, frame, frame + 1) as video:
             picture = undistorter.image(next(iter(video)))
     else:
-        silhouette = next(iter(take.silhouettes(seen, frame, frame + 1)))
-        picture = silhouette_picture(undistorter.mask(silhouette))
+        trimap = next(iter(take.trimaps(seen, frame, frame + 1)))
+        picture = trimap_picture(undistorter.trimap(trimap))
     mask = ModelPainter(result.motion.body, Rig.of((seen,))).segment_masks(result.poses[rows[0]])[0]
     return draw_tile(picture, mask, grid_for([seen], width_px or seen.width_px))

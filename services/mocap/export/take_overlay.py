@@ -14,7 +14,7 @@ from services.mocap.export.model_painter import ModelPainter
 from services.mocap.export.overlay import OverlayWriter
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import PoseTable
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import Bytes, Trimap
 
 
 class _Hurried(Exception):  # noqa: N818  (a request, not an error)
@@ -35,7 +35,7 @@ def _draw(path: Path, take: Take, body: Body, table: PoseTable, hurry: Callable[
     painter = ModelPainter(body, Rig.of(take.cameras))
     with ExitStack() as stack:
         images = [_images(take, camera, start, stop, stack) for camera in take.cameras]
-        silhouettes = [_silhouettes(take, camera, start, stop) for camera in take.cameras]
+        trimaps = [_trimaps(take, camera, start, stop) for camera in take.cameras]
         writer = stack.enter_context(OverlayWriter(path, take.cameras, take.settings.fps))
         for n, frame in enumerate(table.frames.tolist()):
             if hurry():
@@ -46,7 +46,7 @@ def _draw(path: Path, take: Take, body: Body, table: PoseTable, hurry: Callable[
                 [next(pictures) for pictures in images],
                 painter.segment_masks(table.poses[n]),
                 float(table.energies_px[n]),
-                silhouettes=[next(masks) for masks in silhouettes],
+                trimaps=[next(of_camera) for of_camera in trimaps],
             )
 
 
@@ -57,9 +57,8 @@ def _images(take: Take, camera: Camera, start: int, stop: int, stack: ExitStack)
     return (undistorter.image(image) for image in stack.enter_context(take.video(camera, start, stop)))
 
 
-def _silhouettes(take: Take, camera: Camera, start: int, stop: int) -> Iterator[Mask]:
+def _trimaps(take: Take, camera: Camera, start: int, stop: int) -> Iterator[Trimap]:
     """Only for cameras without a video; the others' are not looked at."""
     if take.has_video(camera):
-        return iter([np.zeros((camera.height_px, camera.width_px), bool)] * (stop - start))
-    undistorter = Undistorter(camera)
-    return (undistorter.mask(mask) for mask in take.silhouettes(camera, start, stop))
+        return iter([np.zeros((camera.height_px, camera.width_px), np.uint8)] * (stop - start))
+    return map(Undistorter(camera).trimap, take.trimaps(camera, start, stop))

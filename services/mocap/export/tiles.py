@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
 
 # Told apart by the colour-blind too (after Okabe and Ito's set).
 CENTRE_BGR = (120, 220, 90)
@@ -25,6 +25,7 @@ _SMOOTHING_PX = 0.75
 
 SILHOUETTE_GREY = 128
 SILHOUETTE_GROUND_GREY = 24
+UNSURE_GREY = 76
 _SCREEN_SHAPE = (16, 9)
 _FULL_GRID_ZOOM = 0.7
 """How much smaller than in the best grid the tiles may be for the sake of a grid without gaps."""
@@ -74,10 +75,18 @@ def grid_for(cameras: Sequence[Camera], tile_width_px: int) -> Grid:
     return max(full or grids, key=lambda grid: (round(zoom(grid), 6), -grid.columns * grid.rows))
 
 
-def silhouette_picture(silhouette: Mask) -> Bytes:
-    """A silhouette (H, W) drawn grey, as a picture (H, W, 3)."""
-    grey = np.where(silhouette, SILHOUETTE_GREY, SILHOUETTE_GROUND_GREY).astype(np.uint8)
-    return np.repeat(grey[..., None], 3, axis=-1)
+def trimap_picture(trimap: Trimap) -> Bytes:
+    """A trimap (H, W) drawn in greys, as a picture (H, W, 3)."""
+    greys = np.full(256, SILHOUETTE_GROUND_GREY, np.uint8)
+    greys[[UNSURE, ACTOR]] = UNSURE_GREY, SILHOUETTE_GREY
+    return np.repeat(greys[trimap][..., None], 3, axis=-1)
+
+
+def differing_pixels(trimap: Trimap, segment_mask: Bytes) -> Mask:
+    """(H, W) where model and silhouette differ; unsure pixels never do."""
+    model = segment_mask > 0
+    differing: Mask = (model & (trimap == BACKGROUND)) | (~model & (trimap == ACTOR))
+    return differing
 
 
 def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
@@ -91,15 +100,15 @@ def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
     return _centred(shown, grid)
 
 
-def draw_difference(picture: Bytes, silhouette: Mask, segment_mask: Bytes, grid: Grid) -> Bytes:
+def draw_difference(picture: Bytes, trimap: Trimap, segment_mask: Bytes, grid: Grid) -> Bytes:
     """A tile: the picture with the model over it, and every differing pixel, however small, over both.
 
-    Arguments as draw_tile's, and the silhouette (H, W) that the model is compared with. What the model leaves
-    of it is yellow, what it covers beyond it magenta.
+    Arguments as draw_tile's, and the trimap (H, W) that the model is compared with. What the model leaves of
+    the actor is yellow, what it covers beyond it magenta; unsure pixels are neither.
     """
     size, model = _fitting(segment_mask.shape, grid), segment_mask
     shown = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR).astype(np.float32)
-    kinds = np.where(silhouette & (model == 0), _MISSED, np.where(silhouette | (model == 0), model, _BEYOND))
+    kinds = np.where(differing_pixels(trimap, model), np.where(model == 0, _MISSED, _BEYOND), model)
     kinds = cv2.resize(kinds.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     opacity = _OPACITIES[kinds][..., None]
     return _centred(np.rint((1 - opacity) * shown + opacity * _COLOURS[kinds]).astype(np.uint8), grid)

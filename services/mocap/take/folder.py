@@ -13,11 +13,11 @@ from services.mocap.camera.colour import ColourCorrection, read_colours
 from services.mocap.errors import TakeError, nearest
 from services.mocap.take import layout
 from services.mocap.take.pictures import (
-    SilhouetteReader,
+    TrimapReader,
     check_png,
     check_size,
     read_picture,
-    read_silhouette,
+    read_trimap,
 )
 from services.mocap.take.settings import TakeSettings, read_settings
 from services.mocap.take.tables import read_joints_csv
@@ -69,15 +69,14 @@ class Take:
         video = layout.background_video_path(self.folder, camera.name)
         return video.exists() or layout.background_picture_path(self.folder, camera.name).exists()
 
-    def silhouettes(self, camera: Camera, start: int = 0, stop: int | None = None) -> SilhouetteReader:
+    def trimaps(self, camera: Camera, start: int = 0, stop: int | None = None) -> TrimapReader:
         """A camera's raw silhouettes of frames `start` up to and without `stop` (default: the take's end)."""
         folder, ahead = (
             layout.silhouette_folder(self.folder, camera.name),
             self.settings.offset(camera.name),
         )
-        return SilhouetteReader(
-            folder, start + ahead, (self.settings.frames if stop is None else stop) + ahead
-        )
+        end = self.settings.frames if stop is None else stop
+        return TrimapReader(folder, start + ahead, end + ahead, self.settings.unsure)
 
     def without_offsets(self) -> "Take":
         """The same with every camera's files as they are, from their first frame on."""
@@ -166,7 +165,7 @@ def _check_silhouettes(take: Take, camera: Camera) -> None:
                 f"of {layout.SETTINGS}{_from(ahead)}"
             )
         check_png(path, camera)
-    read_silhouette(layout.silhouette_path(folder, ahead))
+    read_trimap(layout.silhouette_path(folder, ahead), take.settings.unsure)
 
 
 def _check_is_recorded(take: Take, camera: Camera, decoded: bool) -> None:

@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
 from services.mocap.take.layout import CALIBRATION, silhouette_path
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _THRESHOLD = 127
@@ -43,15 +43,33 @@ def check_size(path: Path, width_px: int, height_px: int, camera: Camera) -> Non
         )
 
 
-def read_silhouette(path: Path) -> Mask:
-    """(H, W), true where the file's grey is above 127; raises TakeError when it cannot be decoded."""
+def read_trimap(path: Path, unsure: Sequence[int] = (UNSURE, UNSURE)) -> Trimap:
+    """(H, W): unsure where the file's grey is one of those, else actor where it is above 127.
+
+    unsure: the lowest and the highest grey that mean so, or none. Raises TakeError when the file cannot be
+    decoded or looks as if it had other greys.
+    """
     grey = _decoded(path, cv2.IMREAD_GRAYSCALE)
+    trimap = np.asarray(cv2.LUT(grey, _meanings(unsure)), np.uint8)
     brightest = int(grey.max())
-    if 0 < brightest <= _THRESHOLD:
+    if brightest > 0 and not trimap.any():
         raise TakeError(
             f"{path}: its brightest grey is {brightest}: expected 0 outside the actor, 255 inside"
         )
-    return np.asarray(grey > _THRESHOLD)
+    return trimap
+
+
+def _meanings(unsure: Sequence[int]) -> Trimap:
+    """(256,) what every grey means."""
+    meanings: Trimap = np.where(np.arange(256) > _THRESHOLD, ACTOR, BACKGROUND).astype(np.uint8)
+    if unsure:
+        meanings[unsure[0] : unsure[1] + 1] = UNSURE
+    return meanings
+
+
+def read_silhouette(path: Path) -> Mask:
+    """(H, W), true where a file's grey is above 127, and unsure greys are not; raises as read_trimap does."""
+    return np.asarray(read_trimap(path) == ACTOR)
 
 
 def read_picture(path: Path) -> Bytes:
@@ -59,21 +77,23 @@ def read_picture(path: Path) -> Bytes:
     return _decoded(path, cv2.IMREAD_COLOR)
 
 
-class SilhouetteReader:
-    """One camera's silhouettes (H, W), from frame `start` up to and without `stop`, read one at a time."""
+class TrimapReader:
+    """One camera's trimaps (H, W), from frame `start` up to and without `stop`, read one at a time."""
 
-    def __init__(self, folder: Path, start: int, stop: int) -> None:
+    def __init__(self, folder: Path, start: int, stop: int, unsure: Sequence[int] = (UNSURE, UNSURE)) -> None:
+        """unsure: the lowest and the highest grey that mean so, or none."""
         self.folder, self.start, self.stop = folder, start, stop
+        self._unsure = unsure
 
     def __len__(self) -> int:
         return self.stop - self.start
 
-    def __iter__(self) -> Iterator[Mask]:
+    def __iter__(self) -> Iterator[Trimap]:
         return (self.read(frame) for frame in range(self.start, self.stop))
 
-    def read(self, frame: int) -> Mask:
-        """One frame's silhouette; raises TakeError when it is missing or cannot be decoded."""
-        return read_silhouette(silhouette_path(self.folder, frame))
+    def read(self, frame: int) -> Trimap:
+        """One frame's trimap; raises TakeError when it is missing or cannot be decoded."""
+        return read_trimap(silhouette_path(self.folder, frame), self._unsure)
 
 
 def _bytes(path: Path) -> bytes:

@@ -11,7 +11,7 @@ from services.mocap.atomic import atomic_file
 from services.mocap.body.skeleton import DOFS
 from services.mocap.camera.calibration import Up
 from services.mocap.errors import TakeError, load_toml, nearest, validated
-from services.mocap.types import Floats
+from services.mocap.types import UNSURE, Floats
 
 _DOF_OF_COLUMN = {dof.column: (i, dof) for i, dof in enumerate(DOFS)}
 
@@ -46,6 +46,11 @@ class TakeSettings(BaseModel):
         default={},
         description="a table of whole frames, 0 or more, by which cameras are ahead, such as cam02 = 3",
     )
+    unsure: list[int] = Field(
+        default=[UNSURE, UNSURE],
+        description="the lowest and the highest grey of silhouettes that mean unsure, 1 to 254, such as "
+        "[64, 191], or [] if none does",
+    )
     initial_pose: dict[str, float] = Field(
         default={}, description="a table of pose parameters in metres and radians, such as root_x_m = 0.5"
     )
@@ -61,6 +66,16 @@ class TakeSettings(BaseModel):
                     "that is farthest behind needs"
                 )
         return offsets
+
+    @field_validator("unsure")
+    @classmethod
+    def _none_or_a_range(cls, unsure: list[int]) -> list[int]:
+        if unsure and not (len(unsure) == 2 and 1 <= unsure[0] <= unsure[1] <= 254):
+            raise ValueError(
+                "expected two greys from 1 to 254, the lower one first, such as [64, 191], or [] if none "
+                f"means unsure, found {unsure}"
+            )
+        return unsure
 
     @field_validator("initial_pose")
     @classmethod
@@ -109,6 +124,8 @@ def read_settings(path: Path) -> TakeSettings:
 def write_settings(path: Path, settings: TakeSettings) -> None:
     """Writes take.toml, without the fields that were left out."""
     fields = settings.model_dump(exclude_none=True)
+    if settings.unsure == [UNSURE, UNSURE]:
+        del fields["unsure"]
     for table in ("offsets", "initial_pose"):
         if not fields[table]:
             del fields[table]

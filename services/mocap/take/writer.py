@@ -20,7 +20,7 @@ from services.mocap.take import layout
 from services.mocap.take.settings import TakeSettings, write_settings
 from services.mocap.take.tables import write_joints_csv
 from services.mocap.take.world import to_take_world
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import Bytes, Floats, Mask, Trimap
 
 NEAR_LOSSLESS_CRF = 12
 _KEYFRAME_EVERY_S = 2  # so that browsers seek quickly, and readers that start in the middle
@@ -104,8 +104,11 @@ def video_writer(
         writer.finish()
 
 
-def write_picture(path: Path, picture: Bytes | Mask) -> None:
-    """A PNG of a BGR (H, W, 3) picture or of a (H, W) silhouette (0 and 255); makes the folder if missing."""
+def write_picture(path: Path, picture: Bytes | Trimap | Mask) -> None:
+    """A PNG of a BGR (H, W, 3) picture, a (H, W) trimap or a (H, W) silhouette (0 and 255).
+
+    Makes the folder if it is missing.
+    """
     pixels = picture.astype(np.uint8) * (255 if picture.dtype == np.bool_ else 1)
     with atomic_file(path) as part:
         part.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
@@ -133,8 +136,8 @@ class TakeWriter:
         """A camera's clean plate as one (H, W, 3) picture."""
         write_picture(layout.background_picture_path(self.folder, camera.name), picture_bgr)
 
-    def silhouette(self, camera: Camera, frame: int, silhouette: Mask) -> None:
-        """One (H, W) silhouette of a camera."""
+    def silhouette(self, camera: Camera, frame: int, silhouette: Mask | Trimap) -> None:
+        """One (H, W) silhouette or trimap of a camera."""
         folder = layout.silhouette_folder(self.folder, camera.name)
         write_picture(layout.silhouette_path(folder, frame), silhouette)
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.take.live import LiveTake
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import Bytes, Trimap
 from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.live.clock import CoordinatorClock
@@ -44,19 +45,19 @@ class Silhouetter:
         }
         self.planes(Shot(0, 0.0, black))
 
-    def planes(self, shot: Shot) -> tuple[list[int], Bytes]:
-        """Which cameras of the group have a picture of a shot, and bit-planes (P, H, W) of these."""
+    def planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
+        """Which cameras of the group have a picture of a shot, and planes (P, H, W) of these."""
         there = sorted(shot.taken)
-        masks = [self._mask(k, shot.taken[k].image) for k in there]
+        trimaps = [self._trimap(k, shot.taken[k].image) for k in there]
         if self._sees_all:
-            masks = drop_unsupported(self._rig(tuple(there)), masks)
-        return there, packed(masks, self._width_px, self._height_px)
+            trimaps = drop_unsupported(self._rig(tuple(there)), trimaps)
+        return there, packed(trimaps, self._width_px, self._height_px)
 
-    def _mask(self, k: int, image: Bytes) -> Mask:
-        """The undistorted silhouette (h, w) of a picture (h, w, 3) as the camera gave it."""
+    def _trimap(self, k: int, image: Bytes) -> Trimap:
+        """The undistorted trimap (h, w) of a picture (h, w, 3) as the camera gave it."""
         colour = self._colours[k]
         corrected = image if colour is None else colour.apply(image)
-        return self._undistorters[k].mask(self._mattes[k].silhouette(corrected))
+        return self._undistorters[k].trimap(self._mattes[k].trimap(corrected))
 
     def _rig(self, there: tuple[int, ...]) -> Rig:
         if there not in self._rigs:

@@ -98,7 +98,8 @@ class Talk:
             shot=shot.number,
             cameras=[self._cameras[k] for k in there],
             times_s=[shot.taken[k].time_s for k in there],
-            planes=planes,
+            planes=planes.silhouettes,
+            unsure=planes.sent_unsure,
         )
         if send(self._silhouettes.socket, message):
             FRAMES.inc()

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import Undistorter
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Floats
 
 CAMERA = Camera(
     name="cam01",
@@ -131,3 +131,19 @@ def test_a_silhouette_comes_out_as_if_the_whole_picture_were_undistorted(
     undistorter = Undistorter(camera)
     whole = undistorter.image(np.repeat(disc[..., None], 3, axis=2))[..., 0] > 127
     assert np.array_equal(undistorter.mask(disc > 0), whole)
+
+
+@pytest.mark.parametrize("camera", [*LENSES.values(), CAMERA.undistorted()])
+@given(seed=st.integers(0, 1000))
+def test_a_trimap_is_sure_of_what_it_is_whatever_unsure_pixels_are(camera: Camera, seed: int) -> None:
+    rng, undistorter = np.random.default_rng(seed), Undistorter(camera)
+    coarse = rng.choice(np.array([BACKGROUND, UNSURE, ACTOR], np.uint8), (12, 16))
+    trimap = np.ascontiguousarray(coarse.repeat(20, axis=0).repeat(20, axis=1))
+    found = undistorter.trimap(trimap)
+    assert np.array_equal(found == ACTOR, undistorter.mask(trimap == ACTOR))
+    assert np.array_equal(found == BACKGROUND, ~undistorter.mask(trimap != BACKGROUND))
+    filled = np.where(
+        trimap == UNSURE, rng.choice(np.array([BACKGROUND, ACTOR], np.uint8), trimap.shape), trimap
+    )
+    sure = found != UNSURE
+    assert np.array_equal(undistorter.trimap(filled)[sure], found[sure])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from services.mocap.camera.camera import Camera
+from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.export.fit_sheet import Seen, Shown, draw_fit
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import ACTOR, Bytes, Mask
 
 _MISSED, _BEYOND = np.array([0, 235, 255]), np.array([255, 0, 255])
 
@@ -20,14 +21,16 @@ def _close_to(sheet: Bytes, colour: Bytes) -> Mask:
 def seen(small_cameras: Callable[[int], list[Camera]], ball_silhouette: Callable[..., Mask]) -> list[Seen]:
     return [
         Seen(
-            camera, np.full((camera.height_px, camera.width_px, 3), 90, np.uint8), ball_silhouette(camera, 0)
+            camera,
+            np.full((camera.height_px, camera.width_px, 3), 90, np.uint8),
+            trimap_of(ball_silhouette(camera, 0)),
         )
         for camera in small_cameras(3)
     ]
 
 
 def _shown(seen: list[Seen], dx_px: int = 0) -> Shown:
-    masks = [np.roll(one.silhouette, dx_px, axis=1).astype(np.uint8) for one in seen]
+    masks = [np.roll(one.trimap // ACTOR, dx_px, axis=1) for one in seen]
     return Shown("a title", masks, np.full(len(seen), 0.5))
 
 
@@ -52,6 +55,6 @@ def test_states_stand_one_below_the_other(seen: list[Seen]) -> None:
 
 
 def test_an_empty_camera_is_shown_whole(seen: list[Seen]) -> None:
-    nobody = [Seen(one.camera, one.picture, np.zeros_like(one.silhouette)) for one in seen]
+    nobody = [Seen(one.camera, one.picture, np.zeros_like(one.trimap)) for one in seen]
     sheet = draw_fit(nobody, [_shown(nobody)])
     assert (np.abs(sheet[34:].astype(int) - 90).max(axis=2) == 0).mean() > 0.5

@@ -17,7 +17,7 @@ from services.mocap.export.tiles import (
     SILHOUETTE_GROUND_GREY,
     grid_for,
 )
-from services.mocap.types import Bytes
+from services.mocap.types import ACTOR, Bytes
 
 GROUND = 100
 HALF_WAY = {
@@ -188,11 +188,11 @@ def test_cameras_of_other_shapes_get_bars(tmp_path: Path) -> None:
 
 def test_without_pictures_the_silhouette_is_grey(tmp_path: Path) -> None:
     cameras = [camera("pictured"), camera("silhouetted"), camera("black")]
-    silhouette = np.zeros((120, 160), bool)
-    silhouette[:, 80:] = True
+    trimap = np.zeros((120, 160), np.uint8)
+    trimap[:, 80:] = ACTOR
     none = np.zeros((3, 120, 160), np.uint8)
     with OverlayWriter(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=160) as overlay:
-        overlay.add(0, 0.0, [ground(cameras[0]), None, None], none, 0.0, silhouettes=[silhouette] * 3)
+        overlay.add(0, 0.0, [ground(cameras[0]), None, None], none, 0.0, trimaps=[trimap] * 3)
         overlay.add(1, 0.0, [ground(cameras[0]), None, None], none, 0.0)
     first, second = (tiles(sheet, cameras, 160) for sheet in decoded(tmp_path / "o.mp4"))
     np.testing.assert_allclose(at(first[0], 0.75, 0.5), GROUND, atol=3)

@@ -6,7 +6,9 @@ from typing import TypeAlias
 import numpy as np
 import pytest
 
+from services.mocap.take.folder import open_take
 from services.mocap.take.writer import write_picture
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE
 
 SmallTake: TypeAlias = Callable[..., Path]
 Refusal: TypeAlias = Callable[[Path], str]
@@ -72,3 +74,34 @@ def test_an_empty_clean_plate_picture(small_take: SmallTake, refusal: Refusal) -
     folder = small_take(clean_plate="picture")
     _empty(folder / "background/cam01.png")
     assert refusal(folder) == "background/cam01.png: is empty (0 bytes): export it again"
+
+
+@pytest.mark.parametrize(
+    ("unsure", "expected"),
+    [
+        (None, [BACKGROUND, BACKGROUND, BACKGROUND, UNSURE, ACTOR, ACTOR]),
+        ([64, 191], [BACKGROUND, BACKGROUND, UNSURE, UNSURE, UNSURE, ACTOR]),
+        ([1, 254], [BACKGROUND, UNSURE, UNSURE, UNSURE, UNSURE, ACTOR]),
+        ([], [BACKGROUND, BACKGROUND, BACKGROUND, ACTOR, ACTOR, ACTOR]),
+    ],
+)
+def test_greys_of_a_matte(small_take: SmallTake, unsure: list[int] | None, expected: list[int]) -> None:
+    folder = small_take(source="silhouettes", **({} if unsure is None else {"unsure": unsure}))
+    matte = np.zeros((48, 64), np.uint8)
+    matte[10:16] = np.array([0, 63, 127, 128, 191, 255], np.uint8)[:, None]
+    write_picture(folder / "silhouettes/cam02/000001.png", matte)
+    take = open_take(folder)
+    (trimap,) = take.trimaps(take.cameras[1], 1, 2)
+    assert trimap[10:16, 7].tolist() == expected
+    assert not trimap[:10].any()
+
+
+@pytest.mark.parametrize("unsure", [[0, 9], [200, 100], [5], [9, 255]])
+def test_greys_that_cannot_mean_unsure(small_take: SmallTake, refusal: Refusal, unsure: list[int]) -> None:
+    folder = small_take(source="silhouettes")
+    settings = folder / "take.toml"
+    settings.write_text(f"unsure = {unsure}\n" + settings.read_text())
+    assert refusal(folder) == (
+        "take.toml: unsure: expected two greys from 1 to 254, the lower one first, such as [64, 191], or [] "
+        f"if none means unsure, found {unsure}"
+    )

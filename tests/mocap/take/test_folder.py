@@ -14,7 +14,7 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import read_joints_csv
 from services.mocap.take.writer import take_writer, write_picture
-from services.mocap.types import Mask
+from services.mocap.types import ACTOR, Mask
 
 SmallTake: TypeAlias = Callable[..., Path]
 SmallCameras: TypeAlias = Callable[[int], list[Camera]]
@@ -43,9 +43,9 @@ def test_the_shared_takes_open(
     if n_plates:
         assert sum(plate.shape == picture.shape for plate in take.background(camera)) == n_plates
     else:
-        (silhouette,) = take.silhouettes(camera, last)
+        (silhouette,) = take.trimaps(camera, last)
         assert silhouette.shape == picture.shape[:2]
-        assert 0.02 < silhouette.mean() < 0.5
+        assert 0.02 < (silhouette == ACTOR).mean() < 0.5
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
@@ -79,8 +79,8 @@ def test_a_written_take_is_read_again(
     assert sorted(pose) == [0.9, 1.0] + [7.0] * 33
     for camera, read in zip(cameras, take.cameras, strict=True):
         np.testing.assert_allclose(read.P_px_world, camera.P_px_world, atol=1e-9)
-        for frame, silhouette in enumerate(take.silhouettes(read)):
-            np.testing.assert_array_equal(silhouette, ball_silhouette(camera, frame))
+        for frame, trimap in enumerate(take.trimaps(read)):
+            np.testing.assert_array_equal(trimap == ACTOR, ball_silhouette(camera, frame))
     table = read_joints_csv(tmp_path / "mine" / "reference" / "joints.csv")
     axes = [1, 2, 0] if up == "y" else [0, 1, 2]  # a y-up world's x, y, z are the inside world's y, z, x
     np.testing.assert_allclose(table.joints_take_m, joints_world_m[..., axes], atol=1e-9)
