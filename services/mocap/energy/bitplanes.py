@@ -35,7 +35,10 @@ def unpack(planes: Bytes, n_cameras: int) -> Mask:
 
 @dataclass(frozen=True, eq=False)
 class TriPlanes:
-    """Trimaps of any number of cameras, packed into two buffers (P, H, W) that have no bit in common."""
+    """Trimaps of any number of cameras, packed into two buffers (P, H, W) that have no bit in common.
+
+    Of several frames they are (F, P, H, W), and an index chooses some of these.
+    """
 
     silhouettes: Bytes
     """What is surely actor."""
@@ -52,9 +55,15 @@ class TriPlanes:
         """What a message holds: planes (P, H, W), and as many of unsure pixels, which win, or none."""
         return cls(planes & ~unsure, unsure) if len(unsure) else cls.sure(planes)
 
+    def __len__(self) -> int:
+        return len(self.silhouettes)
+
+    def __getitem__(self, frames: int | Ints) -> "TriPlanes":
+        return TriPlanes(self.silhouettes[frames], self.unsure[frames])
+
     @property
     def possible(self) -> Bytes:
-        """(P, H, W) what may be actor."""
+        """What may be actor."""
         return self.silhouettes | self.unsure
 
     @property

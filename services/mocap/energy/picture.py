@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import camera_bit, count_bits, n_planes, pack
+from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, camera_bit, count_bits, n_planes, pack
 from services.mocap.types import Bytes, Floats, Ints
 
 _Pixel = TypeVar("_Pixel", np.bool_, np.int32)
@@ -58,22 +58,34 @@ class Picture:
     silhouettes: Bytes
     """(P, h, w) bit-planes of the input."""
     ignored: Bytes
-    """(P, h, w) bit-planes of the pixels that count for nothing: outside the picture, or pre-rendered."""
+    """(P, h, w) bit-planes of the pixels that count for nothing: outside the picture, unsure, or
+    pre-rendered."""
     prices: Ints | None = None
     """(C, h, w) what each pixel costs if it differs, in steps as Cost.priced has them; None: all the same."""
+    unsure: Bytes | None = None
+    """(P, h, w) bit-planes of unsure pixels, where the input's contour is not known; None: there are none."""
 
     @classmethod
-    def whole(cls, rig: Rig, silhouettes: Bytes) -> "Picture":
-        """All of every camera's picture, from silhouettes (P, H, W)."""
-        return cls.of_region(rig, Region.whole(rig), silhouettes)
+    def whole(cls, rig: Rig, silhouettes: Bytes, unsure: Bytes | None = None) -> "Picture":
+        """All of every camera's picture, from silhouettes (P, H, W) and unsure pixels, if there are any."""
+        return cls.of_region(rig, Region.whole(rig), silhouettes, unsure)
 
     @classmethod
-    def of_region(cls, rig: Rig, region: Region, silhouettes: Bytes) -> "Picture":
-        """A region at full resolution with its silhouettes (P, h, w); raises ValueError for another shape."""
+    def of_region(
+        cls, rig: Rig, region: Region, silhouettes: Bytes, unsure: Bytes | None = None
+    ) -> "Picture":
+        """A region at full resolution with its silhouettes (P, h, w), and as many unsure planes or None.
+
+        A pixel that is set in both is unsure. Raises ValueError for planes of another shape.
+        """
         expected = (n_planes(rig.n_cameras), region.height_px, region.width_px)
-        if silhouettes.shape != expected:
-            raise ValueError(f"silhouettes: expected shape {expected}, got {silhouettes.shape}")
-        return cls(region, silhouettes, region.outside(rig))
+        for name, planes in (("silhouettes", silhouettes), ("unsure", unsure)):
+            if planes is not None and planes.shape != expected:
+                raise ValueError(f"{name}: expected shape {expected}, got {planes.shape}")
+        outside = region.outside(rig)
+        if unsure is None or not unsure.any():
+            return cls(region, silhouettes, outside)
+        return cls(region, silhouettes & ~unsure, outside | unsure, unsure=unsure)
 
     def ignoring(self, planes: Bytes) -> "Picture":
         """The same picture in which the pixels set in planes (P, h, w) count for nothing as well."""
@@ -92,6 +104,7 @@ class Picture:
             region,
             _halve(self.silhouettes, n_cameras, at_least=2),
             _halve(self.ignored, n_cameras, at_least=1),
+            unsure=None if self.unsure is None else _halve(self.unsure, n_cameras, at_least=1),
         )
 
     def window(self, origin_px: Ints, width_px: int, height_px: int) -> "Picture":
@@ -99,26 +112,35 @@ class Picture:
 
         What lies outside is ignored.
         """
-        n_cameras, size = len(origin_px), (width_px, height_px)
-        shape = (n_planes(n_cameras), height_px, width_px)
-        silhouettes, ignored = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-        corners = origin_px - self.region.origin_px
-        for c, corner in enumerate(corners):
-            plane, bit = divmod(c, 8)
-            silhouettes[plane] |= (
-                _cut(camera_bit(self.silhouettes, c), corner, size, False).astype(np.uint8) << bit
-            )
-            ignored[plane] |= _cut(camera_bit(self.ignored, c), corner, size, True).astype(np.uint8) << bit
-        prices = None
+        size, corners = (width_px, height_px), origin_px - self.region.origin_px
+        silhouettes = _cut_planes(self.silhouettes, corners, size, False)
+        ignored = _cut_planes(self.ignored, corners, size, True)
+        prices = unsure = None
         if self.prices is not None:
             prices = np.array([_cut(p, at, size, 0) for p, at in zip(self.prices, corners, strict=True)])
+        if self.unsure is not None:
+            cut = _cut_planes(self.unsure, corners, size, False)
+            unsure = cut if cut.any() else None
         region = Region(origin_px, width_px, height_px, self.region.scale)
-        return Picture(region, silhouettes, ignored, prices)
+        return Picture(region, silhouettes, ignored, prices, unsure)
+
+    @property
+    def sent_unsure(self) -> Bytes:
+        """Unsure pixels as a message holds them: (P, h, w), or (0, h, w) where there is none."""
+        return self.silhouettes[:0] if self.unsure is None else self.unsure
 
     @property
     def n_foreground(self) -> int:
         """How many counted pixels are set, over all cameras."""
         return count_bits(self.silhouettes & ~self.ignored)
+
+    def likely(self, covered: Bytes) -> Bytes:
+        """(P, h, w) counted pixels that are set, and unsure ones that a model covers (P, h, w).
+
+        Shares are told of these: of the sure ones alone, little could seem to be much.
+        """
+        sure: Bytes = self.silhouettes & ~self.ignored
+        return sure if self.unsure is None else sure | self.unsure & covered
 
 
 def _halve(planes: Bytes, n_cameras: int, at_least: int) -> Bytes:
@@ -126,6 +148,15 @@ def _halve(planes: Bytes, n_cameras: int, at_least: int) -> Bytes:
     masks = np.array([camera_bit(planes, c)[:height, :width] for c in range(n_cameras)], np.uint8)
     counts = masks[:, ::2, ::2] + masks[:, 1::2, ::2] + masks[:, ::2, 1::2] + masks[:, 1::2, 1::2]
     return pack(counts >= at_least)
+
+
+def _cut_planes(planes: Bytes, corners: Ints, size: tuple[int, int], fill: bool) -> Bytes:
+    """Cut size (width, height) out of planes (P, H, W), at one corner (x, y) per camera."""
+    cut = np.zeros((n_planes(len(corners)), size[1], size[0]), np.uint8)
+    for c, corner in enumerate(corners):
+        plane, bit = divmod(c, CAMERAS_PER_PLANE)
+        cut[plane] |= _cut(camera_bit(planes, c), corner, size, fill).astype(np.uint8) << bit
+    return cut
 
 
 def _cut(image: NDArray[_Pixel], corner: Ints, size: tuple[int, int], fill: int) -> NDArray[_Pixel]:

@@ -23,10 +23,11 @@ NOT_ALONE = (
 def uncovered_share(model: Model, picture: Picture, pose: Floats, settings: SearchSettings) -> float:
     """How much of the silhouettes of a whole frame a body in a pose (35,) leaves uncovered.
 
-    On average over the cameras that show anybody and have a weight.
+    On average over the cameras that show anybody and have a weight. Unsure pixels that the body covers belong
+    to the silhouettes, so that little of it that is surely seen elsewhere does not seem to be much.
     """
     covered = model.backend.coverage(pose[None], ALL_SEGMENTS, picture.region)[0]
-    seen = picture.silhouettes & ~picture.ignored
+    seen = picture.likely(covered)
     all_px, left_px = (
         unpack(planes, model.rig.n_cameras).sum(axis=(1, 2)) for planes in (seen, seen & ~covered)
     )

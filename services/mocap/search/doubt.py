@@ -47,7 +47,7 @@ class Differences:
     nearest_px: dict[Part, int]
     """Pixels that are nearer to each part than to any other."""
     share: float
-    """All of these pixels over the input's."""
+    """All of these pixels over the input's, and those unsure ones that the model covers."""
 
 
 def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> Differences:
@@ -57,7 +57,7 @@ def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> D
     thick = _inner(missing) | _inner(surplus)
     px: dict[Part, int] = dict.fromkeys(PARTS, 0)
     px["torso"] = count_bits(thick)
-    share = px["torso"] / max(whole.n_foreground, 1)
+    share = px["torso"] / max(count_bits(whole.likely(covered)), 1)
     if not px["torso"]:
         return Differences(px, px.copy(), share)
     for part, stage in PART_STAGES.items():
@@ -155,8 +155,13 @@ class Trust:
 def confidences(rim_px: Floats) -> dict[Part, float]:
     """Per part the share of its visible rim that lies on a contour; rim_px as Aligned has it.
 
-    A part of which hardly anything shows is left out.
+    A part of which hardly anything shows is left out, and one most of whose rim is among unsure pixels: what
+    is left of it says little about the part.
     """
     parts = {"torso": _TORSO, **{part: stage.segments for part, stage in PART_STAGES.items()}}
     shown = {part: rim_px[list(segments)].sum(axis=0) for part, segments in parts.items()}
-    return {part: float(on / all_px) for part, (all_px, on, _) in shown.items() if all_px > 20.0}
+    return {
+        part: float(on / all_px)
+        for part, (all_px, on, _, unsure_px) in shown.items()
+        if all_px > max(20.0, unsure_px)
+    }

@@ -11,6 +11,7 @@ from services.mocap.energy.bitplanes import count_bits
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned
+from services.mocap.search.alignment.pulls import SHARES
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
 from services.mocap.search.doubt import Differences, Trust, confidences, differences
 from services.mocap.search.found import Clock, FrameSolution
@@ -69,7 +70,7 @@ class _Search:
 
     def best_of(self, poses: Floats) -> _Seen:
         """The first of the cheapest poses (N, 35)."""
-        nothing = np.zeros((len(ALL_SEGMENTS), 3))
+        nothing = np.zeros((len(ALL_SEGMENTS), SHARES))
         return min((self.see(Aligned(pose.copy(), 0.0, nothing)) for pose in poses), key=lambda s: s.energy)
 
     def align(self, start: _Seen) -> _Seen:

@@ -91,6 +91,8 @@ def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Mode
 
 
 def test_confidence_is_the_share_of_the_rim_on_a_contour() -> None:
-    rim_px = np.zeros((16, 3))
-    rim_px[3] = 100.0, 80.0, 10.0  # the head
+    rim_px = np.zeros((16, 4))
+    rim_px[3] = 100.0, 80.0, 10.0, 90.0  # the head
     assert confidences(rim_px) == {"head": 0.8}
+    rim_px[3, 3] = 110.0
+    assert confidences(rim_px) == {}

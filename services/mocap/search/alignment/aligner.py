@@ -15,13 +15,14 @@ from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, N_JOINTS
 from services.mocap.body.skeleton import DOFS, LOWER, SEGMENT_NAMES, UPPER
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import count_by_camera
 from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import lenses_of
 from services.mocap.energy.cpu.mesh import FlatMesh
 from services.mocap.energy.cpu.outline import scratch_for
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.alignment.pulls import OWN_REACH_PX, SHARES, pull_scratch
+from services.mocap.search.alignment.pulls import OWN_REACH_PX, SHARES, Input, pull_scratch
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, REFERENCE_WIDTH_PX
@@ -72,8 +73,8 @@ class Aligned:
     prior_cost: float
     """What being off the pose that is likely without looking counts: weights times the squares of how far."""
     rim_px: Floats
-    """(16, 3) per segment, summed over the cameras: the length of its rim that shows, what of it lies on a
-    contour, and what found none in reach."""
+    """(16, SHARES) per segment, summed over the cameras: the length of its rim that shows, what of it lies on
+    a contour, and what found none in reach; and the length of which unsure pixels hide where it should be."""
 
 
 class Aligner:
@@ -120,11 +121,11 @@ class Aligner:
             self._sizes_px(region),
         )
         pulling, stages = np.array(segments, np.int32), self._stages(settings)
-        planes = np.array(picture.silhouettes)  # to Numba one that is read-only is of another type
+        seen = _seen(picture)
         fineness = (stages[:-_FINE_STEPS], 1.0), (stages[-_FINE_STEPS:], _FINE)
         for rim, (steps, share) in zip(self._rims, fineness, strict=True):
             follow(
-                moved, self._offsets_m, _ALL_JOINTS, planes, drawing, share * settings.detail_px,
+                moved, self._offsets_m, _ALL_JOINTS, seen, drawing, share * settings.detail_px,
                 (pulling, rim, views, self._pull_scratch), steps, free, prior, _LIMITS, prior_cost, rim_px,
             )  # fmt: skip
         return Aligned(moved, float(prior_cost[0]), rim_px)
@@ -145,6 +146,13 @@ class Aligner:
         cap_px = self._scale * _FIRST_CAP_PX * (_LAST_CAP_PX / _FIRST_CAP_PX) ** share
         damping = _FIRST_DAMPING * (_LAST_DAMPING / _FIRST_DAMPING) ** share
         return np.column_stack([np.maximum(np.ceil(reach_px), OWN_REACH_PX), cap_px, damping])
+
+
+def _seen(picture: Picture) -> Input:
+    """What rims look at, as follow takes it."""
+    unsure = np.zeros_like(picture.silhouettes) if picture.unsure is None else np.array(picture.unsure)
+    is_unsure = count_by_camera(unsure, len(picture.region.origin_px))
+    return np.array(picture.silhouettes), unsure, is_unsure  # to Numba a read-only one is of another type
 
 
 def _prior(expected: Floats, settings: SearchSettings) -> Floats:

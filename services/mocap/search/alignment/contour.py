@@ -1,6 +1,6 @@
 """Compiled search in silhouettes for the contour that a point of the rim belongs to."""
 
-from math import floor, nan
+from math import ceil, floor, nan
 
 import numba
 
@@ -33,6 +33,25 @@ def distance_to_contour(
             return _refined(silhouettes, plane, bit, x, y, nx, ny, -step * 1.0)
         behind = back
     return nan
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def meets_unsure(
+    unsure: Bytes, camera: int, x: float, y: float, nx: float, ny: float, contour_px: float, reach_px: int
+) -> bool:
+    """Whether there is an unsure pixel on the way to the contour, which so may be nearer.
+
+    unsure: bit-planes (P, H, W); the others and contour_px as distance_to_contour takes and gives them. Where
+    it found a contour, the way goes one pixel beyond it, since what a contour is read off lies about it.
+    """
+    plane, bit = camera >> 3, camera & 7
+    steps = reach_px if contour_px != contour_px else ceil(abs(contour_px)) + 1
+    for step in range(steps + 1):
+        if _is_set(unsure, plane, bit, x + step * nx, y + step * ny):
+            return True
+        if _is_set(unsure, plane, bit, x - step * nx, y - step * ny):
+            return True
+    return False
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

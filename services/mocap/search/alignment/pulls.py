@@ -10,7 +10,7 @@ from services.mocap.body.kinematics import N_DOF, N_JOINTS, PARENT, SEGMENT_JOIN
 from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.energy.cpu.outline import compose
 from services.mocap.energy.cpu.uncounted import uncounted
-from services.mocap.search.alignment.contour import distance_to_contour
+from services.mocap.search.alignment.contour import distance_to_contour, meets_unsure
 from services.mocap.search.alignment.twists import DOF_JOINT, TWIST_SIZE, moved_by
 from services.mocap.types import Bytes, Floats, Ints
 
@@ -18,11 +18,15 @@ RimArrays: TypeAlias = tuple[Singles, Floats, Floats, Floats, Ints]
 """A RimMesh as a plain tuple."""
 Views: TypeAlias = tuple[Floats, Floats, Floats, Ints]
 """Projections (C, 3, 4), centres in the world (C, 3), weights (C,) and the pictures' sizes (C, 2)."""
+Input: TypeAlias = tuple[Bytes, Bytes, Ints]
+"""Bit-planes (P, H, W) of the input's silhouettes and of its unsure pixels, and whether a camera has any of
+these (C,)."""
 PullScratch: TypeAlias = tuple[Bytes, Indices, Floats, Floats, Floats, Singles]
 """Room for sum_pulls: (E,) flags, (E + 1,) edges found, a projection (3, 4), a rim point (8,), its row of the
 Jacobian (6,) and where the camera is (3,)."""
-SHARES = 3
-"""Columns of what is said of a segment's rim: its length, what of it lies near a contour, what found none."""
+SHARES = 4
+"""Columns of what is said of a segment's rim: its length where the input's contour may be known, what of that
+lies near a contour, what found none; and the length where unsure pixels hide it."""
 
 _NEAREST_M = 0.1
 """Rim points nearer to a camera's plane are left out."""
@@ -43,7 +47,7 @@ def sum_pulls(
     segments: Ints,
     T_world_joint: Floats,
     views: Views,
-    input_planes: Bytes,
+    seen: Input,
     model_planes: Bytes,
     reach_px: int,
     cap_px: float,
@@ -54,7 +58,8 @@ def sum_pulls(
 ) -> None:
     """Sum over all rim points what moving them would gain.
 
-    segments: whose rim counts. Planes (P, H, W): the input and the whole model in the same region. A residual
+    segments: whose rim counts. seen and planes (P, H, W): the input and the whole model in the same region. A
+    rim point that comes to unsure pixels before it comes to the input's contour pulls nothing. A residual
     r is how far the model's contour lies beyond the input's, both as their pixels show them: what pixels do
     to a contour is done to both, so that nothing pulls where the model covers just what is seen. It counts by
     a weight of 1 / (1 + (r / cap_px)^2) times its length of outline. Sets wrenches (17, 6, 6) and pulls
@@ -64,6 +69,7 @@ def sum_pulls(
     P_px_world, centres_world_m, weights, sizes_px = views
     wrenches[:], pulls[:], shares_px[:] = 0.0, 0.0, 0.0
     flags, found, M, point, w, eye = scratch
+    input_planes, unsure, is_unsure = seen
     for c in range(len(P_px_world)):
         if weights[c] == 0.0:
             continue
@@ -83,8 +89,12 @@ def sum_pulls(
                 if own_px != own_px:
                     continue
                 along_px = point[5] * weights[c]
+                input_px = distance_to_contour(input_planes, c, u, v, nx, ny, reach_px)
+                if is_unsure[c] and meets_unsure(unsure, c, u, v, nx, ny, input_px, reach_px):
+                    shares_px[s, 3] += along_px
+                    continue
                 shares_px[s, 0] += along_px
-                r = own_px - distance_to_contour(input_planes, c, u, v, nx, ny, reach_px)
+                r = own_px - input_px
                 if r != r:
                     shares_px[s, 2] += along_px
                     continue

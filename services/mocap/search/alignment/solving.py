@@ -9,9 +9,16 @@ from services.mocap.body.kinematics import N_DOF, N_JOINTS, place_joints
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.evaluation import cover
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch
-from services.mocap.search.alignment.pulls import PullScratch, RimArrays, Views, normal_equations, sum_pulls
+from services.mocap.search.alignment.pulls import (
+    Input,
+    PullScratch,
+    RimArrays,
+    Views,
+    normal_equations,
+    sum_pulls,
+)
 from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
-from services.mocap.types import Bytes, Floats, Ints
+from services.mocap.types import Floats, Ints
 
 Drawing: TypeAlias = tuple[Ints, MeshArrays, Scratch, tuple[Floats, Floats], Canvas]
 """Segments drawn; mesh, scratch, cameras and canvas as cover takes them."""
@@ -25,7 +32,7 @@ def follow(
     pose: Floats,
     offsets_m: Floats,
     joints: Ints,
-    input_planes: Bytes,
+    seen: Input,
     drawing: Drawing,
     detail_px: float,
     rims: Rims,
@@ -38,14 +45,15 @@ def follow(
 ) -> None:
     """Move a pose (35,) in place so that the rim comes to lie on the contours.
 
-    stages (K, 3): for every step the reach, the cap, and the damping as a share of the diagonal. free (35,):
-    1 for parameters that vary. prior (3, 35): target, weight of its square, and the largest step. limits (2,
-    35). prior_cost (1,) gets the prior's at the last match, shares_px (16, SHARES) what sum_pulls sets.
+    seen: as sum_pulls takes it. stages (K, 3): for every step the reach, the cap, and the damping as a share
+    of the diagonal. free (35,): 1 for parameters that vary. prior (3, 35): target, weight of its square, and
+    the largest step. limits (2, 35). prior_cost (1,) gets the prior's at the last match, shares_px (16,
+    SHARES) what sum_pulls sets.
     """
     segments, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, room = rims
     T_world_joint = np.empty((1, N_JOINTS, 4, 4))
-    model_planes = np.zeros((1, *input_planes.shape), np.uint8)
+    model_planes = np.zeros((1, *seen[0].shape), np.uint8)
     twists, wrenches = np.zeros((N_DOF, TWIST_SIZE)), np.empty((N_JOINTS, TWIST_SIZE, TWIST_SIZE))
     pulls, hessian, slope = np.empty((N_JOINTS, TWIST_SIZE)), np.empty((N_DOF, N_DOF)), np.empty(N_DOF)
     for k in range(len(stages)):
@@ -55,7 +63,7 @@ def follow(
         cover(T_world_joint, segments, cameras, detail_px, mesh, scratch, canvas, model_planes)
         place_twists(pose, T_world_joint[0], twists)
         sum_pulls(
-            rim, pulling, T_world_joint[0], views, input_planes, model_planes[0],
+            rim, pulling, T_world_joint[0], views, seen, model_planes[0],
             int(reach_px), cap_px, room, wrenches, pulls, shares_px,
         )  # fmt: skip
         normal_equations(twists, wrenches, pulls, hessian, slope)

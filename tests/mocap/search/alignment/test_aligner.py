@@ -48,9 +48,10 @@ def test_it_finds_back(
     assert joint_errors_mm(found.pose, truth).mean() < 5
     assert joint_errors_mm(found.pose, truth).max() < 25
     assert np.all((found.pose >= LOWER) & (found.pose <= UPPER))
-    shown, on, lost = found.rim_px.sum(axis=0)
+    shown, on, lost, unsure = found.rim_px.sum(axis=0)
     assert on > 0.95 * shown
     assert lost < 0.02 * shown
+    assert unsure == 0.0
 
 
 def test_the_full_meshes_do_as_well(
