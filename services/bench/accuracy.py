@@ -17,10 +17,10 @@ from services.bench.takes import take_folder
 from services.mocap.body.actor import build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
-from services.mocap.energy.bitplanes import pack
+from services.mocap.energy.bitplanes import TriPlanes, pack_trimaps
 from services.mocap.fit.quality import quality_of
 from services.mocap.take.folder import Take, open_take
-from services.mocap.types import ACTOR, Bytes, Floats, Mask
+from services.mocap.types import Floats, Trimap
 
 PLAIN = "as it is"
 _CHUNK = 50
@@ -115,20 +115,20 @@ def overlaps(take: Take, trimaps: Trimaps, run: Run) -> Floats:
     found = []
     for first in range(0, len(numbers), _CHUNK):
         poses = run.poses.poses[first : first + _CHUNK]
-        found.append(quality_of(body, poses, rig, np.array(list(islice(inputs, len(poses))))).iou)
+        found.append(quality_of(body, poses, rig, TriPlanes.of_frames(list(islice(inputs, len(poses))))).iou)
     return np.concatenate(found)
 
 
-def _packed(take: Take, trimaps: Trimaps, numbers: range) -> Iterator[Bytes]:
-    """Undistorted silhouettes (P, H, W) of some frames, all in the size of the largest picture."""
+def _packed(take: Take, trimaps: Trimaps, numbers: range) -> Iterator[TriPlanes]:
+    """What is seen (P, H, W) in some frames, undistorted, all in the size of the largest picture."""
     readers = [islice(trimaps(camera), numbers.start, numbers.stop) for camera in take.cameras]
     undistorters = [Undistorter(camera) for camera in take.cameras]
     shape = max(c.height_px for c in take.cameras), max(c.width_px for c in take.cameras)
-    for masks in zip(*readers, strict=True):
-        common: Mask = np.zeros((len(masks), *shape), bool)
-        for c, (undistorter, mask) in enumerate(zip(undistorters, masks, strict=True)):
-            common[c, : mask.shape[0], : mask.shape[1]] = undistorter.mask(mask == ACTOR)
-        yield pack(common)
+    for of_frame in zip(*readers, strict=True):
+        common: Trimap = np.zeros((len(of_frame), *shape), np.uint8)
+        for c, (undistorter, trimap) in enumerate(zip(undistorters, of_frame, strict=True)):
+            common[c, : trimap.shape[0], : trimap.shape[1]] = undistorter.trimap(trimap)
+        yield pack_trimaps(common)
 
 
 def as_table(rows: Sequence[Row], workers: int) -> Table:

@@ -11,12 +11,13 @@ from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import Engine
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.motion import STAND_S
 from services.mocap.synth.motions import make_motion
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import Floats, Mask
 
 MOTIONS = ("walk", "basic", "dance")
 """What people go on with, by turns."""
@@ -30,7 +31,7 @@ class Later:
 
     poses: Floats
     """(F, 35)"""
-    silhouettes: Bytes
+    seen: TriPlanes
     """(F, P, H, W)"""
 
 
@@ -67,11 +68,11 @@ def _joined(last: Floats, poses: Floats) -> Floats:
     return clip_to_limits((1.0 - share) * last + share * joined)
 
 
-def tracked(actor: Actor, first_poses: Floats, silhouettes: Bytes, rig: Rig, engine: Engine) -> Tracked:
-    """Track an actor through silhouettes (F, P, H, W) that follow frames with known poses (N, 35)."""
+def tracked(actor: Actor, first_poses: Floats, seen: TriPlanes, rig: Rig, engine: Engine) -> Tracked:
+    """Track an actor through what is seen (F, P, H, W) after frames with known poses (N, 35)."""
     model, settings = model_of(actor, rig, engine), SearchSettings()
     tracker = Tracker(model, settings, LocalLimbs(model), first_poses[-2:])
-    solutions = [tracker.solve(seen) for seen in silhouettes]
+    solutions = [tracker.solve(seen[f]) for f in range(len(seen))]
     model.backend.close()
     return Tracked(
         np.array([solution.pose for solution in solutions]),

@@ -136,8 +136,8 @@ def _first_fit(rig: Rig, person: Person) -> tuple[Fit, float]:
     hints = TakeSettings(name="somebody", fps=FPS, units="m", up="z", frames=len(person.poses))
     began_s = time.perf_counter()
     with open_engine(EngineSettings(backend="cpu")) as engine:
-        guess = guess_first_pose(rig, person.silhouettes[0], hints, engine, SearchSettings())
-    fit = fit_actor(rig, person.silhouettes, guess.actor, guess.solution.pose)
+        guess = guess_first_pose(rig, person.seen[0], hints, engine, SearchSettings())
+    fit = fit_actor(rig, person.seen, guess.actor, guess.solution.pose)
     return fit, time.perf_counter() - began_s
 
 
@@ -145,12 +145,12 @@ def _refined(trial: Trial, rig: Rig, person: Person, first: Fit, motion: str, nu
     """Track the motion with what was found at first, and fit again as --refine does, if it does."""
     later = going_on(person, rig, motion, trial.n_later, trial.seed_of(number))
     with open_engine(EngineSettings(backend="cpu")) as engine:
-        path = tracked(first.actor, first.poses, later.silhouettes, rig, engine)
+        path = tracked(first.actor, first.poses, later.seen, rig, engine)
     began_s = time.perf_counter()
     rows = spread(path.distrusted, DEFAULT_REFINE_FRAMES)
     if len(rows) < LEAST_FRAMES:
         return None
-    fit = fit_apart(rig, later.silhouettes[rows], first.actor, path.poses[rows], lambda _: None)
+    fit = fit_apart(rig, later.seen[rows], first.actor, path.poses[rows], lambda _: None)
     return _found(fit, person, later.poses[rows], time.perf_counter() - began_s)
 
 

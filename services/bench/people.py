@@ -16,7 +16,7 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.shape_space import INDEX, PARAMETERS, body_of, clip_to_bounds
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import pack, unpack
+from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SEGMENTS
@@ -85,7 +85,7 @@ class Person:
     body: Body
     poses: Floats
     """(F, 35)"""
-    silhouettes: Bytes
+    seen: TriPlanes
     """(F, P, H, W) with bites and specks, cleaned up as segmentation does."""
 
 
@@ -99,12 +99,12 @@ def somebody(rig: Rig, variety: Variety, stance: Stance, n_frames: int, seed: in
     return Person(sex, stance, x, body, poses, seen_of(body, poses, rig, rng))
 
 
-def seen_of(body: Body, poses: Floats, rig: Rig, rng: np.random.Generator) -> Bytes:
+def seen_of(body: Body, poses: Floats, rig: Rig, rng: np.random.Generator) -> TriPlanes:
     """Silhouettes (F, P, H, W) of a body in poses (F, 35) with bites and specks, cleaned up."""
     backend = CpuBackend(body, rig)
     drawn = backend.coverage(poses, ALL_SEGMENTS, Region.whole(rig))
     backend.close()
-    return np.array([_spoilt(planes, rig, rng) for planes in drawn])
+    return TriPlanes.sure(np.array([_spoilt(planes, rig, rng) for planes in drawn]))
 
 
 def _shape(sex: Sex, variety: Variety, rng: np.random.Generator) -> Floats:

@@ -10,7 +10,7 @@ from services.mocap.calibration.tangents import Outline, outline_of
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
-from services.mocap.types import ACTOR, Mask
+from services.mocap.types import Trimap
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenters
 from services.segmentation.source import in_common_size
@@ -18,15 +18,15 @@ from services.segmentation.source import in_common_size
 
 def outlines_of(
     take: Take, frames: range, every: int, errors: Console
-) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Mask]:
-    """The cameras without lens distortion, their outlines in some frames, and the silhouettes of one frame.
+) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
+    """The cameras without lens distortion, their outlines in some frames, and the trimaps of one frame.
 
-    every: of how many frames one is taken. The silhouettes (C, H, W) are those of the frame in the middle.
+    every: of how many frames one is taken. The trimaps (C, H, W) are those of the frame in the middle.
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
     outlines: list[list[Outline | None]] = []
-    middle: Mask = np.zeros((len(cameras), height_px, width_px), bool)
+    middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
     chosen = range(0, len(frames), every)
     with Progress(console=errors) as bar:
         task = bar.add_task("looking at silhouettes", total=len(cameras))
@@ -35,10 +35,9 @@ def outlines_of(
             trimaps = segmenter.trimaps(frames.start, frames.stop)
             of_camera: list[Outline | None] = []
             for n, trimap in enumerate(islice(trimaps, 0, len(frames), every)):
-                mask = trimap == ACTOR
-                of_camera.append(outline_of(mask, cameras[c]))
+                of_camera.append(outline_of(trimap, cameras[c]))
                 if n == len(chosen) // 2:
-                    middle[c] = in_common_size(mask, width_px, height_px)
+                    middle[c] = in_common_size(trimap, width_px, height_px)
             outlines.append(of_camera)
             bar.advance(task)
     return cameras, outlines, middle

@@ -1,11 +1,8 @@
 """Putting a frame together from what several segmentation processes send, without a socket."""
 
-import numpy as np
-
 from proto.messages import Silhouettes
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import n_planes, pack, unpack
-from services.mocap.types import Bytes, Mask
+from services.mocap.energy.bitplanes import TriPlanes, fit_together, joined
 
 
 class FrameAssembler:
@@ -14,7 +11,7 @@ class FrameAssembler:
     def __init__(self, take: str, run: str, rig: Rig, first_frame: int, end_frame: int) -> None:
         self._ids, self._rig = (take, run), rig
         self._next, self._end = first_frame, end_frame
-        self._partial: dict[int, dict[int, Mask]] = {}
+        self._partial: dict[int, dict[int, tuple[TriPlanes, int]]] = {}
         self.dropped = 0
         """Messages that belonged to another take, run or frame, or made no sense."""
 
@@ -33,22 +30,23 @@ class FrameAssembler:
         if ids != self._ids or message.frame not in wanted or not self._fits(message):
             self.dropped += 1
             return
-        masks = unpack(message.planes, len(message.cameras))
-        self._partial.setdefault(message.frame, {}).update(zip(message.cameras, masks, strict=True))
+        planes = TriPlanes.of_sent(message.planes, message.unsure)
+        places = {camera: (planes, k) for k, camera in enumerate(message.cameras)}
+        self._partial.setdefault(message.frame, {}).update(places)
 
     def _fits(self, message: Silhouettes) -> bool:
         cameras = message.cameras
         known = len(set(cameras)) == len(cameras) and max(cameras) < self._rig.n_cameras
-        return known and message.planes.shape == (n_planes(len(cameras)), *self._rig.shape_px)
+        return known and fit_together(message.planes, message.unsure, len(cameras), self._rig.shape_px)
 
-    def take_next(self) -> Bytes | None:
-        """Silhouettes (P, H, W) of the next frame once all its cameras are there, else None."""
-        masks = self._partial.get(self._next, {})
-        if len(masks) < self._rig.n_cameras:
+    def take_next(self) -> TriPlanes | None:
+        """Planes (P, H, W) of the next frame once all its cameras are there, else None."""
+        places = self._partial.get(self._next, {})
+        if len(places) < self._rig.n_cameras:
             return None
         del self._partial[self._next]
         self._next += 1
-        return pack(np.array([masks[c] for c in range(self._rig.n_cameras)]))
+        return joined([places[c] for c in range(self._rig.n_cameras)])
 
     def first_lacking(self) -> int:
         """The first frame from the next one on of which a camera is lacking."""

@@ -6,7 +6,7 @@ from typing import Protocol
 from proto.messages import Credit, LivePace, LiveSilhouettes, LiveSources, Silhouettes
 from services.coordinator.assembly import FrameAssembler
 from services.mocap.camera.rig import Rig
-from services.mocap.types import Bytes
+from services.mocap.energy.bitplanes import TriPlanes
 
 _AHEAD_FRAMES = 8
 """How far segmentation may be ahead of the fit."""
@@ -16,7 +16,7 @@ _AHEAD_FRAMES = 8
 class Frame:
     """What is to be solved."""
 
-    silhouettes: Bytes
+    seen: TriPlanes
     """(P, H, W) of all cameras; empty for those that are absent."""
     time_s: float
     """In the take."""
@@ -153,8 +153,8 @@ class RecordedFrames:
     def take_next(self) -> Frame | None:
         """See Incoming.take_next."""
         frame = self._frames.next_frame
-        silhouettes = self._frames.take_next()
-        return None if silhouettes is None else Frame(silhouettes, frame / self._fps, frame)
+        seen = self._frames.take_next()
+        return None if seen is None else Frame(seen, frame / self._fps, frame)
 
     def catch_up(self) -> None:
         """See Incoming.catch_up: no frame is left out anyway."""

@@ -73,6 +73,7 @@ class RemoteLimbs:
             pose=job.pose,
             origin_px=job.window.region.origin_px,
             window=job.window.silhouettes,
+            unsure=job.window.sent_unsure,
         )
 
     def finish(self) -> Iterator[tuple[LimbName, Solution]]:

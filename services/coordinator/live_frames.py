@@ -14,7 +14,7 @@ from services.coordinator.live_shots import Shots
 from services.coordinator.live_sources import SourceWords
 from services.coordinator.pace import Pace
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import n_planes, pack
+from services.mocap.energy.bitplanes import fit_together
 from services.mocap.take.live import LiveTake
 
 _GAINING = 1.5
@@ -103,7 +103,9 @@ class LiveFrames:
         cameras, n_cameras = message.cameras, self._rig.n_cameras
         ids = (message.take, message.run) == (self._take.settings.name, self._run)
         known = len(set(cameras)) == len(cameras) == len(message.times_s) and max(cameras) < n_cameras
-        return ids and known and message.planes.shape == (n_planes(len(cameras)), *self._rig.shape_px)
+        return (
+            ids and known and fit_together(message.planes, message.unsure, len(cameras), self._rig.shape_px)
+        )
 
     def credit(self) -> Credit | None:
         """See Incoming.credit: live cameras do not wait."""
@@ -152,11 +154,11 @@ class LiveFrames:
         shot = self._shots.take(number)
         self._last_shot, self._is_solved_meanwhile = number, True
         self._next += 1
-        masks = shot.masks(self._rig.n_cameras, self._rig.shape_px)
+        seen = shot.seen(self._rig.n_cameras, self._rig.shape_px)
         shutter_s = float(np.median(list(shot.times_s.values())))
         absent = tuple(c for c in range(self._rig.n_cameras) if c not in shot.times_s)
         time_s = max(self._pace.since_first_s(shutter_s), 0.0)
-        return Frame(pack(masks), time_s, number, absent, shutter_s)
+        return Frame(seen, time_s, number, absent, shutter_s)
 
     def waiting_for(self) -> list[int]:
         """See Incoming.waiting_for."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proto.messages import LiveSilhouettes
-from services.mocap.energy.bitplanes import unpack
-from services.mocap.types import Bytes, Ints, Mask
+from services.mocap.energy.bitplanes import TriPlanes, joined
+from services.mocap.types import Ints
 
 _KEPT_BYTES = 2**26
 """Of silhouettes that are kept while a frame is solved; the oldest give way."""
@@ -17,17 +17,18 @@ class Shot:
     """What has come of a shot."""
 
     arrived_s: float
-    parts: list[tuple[list[int], Bytes]] = field(default_factory=list)
-    """Cameras, and bit-planes of these, as they came."""
+    parts: list[tuple[list[int], TriPlanes]] = field(default_factory=list)
+    """Cameras, and planes of these, as they came."""
     times_s: dict[int, float] = field(default_factory=dict)
     """When each camera took its picture."""
 
-    def masks(self, n_cameras: int, shape_px: tuple[int, int]) -> Mask:
-        """(C, h, w) silhouettes; empty for cameras of which nothing came."""
-        masks: Mask = np.zeros((n_cameras, *shape_px), bool)
+    def seen(self, n_cameras: int, shape_px: tuple[int, int]) -> TriPlanes:
+        """Planes (P, h, w) of all cameras; empty for those of which nothing came."""
+        nothing = TriPlanes.sure(np.zeros((1, *shape_px), np.uint8))
+        places = dict.fromkeys(range(n_cameras), (nothing, 0))
         for cameras, planes in self.parts:
-            masks[cameras] = unpack(planes, len(cameras))
-        return masks
+            places |= {camera: (planes, k) for k, camera in enumerate(cameras)}
+        return joined([places[c] for c in range(n_cameras)])
 
 
 class Shots:
@@ -41,9 +42,10 @@ class Shots:
     def add(self, message: LiveSilhouettes, now_s: float) -> None:
         """Take in some cameras' part of a shot."""
         shot = self._shots.setdefault(message.shot, Shot(now_s))
-        shot.parts.append((message.cameras, message.planes))
+        planes = TriPlanes.of_sent(message.planes, message.unsure)
+        shot.parts.append((message.cameras, planes))
         shot.times_s.update(zip(message.cameras, message.times_s, strict=True))
-        if len(self._shots) * message.planes.nbytes > _KEPT_BYTES:
+        if len(self._shots) * (planes.silhouettes.nbytes + planes.unsure.nbytes) > _KEPT_BYTES:
             self._pass_over(min(self._shots))
 
     def _pass_over(self, number: int) -> None:

@@ -10,7 +10,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
@@ -25,7 +25,7 @@ from services.mocap.search.model import Model
 from services.mocap.search.plausibility import FirstLook, look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.settings import TakeSettings
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Floats
 
 log = logging.getLogger(__name__)
 
@@ -45,7 +45,7 @@ class Opening:
 
 
 def solve_opening(
-    silhouettes: Bytes,
+    seen: TriPlanes,
     rig: Rig,
     actor: Actor | None,
     hints: TakeSettings,
@@ -58,23 +58,23 @@ def solve_opening(
 ) -> Opening:
     """Find the actor and the pose of a take's first frame.
 
-    silhouettes (P, H, W); actor: None where the take has none; hints: of take.toml, for this very frame; pool
+    seen (P, H, W); actor: None where the take has none; hints: of take.toml, for this very frame; pool
     makes the limb pool for a model, engine its backend. settings: those of the frames to come. fitted_pose:
     (35,), where it was found along with the actor; then nothing is searched far and wide. names: of the
     cameras. made: the model of the told actor (told_actor), where there is one already. Raises TakeError
     where nobody is to be seen, or the silhouettes make no sense (look_first).
     """
-    picture = Picture.whole(rig, silhouettes)
+    picture = Picture.whole(rig, seen.silhouettes, seen.unsure)
     if actor is not None and fitted_pose is not None:
         model = made or model_of(actor, rig, engine)
         limbs = pool(model, actor)
         return Opening(actor, model, solve_frame(model, picture, fitted_pose[None], settings, limbs))
-    masks = unpack(silhouettes, rig.n_cameras)
-    look = look_first(rig, masks, names)
+    masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
+    look = look_first(rig, masks, names, possible)
     for remark in look.remarks:
         log.warning("%s", remark)
     settings = _believing(settings, look, rig.n_cameras)
-    hull = carve(rig, look.believed(masks))
+    hull = carve(rig, look.believed(masks), possible)
     opening = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made)
     if actor is not None or hints.actor_height is not None:
         return opening
@@ -125,7 +125,7 @@ def first_guess(
     """
     told = told_actor(actor, hints, mesh)
     actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=mesh)
-    if not _LOWEST_HULL <= hull.height_m / actor.height <= _HIGHEST_HULL:
+    if not hull.may_be(_LOWEST_HULL * actor.height, _HIGHEST_HULL * actor.height):
         log.warning(
             "the visual hull of the first frame is %.2f m high for an actor of %.2f m: check the scale "
             "of the calibration",
@@ -146,12 +146,12 @@ def first_guess(
 
 def _plausible_height_m(hull: Hull) -> float:
     low_m, high_m = HEIGHT_RANGE_M
-    if not low_m <= hull.height_m <= high_m:
+    if not hull.may_be(low_m, high_m):
         raise TakeError(
             f"calibration.toml: the visual hull of the first frame is {hull.height_m:.2f} m high: "
             "check that translations are in metres, or give actor_height in take.toml"
         )
-    return hull.height_m
+    return min(max(hull.height_m, low_m), high_m)
 
 
 def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:

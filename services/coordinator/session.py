@@ -174,7 +174,7 @@ class Session:
             self._limbs.frame = frame
             was_lost = tracker.is_lost
             with self._overhead.fitting():
-                solution = tracker.solve(found.silhouettes, found.absent)
+                solution = tracker.solve(found.seen, found.absent)
             if was_lost and not tracker.is_lost:
                 self._incoming.catch_up()
             solution.seconds["overhead"] = self._overhead.of_frame()
@@ -202,7 +202,7 @@ class Session:
 
     def _opening(self, first: Frame) -> Opening:
         return solve_opening(
-            first.silhouettes,
+            first.seen,
             self._rig,
             self._plan.actor,
             self._hints(),

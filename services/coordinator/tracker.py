@@ -4,7 +4,7 @@ import logging
 from collections.abc import Collection, Mapping
 
 from services.coordinator.absence import without_cameras, without_weight
-from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.doubt import Trust
@@ -17,7 +17,7 @@ from services.mocap.search.model import Model
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.marks import PARTS
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Floats
 
 log = logging.getLogger(__name__)
 
@@ -57,14 +57,14 @@ class Tracker:
         self._poses = self._poses[-n_poses:]
         self._trust.recall(memory)
 
-    def solve(self, silhouettes: Bytes, absent: Collection[int] = ()) -> FrameSolution:
-        """Find the pose in the next frame's silhouettes (P, H, W).
+    def solve(self, seen: TriPlanes, absent: Collection[int] = ()) -> FrameSolution:
+        """Find the pose in the next frame, of which is seen so much (P, H, W).
 
         absent: cameras that have no say in it. While the actor is lost, the pose is the last that was found,
         and no part of it is to be trusted.
         """
         rig = self._model.rig
-        picture = without_cameras(Picture.whole(rig, silhouettes), absent, rig)
+        picture = without_cameras(Picture.whole(rig, seen.silhouettes, seen.unsure), absent, rig)
         settings = without_weight(self._settings, absent, rig)
         solution = solve_frame(self._model, picture, self._starts(), settings, self._limbs, trust=self._trust)
         is_lost = "torso" in solution.distrusted
@@ -76,7 +76,7 @@ class Tracker:
             log.warning("the actor is lost: poses stay as they were until somebody is in view again")
         # Whoever comes back may have turned round, which a pose that is carried on does not notice.
         candidates = [
-            self._find_again(picture, silhouettes, settings, at_once=not is_lost),
+            self._find_again(picture, seen, settings, at_once=not is_lost),
             None if is_lost else solution,
         ]
         found = [candidate for candidate in candidates if candidate is not None]
@@ -97,19 +97,20 @@ class Tracker:
         self._lost_frames = self._tries = self._wait = 0
 
     def _find_again(
-        self, picture: Picture, silhouettes: Bytes, settings: SearchSettings, *, at_once: bool
+        self, picture: Picture, seen: TriPlanes, settings: SearchSettings, *, at_once: bool
     ) -> FrameSolution | None:
         """A first pose of this frame if somebody is to be seen whole; unless at once, with growing waits."""
         if self._wait and not at_once:
             self._wait -= 1
             return None
-        model, masks = self._model, unpack(silhouettes, self._model.rig.n_cameras)
+        model, rig = self._model, self._model.rig
+        masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
         try:
-            hull = carve(model.rig, look_first(model.rig, masks).believed(masks))
+            hull = carve(rig, look_first(rig, masks, possible=possible).believed(masks), possible)
         except TakeError:  # nobody there, or more than one person, or at the pictures' edges: cheap to see
             return None
         low, high = _HULL_HEIGHTS
-        if not low <= hull.height_m / model.body.height_m <= high:
+        if not hull.may_be(low * model.body.height_m, high * model.body.height_m):
             return None
         self._tries += 1
         self._wait = min(2**self._tries, _LONGEST_WAIT)

@@ -130,7 +130,12 @@ class Wording:
         """What a frame was solved from, for viewers."""
         cameras = list(range(self._rig.n_cameras))
         return Silhouettes(
-            take=self.take, run=self.run, frame=number, cameras=cameras, planes=frame.silhouettes
+            take=self.take,
+            run=self.run,
+            frame=number,
+            cameras=cameras,
+            planes=frame.seen.silhouettes,
+            unsure=frame.seen.sent_unsure,
         )
 
     def _steady(self, frame: Frame, pose: Floats) -> Floats:

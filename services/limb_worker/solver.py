@@ -92,7 +92,8 @@ class LimbSolver:
             settings = SearchSettings.from_wire(task.search)
             _check(task, model.rig)
             region = Region(task.origin_px, task.window.shape[2], task.window.shape[1])
-            window = Picture.of_region(model.rig, region, task.window)
+            unsure = task.unsure if len(task.unsure) else None
+            window = Picture.of_region(model.rig, region, task.window, unsure)
             found = solve_limb(model, task.limb, window, task.pose, settings, (task.shard, task.shards))
         except ValueError as error:
             return LimbRefusal(**key, reason=str(error)[:1000])

@@ -15,7 +15,7 @@ from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.measures import Measure, measure
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import pack, unpack
+from services.mocap.energy.bitplanes import TriPlanes, pack_trimaps, unpack
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
@@ -28,7 +28,7 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
-from services.mocap.types import ACTOR, Bytes, Floats, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
 from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenters
@@ -42,7 +42,7 @@ _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitti
 
 Show = Callable[[str, float], None]
 """Called with what is being done, in words, and how far the whole is, 0 to 1."""
-Fitter = Callable[[Rig, Bytes, Actor, Floats, Callable[[float], None]], Fit]
+Fitter = Callable[[Rig, TriPlanes, Actor, Floats, Callable[[float], None]], Fit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class TakeFit:
     """In increasing order."""
     cameras: tuple[Camera, ...]
     """Those whose silhouettes made sense."""
-    silhouettes: Bytes
+    seen: TriPlanes
     """(F, P, H, W) of these cameras."""
     start: Actor
     """The body that the fit began with …"""
@@ -92,21 +92,21 @@ def fit_take(
     clock = Clock(show)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            cameras, silhouettes = silhouettes_of(take, frames, segmenter, progress)
+            cameras, seen = seen_of(take, frames, segmenter, progress)
         rig = Rig.of(cameras)
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
             told = _without(search, take, cameras)
-            guess = guess_first_pose(rig, silhouettes[0], take.settings, opened, told, mesh)
+            guess = guess_first_pose(rig, seen[0], take.settings, opened, told, mesh)
         with clock.stage("fitting the actor") as progress:
-            fit = fitter(rig, silhouettes, guess.actor, guess.solution.pose, progress)
+            fit = fitter(rig, seen, guess.actor, guess.solution.pose, progress)
     start = (guess.actor, guess.solution.pose)
-    return concluded(frames, cameras, silhouettes, start, fit, clock.seconds, warnings)
+    return concluded(frames, cameras, seen, start, fit, clock.seconds, warnings)
 
 
 def concluded(
     frames: Sequence[int],
     cameras: tuple[Camera, ...],
-    silhouettes: Bytes,
+    seen: TriPlanes,
     start: tuple[Actor, Floats],
     fit: Fit,
     seconds: dict[str, float],
@@ -120,7 +120,7 @@ def concluded(
     return TakeFit(
         frames=frames,
         cameras=cameras,
-        silhouettes=silhouettes,
+        seen=seen,
         start=start[0],
         first_pose=start[1],
         actor=actor,
@@ -131,10 +131,10 @@ def concluded(
     )
 
 
-def silhouettes_of(
+def seen_of(
     take: Take, frames: Sequence[int], name: str, progress: Callable[[float], None]
-) -> tuple[tuple[Camera, ...], Bytes]:
-    """The cameras that make sense, and their silhouettes (F, P, H, W), as segmentation sends them."""
+) -> tuple[tuple[Camera, ...], TriPlanes]:
+    """The cameras that make sense, and what they see (F, P, H, W), as segmentation sends it."""
     height_px, width_px = Rig.of(take.cameras).shape_px
     trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
     segmenters = make_segmenters(take, take.cameras, SegmentationSettings(), name)
@@ -144,15 +144,15 @@ def silhouettes_of(
         progress((c + 1) / len(take.cameras))
     if chosen_segmenter(take, name) != READY:
         _keep_supported(take, trimaps)
-    look = look_first(Rig.of(take.cameras), trimaps[0] == ACTOR, [camera.name for camera in take.cameras])
+    names, first = [camera.name for camera in take.cameras], trimaps[0]
+    look = look_first(Rig.of(take.cameras), first == ACTOR, names, first != BACKGROUND)
     for remark in look.remarks:
         log.warning("%s", remark)
     chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
     cameras = tuple(take.cameras[c] for c in chosen)
     height_px, width_px = Rig.of(cameras).shape_px
-    return cameras, np.array(
-        [pack(of_frame == ACTOR) for of_frame in trimaps[:, chosen, :height_px, :width_px]]
-    )
+    cut = trimaps[:, chosen, :height_px, :width_px]
+    return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
 
 
 def _trimaps_of(segmenter: Segmenter, frames: Sequence[int]) -> Iterator[Trimap]:
@@ -183,18 +183,18 @@ def _without(search: SearchSettings, take: Take, left: tuple[Camera, ...]) -> Se
 
 def guess_first_pose(
     rig: Rig,
-    silhouettes: Bytes,
+    seen: TriPlanes,
     hints: TakeSettings,
     engine: Engine,
     search: SearchSettings,
     mesh: OwnMesh | None = None,
 ) -> Opening:
-    """The generic body or the mesh, and its pose in the first frame with silhouettes (P, H, W).
+    """The generic body or the mesh, and its pose in the first frame, of which is seen so much (P, H, W).
 
     The model's backend is closed. Raises TakeError where nobody can be so tall.
     """
-    hull = carve(rig, unpack(silhouettes, rig.n_cameras))
-    picture = Picture.whole(rig, silhouettes)
+    hull = carve(rig, unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras))
+    picture = Picture.whole(rig, seen.silhouettes, seen.unsure)
     guess = first_guess(
         hull, picture, rig, None, hints, lambda model, _: LocalLimbs(model), engine, search, mesh
     )

@@ -10,7 +10,7 @@ from services.mocap.body.actor import build_body
 from services.mocap.body.measures import Measure
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
-from services.mocap.energy.bitplanes import camera_bit, trimap_of
+from services.mocap.energy.bitplanes import unpack_trimaps
 from services.mocap.export.fit_sheet import Seen, Shown, draw_fit
 from services.mocap.export.model_painter import ModelPainter
 from services.mocap.export.tiles import trimap_picture
@@ -91,9 +91,9 @@ def _overlay(take: Take, found: TakeFit) -> Bytes:
 
 def _seen(take: Take, found: TakeFit) -> list[Seen]:
     """The first frame as the cameras saw it; its silhouettes stand for pictures where there are none."""
-    seen = []
+    seen, trimaps = [], unpack_trimaps(found.seen[0], len(found.cameras))
     for c, camera in enumerate(found.cameras):
-        trimap = trimap_of(camera_bit(found.silhouettes[0], c)[: camera.height_px, : camera.width_px])
+        trimap = trimaps[c, : camera.height_px, : camera.width_px]
         picture = trimap_picture(trimap)
         if take.has_video(camera):
             with take.video(camera, found.frames[0], found.frames[0] + 1) as video:

@@ -15,7 +15,7 @@ from services.mocap.fit.fitting import fit_actor
 from services.mocap.result.result import Result, load_result
 from services.mocap.take.folder import Take
 from services.mocap.types import Ints, Mask
-from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, silhouettes_of
+from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, seen_of
 from services.segmentation.segmenters import AUTO
 
 DEFAULT_REFINE_FRAMES = 16
@@ -43,10 +43,10 @@ def refine_take(
     clock = Clock(show)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            cameras, silhouettes = silhouettes_of(take, frames, segmenter, progress)
+            cameras, seen = seen_of(take, frames, segmenter, progress)
         with clock.stage("fitting the actor") as progress:
-            fit = fitter(Rig.of(cameras), silhouettes, found.actor, poses, progress)
-    return concluded(frames, cameras, silhouettes, (found.actor, poses[0]), fit, clock.seconds, warnings)
+            fit = fitter(Rig.of(cameras), seen, found.actor, poses, progress)
+    return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
 
 
 def _spread(found: Result, take: Take, n_frames: int) -> Ints:

@@ -9,7 +9,7 @@ import numpy as np
 
 from proto.messages import Silhouettes
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, unpack_trimaps
+from services.mocap.energy.bitplanes import TriPlanes, fit_together, unpack_trimaps
 from services.mocap.types import Bytes, Trimap
 from services.viewer.pictures import TakePictures
 
@@ -56,17 +56,15 @@ class LivePictures:
 
     def add(self, message: Silhouettes) -> None:
         """Take in silhouettes of some cameras; those that do not fit the rig are left out."""
-        cameras, n_planes = message.cameras, len(message.planes)
-        if len(message.unsure) not in (0, n_planes):
+        cameras = message.cameras
+        fits = fit_together(message.planes, message.unsure, len(cameras), self._rig.shape_px)
+        if max(cameras) >= self._rig.n_cameras or not fits:
             return
         planes = TriPlanes.of_sent(message.planes, message.unsure)
-        if max(cameras) >= self._rig.n_cameras or message.planes.shape[1:] != self._rig.shape_px:
-            return
         with self._came:
             if message.frame not in self._asked:
                 return
             frame = self._packed.setdefault(message.frame, {})
-            cameras = cameras[: CAMERAS_PER_PLANE * n_planes]
             for camera, trimap in zip(cameras, unpack_trimaps(planes, len(cameras)), strict=True):
                 width, height = self._rig.sizes_px[camera].tolist()
                 frame[camera] = zlib.compress(trimap[:height, :width].tobytes(), 1)

@@ -35,7 +35,7 @@ def test_people_stand_on_the_floor_in_all_pictures(rig: Rig, variety: Variety, s
             CpuBackend(person.body, rig).coverage(person.poses, ALL_SEGMENTS, Region.whole(rig))[0],
             rig.n_cameras,
         )
-        seen = unpack(person.silhouettes[0], rig.n_cameras)
+        seen = unpack(person.seen.silhouettes[0], rig.n_cameras)
         assert not exact[:, [0, -1]].any()
         assert not exact[:, :, [0, -1]].any()
         both, either = (exact & seen).sum(axis=(1, 2)), (exact | seen).sum(axis=(1, 2))
@@ -45,7 +45,7 @@ def test_people_stand_on_the_floor_in_all_pictures(rig: Rig, variety: Variety, s
 
 def test_a_seed_makes_the_same_person_and_another_one_does_not(rig: Rig) -> None:
     one, again, other = (somebody(rig, Variety.POPULATION, Stance.RELAXED, 1, seed) for seed in (1, 1, 2))
-    assert np.array_equal(one.silhouettes, again.silhouettes)
+    assert np.array_equal(one.seen.silhouettes, again.seen.silhouettes)
     assert np.array_equal(one.x, again.x)
     assert not np.array_equal(one.x, other.x)
 
@@ -55,7 +55,7 @@ def test_people_go_on_from_where_they_stood(rig: Rig) -> None:
         person = somebody(rig, Variety.POPULATION, Stance.T_POSE, 2, 3)
         later = going_on(person, rig, motion, 60, 3)
         assert later.poses.shape == (60, N_DOF)
-        assert len(later.silhouettes) == 60
+        assert len(later.seen) == 60
         for pose in later.poses:
             assert person.body.lowest_point_m(pose) == pytest.approx(0.0, abs=1e-9)
         poses = np.vstack([person.poses[-1:], later.poses])

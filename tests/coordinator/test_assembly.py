@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from proto.messages import Silhouettes
 from services.coordinator.assembly import FrameAssembler
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import pack, unpack
+from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.types import Bytes, Mask
 
 _HEIGHT_PX, _WIDTH_PX = 4, 6
@@ -38,10 +38,11 @@ def message(
     return Silhouettes(take=take, run=run, frame=frame, cameras=cameras, planes=sent)
 
 
-def assert_frame(planes: Bytes | None, frame: int) -> None:
-    assert planes is not None
-    assert planes.dtype == np.uint8
-    np.testing.assert_array_equal(planes, pack(masks_of(frame)))
+def assert_frame(seen: TriPlanes | None, frame: int) -> None:
+    assert seen is not None
+    assert seen.silhouettes.dtype == np.uint8
+    np.testing.assert_array_equal(seen.silhouettes, pack(masks_of(frame)))
+    assert not seen.unsure.any()
 
 
 def test_one_group_with_cameras_in_any_order() -> None:
@@ -70,7 +71,7 @@ def test_any_order_and_any_repeats_give_frames_in_order(
     order: list[tuple[int, int]], data: st.DataObject
 ) -> None:
     frames = assembler(3, 8)
-    out: list[Bytes] = []
+    out: list[TriPlanes] = []
     repeats = data.draw(st.lists(st.sampled_from(order), max_size=5))
     for frame, group in [*order, *repeats]:
         frames.add(message(frame, _GROUPS[group]), 8)
@@ -144,7 +145,7 @@ def test_unused_bits_do_not_matter() -> None:
     dirty = pack(masks_of(0)[[9]]) | np.uint8(0b1111_1110)
     frames.add(message(0, _GROUPS[0]), 8)
     frames.add(message(0, _GROUPS[1], planes=dirty), 8)
-    planes = frames.take_next()
-    assert planes is not None
-    np.testing.assert_array_equal(unpack(planes, _N_CAMERAS), masks_of(0))
-    assert not np.any(planes[1] & 0b1111_1100)
+    seen = frames.take_next()
+    assert seen is not None
+    np.testing.assert_array_equal(unpack(seen.silhouettes, _N_CAMERAS), masks_of(0))
+    assert not np.any(seen.silhouettes[1] & 0b1111_1100)

@@ -10,6 +10,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Region
@@ -54,6 +55,10 @@ def _silhouettes(pose: Floats) -> Bytes:
     return CpuBackend(body, RIG).coverage(pose[None], ALL_SEGMENTS, Region.whole(RIG))[0]
 
 
+def _seen() -> TriPlanes:
+    return TriPlanes.sure(_silhouettes(_pose()))
+
+
 def _mean_error_mm(found: Floats, actor: Actor) -> float:
     ours = joint_positions(found[None], build_body(actor).offsets_m)
     truth = joint_positions(_pose()[None], build_body(Actor(height=HEIGHT_M)).offsets_m)
@@ -62,7 +67,7 @@ def _mean_error_mm(found: Floats, actor: Actor) -> float:
 
 def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
-        opening = solve_opening(_silhouettes(_pose()), RIG, None, _hints(), _pool, CPU, SearchSettings())
+        opening = solve_opening(_seen(), RIG, None, _hints(), _pool, CPU, SearchSettings())
     assert abs(opening.actor.height - HEIGHT_M) < 0.02
     assert _mean_error_mm(opening.solution.pose, opening.actor) < 25
     assert "no actor_height in take.toml" in caplog.text
@@ -70,16 +75,14 @@ def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptur
 
 def test_the_height_of_take_toml_is_kept() -> None:
     hints = _hints(actor_height=1.78, initial_pose={"root_heading_rad": 2.0})
-    opening = solve_opening(_silhouettes(_pose()), RIG, None, hints, _pool, CPU, SearchSettings())
+    opening = solve_opening(_seen(), RIG, None, hints, _pool, CPU, SearchSettings())
     assert opening.actor == Actor(height=1.78)
 
 
 def test_an_actor_outweighs_the_height_of_take_toml() -> None:
     actor = Actor(height=HEIGHT_M, bone_lengths={"hand": 0.2})
     hints = _hints(actor_height=1.6, initial_pose={"root_heading_rad": 2.0})
-    assert (
-        solve_opening(_silhouettes(_pose()), RIG, actor, hints, _pool, CPU, SearchSettings()).actor == actor
-    )
+    assert solve_opening(_seen(), RIG, actor, hints, _pool, CPU, SearchSettings()).actor == actor
 
 
 def test_a_pose_that_was_fitted_is_not_searched_far_and_wide() -> None:
@@ -90,7 +93,7 @@ def test_a_pose_that_was_fitted_is_not_searched_far_and_wide() -> None:
         _hints(facing=300.0),
         SearchSettings(max_passes=1),
     )  # what it says has had its say in the fit
-    opening = solve_opening(_silhouettes(_pose()), RIG, actor, hints, _pool, CPU, once, near)
+    opening = solve_opening(_seen(), RIG, actor, hints, _pool, CPU, once, near)
     assert opening.actor == actor
     assert opening.solution.passes == 0
     assert _mean_error_mm(opening.solution.pose, actor) < 10
@@ -99,7 +102,7 @@ def test_a_pose_that_was_fitted_is_not_searched_far_and_wide() -> None:
 @pytest.mark.parametrize("turned_deg", [0, 180])
 def test_facing_decides(turned_deg: float) -> None:
     hints = _hints(actor_height=HEIGHT_M, facing=np.degrees(2.0) + turned_deg)
-    found = solve_opening(_silhouettes(_pose()), RIG, None, hints, _pool, CPU, SearchSettings()).solution
+    found = solve_opening(_seen(), RIG, None, hints, _pool, CPU, SearchSettings()).solution
     turned = np.radians(turned_deg)
     assert np.cos(found.pose[DOF_INDEX["root_heading"]] - 2.0 - turned) > np.cos(0.6)
 
@@ -109,7 +112,7 @@ def test_two_people_who_stand_close_are_refused_unless_the_body_is_known(
 ) -> None:
     pose, other = _pose(), _pose()
     other[:3] += 0.5 * np.cos(3.57), 0.5 * np.sin(3.57), 0.0  # beside each other
-    both, hints = _silhouettes(pose) | _silhouettes(other), _hints(facing=np.degrees(2.0))
+    both, hints = TriPlanes.sure(_silhouettes(pose) | _silhouettes(other)), _hints(facing=np.degrees(2.0))
     with pytest.raises(TakeError, match=r"^silhouettes: one body covers only \d\d% .* two people close"):
         solve_opening(both, RIG, None, hints, _pool, CPU, SearchSettings())
     actor = Actor(height=HEIGHT_M)
@@ -119,6 +122,6 @@ def test_two_people_who_stand_close_are_refused_unless_the_body_is_known(
 
 
 def test_an_empty_stage_is_said() -> None:
-    nobody = np.zeros((1, *RIG.shape_px), np.uint8)
+    nobody = TriPlanes.sure(np.zeros((1, *RIG.shape_px), np.uint8))
     with pytest.raises(TakeError, match="choose a first frame"):
         solve_opening(nobody, RIG, None, _hints(), _pool, CPU, SearchSettings())

@@ -8,6 +8,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SEGMENTS
@@ -16,7 +17,7 @@ from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.marks import PARTS
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Floats
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +35,8 @@ def _pose(model: Model, x_m: float, heading: float) -> Floats:
     return pose
 
 
-def _drawn(model: Model, pose: Floats) -> Bytes:
-    return model.backend.coverage(pose[None], ALL_SEGMENTS, Region.whole(model.rig))[0]
+def _drawn(model: Model, pose: Floats) -> TriPlanes:
+    return TriPlanes.sure(model.backend.coverage(pose[None], ALL_SEGMENTS, Region.whole(model.rig))[0])
 
 
 def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:
@@ -43,7 +44,7 @@ def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:
     tracker = Tracker(model, SearchSettings(), LocalLimbs(model), here[None])
     seen = tracker.solve(_drawn(model, here))
     assert seen.distrusted == []
-    nobody = np.zeros_like(_drawn(model, here))
+    nobody = TriPlanes.sure(np.zeros_like(_drawn(model, here).silhouettes))
     for _ in range(3):
         gone = tracker.solve(nobody)
         assert gone.distrusted == list(PARTS)
@@ -62,7 +63,7 @@ def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:
 def test_another_tracker_goes_on_as_the_one_before_would_have(model: Model, ends: int) -> None:
     """Wherever the first ends: on the way, while the actor is lost, just after they were found again."""
     steps = [0.0, 0.04, 0.09, None, None, 0.6, 0.63]
-    empty = np.zeros_like(_drawn(model, _pose(model, 0.0, 0.5)))
+    empty = TriPlanes.sure(np.zeros_like(_drawn(model, _pose(model, 0.0, 0.5)).silhouettes))
     shown = [empty if x_m is None else _drawn(model, _pose(model, x_m, 0.5)) for x_m in steps]
     first = _pose(model, 0.0, 0.5)[None]
     undisturbed = Tracker(model, SearchSettings(), LocalLimbs(model), first)

@@ -17,6 +17,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOFS
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit
@@ -28,7 +29,7 @@ from services.mocap.take.fit_record import fitted_pose, read_record
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_settings, write_settings
 from services.mocap.take.tables import read_poses_csv
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import Floats, Mask
 from services.runs.fit import TakeFit, fit_take, init_frames
 from services.runs.fit_files import write_fit
 from services.segmentation.cleanup import SegmentationSettings
@@ -41,15 +42,13 @@ FILES = {"actor.toml", "fit.json", "poses.csv", "measures.csv", "overlay.png", "
 log = logging.getLogger("services.mocap.fit")
 
 
-def stretch(
-    rig: Rig, silhouettes: Bytes, start: Actor, poses: Floats, progress: Callable[[float], None]
-) -> Fit:
+def stretch(rig: Rig, seen: TriPlanes, start: Actor, poses: Floats, progress: Callable[[float], None]) -> Fit:
     """In place of the fit: another height, all frames in the first pose."""
-    assert silhouettes.shape == (3, 1, *rig.shape_px)
+    assert seen.silhouettes.shape == seen.unsure.shape == (3, 1, *rig.shape_px)
     log.warning("something odd about %s", "cam01")
     progress(0.5)
-    actor, poses = Actor(height=TALLER_M), np.tile(poses, (len(silhouettes), 1))
-    before, after = (quality_of(build_body(body), poses, rig, silhouettes) for body in (start, actor))
+    actor, poses = Actor(height=TALLER_M), np.tile(poses, (len(seen), 1))
+    before, after = (quality_of(build_body(body), poses, rig, seen) for body in (start, actor))
     return Fit(actor, poses, before, after)
 
 

@@ -15,7 +15,7 @@ from services.mocap.calibration.remarks import remarks_on
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
 from services.mocap.take.folder import open_take
-from services.mocap.types import Floats
+from services.mocap.types import ACTOR, BACKGROUND, Floats
 
 _MOST_FRAMES = 60
 _FEWEST_CAMERAS = 2
@@ -38,7 +38,8 @@ def check_take(folder: Path, console: Console, errors: Console) -> None:
         raise TakeError(
             f"{folder}: silhouettes: the actor is whole in no two cameras: nothing can be compared"
         )
-    console.print(_table(names, found, filled_by_others(Rig.of(cameras), middle)))
+    filled = filled_by_others(Rig.of(cameras), middle == ACTOR, middle != BACKGROUND)
+    console.print(_table(names, found, filled))
     warn(remarks_on(cameras), errors)
     if not found.odd:
         return

@@ -11,16 +11,18 @@ _VOXEL_M = 0.05
 _REACH_M = 1.6
 
 
-def filled_by_others(rig: Rig, silhouettes: Mask) -> Floats:
+def filled_by_others(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Floats:
     """(C,) of silhouettes (C, H, W) of one moment; NaN for a camera that shows nobody.
 
-    Raises TakeError where the cameras' rays do not even come near to each other.
+    possible (C, H, W): what may be actor, by default the silhouettes; it leaves the hull room. Raises
+    TakeError where the cameras' rays do not even come near to each other.
     """
     seen = [c for c in range(rig.n_cameras) if silhouettes[c].any()]
     points_m = cube_about(meeting_point(rig, silhouettes, seen), _REACH_M, _VOXEL_M)
+    possible = silhouettes if possible is None else possible
     carves, holds = np.zeros((2, rig.n_cameras, len(points_m)), bool)
     for c in seen:
-        in_picture, on_actor = look_up(rig, silhouettes[c], c, points_m)
+        in_picture, on_actor = look_up(rig, possible[c], c, points_m)
         carves[c], holds[c] = in_picture & ~on_actor, in_picture
     shares: Floats = np.full(rig.n_cameras, np.nan)
     for c in seen:

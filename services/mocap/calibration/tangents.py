@@ -5,14 +5,16 @@ which, by the outermost points of its silhouette about the other camera's centre
 compared by two angles per frame, without any voxels, whatever the actor looks like.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 
 from services.mocap.camera.camera import Camera
-from services.mocap.types import Floats, Mask
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Floats, Mask, Trimap
 
 _WIDEST_RAD = 2.0
 """A silhouette that spans more of the pencil surrounds the other camera's centre: nothing is outermost."""
@@ -60,19 +62,37 @@ class Touches:
         return off
 
 
-def outline_of(silhouette: Mask, camera: Camera) -> Outline | None:
-    """The convex outline of an undistorted silhouette (H, W); None where there is hardly any."""
-    if silhouette.mean() < _SMALLEST_SHARE:
+def outline_of(trimap: Trimap, camera: Camera) -> Outline | None:
+    """The convex outline of an undistorted trimap's actor (H, W); None where there is hardly any.
+
+    Unsure pixels beside the actor belong to it, and where they are outermost, the actor is cut off: what is
+    left are the points that are outermost whatever these pixels are.
+    """
+    if (trimap == ACTOR).mean() < _SMALLEST_SHARE:
         return None
-    contours, _ = cv2.findContours(silhouette.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    largest = max(contours, key=cv2.contourArea)
-    hull_px = cv2.convexHull(largest)[:, 0].astype(np.float64)
-    height, width = silhouette.shape
+    contour = _with_what_may_belong_to_it(max(_contours(trimap == ACTOR), key=cv2.contourArea), trimap)
+    corners = cv2.convexHull(contour)[:, 0]
+    hull_px, (height, width) = corners.astype(np.float64), trimap.shape
     cut_off = np.any((hull_px < 1) | (hull_px > (width - 2, height - 2)), axis=1)
+    cut_off |= trimap[corners[:, 1], corners[:, 0]] == UNSURE
     rays = (
         np.column_stack([hull_px, np.ones(len(hull_px))]) @ np.linalg.inv(camera.K).T @ camera.R_camera_world
     )
     return Outline(rays / np.linalg.norm(rays, axis=1, keepdims=True), cut_off)
+
+
+def _contours(mask: Mask) -> Sequence[MatLike]:
+    """The outer contours of a mask (H, W), each (N, 1, 2) x and y of pixels."""
+    return cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+
+
+def _with_what_may_belong_to_it(contour: MatLike, trimap: Trimap) -> MatLike:
+    """A contour of the actor's in a trimap (H, W), and what is unsure beside it."""
+    if not (trimap == UNSURE).any():
+        return contour
+    x, y = contour[0, 0].tolist()
+    around = [c for c in _contours(trimap != BACKGROUND) if cv2.pointPolygonTest(c, (x, y), False) >= 0]
+    return around[0]
 
 
 def touches_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]) -> list[Touches]:

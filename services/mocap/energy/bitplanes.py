@@ -51,6 +51,11 @@ class TriPlanes:
         return cls(silhouettes, np.zeros_like(silhouettes))
 
     @classmethod
+    def of_frames(cls, frames: Sequence["TriPlanes"]) -> "TriPlanes":
+        """Those of several frames in one."""
+        return cls(np.array([one.silhouettes for one in frames]), np.array([one.unsure for one in frames]))
+
+    @classmethod
     def of_sent(cls, planes: Bytes, unsure: Bytes) -> "TriPlanes":
         """What a message holds: planes (P, H, W), and as many of unsure pixels, which win, or none."""
         return cls(planes & ~unsure, unsure) if len(unsure) else cls.sure(planes)
@@ -72,8 +77,8 @@ class TriPlanes:
         return self.unsure if self.unsure.any() else self.unsure[:0]
 
 
-def pack_trimaps(trimaps: Sequence[Trimap]) -> TriPlanes:
-    """Pack trimaps, one (H, W) per camera."""
+def pack_trimaps(trimaps: Sequence[Trimap] | Trimap) -> TriPlanes:
+    """Pack trimaps (C, H, W)."""
     stacked = np.asarray(trimaps)
     return TriPlanes(pack(stacked == ACTOR), pack(stacked == UNSURE))
 
@@ -83,6 +88,20 @@ def unpack_trimaps(planes: TriPlanes, n_cameras: int) -> Trimap:
     unsure = np.where(unpack(planes.unsure, n_cameras), UNSURE, BACKGROUND)
     trimaps: Trimap = np.where(unpack(planes.silhouettes, n_cameras), ACTOR, unsure).astype(np.uint8)
     return trimaps
+
+
+def joined(sources: Sequence[tuple[TriPlanes, int]]) -> TriPlanes:
+    """Planes of cameras that stand in different ones: in which, and at which place there, for each camera."""
+    silhouettes = pack(np.array([camera_bit(planes.silhouettes, place) for planes, place in sources]))
+    if not any(planes.unsure.any() for planes in {id(planes): planes for planes, _ in sources}.values()):
+        return TriPlanes.sure(silhouettes)
+    return TriPlanes(silhouettes, pack(np.array([camera_bit(p.unsure, place) for p, place in sources])))
+
+
+def fit_together(planes: Bytes, unsure: Bytes, n_cameras: int, shape_px: tuple[int, int]) -> bool:
+    """Whether planes of a message, and its unsure ones, are those of so many cameras."""
+    expected = (n_planes(n_cameras), *shape_px)
+    return planes.shape == expected and unsure.shape in (expected, (0, *shape_px))
 
 
 def trimap_of(silhouette: Mask) -> Trimap:

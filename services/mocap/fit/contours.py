@@ -1,14 +1,15 @@
 """Outlines of silhouettes: points between pixels, each with the direction that leads off the actor."""
 
 from dataclasses import dataclass
+from math import ceil
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import unpack
-from services.mocap.types import Bytes, Floats, Ints, Mask
+from services.mocap.energy.bitplanes import TriPlanes, camera_bit
+from services.mocap.types import Floats, Ints, Mask
 
 WORKING_WIDTH_PX = 320
 """Lengths on pictures are measured in pixels of pictures of this width, whatever the cameras' is."""
@@ -16,6 +17,8 @@ BORDER_PX = 2.0
 """This near to a picture's border, in pixels of the camera, an outline may be the picture's end."""
 _NORMAL_REACH_PX = 1.5
 """Silhouettes are blurred by this standard deviation to see where their outline is and which way it faces."""
+_UNSURE_PX = 2.0
+"""This near to unsure pixels, in working pixels, an outline may be their end."""
 _FARTHEST_PX = 1.0
 """Smoothing moves no point of an outline farther."""
 _LEAST_STEEP = 0.02
@@ -40,14 +43,36 @@ class Contour:
     """All points as features (N, 4)."""
     length_px: float
     """Length of the outline in working pixels."""
+    near_unsure: Mask | None = None
+    """(H, W) unsure pixels and those about them, where no outline is known; None: there are none."""
 
     @classmethod
-    def of(cls, silhouette: Mask, scale: float, n_chosen: int) -> "Contour":
-        """The outline of a picture (H, W), which has `scale` pixels per working pixel."""
+    def of(cls, silhouette: Mask, scale: float, n_chosen: int, unsure: Mask | None = None) -> "Contour":
+        """The outline in a picture (H, W), which has `scale` pixels per working pixel, off unsure pixels."""
         points_px, normals = outline_of(silhouette)
+        near_unsure = None if unsure is None or not unsure.any() else _about(unsure, scale)
+        if near_unsure is not None:
+            known = ~look_up(near_unsure, points_px)
+            points_px, normals = points_px[known], normals[known]
         chosen = evenly(len(points_px), n_chosen)
         features = features_of(points_px, normals, scale)
-        return cls(points_px, normals, chosen, cKDTree(features), outline_length_px(len(points_px), scale))
+        length_px = outline_length_px(len(points_px), scale)
+        return cls(points_px, normals, chosen, cKDTree(features), length_px, near_unsure)
+
+
+def _about(unsure: Mask, scale: float) -> Mask:
+    """Unsure pixels (H, W) and those so near that an outline is smoothed with them or borders on them."""
+    size = 1 + 2 * ceil(max(_UNSURE_PX * scale, 2 * _NORMAL_REACH_PX))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return np.asarray(cv2.dilate(unsure.astype(np.uint8), kernel) > 0)
+
+
+def look_up(mask: Mask, points_px: Floats) -> Mask:
+    """Which points (…, 2) lie on a mask (H, W); beyond the picture it is as at its edge."""
+    height, width = mask.shape
+    pixels = np.rint(points_px).astype(np.int64)
+    on_mask: Mask = mask[pixels[..., 1].clip(0, height - 1), pixels[..., 0].clip(0, width - 1)]
+    return on_mask
 
 
 def evenly(n_points: int, at_most: int) -> Ints:
@@ -72,16 +97,16 @@ def working_scales(rig: Rig) -> Floats:
     return scales
 
 
-def contours_of(rig: Rig, silhouettes: Bytes, n_chosen: int) -> list[list[Contour]]:
-    """Per frame and camera the contour of silhouettes (F, P, H, W)."""
+def contours_of(rig: Rig, seen: TriPlanes, n_chosen: int) -> list[list[Contour]]:
+    """Per frame and camera the contour of what is seen (F, P, H, W)."""
     scales = working_scales(rig)
-    return [
-        [
-            Contour.of(mask[: rig.sizes_px[c, 1], : rig.sizes_px[c, 0]], float(scales[c]), n_chosen)
-            for c, mask in enumerate(unpack(planes, rig.n_cameras))
-        ]
-        for planes in silhouettes
-    ]
+
+    def contour(planes: TriPlanes, c: int) -> Contour:
+        width, height = rig.sizes_px[c]
+        actor, unsure = (camera_bit(p, c)[:height, :width] for p in (planes.silhouettes, planes.unsure))
+        return Contour.of(actor, float(scales[c]), n_chosen, unsure)
+
+    return [[contour(seen[f], c) for c in range(rig.n_cameras)] for f in range(len(seen))]
 
 
 def outline_of(silhouette: Mask) -> tuple[Floats, Floats]:

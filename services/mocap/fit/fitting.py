@@ -10,12 +10,13 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import Contour, contours_of
 from services.mocap.fit.least_squares import Fitting
 from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State
 from services.mocap.fit.priors import WEIGHT_APART_PX3, WEIGHT_PX3, Prior
 from services.mocap.fit.quality import FitQuality, quality_of
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Floats
 
 _CONTOUR_POINTS = 250
 """Contour points of a view that are looked for on the model, at most."""
@@ -54,26 +55,26 @@ class Fit:
 
 def fit_actor(
     rig: Rig,
-    silhouettes: Bytes,
+    seen: TriPlanes,
     start: Actor,
     poses: Floats,
     progress: Callable[[float], None] = lambda _: None,
     *,
     apart: bool = False,
 ) -> Fit:
-    """Fit an actor and the poses of F frames to silhouettes (F, P, H, W), from an actor and poses near them.
+    """Fit an actor and the poses of F frames to what is seen (F, P, H, W), from an actor and poses near them.
 
     poses: (F, 35), or (35,) for the first frame, from which those of the others are followed. progress is
     called with the share done, 0 to 1. apart: whether the frames are from all of a motion, so that what is
     known of people's shapes beforehand counts less. The result never has more energy than the start. Raises
     ValueError where shapes do not go together.
     """
-    n_frames, following = len(silhouettes), poses.ndim == 1
+    n_frames, following = len(seen), poses.ndim == 1
     starts = np.tile(poses, (n_frames, 1)) if following else np.array(poses, np.float64)
     if starts.shape != (n_frames, len(ALL_DOFS)):
         raise ValueError(f"poses: expected ({n_frames}, {len(ALL_DOFS)}) or one pose, got {poses.shape}")
     starts = clip_to_limits(starts)
-    contours = contours_of(rig, silhouettes, _CONTOUR_POINTS)
+    contours = contours_of(rig, seen, _CONTOUR_POINTS)
     account = _Account(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
     state = _place(rig, contours, begun, following, account, start.mesh)
@@ -82,9 +83,9 @@ def fit_actor(
     for stage in _SHAPING:
         state = fitting.run(state, stage, account.step_of(n_frames))
     actor = shape_space.actor_of(shape_space.with_true_height(state.x, start.mesh), start.mesh)
-    before = quality_of(build_body(start), starts, rig, silhouettes)
+    before = quality_of(build_body(start), starts, rig, seen)
     covariance = fitting.shape_covariance(state, _SHAPING[-1])
-    after = quality_of(build_body(actor), state.poses, rig, silhouettes)
+    after = quality_of(build_body(actor), state.poses, rig, seen)
     progress(1.0)
     if after.energy_px.sum() > before.energy_px.sum():
         return Fit(start, starts, before, before)

@@ -8,15 +8,24 @@ from scipy.spatial import cKDTree
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
-from services.mocap.fit.contours import Contour, evenly, features_of, outline_length_px, working_scales
+from services.mocap.fit.contours import (
+    Contour,
+    evenly,
+    features_of,
+    look_up,
+    outline_length_px,
+    working_scales,
+)
 from services.mocap.fit.rim import Indices, Rim, find_rims
-from services.mocap.types import Floats
+from services.mocap.types import Floats, Ints, Mask
 
 RIM_POINTS = 200
 """Rim points of a view that are looked for on the contour, at most."""
 _SURFACE_PX, _SURFACE_TURN = 4.0, 3.0
 """How far from an outline point, in working pixels, what makes it is looked for on the surface, and how many
 of them a turn by a radian counts for."""
+_WAY_POINTS = 12
+"""At which it is seen whether there are unsure pixels on the way from a rim point to the contour."""
 _SHORTEST_PX = 60.0
 """Views with a shorter contour say nothing: the actor is hardly in them."""
 
@@ -48,7 +57,8 @@ def match_frame(body: Body, pose: Floats, rig: Rig, contours: list[Contour]) -> 
 def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:
     """Match some points of the model's outline with the nearest of the input's, and the other way round.
 
-    Near is what lies near and faces the same way. scale: pixels per working pixel.
+    Near is what lies near and faces the same way. Points of the model that come to unsure pixels first are
+    left alone. scale: pixels per working pixel.
     """
     if len(rim.edges) == 0 or len(rim.points_px) == 0 or contour.length_px < _SHORTEST_PX:
         return Matches(
@@ -57,9 +67,12 @@ def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:
     forth = evenly(len(rim.points_px), RIM_POINTS)
     features = features_of(rim.points_px, rim.normals, scale)
     _, on_contour = contour.tree.query(features[forth])
+    forth_px = outline_length_px(len(rim.points_px), scale) / len(forth)
+    if contour.near_unsure is not None:
+        told = ~_hidden(rim, forth, contour.points_px[on_contour], contour.near_unsure)
+        forth, on_contour = forth[told], on_contour[told]
     _, on_rim = cKDTree(features).query(contour.tree.data[contour.chosen])
     rows, targets = np.concatenate([forth, on_rim]), np.concatenate([on_contour, contour.chosen])
-    forth_px = outline_length_px(len(rim.points_px), scale) / len(forth)
     back_px = contour.length_px / max(len(on_rim), 1)
     lengths_px = np.repeat([forth_px, back_px], [len(forth), len(on_rim)])
     edges = nearest_edges(
@@ -81,6 +94,19 @@ def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:
         residuals_px=np.einsum("ni,ni->n", normals, off),
         lengths_px=lengths_px[found],
     )
+
+
+def _hidden(rim: Rim, rows: Ints, targets_px: Floats, near_unsure: Mask) -> Mask:
+    """Which of the rim's points come to unsure pixels before they come to their targets (N, 2).
+
+    On the way there, or as near along the normal, either side: what belongs to them may be there.
+    """
+    points_px, normals = rim.points_px[rows], rim.normals[rows]
+    ways = targets_px - points_px
+    along = np.linalg.norm(ways, axis=1)[:, None] * normals
+    shares = np.linspace(0.0, 1.0, _WAY_POINTS)[:, None, None]
+    on_ways = np.concatenate([points_px + shares * way for way in (ways, along, -along)])
+    return np.asarray(look_up(near_unsure, on_ways).any(axis=0))
 
 
 @numba.njit(cache=True, nogil=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SEGMENTS
@@ -20,7 +20,7 @@ class FitQuality:
     energy_px: Floats
     """(F,) differing pixels of each frame, over all cameras."""
     iou: Floats
-    """(F, C) pixels in both silhouettes over pixels in either; 1 where both are empty."""
+    """(F, C) pixels in both silhouettes over pixels in either, unsure ones aside; 1 where both are empty."""
 
     @property
     def mean_iou(self) -> float:
@@ -28,14 +28,14 @@ class FitQuality:
         return float(self.iou.mean())
 
 
-def quality_of(body: Body, poses: Floats, rig: Rig, silhouettes: Bytes) -> FitQuality:
-    """Compare a body in poses (F, 35) with the silhouettes (F, P, H, W)."""
+def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuality:
+    """Compare a body in poses (F, 35) with what is seen (F, P, H, W); unsure pixels do not count."""
     backend = CpuBackend(body, rig)
     drawn = backend.coverage(poses, ALL_SEGMENTS, Region.whole(rig))
     backend.close()
-    outside = Region.whole(rig).outside(rig)
-    both = np.array([_counts(m & s & ~outside, rig) for m, s in zip(drawn, silhouettes, strict=True)])
-    either = np.array([_counts((m | s) & ~outside, rig) for m, s in zip(drawn, silhouettes, strict=True)])
+    counted = ~(Region.whole(rig).outside(rig) | seen.unsure)
+    both = np.array([_counts(planes, rig) for planes in drawn & seen.silhouettes & counted])
+    either = np.array([_counts(planes, rig) for planes in (drawn | seen.silhouettes) & counted])
     iou = np.where(either > 0, both / np.maximum(either, 1), 1.0)
     return FitQuality((either - both).sum(axis=1).astype(np.float64), iou)
 

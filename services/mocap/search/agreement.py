@@ -48,13 +48,16 @@ class Agreement:
         return self.filled >= AGREEING_SHARE
 
 
-def find_agreement(rig: Rig, silhouettes: Mask, cameras: tuple[int, ...]) -> Agreement:
+def find_agreement(
+    rig: Rig, silhouettes: Mask, cameras: tuple[int, ...], possible: Mask | None = None
+) -> Agreement:
     """Look for the fewest cameras without which the silhouettes (C, H, W) of the others meet in space.
 
-    cameras: those that show somebody, two or more. At least three others must agree for a camera to be odd.
-    Raises TakeError where the rays do not even come near to each other.
+    cameras: those that show somebody, two or more. possible (C, H, W): what may be actor, by default the
+    silhouettes: it leaves the hull room, but only the silhouettes have to be filled. At least three others
+    must agree for a camera to be odd. Raises TakeError where the rays do not even come near to each other.
     """
-    space = _Space(rig, silhouettes, cameras)
+    space = _Space(rig, silhouettes, cameras, silhouettes if possible is None else possible)
     best, suspects = _Choice((), space.filled(cameras)), tuple[int, ...]()
     for n_odd in range(1, _MOST_LEFT_OUT + 1):
         if best.filled >= WELL_FILLED or len(cameras) - n_odd <= MIN_CAMERAS:
@@ -96,15 +99,15 @@ def _choice(space: "_Space", cameras: tuple[int, ...], odd: tuple[int, ...]) -> 
 class _Space:
     """A cube of voxels, and for each which cameras would carve it away."""
 
-    def __init__(self, rig: Rig, silhouettes: Mask, cameras: tuple[int, ...]) -> None:
-        """Look all voxels up in all cameras' silhouettes (C, H, W), once."""
+    def __init__(self, rig: Rig, silhouettes: Mask, cameras: tuple[int, ...], possible: Mask) -> None:
+        """Look all voxels up in what may be actor in all cameras (C, H, W), once."""
         self._rig = rig
         centre_m = meeting_point(rig, silhouettes, list(cameras))
         self._points_m = cube_about(centre_m, _REACH_M, _VOXEL_M)
         self._carves = np.zeros((rig.n_cameras, len(self._points_m)), bool)
         self._holds = np.zeros_like(self._carves)
         for c in cameras:
-            in_picture, on_actor = look_up(rig, silhouettes[c], c, self._points_m)
+            in_picture, on_actor = look_up(rig, possible[c], c, self._points_m)
             self._carves[c], self._holds[c] = in_picture & ~on_actor, in_picture
         self._views = {c: _View.of(rig, silhouettes[c], c, centre_m) for c in cameras}
 

@@ -33,18 +33,19 @@ class Hull:
     """Voxel centres of the largest connected piece of the visual hull."""
 
     points_world_m: Floats
-    """(N, 3)"""
+    """(N, 3) all that unsure pixels leave room for."""
+    firm: Mask | None = None
+    """(N,) those that most cameras surely see the actor at, by which all is measured; None: all of them."""
+
+    @property
+    def _firm_m(self) -> Floats:
+        firm = self.firm
+        return self.points_world_m if firm is None or not firm.any() else self.points_world_m[firm]
 
     @property
     def bottom_m(self) -> float:
-        """Height of the soles: the lowest layer that is at least half as wide as the feet's widest.
-
-        Cameras look down at the feet and so do not see the floor under them: there the hull ends in a tip.
-        """
-        z_m = self.points_world_m[:, 2]
-        layers = np.rint((z_m - z_m.min()) / _VOXEL_M).astype(np.int64)
-        feet = np.bincount(layers)[: round(_FEET_M / _VOXEL_M)]
-        return float(z_m.min() + int(np.argmax(2 * feet >= feet.max())) * _VOXEL_M)
+        """Height of the soles (see _bottom_m)."""
+        return _bottom_m(self._firm_m)
 
     @property
     def height_m(self) -> float:
@@ -52,18 +53,35 @@ class Hull:
 
         Between centres: the slack of the silhouettes makes up for the halves of the outermost voxels.
         """
-        return float(self.points_world_m[:, 2].max()) - self.bottom_m
+        return float(self._firm_m[:, 2].max()) - self.bottom_m
 
     @property
     def axis_world_m(self) -> Floats:
         """(2,) x and y of the middle."""
-        return np.median(self.points_world_m[:, :2], axis=0)
+        return np.median(self._firm_m[:, :2], axis=0)
+
+    def may_be(self, low_m: float, high_m: float) -> bool:
+        """Whether the height lies within a range, or may do so for all that is unsure."""
+        most_m = float(self.points_world_m[:, 2].max()) - _bottom_m(self.points_world_m)
+        return self.height_m <= high_m and max(self.height_m, most_m) >= low_m
 
 
-def carve(rig: Rig, silhouettes: Mask) -> Hull:
+def _bottom_m(points_world_m: Floats) -> float:
+    """The height of the lowest layer of voxels that is at least half as wide as the feet's widest.
+
+    Cameras look down at the feet and so do not see the floor under them: there the hull ends in a tip.
+    """
+    z_m = points_world_m[:, 2]
+    layers = np.rint((z_m - z_m.min()) / _VOXEL_M).astype(np.int64)
+    feet = np.bincount(layers)[: round(_FEET_M / _VOXEL_M)]
+    return float(z_m.min() + int(np.argmax(2 * feet >= feet.max())) * _VOXEL_M)
+
+
+def carve(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Hull:
     """Carve the hull from silhouettes (C, H, W); a camera that shows nothing does not count.
 
-    Raises TakeError where there is nobody, or where the silhouettes do not meet in space.
+    possible (C, H, W): what may be actor, by default the silhouettes: what lies beyond is carved away. Raises
+    TakeError where there is nobody, or where the silhouettes do not meet in space.
     """
     seen = [c for c in range(rig.n_cameras) if silhouettes[c].any()]
     if len(seen) < MIN_CAMERAS:
@@ -71,29 +89,49 @@ def carve(rig: Rig, silhouettes: Mask) -> Hull:
             f"silhouettes: only {len(seen)} of {rig.n_cameras} cameras show anybody in the first frame: "
             "choose a first frame in which the actor is in view"
         )
+    possible = silhouettes if possible is None else possible
     points_world_m = cube_about(meeting_point(rig, silhouettes, seen), _REACH_M, _VOXEL_M)
     inside, n_pictures = np.ones(len(points_world_m), bool), np.zeros(len(points_world_m), np.int32)
     for c in seen:
         left = np.flatnonzero(inside)  # most is carved away by the first cameras
-        in_picture, on_actor = look_up(rig, silhouettes[c], c, points_world_m[left])
+        in_picture, on_actor = look_up(rig, possible[c], c, points_world_m[left])
         n_pictures[left] += in_picture
         inside[left] = on_actor | ~in_picture
     # Where few cameras look, little is carved away: half of them must have a point in their picture.
     inside &= 2 * n_pictures >= max(len(seen), 2 * MIN_CAMERAS)
-    pieces = pieces_of(inside)
+    firm = inside if np.array_equal(possible, silhouettes) else _firm(rig, silhouettes, seen, points_world_m)
+    pieces = pieces_of(inside, inside & firm)
     if not pieces.any():
         raise TakeError(
             "calibration.toml: the cameras' silhouettes do not meet anywhere in space: check that the "
             "calibration belongs to this take and that the videos are synchronised"
         )
-    return Hull(points_world_m[pieces == 1])
+    largest = pieces == 1
+    return Hull(points_world_m[largest], firm[largest])
 
 
-def pieces_of(inside: Mask) -> Ints:
-    """Number the connected pieces of a cube's points (N,), the largest first, from 1 on; 0 outside."""
+def _firm(rig: Rig, silhouettes: Mask, cameras: list[int], points_world_m: Floats) -> Mask:
+    """Which points (N, 3) at least half of the cameras that have them in their picture see on the actor."""
+    n_pictures, n_seen = np.zeros((2, len(points_world_m)), np.int32)
+    for c in cameras:
+        in_picture, on_actor = look_up(rig, silhouettes[c], c, points_world_m)
+        n_pictures += in_picture
+        n_seen += on_actor
+    firm: Mask = 2 * n_seen >= n_pictures
+    return firm
+
+
+def pieces_of(inside: Mask, firm: Mask | None = None) -> Ints:
+    """Number the connected pieces of a cube's points (N,), the largest first, from 1 on; 0 outside.
+
+    firm (N,): the points that count for that, and all only among pieces that have as many of these.
+    """
     side = round(len(inside) ** (1 / 3))
     labels, n_pieces = ndimage.label(inside.reshape(side, side, side))
     sizes = np.bincount(labels.ravel(), minlength=n_pieces + 1)[1:]
+    if firm is not None:
+        firm_sizes = np.bincount(labels.ravel()[firm], minlength=n_pieces + 1)[1:]
+        sizes = sizes + (len(inside) + 1) * firm_sizes
     rank: Ints = np.zeros(n_pieces + 1, np.int32)
     rank[1 + np.argsort(-sizes, kind="stable")] = 1 + np.arange(n_pieces)
     pieces: Ints = rank[labels.ravel()]

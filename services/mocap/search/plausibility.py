@@ -50,22 +50,27 @@ class FirstLook:
         return tuple(0.0 if c in self.left_out else 1.0 for c in range(n_cameras))
 
 
-def look_first(rig: Rig, silhouettes: Mask, names: Sequence[str] = ()) -> FirstLook:
+def look_first(
+    rig: Rig, silhouettes: Mask, names: Sequence[str] = (), possible: Mask | None = None
+) -> FirstLook:
     """Check the silhouettes (C, H, W) of the first frame, before a pose is looked for.
 
-    names: of the cameras, for the sentences. Raises TakeError where nobody or more than one person is to be
-    seen, where most cameras cut the actor off, or where the silhouettes do not meet in space. A camera that
-    is empty, full or disagrees with the others is left out instead; so are several, as long as two are
-    left, or three to blame one of disagreeing.
+    names: of the cameras, for the sentences. possible (C, H, W): what may be actor, by default the
+    silhouettes; what is not sure never speaks against a frame. Raises TakeError where nobody or more than one
+    person is to be seen, where most cameras cut the actor off, or where the silhouettes do not meet in space.
+    A camera that is empty, full or disagrees with the others is left out instead; so are several, as long as
+    two are left, or three to blame one of disagreeing.
     """
     names = list(names) or [f"camera {c + 1} of {rig.n_cameras}" for c in range(rig.n_cameras)]
+    possible = silhouettes if possible is None else possible
     shares = _foreground_shares(rig, silhouettes)
     empty = tuple(c for c, share in enumerate(shares) if share < _EMPTY_SHARE)
     full = tuple(c for c, share in enumerate(shares) if share > _FULL_SHARE)
     usable = tuple(c for c in range(rig.n_cameras) if c not in empty and c not in full)
-    _check_counts(empty, full, usable, names)
-    _check_cut_off(rig, silhouettes, usable, names)
-    agreement = find_agreement(rig, silhouettes, usable)
+    unsure = tuple(c for c in empty if _foreground_shares(rig, possible)[c] >= _EMPTY_SHARE)
+    _check_counts(empty, full, usable, unsure, names)
+    _check_cut_off(rig, silhouettes, possible, usable, names)
+    agreement = find_agreement(rig, silhouettes, usable, possible)
     _check_agreement(agreement, names)
     left_out = (*empty, *full, *agreement.odd)
     return FirstLook(left_out, tuple(_remarks(empty, full, agreement, names)))
@@ -105,11 +110,22 @@ def _foreground_shares(rig: Rig, silhouettes: Mask) -> Floats:
 
 
 def _check_counts(
-    empty: tuple[int, ...], full: tuple[int, ...], usable: tuple[int, ...], names: Sequence[str]
+    empty: tuple[int, ...],
+    full: tuple[int, ...],
+    usable: tuple[int, ...],
+    unsure: tuple[int, ...],
+    names: Sequence[str],
 ) -> None:
+    """unsure: those of the empty cameras that may show somebody all the same."""
     n_cameras = len(names)
     if len(usable) >= MIN_CAMERAS:
         return
+    if len(usable) + len(unsure) >= MIN_CAMERAS:
+        raise TakeError(
+            f"silhouettes: what {len(unsure)} of {n_cameras} cameras show of the actor in the first frame is "
+            "all unsure: choose a first frame in which the actor is surely to be seen, or see to it that "
+            "less of the silhouettes is unsure"
+        )
     if full and len(full) >= len(empty):
         raise TakeError(
             f"silhouettes: {len(full)} of {n_cameras} cameras are white nearly all over in the first frame: "
@@ -126,8 +142,10 @@ def _check_counts(
     )
 
 
-def _check_cut_off(rig: Rig, silhouettes: Mask, usable: tuple[int, ...], names: Sequence[str]) -> None:
-    cut = [c for c in usable if _is_cut_off(silhouettes[c], *rig.sizes_px[c])]
+def _check_cut_off(
+    rig: Rig, silhouettes: Mask, possible: Mask, usable: tuple[int, ...], names: Sequence[str]
+) -> None:
+    cut = [c for c in usable if _is_cut_off(silhouettes[c], possible[c], *rig.sizes_px[c])]
     if 2 * len(cut) > len(usable):
         raise TakeError(
             f"silhouettes: {len(cut)} of {len(usable)} cameras ({', '.join(names[c] for c in cut)}) cut the "
@@ -135,14 +153,18 @@ def _check_cut_off(rig: Rig, silhouettes: Mask, usable: tuple[int, ...], names: 
         )
 
 
-def _is_cut_off(silhouette: Mask, width: int, height: int) -> bool:
-    """Whether more than a hand reaches the edge of a picture; specks there do not count."""
+def _is_cut_off(silhouette: Mask, possible: Mask, width: int, height: int) -> bool:
+    """Whether more than a hand reaches the edge of a picture; specks there do not count.
+
+    possible (H, W): what may be actor, so that what of it is sure is not taken for all of the actor.
+    """
     _, pieces, statistics, _ = cv2.connectedComponentsWithStats(silhouette[:height, :width].astype(np.uint8))
     areas_px = statistics[:, cv2.CC_STAT_AREA]
     areas_px[0] = 0  # the background
     seen = (areas_px > _SPECK_SHARE * areas_px.max())[pieces]
     contacts = [np.count_nonzero(edge) for edge in (seen[0], seen[-1], seen[:, 0], seen[:, -1])]
-    return bool(max(contacts) > _CUT_SHARE * np.sqrt(np.count_nonzero(seen)))
+    unsure_px = np.count_nonzero((possible & ~silhouette)[:height, :width])
+    return bool(max(contacts) > _CUT_SHARE * np.sqrt(np.count_nonzero(seen) + unsure_px))
 
 
 def _suspicion(agreement: Agreement, names: Sequence[str]) -> str:

@@ -12,11 +12,12 @@ from services.mocap.body.shape_prior import random_shape
 from services.mocap.body.shape_space import body_of
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.synth.studio import studio_cameras
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class Person:
     body: Body
     poses: Floats
     """(F, 35)"""
-    silhouettes: Bytes
+    seen: TriPlanes
     """(F, P, H, W)"""
     guess: Floats
     """(35,)"""
@@ -58,6 +59,6 @@ def a_person(rig: Rig) -> Callable[[int, int], Person]:
         guess = poses[0].copy()
         guess[:3] += rng.normal(size=3) * 0.02
         guess[3:] += rng.normal(size=N_DOF - 3) * np.radians(5)
-        return Person(x, body, poses, silhouettes, clip_to_limits(guess))
+        return Person(x, body, poses, TriPlanes.sure(silhouettes), clip_to_limits(guess))
 
     return make

@@ -11,7 +11,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.shape_space import INDEX, actor_of, vector_of
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import pack, unpack
+from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.quality import quality_of
 
@@ -30,7 +30,7 @@ def _errors_mm(fit: Fit, person: Any) -> tuple[float, float]:
 
 def test_a_person_of_unknown_shape_is_found(rig: Rig, a_person: Callable[..., Any]) -> None:
     person, shares = a_person(0, 2), list[float]()
-    fit = fit_actor(rig, person.silhouettes, _GENERIC, person.guess, shares.append)
+    fit = fit_actor(rig, person.seen, _GENERIC, person.guess, shares.append)
     height_mm, joints_mm = _errors_mm(fit, person)
     assert height_mm < 10
     assert joints_mm < 15
@@ -44,23 +44,23 @@ def test_a_person_of_unknown_shape_is_found(rig: Rig, a_person: Callable[..., An
 
 def test_one_camera_with_the_wrong_picture_does_no_harm(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(2, 1)
-    masks = np.array([unpack(planes, rig.n_cameras) for planes in person.silhouettes])
+    masks = np.array([unpack(planes, rig.n_cameras) for planes in person.seen.silhouettes])
     masks[:, 3] = np.roll(masks[:, 3], (12, 25), axis=(1, 2))
-    planes = np.array([pack(frame) for frame in masks])
-    height_mm, joints_mm = _errors_mm(fit_actor(rig, planes, _GENERIC, person.guess), person)
+    seen = TriPlanes.sure(np.array([pack(frame) for frame in masks]))
+    height_mm, joints_mm = _errors_mm(fit_actor(rig, seen, _GENERIC, person.guess), person)
     assert height_mm < 15
     assert joints_mm < 25
 
 
 def test_empty_and_cut_off_cameras_count_for_what_they_show(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(4, 1)
-    masks = np.array([unpack(planes, rig.n_cameras) for planes in person.silhouettes])
+    masks = np.array([unpack(planes, rig.n_cameras) for planes in person.seen.silhouettes])
     masks[:, 0] = False
     sizes_px = rig.sizes_px.copy()
     sizes_px[1, 1] = np.nonzero(masks[0, 1].any(axis=1))[0].max() - 30  # its picture ends at the shins
     masks[:, 1, sizes_px[1, 1] :] = False
-    planes = np.array([pack(frame) for frame in masks])
-    fit = fit_actor(replace(rig, sizes_px=sizes_px), planes, _GENERIC, person.guess)
+    seen = TriPlanes.sure(np.array([pack(frame) for frame in masks]))
+    fit = fit_actor(replace(rig, sizes_px=sizes_px), seen, _GENERIC, person.guess)
     height_mm, joints_mm = _errors_mm(fit, person)
     assert height_mm < 15
     assert joints_mm < 20
@@ -69,7 +69,7 @@ def test_empty_and_cut_off_cameras_count_for_what_they_show(rig: Rig, a_person: 
 def test_the_result_never_has_more_energy_than_the_start(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(3, 1)
     truth = actor_of(person.x)
-    fit = fit_actor(rig, person.silhouettes, truth, person.poses)
+    fit = fit_actor(rig, person.seen, truth, person.poses)
     assert fit.before.energy_px.sum() == 0
     assert fit.after.energy_px.sum() == 0
     assert fit.actor == truth
@@ -79,18 +79,18 @@ def test_the_result_never_has_more_energy_than_the_start(rig: Rig, a_person: Cal
 def test_poses_for_other_frames_are_refused(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(5, 1)
     with pytest.raises(ValueError, match=r"poses: expected \(1, 35\) or one pose, got \(2, 35\)"):
-        fit_actor(rig, person.silhouettes, _GENERIC, np.tile(person.guess, (2, 1)))
+        fit_actor(rig, person.seen, _GENERIC, np.tile(person.guess, (2, 1)))
 
 
 def test_quality_counts_pixels(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(6, 1)
-    exact = quality_of(person.body, person.poses, rig, person.silhouettes)
+    exact = quality_of(person.body, person.poses, rig, person.seen)
     assert np.all(exact.iou == 1.0)
-    masks = unpack(person.silhouettes[0], rig.n_cameras)
+    masks = unpack(person.seen.silhouettes[0], rig.n_cameras)
     half = masks.copy()
     y, x = np.nonzero(masks[2])
     half[2, y[::2], x[::2]] = False
-    found = quality_of(person.body, person.poses, rig, pack(half)[None])
+    found = quality_of(person.body, person.poses, rig, TriPlanes.sure(pack(half)[None]))
     assert found.energy_px[0] == len(y[::2])
     assert found.iou[0, 2] == pytest.approx(1.0 - len(y[::2]) / len(y))
     assert np.all(np.delete(found.iou[0], 2) == 1.0)

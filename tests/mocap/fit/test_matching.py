@@ -43,7 +43,7 @@ def test_what_touches_the_picture_s_border_has_no_contour_there() -> None:
 
 def test_the_rim_is_the_outline_that_is_drawn(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(0, 1)
-    masks = unpack(person.silhouettes[0], rig.n_cameras)
+    masks = unpack(person.seen.silhouettes[0], rig.n_cameras)
     rims = find_rims(person.body, person.poses[0], rig)
     for mask, rim in zip(masks, rims, strict=True):
         points_px, normals = outline_of(mask)
@@ -78,7 +78,7 @@ def test_who_reaches_a_camera_has_no_rim_there(rig: Rig, a_person: Callable[...,
 
 def test_the_right_body_leaves_nothing_to_mend(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(0, 1)
-    contours = contours_of(rig, person.silhouettes, 250)[0]
+    contours = contours_of(rig, person.seen, 250)[0]
     residuals_px = np.concatenate(
         [view.residuals_px for view in match_frame(person.body, person.poses[0], rig, contours)]
     )
@@ -90,7 +90,7 @@ def test_the_right_body_leaves_nothing_to_mend(rig: Rig, a_person: Callable[...,
 def test_slopes_are_those_of_the_surface(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(1, 1)
     x, pose = person.x * 0.5, person.guess
-    contours = contours_of(rig, person.silhouettes, 50)[0]
+    contours = contours_of(rig, person.seen, 50)[0]
     matches = match_frame(body_of(x), pose, rig, contours)
     rows = jacobian(ShapeSlopes.at(x, _ALL), pose, rig, matches)
     rng, step = np.random.default_rng(0), 1e-5

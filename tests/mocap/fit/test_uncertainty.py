@@ -31,7 +31,7 @@ def test_what_is_not_known_of_a_bone_is_not_known_of_its_measure() -> None:
 
 def test_silhouettes_leave_less_open_than_people_differ(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(0, 1)
-    fitting = Fitting(rig, contours_of(rig, person.silhouettes, 250), Prior(person.poses))
+    fitting = Fitting(rig, contours_of(rig, person.seen, 250), Prior(person.poses))
     covariance = fitting.shape_covariance(State(person.x, person.poses), _LAST)
     np.testing.assert_allclose(covariance, covariance.T, atol=1e-9)
     assert np.linalg.eigvalsh(covariance).min() > 0.0
