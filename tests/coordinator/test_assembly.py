@@ -149,3 +149,32 @@ def test_unused_bits_do_not_matter() -> None:
     assert seen is not None
     np.testing.assert_array_equal(unpack(seen.silhouettes, _N_CAMERAS), masks_of(0))
     assert not np.any(seen.silhouettes[1] & 0b1111_1100)
+
+
+def unsure_message(unsure: Bytes) -> Silhouettes:
+    """Of the cameras of the first group in frame 0, with such unsure planes."""
+    return message(0, _GROUPS[0]).model_copy(update={"unsure": unsure})
+
+
+def test_unsure_pixels_come_through_and_win() -> None:
+    frames, rng = assembler(), np.random.default_rng(5)
+    planes = message(0, _GROUPS[0]).planes
+    unsure = planes & rng.integers(0, 256, planes.shape, np.uint8)  # each of them is set in both
+    frames.add(unsure_message(unsure), 8)
+    frames.add(message(0, _GROUPS[1]), 8)
+    seen = frames.take_next()
+    assert seen is not None
+    found, expected = unpack(seen.unsure, _N_CAMERAS), unpack(unsure, len(_GROUPS[0]))
+    np.testing.assert_array_equal(found[_GROUPS[0]], expected)
+    assert not found[_GROUPS[1]].any()
+    silhouettes = masks_of(0)
+    silhouettes[_GROUPS[0]] &= ~expected
+    np.testing.assert_array_equal(unpack(seen.silhouettes, _N_CAMERAS), silhouettes)
+
+
+@pytest.mark.parametrize("shape", [(1, 4, 6), (3, 4, 6), (2, 6, 4)])
+def test_unsure_planes_that_do_not_fit_are_dropped_and_counted(shape: tuple[int, int, int]) -> None:
+    frames = assembler()
+    frames.add(unsure_message(np.zeros(shape, np.uint8)), 8)
+    assert frames.dropped == 1
+    assert 0 in frames.waiting_for()

@@ -60,15 +60,22 @@ class Stage:
         assert self.pace is not None
         return self.pace.shot_s + (shot - self.pace.shot) * self.pace.period_s
 
-    def send(self, shot: int, cameras: list[int]) -> None:
-        """Camera c's silhouette of shot n is one pixel in row c and column n % 64."""
-        planes = np.zeros((1, *self.rig.shape_px), np.uint8)
+    def send(self, shot: int, cameras: list[int], n_unsure: int = 1) -> None:
+        """Camera c's silhouette of shot n is one pixel in row c and column n % 64; the next one is unsure."""
+        planes, unsure = np.zeros((2, 1, *self.rig.shape_px), np.uint8)
         for k, c in enumerate(cameras):
             planes[0, c, shot % 64] |= 1 << k
+            unsure[0, c, shot % 64 + 1] |= 1 << k
         times_s = [self.origin_s + shot / _FPS] * len(cameras)
         self.frames.add(
             LiveSilhouettes(
-                take="stage", run=_RUN, shot=shot, cameras=cameras, times_s=times_s, planes=planes
+                take="stage",
+                run=_RUN,
+                shot=shot,
+                cameras=cameras,
+                times_s=times_s,
+                planes=planes,
+                unsure=unsure.repeat(n_unsure, axis=0),
             )
         )
 
@@ -101,6 +108,7 @@ def test_a_shot_comes_whole_with_its_time(stage: Stage) -> None:
     assert (frame.shot, frame.absent) == (3, ())
     assert frame.time_s == pytest.approx(3 / _FPS, abs=0.01)
     assert np.argwhere(unpack(frame.seen.silhouettes, 4)).tolist() == [[c, c, 3] for c in range(4)]
+    assert np.argwhere(unpack(frame.seen.unsure, 4)).tolist() == [[c, c, 4] for c in range(4)]
     stage.clock.now_s += 0.1
     assert stage.frames.note_latency(frame) == pytest.approx(0.12, abs=0.01)
     assert stage.frames.figures().latency_s["p95"] == pytest.approx(0.12, abs=0.01)
@@ -248,3 +256,13 @@ def test_absent_cameras_weigh_nothing(small_cameras: Cameras) -> None:
     settings = SearchSettings(camera_weights=(0.5, 1.0, 2.0))
     assert without_weight(settings, (1,), rig).camera_weights == (0.5, 0.0, 2.0)
     assert without_weight(SearchSettings(), (0,), rig).camera_weights == (0.0, 1.0, 1.0)
+
+
+def test_unsure_planes_that_do_not_fit_are_dropped_and_counted(stage: Stage) -> None:
+    stage.clock.now_s = stage.origin_s + 3 / _FPS + 0.02
+    stage.send(3, [0, 1, 2, 3], n_unsure=2)
+    assert stage.frames.dropped == 1
+    stage.send(3, [0, 1, 2, 3], n_unsure=0)
+    frame = stage.frames.take_next()
+    assert frame is not None
+    assert not frame.seen.unsure.any()

@@ -1,7 +1,7 @@
 """Limb tasks are solved just as in the coordinator itself; what makes no sense is refused, never raised."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -108,6 +108,22 @@ def solved(solver: LimbSolver, task: LimbTask) -> LimbResult:
     result = solver.solve(task)
     assert isinstance(result, LimbResult), result
     return result
+
+
+def test_unsure_pixels_of_a_task_count_as_in_the_coordinator(stage: Stage, ready: LimbSolver) -> None:
+    planes = stage.picture.silhouettes
+    unsure = np.zeros_like(planes)
+    unsure[:, : planes.shape[1] // 2, ::3] = 0b11
+    doubtful = replace(stage, picture=Picture.whole(stage.rig, planes, unsure))
+    window = stage_window(stage.model, LIMBS["left_arm"].main, doubtful.picture, stage.pose)
+    assert window.unsure is not None
+    result = solved(ready, doubtful.task(unsure=window.unsure))
+    here = solve_limb(stage.model, "left_arm", window, stage.pose, _SETTINGS)
+    np.testing.assert_array_equal(result.values, here.values)
+    assert result.energy_px == here.energy_px
+    refused = ready.solve(doubtful.task(unsure=np.concatenate([window.unsure] * 2)))
+    assert isinstance(refused, LimbRefusal)
+    assert refused.reason.startswith("unsure: expected shape")
 
 
 def refused(solver: LimbSolver, task: LimbTask) -> str:

@@ -10,10 +10,11 @@ from services.mocap.body.actor import Body, build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.export.model_painter import ModelPainter
+from services.mocap.export.tiles import UNSURE_GREY
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv
-from services.mocap.types import Bytes, Floats, Trimap
+from services.mocap.types import UNSURE, Bytes, Floats, Trimap
 from services.viewer.reel import Shot
 from services.viewer.tiles import Look, Tile, TileArtist
 
@@ -95,3 +96,16 @@ def test_what_was_just_drawn_is_not_drawn_again(scene: tuple[TileArtist, Shot, F
     look = Look("pictures", (0,), None)
     assert _draw(scene, look) is _draw(scene, look)
     assert _draw(scene, look) is not _draw(scene, Look("pictures", (1,), None))
+
+
+def test_unsure_pixels_are_no_difference_and_grey(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+    artist, shown, pictures, _ = scene
+    known = pictures.trimap(0, 0)
+    assert known is not None
+    doubtful = np.full_like(known, UNSURE)
+    pictures.trimap = lambda *_: doubtful  # type: ignore[method-assign]
+    (difference,) = artist.draw(shown, Look("difference", (0,), None))
+    assert difference.differing_px == 0
+    assert _near(_decoded(difference), (255, 0, 255)) == 0
+    (silhouettes,) = artist.draw(shown, Look("silhouettes", (0,), None))
+    assert _near(_decoded(silhouettes), (UNSURE_GREY,) * 3) > 0.8 * known.size

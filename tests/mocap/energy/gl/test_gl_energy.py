@@ -37,6 +37,12 @@ def noisy_picture(rig: Rig, seed: int) -> Picture:
     return Picture.whole(rig, silhouettes).ignoring(ignored)
 
 
+def unsure_picture(rig: Rig, seed: int) -> Picture:
+    """The same of which as many pixels are unsure."""
+    noisy, other = noisy_picture(rig, seed), noisy_picture(rig, seed + 1)
+    return Picture.whole(rig, noisy.silhouettes, other.silhouettes)
+
+
 def same_energies(
     backends: tuple[GlBackend, CpuBackend], problem: Problem, values: Floats, rtol: float = 0.0
 ) -> Floats:
@@ -45,6 +51,20 @@ def same_energies(
     assert gl.dtype == np.float64
     np.testing.assert_allclose(gl, cpu, rtol=rtol, atol=0.0)
     return gl
+
+
+@pytest.mark.parametrize("cut", ["whole", "window", "half"])
+@pytest.mark.parametrize("cost", [Cost(), Cost(distance_cap_px=5.0)])
+def test_unsure_pixels(
+    both: Both, real_body: Body, ring: Ring, random_poses: RandomPoses, cost: Cost, cut: str
+) -> None:
+    rig, poses = ring(3), random_poses(4, 1)
+    whole = unsure_picture(rig, 2)
+    picture = whole.halved() if cut == "half" else cost.priced(whole)
+    if cut == "window":
+        picture = picture.window(np.array([[10, 5], [-20, 30], [60, -7]], np.int32), 45, 40)
+    problem = Problem(poses[0], EVERY_DOF, ALL, cost.priced(picture), cost)
+    assert len(np.unique(same_energies(both(real_body, rig), problem, poses))) > 1
 
 
 @pytest.mark.parametrize("n_cameras", [1, 8, 9, 16])
