@@ -223,17 +223,23 @@ def actors(
 @app.command()
 def segmentation(
     takes: TakesArgument = None,
+    segmenters: Annotated[
+        list[str] | None,
+        typer.Option("--segmenter", help="One of those to compare; may be repeated; else the usual ones."),
+    ] = None,
+    every: Annotated[int, typer.Option(min=1, help="Of how many frames one is compared.")] = 1,
     json_path: JsonOption = None,
 ) -> None:
-    """Milliseconds per picture by stage, and overlap with exact silhouettes, of takes with clean plates."""
+    """How good silhouettes are against exact ones, and what they cost, of takes with clean plates."""
     console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
     machine, rows = this_machine(), list[silhouettes.Row]()
     console.print(str(machine), highlight=False)
     for take in takes or list(_SEQUENCES):
         with console.status(take) as status:
-            for row in _going_on(silhouettes.measure(take), take, console):
+            chosen = segmenters or silhouettes.SEGMENTERS
+            for row in _going_on(silhouettes.measure(take, chosen, every), take, console):
                 rows.append(row)
-                status.update(f"{take}: {row.camera}: done")
+                status.update(f"{take}: {row.segmenter}: done")
     _finish(console, [silhouettes.as_table(rows)], json_path, machine, rows)
 
 

@@ -9,11 +9,11 @@ from rich.progress import Progress
 from services.mocap.calibration.tangents import Outline, outline_of
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import in_common_size
 from services.mocap.take.folder import Take
 from services.mocap.types import Trimap
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import make_segmenters
-from services.segmentation.source import in_common_size
+from services.segmentation.segmenters import make_segmenter
 
 
 def outlines_of(
@@ -31,10 +31,12 @@ def outlines_of(
     with Progress(console=errors) as bar:
         task = bar.add_task("looking at silhouettes", total=len(cameras))
         for c, camera in enumerate(take.cameras):
-            (segmenter,) = make_segmenters(take, [camera], SegmentationSettings())
-            trimaps = segmenter.trimaps(frames.start, frames.stop)
+            alone = make_segmenter(
+                take, [camera], SegmentationSettings()
+            )  # others must not help what is to be compared
+            trimaps = alone.trimaps(frames.start, frames.stop)
             of_camera: list[Outline | None] = []
-            for n, trimap in enumerate(islice(trimaps, 0, len(frames), every)):
+            for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):
                 of_camera.append(outline_of(trimap, cameras[c]))
                 if n == len(chosen) // 2:
                     middle[c] = in_common_size(trimap, width_px, height_px)

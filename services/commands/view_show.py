@@ -1,16 +1,16 @@
 """Finished results as a show for the page."""
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
-from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Trimap
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import make_segmenters
+from services.segmentation.segmenters import make_segmenter
 from services.segmentation.source import Segmenter
 from services.viewer.finished import FinishedFrames
 from services.viewer.pictures import TakePictures
@@ -56,13 +56,11 @@ def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:
     return open_take(folder), ""
 
 
-def _segmentation(take: Take) -> Callable[[Camera, int, int], Iterator[Trimap]]:
-    """Silhouettes as the tracker had them; a camera's clean plate is learnt when it is first asked for."""
-    learnt: dict[str, Segmenter] = {}
+def _segmentation(take: Take) -> Callable[[int, int], Iterator[list[Trimap]]]:
+    """Silhouettes as the tracker had them; clean plates are learnt when any are first asked for."""
 
-    def trimaps(camera: Camera, start: int, stop: int) -> Iterator[Trimap]:
-        if camera.name not in learnt:
-            (learnt[camera.name],) = make_segmenters(take, [camera], SegmentationSettings())
-        return learnt[camera.name].trimaps(start, stop)
+    @cache
+    def segmenter() -> Segmenter:
+        return make_segmenter(take, take.cameras, SegmentationSettings())
 
-    return trimaps
+    return lambda start, stop: segmenter().trimaps(start, stop)

@@ -15,7 +15,7 @@ from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.measures import Measure, measure
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, pack_trimaps, unpack
+from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
@@ -29,10 +29,9 @@ from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
-from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenters
-from services.segmentation.source import Segmenter, in_common_size
+from services.segmentation.segmenters import AUTO, make_segmenter
+from services.segmentation.source import Segmenter
 
 log = logging.getLogger(__name__)
 
@@ -137,13 +136,11 @@ def seen_of(
     """The cameras that make sense, and what they see (F, P, H, W), as segmentation sends it."""
     height_px, width_px = Rig.of(take.cameras).shape_px
     trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
-    segmenters = make_segmenters(take, take.cameras, SegmentationSettings(), name)
-    for c, segmenter in enumerate(segmenters):
-        for f, trimap in enumerate(_trimaps_of(segmenter, frames)):
+    segmenter = make_segmenter(take, take.cameras, SegmentationSettings(), name)
+    for f, of_frame in enumerate(_trimaps_of(segmenter, frames)):
+        for c, trimap in enumerate(of_frame):
             trimaps[f, c] = in_common_size(trimap, width_px, height_px)
-        progress((c + 1) / len(take.cameras))
-    if chosen_segmenter(take, name) != READY:
-        _keep_supported(take, trimaps)
+        progress((f + 1) / len(frames))
     names, first = [camera.name for camera in take.cameras], trimaps[0]
     look = look_first(Rig.of(take.cameras), first == ACTOR, names, first != BACKGROUND)
     for remark in look.remarks:
@@ -155,22 +152,11 @@ def seen_of(
     return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
 
 
-def _trimaps_of(segmenter: Segmenter, frames: Sequence[int]) -> Iterator[Trimap]:
-    """A camera's trimaps of frames: read on where they follow each other, else each by itself."""
+def _trimaps_of(segmenter: Segmenter, frames: Sequence[int]) -> Iterator[list[Trimap]]:
+    """All cameras' trimaps of frames: read on where they follow each other, else each by itself."""
     if isinstance(frames, range):
         return islice(segmenter.trimaps(frames.start, frames.stop), len(frames))
     return (next(iter(segmenter.trimaps(frame, frame + 1))) for frame in frames)
-
-
-def _keep_supported(take: Take, trimaps: Trimap) -> None:
-    """Clear what only one camera sees in trimaps (F, C, H, W), as segmentation does."""
-    rig = Rig.of(take.cameras)
-    for of_frame in trimaps:
-        seen = [part[:height, :width] for part, (width, height) in zip(of_frame, rig.sizes_px, strict=True)]
-        for part, kept in zip(
-            seen, drop_unsupported(rig, list(map(np.ascontiguousarray, seen))), strict=True
-        ):
-            part[:] = kept
 
 
 def _without(search: SearchSettings, take: Take, left: tuple[Camera, ...]) -> SearchSettings:

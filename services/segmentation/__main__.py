@@ -32,11 +32,10 @@ from services.process import (
     keys_of_client,
     run_service,
 )
-from services.segmentation.across import drop_unsupported
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.live.serving import serve_live
 from services.segmentation.metrics import CREDIT, FRAMES, SECONDS
-from services.segmentation.segmenters import READY, PlateCheck, chosen_segmenter, make_segmenters
+from services.segmentation.segmenters import PlateCheck, make_segmenter
 from services.segmentation.source import packed
 
 _LOOK_S = 0.2
@@ -55,9 +54,7 @@ class Feed:
         self._height, self._width = Rig.of(take.cameras).shape_px
         self._checks: deque[PlateCheck] = deque()
         chosen = [take.cameras[c] for c in cameras]
-        self._segmenters = make_segmenters(take, chosen, settings, segmenter, self._checks.append)
-        sees_all = len(cameras) == len(take.cameras) and chosen_segmenter(take, segmenter) != READY
-        self._rig = Rig.of(tuple(take.cameras[c] for c in cameras)) if sees_all else None
+        self._segmenter = make_segmenter(take, chosen, settings, segmenter, self._checks.append)
         self._end = take.settings.frames
 
     def check_a_plate(self) -> bool:
@@ -68,10 +65,8 @@ class Feed:
 
     def planes(self, start: int) -> Iterator[TriPlanes]:
         """Planes (P, H, W) of frames start to the take's end."""
-        streams = [segmenter.trimaps(start, self._end) for segmenter in self._segmenters]
-        for trimaps in zip(*streams, strict=True):
-            kept = trimaps if self._rig is None else drop_unsupported(self._rig, trimaps)
-            yield packed(kept, self._width, self._height)
+        for trimaps in self._segmenter.trimaps(start, self._end):
+            yield packed(trimaps, self._width, self._height)
 
 
 class Sender:

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import in_common_size
 from services.mocap.errors import TakeError
 from services.mocap.search.hull import cube_about, look_up, meeting_point
 from services.mocap.types import ACTOR, BACKGROUND, Floats, Ints, Mask, Trimap
-from services.segmentation.source import in_common_size
 
 _VOXEL_M = 0.08
 _REACH_M = 1.3

@@ -9,7 +9,7 @@ from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.writer import write_picture
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenters
+from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenter
 
 
 def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmenter: str = AUTO) -> None:
@@ -23,9 +23,9 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
         raise UserError(f"{take.folder}: has silhouettes already: expected videos, or --segmenter")
     settings = SegmentationSettings()
     with atomic_folder(out) as part:
-        made = make_segmenters(take, take.cameras, settings, segmenter)
-        for camera, of_camera in zip(take.cameras, made, strict=True):
-            folder = part / layout.SILHOUETTES / camera.name
-            for frame, trimap in enumerate(of_camera.raw_trimaps(0, take.settings.frames)):
+        made = make_segmenter(take, take.cameras, settings, segmenter)
+        for frame, trimaps in enumerate(made.raw_trimaps(0, take.settings.frames)):
+            for camera, trimap in zip(take.cameras, trimaps, strict=True):
+                folder = part / layout.SILHOUETTES / camera.name
                 write_picture(layout.silhouette_path(folder, frame), trimap)
                 advance()

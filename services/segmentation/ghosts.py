@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from services.mocap.types import Bytes, Ints, Mask
-from services.segmentation.clean_plate import Gauge
 from services.segmentation.pixels import Levels
+from services.segmentation.plate import Gauge
 from services.segmentation.take_plate import agreeing, median_picture, plate_of_samples
 
 LOOKS = 12

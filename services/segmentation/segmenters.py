@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -22,16 +22,30 @@ from services.mocap.take.segmenter_name import READY as READY
 from services.mocap.types import Bytes
 from services.segmentation import opencv_models
 from services.segmentation.chroma import ChromaKey
-from services.segmentation.clean_plate import CleanPlate
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.foreign import ForeignMatte
 from services.segmentation.ghosts import LOOKS, find_ghost
+from services.segmentation.joint import JointSegmenter
+from services.segmentation.learning import learn_from_take
 from services.segmentation.onnx_matte import OnnxMatte
+from services.segmentation.paper_test import PaperTest
+from services.segmentation.plate import Plate
 from services.segmentation.samples import KeptLooks, quick_looks, spread_pictures
-from services.segmentation.source import Matte, ReadySegmenter, Segmenter, VideoSegmenter
+from services.segmentation.source import (
+    GroupUndistorter,
+    JointMatte,
+    Matte,
+    ReadySegmenter,
+    Segmenter,
+    SeparateMattes,
+    VideoSegmenter,
+)
 from services.segmentation.take_plate import SAMPLES, TakePlate, plate_of_samples
+from services.segmentation.view import LIGHT_UNCERTAINTY
 
 log = logging.getLogger(__name__)
+
+_Made = TypeVar("_Made")
 
 USUAL = "clean-plate"
 _UNSURE = 0.1
@@ -86,8 +100,9 @@ PlateCheck: TypeAlias = Callable[[], None]
 class Kind(NamedTuple):
     """A row of the table."""
 
-    make: Callable[[Scene, str], Matte]
-    """Takes the scene and what stands after the colon of `NAME:ARGUMENT`, "" for nothing."""
+    make: Callable[[Scene, str], Matte] | None
+    """Takes the scene and what stands after the colon of `NAME:ARGUMENT`, "" for nothing; None: made of all
+    cameras' plates together."""
     argument: str
     """What may stand there, for messages; "" for nothing."""
     needs_argument: bool
@@ -103,7 +118,8 @@ def _chroma(scene: Scene, colour: str) -> Matte:
 
 
 KINDS: dict[str, Kind] = {
-    USUAL: Kind(lambda scene, _: CleanPlate.learn(scene.plate(), scene.settings), "", False, True),
+    USUAL: Kind(None, "", False, True),
+    "paper": Kind(lambda scene, _: PaperTest.learn(scene.plate(), scene.settings), "", False, True),
     "mog2": Kind(lambda scene, _: opencv_models.mog2(scene.plate(), scene.settings), "", False, True),
     "bgsegm": Kind(lambda scene, _: opencv_models.bgsegm(scene.plate(), scene.settings), "", False, True),
     "chroma": Kind(_chroma, "RRGGBB", False, False),
@@ -154,39 +170,41 @@ def chosen_segmenter(take: Take, name: str = AUTO) -> str:
     return chosen
 
 
-def make_segmenters(
+def make_segmenter(
     take: Take,
     cameras: Sequence[Camera],
     settings: SegmentationSettings,
     name: str = AUTO,
     later: Callable[[PlateCheck], None] = lambda check: check(),
-) -> list[Segmenter]:
-    """A segmenter for each of some cameras of a take, trained; logs one warning where the plate is a guess.
+) -> Segmenter:
+    """A segmenter for some cameras of a take, trained; logs one warning where a plate is a guess.
 
-    later: gets what checks each recorded clean plate, a quarter of a second each; by default it is done at
-    once. Raises UserError where there is none of that name, or the take lacks what it needs.
+    Cameras of one segmenter help each other; those that are to be compared get one each. later: gets what
+    checks each recorded clean plate, a quarter of a second each; by default it is done at once. Raises
+    UserError where there is none of that name, or the take lacks what it needs.
     """
     chosen = chosen_segmenter(take, name)
     if chosen == READY:
-        return [ReadySegmenter(take, camera) for camera in cameras]
+        return ReadySegmenter(take, cameras)
     kind, _, argument = chosen.partition(":")
-    made: list[Segmenter] = []
-    unsure_shares: dict[str, float] = {}
-    for camera in cameras:
-        scene = Scene(take, camera, settings)  # let go of with this camera: it may hold many pictures
-        made.append(VideoSegmenter(take, camera, _matte(scene, kind, argument)))
-        if kind in KINDS and KINDS[kind].needs_plate and not scene.is_recorded:
-            unsure_shares[camera.name] = scene.unsure_share
-        if kind in KINDS and KINDS[kind].needs_plate and scene.is_recorded:
-            later(partial(_check_plate, take, camera, scene.looks.pictures))
-    if unsure_shares:
-        _warn_of_guesses(take, unsure_shares)
-    return made
+    scenes = [Scene(take, camera, settings) for camera in cameras]
+    matte = _joint_matte(scenes, kind, argument)
+    if isinstance(matte, JointSegmenter):
+        learn_from_take(matte, take, cameras)
+    if kind in KINDS and KINDS[kind].needs_plate:
+        recorded = [scene for scene in scenes if scene.is_recorded]
+        for scene in recorded:
+            later(partial(_check_plate, take, scene.camera, scene.looks.pictures))
+        unsure_shares = {s.camera.name: s.unsure_share for s in scenes if not s.is_recorded}
+        if unsure_shares:
+            _warn_of_guesses(take, unsure_shares)
+    undistorter = GroupUndistorter(cameras, drops_unsupported=not isinstance(matte, JointSegmenter))
+    return VideoSegmenter(take, cameras, matte, undistorter)
 
 
-def live_mattes(
+def live_matte(
     take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str = AUTO
-) -> list[Matte]:
+) -> JointMatte:
     """What cuts the actor out of live pictures of some cameras, whose empty stage the take knows.
 
     Raises UserError where there is nothing of that name, or it needs more than pictures of the empty stage.
@@ -198,17 +216,34 @@ def live_mattes(
         raise UserError(f"--segmenter {name}: live cameras give pictures: leave it out, or choose another")
     if kind == "chroma" and not argument:
         raise UserError(f"--segmenter {name}: live, the screen's colour has to be said: chroma:RRGGBB")
-    return [_matte(Scene(take, camera, settings), kind, argument) for camera in cameras]
+    return _joint_matte([Scene(take, camera, settings) for camera in cameras], kind, argument)
+
+
+def _joint_matte(scenes: Sequence[Scene], kind: str, argument: str) -> JointSegmenter | SeparateMattes:
+    if kind in KINDS and KINDS[kind].make is None:
+        plates = [_with_place(scene, kind, partial(_plate, scene)) for scene in scenes]
+        return JointSegmenter([scene.camera for scene in scenes], plates, scenes[0].settings)
+    return SeparateMattes([_matte(scene, kind, argument) for scene in scenes])
+
+
+def _plate(scene: Scene) -> Plate:
+    return Plate.learn(scene.plate(), scene.settings, LIGHT_UNCERTAINTY)
 
 
 def _matte(scene: Scene, kind: str, argument: str) -> Matte:
-    if kind not in KINDS:
+    make = KINDS[kind].make if kind in KINDS else None
+    if make is None:
         return ForeignMatte(kind, scene.camera, scene.plate_picture(), GROUP)
+    if kind == "onnx" or argument:
+        return make(scene, argument)
+    return _with_place(scene, kind, partial(make, scene, argument))
+
+
+def _with_place(scene: Scene, kind: str, make: Callable[[], _Made]) -> _Made:
+    """What is made of a camera's pictures; a UserError says whose they were."""
     try:
-        return KINDS[kind].make(scene, argument)
+        return make()
     except UserError as error:
-        if kind == "onnx" or argument:
-            raise
         what = "clean plate of " if KINDS[kind].needs_plate else ""
         raise UserError(f"{scene.take.folder}: {what}{scene.camera.name}: {error}") from None
 

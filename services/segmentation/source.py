@@ -1,28 +1,28 @@
 """Undistorted silhouettes of a take's cameras, frame by frame, without a socket."""
 
-from collections.abc import Iterator, Sequence
-from typing import Protocol, TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, n_planes
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, UNSURE, Bytes, Mask, Trimap
-
-_Pixel = TypeVar("_Pixel", np.bool_, np.uint8)
+from services.segmentation.across import drop_unsupported
 
 
 class Segmenter(Protocol):
-    """Makes the silhouettes of one camera of a take. The same frame is the same wherever reading starts."""
+    """Makes the silhouettes of some cameras of a take. A frame is the same wherever reading starts."""
 
-    def trimaps(self, start: int, stop: int) -> Iterator[Trimap]:
-        """Undistorted trimaps (h, w) of frames start up to and without stop."""
+    def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
+        """Undistorted trimaps (h, w), one per camera, of frames start up to and without stop."""
         ...
 
-    def raw_trimaps(self, start: int, stop: int) -> Iterator[Trimap]:
+    def raw_trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """Trimaps (h, w) of the pictures as they are, not undistorted."""
         ...
 
@@ -35,38 +35,92 @@ class Matte(Protocol):
         ...
 
 
+class JointMatte(Protocol):
+    """Cuts the actor out of the pictures that several cameras took at one moment."""
+
+    def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
+        """The actor in raw pictures (H, W, 3) by the camera's place: trimaps (H, W). Cameras may be
+        missing."""
+        ...
+
+
+class SeparateMattes:
+    """A matte for each camera, none of which knows of the others."""
+
+    def __init__(self, mattes: Sequence[Matte]) -> None:
+        self._mattes = list(mattes)
+
+    def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
+        """See JointMatte.trimaps."""
+        return {c: self._mattes[c].trimap(image) for c, image in images_bgr.items()}
+
+
+class GroupUndistorter:
+    """Makes undistorted trimaps of a group's raw ones, without what only one camera sees."""
+
+    def __init__(self, cameras: Sequence[Camera], *, drops_unsupported: bool) -> None:
+        """drops_unsupported: for mattes that do not know of other cameras."""
+        self._cameras, self._drops = list(cameras), drops_unsupported
+        self._undistorters = [Undistorter(camera) for camera in cameras]
+        self._rigs: dict[tuple[int, ...], Rig] = {}
+
+    def undistorted(self, raw: Mapping[int, Trimap]) -> list[Trimap]:
+        """Trimaps (h, w) of the cameras that have one, by their place."""
+        there = tuple(sorted(raw))
+        trimaps = [self._undistorters[c].trimap(raw[c]) for c in there]
+        if not self._drops:
+            return trimaps
+        if there not in self._rigs:
+            self._rigs[there] = Rig.of(tuple(self._cameras[c] for c in there))
+        return drop_unsupported(self._rigs[there], trimaps)
+
+
 class VideoSegmenter:
-    """Silhouettes that a matte makes of a camera's video."""
+    """Silhouettes that a matte makes of some cameras' videos."""
 
-    def __init__(self, take: Take, camera: Camera, matte: Matte) -> None:
-        self._take, self._camera, self._matte = take, camera, matte
-        self._undistorter = Undistorter(camera)
+    def __init__(
+        self, take: Take, cameras: Sequence[Camera], matte: JointMatte, undistorter: GroupUndistorter
+    ) -> None:
+        self._take, self._cameras = take, list(cameras)
+        self._matte, self._undistorter = matte, undistorter
 
-    def trimaps(self, start: int, stop: int) -> Iterator[Trimap]:
+    def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """See Segmenter.trimaps."""
-        return map(self._undistorter.trimap, self.raw_trimaps(start, stop))
+        for images in pictures_of(self._take, self._cameras, start, stop):
+            yield self._undistorter.undistorted(self._matte.trimaps(images))
 
-    def raw_trimaps(self, start: int, stop: int) -> Iterator[Trimap]:
+    def raw_trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """See Segmenter.raw_trimaps."""
-        with self._take.video(self._camera, start, stop) as video:
-            for picture in video:
-                yield self._matte.trimap(picture)
+        for images in pictures_of(self._take, self._cameras, start, stop):
+            found = self._matte.trimaps(images)
+            yield [found[c] for c in range(len(self._cameras))]
 
 
 class ReadySegmenter:
     """The take's own silhouettes."""
 
-    def __init__(self, take: Take, camera: Camera) -> None:
-        self._take, self._camera = take, camera
-        self._undistorter = Undistorter(camera)
+    def __init__(self, take: Take, cameras: Sequence[Camera]) -> None:
+        self._take, self._cameras = take, list(cameras)
+        self._undistorter = GroupUndistorter(cameras, drops_unsupported=False)
 
-    def trimaps(self, start: int, stop: int) -> Iterator[Trimap]:
+    def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """See Segmenter.trimaps."""
-        return map(self._undistorter.trimap, self.raw_trimaps(start, stop))
+        for raw in self.raw_trimaps(start, stop):
+            yield self._undistorter.undistorted(dict(enumerate(raw)))
 
-    def raw_trimaps(self, start: int, stop: int) -> Iterator[Trimap]:
+    def raw_trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """See Segmenter.raw_trimaps."""
-        return iter(self._take.trimaps(self._camera, start, stop))
+        readers = [self._take.trimaps(camera, start, stop) for camera in self._cameras]
+        for trimaps in zip(*readers, strict=True):
+            yield list(trimaps)
+
+
+def pictures_of(take: Take, cameras: Sequence[Camera], start: int, stop: int) -> Iterator[dict[int, Bytes]]:
+    """Raw pictures (H, W, 3) of some cameras by their place, frame by frame, start up to and without stop."""
+    with ExitStack() as closing:
+        videos = [closing.enter_context(take.video(camera, start, stop)) for camera in cameras]
+        for images in zip(*videos, strict=True):
+            yield dict(enumerate(images))
 
 
 def packed(trimaps: Sequence[Trimap], width_px: int, height_px: int) -> TriPlanes:
@@ -86,12 +140,3 @@ def _set_camera(planes: Bytes, camera: int, mask: Mask) -> None:
     """Set one camera's bit in planes (P, H, W) where a mask (h, w) is."""
     plane = planes[camera // CAMERAS_PER_PLANE, : mask.shape[0], : mask.shape[1]]
     np.bitwise_or(plane, np.left_shift(mask.view(np.uint8), camera % CAMERAS_PER_PLANE), out=plane)
-
-
-def in_common_size(picture: NDArray[_Pixel], width_px: int, height_px: int) -> NDArray[_Pixel]:
-    """A mask or trimap (h, w) in the upper left of an empty one, for cameras of different sizes."""
-    if picture.shape == (height_px, width_px):
-        return picture
-    padded = np.zeros((height_px, width_px), picture.dtype)
-    padded[: picture.shape[0], : picture.shape[1]] = picture
-    return padded

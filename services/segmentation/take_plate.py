@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from services.mocap.types import Bytes, Ints, Mask
-from services.segmentation.clean_plate import Gauge
 from services.segmentation.pixels import Levels
+from services.segmentation.plate import Gauge
 
 SAMPLES = 48
 """Pictures that a plate is made of, at most."""

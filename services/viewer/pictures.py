@@ -15,8 +15,8 @@ from services.mocap.types import Bytes, Trimap
 Content = TypeVar("Content")
 _SPARED_FRAMES = 24
 """Where so many frames need not be read, it is worth to begin anew."""
-Trimaps = Callable[[Camera, int, int], Iterator[Trimap]]
-"""Undistorted trimaps (h, w) of a camera, from a frame up to and without another."""
+Trimaps = Callable[[int, int], Iterator[list[Trimap]]]
+"""Undistorted trimaps (h, w) of all cameras, from a frame up to and without another."""
 
 
 class Pictures(Protocol):
@@ -79,7 +79,7 @@ class TakePictures:
         self._take, self._segment = take, trimaps
         self._lock = threading.Lock()
         self._pictures: dict[int, _Video] = {}
-        self._trimaps: dict[int, Reader[Trimap]] = {}
+        self._trimaps = Reader(self._trimaps_from)
 
     def open(self) -> None:
         """Open all videos ahead of the first picture; raises TakeError."""
@@ -110,13 +110,14 @@ class TakePictures:
         if self._take.source == "videos" and self._segment is None:
             return None
         with self._lock:
-            if camera not in self._trimaps:
-                self._trimaps[camera] = Reader(self._trimaps_of(self._take.cameras[camera]))
-            return self._trimaps[camera].read(frame)
+            return self._trimaps.read(frame)[camera]
 
-    def _trimaps_of(self, camera: Camera) -> Callable[[int], Iterator[Trimap]]:
-        take, segment = self._take, self._segment
-        if take.source == "videos" and segment is not None:
-            return lambda start: segment(camera, start, take.settings.frames)
-        undistorter = Undistorter(camera)
-        return lambda start: map(undistorter.trimap, take.trimaps(camera, start))
+    def _trimaps_from(self, start: int) -> Iterator[list[Trimap]]:
+        take = self._take
+        if take.source == "videos" and self._segment is not None:
+            yield from self._segment(start, take.settings.frames)
+            return
+        undistorters = [Undistorter(camera) for camera in take.cameras]
+        readers = [take.trimaps(camera, start) for camera in take.cameras]
+        for trimaps in zip(*readers, strict=True):
+            yield [undo.trimap(raw) for undo, raw in zip(undistorters, trimaps, strict=True)]

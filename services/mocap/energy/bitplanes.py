@@ -5,11 +5,14 @@ Camera c stands in bit c % 8 of plane c // 8, so that any number of cameras make
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Mask, Trimap
 
+_Pixel = TypeVar("_Pixel", np.bool_, np.uint8)
 CAMERAS_PER_PLANE = 8
 _BITS: Ints = (np.arange(256)[:, None] >> np.arange(CAMERAS_PER_PLANE) & 1).astype(np.int32)
 """(256, 8) the bits of every byte."""
@@ -125,3 +128,12 @@ def count_by_camera(planes: Bytes, n_cameras: int) -> Ints:
     """The number of set pixels (C,) of each camera in planes (P, H, W)."""
     counts = [np.bincount(plane[plane != 0], minlength=len(_BITS)) @ _BITS for plane in planes]
     return np.concatenate(counts)[:n_cameras].astype(np.int32)
+
+
+def in_common_size(picture: NDArray[_Pixel], width_px: int, height_px: int) -> NDArray[_Pixel]:
+    """A mask or trimap (h, w) in the upper left of an empty one, for cameras of different sizes."""
+    if picture.shape == (height_px, width_px):
+        return picture
+    padded = np.zeros((height_px, width_px), picture.dtype)
+    padded[: picture.shape[0], : picture.shape[1]] = picture
+    return padded

@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.take.live import LiveTake
-from services.mocap.types import Bytes, Trimap
-from services.segmentation.across import drop_unsupported
+from services.mocap.types import Bytes
 from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.joint import JointSegmenter
+from services.segmentation.learning import LiveLearner
 from services.segmentation.live.clock import CoordinatorClock
 from services.segmentation.live.feed import Feed
 from services.segmentation.live.recording import CameraRecording
 from services.segmentation.live.shots import Shot, Shots, Taken
 from services.segmentation.live.sources import FileSource, Source, StreamSource
-from services.segmentation.segmenters import live_mattes
-from services.segmentation.source import packed
+from services.segmentation.segmenters import live_matte
+from services.segmentation.source import GroupUndistorter, packed
 
 
 class Silhouetter:
@@ -30,11 +30,12 @@ class Silhouetter:
         """Raises UserError where the segmenter cannot work live."""
         chosen = [take.cameras[c] for c in cameras]
         self._height_px, self._width_px = Rig.of(take.cameras).shape_px
-        self._mattes = live_mattes(take, chosen, SegmentationSettings(), segmenter)
+        self._matte = live_matte(take, chosen, SegmentationSettings(), segmenter)
         self._colours = [take.colours.get(camera.name) for camera in chosen]
-        self._undistorters = [Undistorter(camera) for camera in chosen]
-        self._cameras, self._sees_all = chosen, len(cameras) == len(take.cameras)
-        self._rigs: dict[tuple[int, ...], Rig] = {}
+        is_joint = isinstance(self._matte, JointSegmenter)
+        self._undistorter = GroupUndistorter(chosen, drops_unsupported=not is_joint)
+        self._cameras = chosen
+        self._learner = LiveLearner(self._matte) if isinstance(self._matte, JointSegmenter) else None
         self._warm_up()
 
     def _warm_up(self) -> None:
@@ -43,26 +44,23 @@ class Silhouetter:
             k: Taken(np.zeros((camera.height_px, camera.width_px, 3), np.uint8), 0.0)
             for k, camera in enumerate(self._cameras)
         }
-        self.planes(Shot(0, 0.0, black))
+        self._planes(Shot(0, 0.0, black))
 
     def planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
         """Which cameras of the group have a picture of a shot, and planes (P, H, W) of these."""
-        there = sorted(shot.taken)
-        trimaps = [self._trimap(k, shot.taken[k].image) for k in there]
-        if self._sees_all:
-            trimaps = drop_unsupported(self._rig(tuple(there)), trimaps)
-        return there, packed(trimaps, self._width_px, self._height_px)
+        if self._learner is not None:
+            self._learner.see({k: self._corrected(k, taken.image) for k, taken in shot.taken.items()})
+        return self._planes(shot)
 
-    def _trimap(self, k: int, image: Bytes) -> Trimap:
-        """The undistorted trimap (h, w) of a picture (h, w, 3) as the camera gave it."""
+    def _planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
+        images = {k: self._corrected(k, taken.image) for k, taken in shot.taken.items()}
+        trimaps = self._undistorter.undistorted(self._matte.trimaps(images))
+        return sorted(images), packed(trimaps, self._width_px, self._height_px)
+
+    def _corrected(self, k: int, image: Bytes) -> Bytes:
+        """A picture (h, w, 3) as the camera gave it, in the colours that all cameras are to have."""
         colour = self._colours[k]
-        corrected = image if colour is None else colour.apply(image)
-        return self._undistorters[k].trimap(self._mattes[k].trimap(corrected))
-
-    def _rig(self, there: tuple[int, ...]) -> Rig:
-        if there not in self._rigs:
-            self._rigs[there] = Rig.of(tuple(self._cameras[k] for k in there))
-        return self._rigs[there]
+        return image if colour is None else colour.apply(image)
 
 
 class Group:

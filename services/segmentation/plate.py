@@ -1,39 +1,34 @@
-"""Silhouettes by clean plate: what the empty scene looks like, pixel by pixel, and what differs from it.
-
-The paper's test: per-pixel colour statistics tell foreground from background, and a limit on the turn of
-the colour tells cast shadows from the actor.
-"""
+"""The empty stage as one camera sees it: colour, noise and outlines of every pixel."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import radians, tan
+from functools import cached_property
 
 import cv2
 import numpy as np
 
-from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
-from services.mocap.types import Bytes, Ints, Mask, Trimap
-from services.segmentation.cleanup import SegmentationSettings, cleanup_in_place
-from services.segmentation.edges import settle_edges
-from services.segmentation.patches import extent
+from services.mocap.types import Bytes, Ints
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.deviation import LEAST_RATIO, MOST_RATIO
 from services.segmentation.pixels import (
     MEAN_STEPS,
     WHITENING_STEPS,
     Levels,
     Steps,
     add_products,
-    drop_shadow,
-    mark_differences,
     median_ratio,
 )
 
-_STRIDE_PX = 32
 _PRIOR_FRAMES = 10.0  # a pixel's own covariance counts as much as the picture's mean one after so many
-_GAUGE_PIXELS = 5000  # more would not make the estimate of the exposure better
+_GAUGE_PIXELS = 3000  # more would not make the estimate of the exposure better
 _CAST_REACHES = (0.25, 0.1)  # how far a channel may be from the exposure, and its pixels from each other
 _GAUGE_LEVELS = (20.0, 245.0)  # darker pixels are noise, brighter ones may be clipped
 _PAIRS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))  # lower triangle of a (3, 3) matrix
+_LOG_GAUSSIAN = np.float32(1.5 * np.log(2 * np.pi))
+_ROOT_TWO_PI = np.float32(np.sqrt(2 * np.pi))
+_SHADOW_SPAN = np.float32(MOST_RATIO - LEAST_RATIO)
+_SHIFT_PX = 0.35  # a plate may lie so far off the pictures, by compression or a camera that was touched
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +77,8 @@ class Gauge:
 
 
 @dataclass(frozen=True, eq=False)
-class CleanPlate:
-    """The empty scene as one camera sees it: colour and noise of every pixel. Made by `learn`."""
+class Plate:
+    """Statistics of the empty stage. Made by `learn`."""
 
     settings: SegmentationSettings
     mean: Steps
@@ -93,13 +88,23 @@ class CleanPlate:
     WHITENING_STEPS to one."""
     turn_noise: Levels
     """(H, W) deviation of the noise across the direction of the background's colour, in levels."""
+    slack: Levels
+    """(H, W) 0 to 1: how much of a squared deviation counts where the plate may lie a part of a pixel off."""
+    log_peak: Levels
+    """(H, W) logarithm of the density of colours, per cubic level, where nothing deviates."""
+    log_slack: Levels
+    """(H, W) what that costs an unchanged pixel's logarithm of density."""
+    log_span: Levels
+    """(H, W) logarithm of a density of one darkness over that of any darkness that shadows have."""
     gauge: Gauge
-    channels: Bytes
-    """(3, H, W) room for the picture in work: blue, green and red."""
 
     @staticmethod
-    def learn(frames: Iterable[Bytes], settings: SegmentationSettings) -> "CleanPlate":
-        """The plate from BGR uint8 frames (H, W, 3) of the empty scene; a single picture is enough.
+    def learn(
+        frames: Iterable[Bytes], settings: SegmentationSettings, light_uncertainty: float = 0.0
+    ) -> "Plate":
+        """The plate from BGR uint8 frames (H, W, 3) of the empty stage; a single picture is enough.
+
+        light_uncertainty: a share of each pixel's brightness by which light may differ, as noise.
 
         Flicker between the frames is evened out first, so that it does not pass for noise. Each pixel's
         covariance is drawn towards the picture's mean one, the more so the fewer the frames. Raises
@@ -109,59 +114,31 @@ class CleanPlate:
         for frame in frames:
             total.add(frame)
         mean, covariance = total.statistics(settings)
-        return CleanPlate(
+        for diagonal in (0, 2, 5):
+            covariance[diagonal] += (light_uncertainty * mean.mean(axis=0)) ** 2
+        whitening, turn_noise = _whitening(covariance), _turn_noise(mean, covariance)
+        slack, brightness = _slack(mean, covariance), np.linalg.norm(mean, axis=0)
+        return Plate(
             settings=settings,
             mean=np.rint(mean * MEAN_STEPS).clip(0, 255 * MEAN_STEPS).astype(np.int16),
-            whitening=np.rint(_whitening(covariance) * WHITENING_STEPS).clip(-32768, 32767).astype(np.int16),
-            turn_noise=_turn_noise(mean, covariance),
+            whitening=np.rint(whitening * WHITENING_STEPS).clip(-32768, 32767).astype(np.int16),
+            turn_noise=turn_noise,
+            slack=slack,
+            log_slack=np.float32(1.5) * np.log(slack),
+            log_span=np.log(_ROOT_TWO_PI * turn_noise / (_SHADOW_SPAN * brightness + 1)),
+            log_peak=np.log(whitening[0] * whitening[2] * whitening[5]) - _LOG_GAUSSIAN,
             gauge=Gauge.on(np.moveaxis(mean, 0, 2)),
-            channels=np.empty(mean.shape, np.uint8),
         )
 
-    def silhouette(self, image_bgr: Bytes) -> Mask:
-        """The actor in an image (H, W, 3) BGR uint8: a mask (H, W) without cast shadow, specks and holes.
+    @cached_property
+    def usual_noise2(self) -> float:
+        """Squared deviation of the noise at most pixels."""
+        return float(np.median(self.turn_noise[::4, ::4]) ** 2)
 
-        It depends on this image alone. Raises UserError where the image is not of the plate's size.
-        """
-        mask, spans, gains = self._marked(image_bgr)
-        settings = self.settings
-        top, bottom, left, right = extent(mask, spans, settings.speck_area_ppm * 1e-6 * mask.size)
-        silhouette = np.zeros(mask.shape, np.bool_)
-        if bottom == 0:
-            return silhouette
-        rim_px = settings.edge_width_permille * 1e-3 * mask.shape[1]
-        margin = 1 + round(3 * rim_px)
-        rows = slice(max(top - margin, 0), min(bottom + margin, mask.shape[0]))
-        columns = _in_full_strides(max(left - margin, 0), right + margin, mask.shape[1])
-        part = np.ascontiguousarray(mask[rows, columns])
-        corner_px = rows.start, columns.start
-        settle_edges(part, corner_px, self.channels, self.mean, gains, rim_px, settings.edge_misfit)
-        cleanup_in_place(part, mask.size, settings)
-        silhouette[rows, columns] = part
-        return silhouette
-
-    def trimap(self, image_bgr: Bytes) -> Trimap:
-        """See Matte.trimap: `silhouette`, of which every pixel is taken as sure."""
-        return trimap_of(self.silhouette(image_bgr))
-
-    def foreground(self, image_bgr: Bytes) -> Mask:
-        """What differs from the plate and is no shadow, pixel by pixel: a mask (H, W), specks included."""
-        return self._marked(image_bgr)[0].view(np.bool_)
-
-    def _marked(self, image_bgr: Bytes) -> tuple[Bytes, Ints, Levels]:
-        """The foreground (H, W), where its rows have to be looked at (H, 2), and the image's gains (3,)."""
-        height, width = self.turn_noise.shape
-        _check_size(image_bgr, (height, width), "image", "the clean plate")
-        settings = self.settings
-        gains = self.gauge.gains(image_bgr, settings.flicker_limit)
-        whole = np.zeros((height, -(-width // 8) * 8), np.uint8)
-        cv2.split(image_bgr, list(self.channels))
-        mark_differences(self.channels, gains, self.mean, self.whitening, settings.distance_sigmas, whole)
-        spans = drop_shadow(
-            whole, whole.view(np.uint64), self.channels, gains, self.mean, self.turn_noise,
-            settings.shadow_ratio_min, tan(radians(settings.shadow_angle_deg)),
-        )  # fmt: skip
-        return whole[:, :width], spans, gains
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.turn_noise.shape[0], self.turn_noise.shape[1]
 
 
 class _Sums:
@@ -178,7 +155,7 @@ class _Sums:
             self._gauge = Gauge.on(self._first)
             self._sum = np.zeros((3, frame[..., 0].size), np.float32)
             self._products = np.zeros((6, frame[..., 0].size), np.float32)
-        _check_size(frame, self._first.shape, f"clean plate, frame {self._count}", "its first frame")
+        check_size(frame, self._first.shape, f"clean plate, frame {self._count}", "its first frame")
         # Differences from the first frame are small, which keeps sums in single precision exact enough.
         scales = np.float32(1) / self._gauge.gains(frame, self._flicker_limit)
         pixels, first = np.ascontiguousarray(frame).reshape(-1, 3), self._first.reshape(-1, 3)
@@ -231,14 +208,19 @@ def _turn_noise(mean: Levels, covariance: Levels) -> Levels:
     return noise
 
 
-def _in_full_strides(begin: int, end: int, most: int) -> slice:
-    """At least the columns begin to end of a picture of most, as many as the compiled passes take at once."""
-    size = min(-(-(end - begin) // _STRIDE_PX) * _STRIDE_PX, most)
-    begin = min(begin, most - size)
-    return slice(begin, begin + size)
+def _slack(mean: Levels, covariance: Levels) -> Levels:
+    """Noise over noise plus what a shift by `_SHIFT_PX` changes (H, W): 1 on even ground, less at
+    outlines."""
+    grey = mean.mean(axis=0)
+    slope2 = (cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=1 / 8)) ** 2 + (
+        cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=1 / 8)
+    ) ** 2
+    noise2 = (covariance[0] + covariance[2] + covariance[5]) / 3
+    slack: Levels = noise2 / (noise2 + _SHIFT_PX**2 * slope2)
+    return slack
 
 
-def _check_size(image: Bytes, shape: tuple[int, ...], what: str, like: str) -> None:
+def check_size(image: Bytes, shape: tuple[int, ...], what: str, like: str) -> None:
     """Raise UserError where an image is not as high and wide as `like`, whose shape is given."""
     if image.shape[:2] != shape[:2]:
         raise UserError(

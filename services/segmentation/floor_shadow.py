@@ -1,0 +1,168 @@
+"""Shadow lies on the floor: where it does, every camera that sees the place sees it as dark.
+
+A floor point in shadow is dark in all cameras; a shin before the floor is not, since other cameras see the
+floor behind it in light.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.types import Bytes, Floats, Ints
+from services.segmentation.deviation import CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW, UNCHANGED
+from services.segmentation.lenses import Lenses, Pixels, raw_pixel, rays_of
+from services.segmentation.pixels import Levels
+
+SUPPORTED = np.float32(1.0)
+"""Logarithm of the odds of shadow where another camera sees the same shadow on the floor."""
+SUPPORTED_EDGE = np.float32(-1.0)
+"""Where another camera sees what may be a shadow's edge there."""
+UNSUPPORTED = np.float32(-5.0)
+"""Where others see the place and none of them sees a shadow there."""
+REFUTED = np.float32(-3.0)
+"""More, for each camera that sees it in light."""
+UNKNOWN = np.float32(-3.0)
+"""Where no other camera sees the place, or nobody knows where the floor is."""
+_ON_ITS_OWN = np.float32(-1.0)
+"""Where there is no other camera at all: shadow is told by colour and texture alone."""
+_AGREED = 0.1
+"""Of the pixels that may show shadow, that others have to support for the floor to be known."""
+_HEIGHTS_M = np.arange(-2.0, 2.01, 0.05)
+_SAME_RATIO = np.float32(0.1)
+_FARTHEST_M = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """The floor as each camera's pixels see it."""
+
+    height_m: float
+    places_m: list[Levels]
+    """Per camera (H, W, 2): where on the floor a raw pixel looks, x and y in the world; NaN off it."""
+
+    @classmethod
+    def at(cls, height_m: float, cameras: Sequence[Camera]) -> "Floor":
+        """The floor at a height over the world's origin."""
+        return cls(height_m, [_places(camera, height_m) for camera in cameras])
+
+    def shadow_prior(self, camera: int, lenses: Lenses, ratios: Levels, states: Bytes, there: Ints) -> Levels:
+        """(H, W) logarithm of the odds of shadow to light where a camera's picture may show shadow.
+
+        ratios (C, H, W): as shadow_ratios writes them; states (C, H, W): what pixels show; there: the cameras
+        that have a picture. Elsewhere it is UNKNOWN.
+        """
+        width, height = lenses.sizes_px[camera]
+        prior = np.full((height, width), UNKNOWN, np.float32)
+        others = there[there != camera]
+        _vote(
+            self.places_m[camera], self.height_m, lenses.P_px_world, lenses.sizes_px, lenses.raw_px, others,
+            ratios[camera], states[camera], ratios, states, prior,
+        )  # fmt: skip
+        return prior
+
+
+def unknown_shadow(shape: tuple[int, int], *, has_others: bool) -> Levels:
+    """The shadow prior (H, W) where nobody knows where the floor is, or there is no other camera to ask."""
+    return np.full(shape, UNKNOWN if has_others else _ON_ITS_OWN, np.float32)
+
+
+def find_floor(
+    cameras: Sequence[Camera], lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
+) -> Floor | None:
+    """The floor at the height at which cameras agree best on where shadow lies; None where they do not agree.
+
+    moments: ratios (C, H, W), states (C, H, W) and cameras that have a picture. The world's origin is tried
+    first.
+    """
+    floor = Floor.at(0.0, cameras)
+    if _agreement(floor, lenses, moments) >= _AGREED:
+        return floor
+    floors = [Floor.at(float(height_m), cameras) for height_m in _HEIGHTS_M]
+    agreements = [_agreement(floor, lenses, moments) for floor in floors]
+    best = int(np.argmax(agreements))
+    return floors[best] if agreements[best] >= _AGREED else None
+
+
+def _agreement(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]) -> float:
+    """Of all pixels that may show shadow, the share that another camera supports."""
+    supported = candidates = 0
+    for ratios, states, there in moments:
+        for c in map(int, there):
+            width, height = lenses.sizes_px[c]
+            shadowed = states[c, :height, :width] == PERHAPS_SHADOW
+            prior = floor.shadow_prior(c, lenses, ratios, states, there)
+            supported += int((prior[shadowed] >= SUPPORTED).sum())
+            candidates += int(shadowed.sum())
+    return supported / max(candidates, 1)
+
+
+def _places(camera: Camera, height_m: float) -> Levels:
+    centre_m, rays = rays_of(camera)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (height_m - centre_m[2]) / rays[..., 2]
+        places = centre_m[:2] + along[..., None] * rays[..., :2]
+    far = np.linalg.norm(places - centre_m[:2], axis=-1) > _FARTHEST_M
+    places[~(along > 0) | far] = np.nan
+    on_floor: Levels = places.astype(np.float32)
+    return on_floor
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _vote(
+    places_m: Levels, height_m: float, P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, others: Ints,
+    ratio: Levels, state: Bytes, ratios: Levels, states: Bytes, prior: Levels,
+) -> None:  # fmt: skip
+    """Write the prior of a picture's pixels, in blocks of two by two: shadow has no finer detail than
+    that."""
+    height, width = prior.shape
+    for top in range(0, height - 1, 2):
+        for left in range(0, width - 1, 2):
+            for k in range(4):
+                y, x = top + k // 2, left + k % 2
+                if state[y, x] >= PERHAPS_EDGE and places_m[y, x, 0] == places_m[y, x, 0]:
+                    odds = _odds(
+                        places_m[y, x, 0], places_m[y, x, 1], height_m, P_px_world, sizes_px, raw_px, others,
+                        ratio[y, x], ratios, states,
+                    )  # fmt: skip
+                    prior[top : top + 2, left : left + 2] = odds
+                    break
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _odds(
+    x_m: float, y_m: float, height_m: float, P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, others: Ints,
+    ratio: np.float32, ratios: Levels, states: Bytes,
+) -> np.float32:  # fmt: skip
+    """Logarithm of the odds of shadow at a place on the floor, as dark as a ratio, by the other cameras."""
+    seeing = lit = 0
+    is_edge = False
+    for j in others:
+        column, row = raw_pixel(P_px_world[j], sizes_px[j], raw_px[j], x_m, y_m, height_m)
+        if column < 0:
+            continue
+        seeing += 1
+        found = _look(states[j], ratios[j], sizes_px[j], column, row, ratio)
+        if found == PERHAPS_SHADOW:
+            return SUPPORTED
+        lit += found == UNCHANGED
+        is_edge |= found == PERHAPS_EDGE
+    if seeing == 0:
+        return UNKNOWN
+    return (SUPPORTED_EDGE if is_edge else UNSUPPORTED) + np.float32(lit) * REFUTED
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _look(state: Bytes, ratio: Levels, size_px: Ints, column: int, row: int, like: np.float32) -> int:
+    """What a camera sees about a pixel: shadow or its edge only if it is as dark."""
+    found = UNCHANGED
+    for v in range(max(row - 2, 0), min(row + 3, size_px[1]), 2):
+        for u in range(max(column - 2, 0), min(column + 3, size_px[0]), 2):
+            if state[v, u] >= CHANGED:
+                alike = state[v, u] >= PERHAPS_EDGE and abs(ratio[v, u] - like) < _SAME_RATIO
+                found = max(found, state[v, u] if alike else CHANGED)
+                if found == PERHAPS_SHADOW:
+                    return found
+    return found

@@ -1,0 +1,70 @@
+"""What a joint segmenter learns: of a recorded take before the first frame, of live pictures as they come."""
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+
+from services.mocap.camera.camera import Camera
+from services.mocap.take import layout
+from services.mocap.take.folder import Take
+from services.mocap.take.video import index_video
+from services.mocap.types import Bytes
+from services.segmentation.joint import JointSegmenter
+from services.segmentation.source import pictures_of
+
+_MOMENTS = 12
+"""That are learnt from, at least where a take has so many frames."""
+_MOST_RUNS = 4
+_MOST_DECODED = 48
+"""Frames of each camera, in all."""
+_FLOOR_MOMENTS = 4
+_LIVE_EVERY = 5
+"""Of how many live shots one is learnt from, at first."""
+_LIVE_CONCLUSIONS = 6
+"""Shots that are learnt from between two conclusions."""
+_SLOWER_AFTER, _SLOWER = 60, 10
+"""After so many shots only every tenth of them is learnt from."""
+
+log = logging.getLogger(__name__)
+
+
+def learn_from_take(matte: JointSegmenter, take: Take, cameras: Sequence[Camera]) -> None:
+    """Look at moments of all of a take's beginning and of later keyframes; the same whoever asks when."""
+    floor_moments = list(islice(_moments(take, cameras), 0, None, _MOMENTS // _FLOOR_MOMENTS))
+    matte.settle_floor(floor_moments)
+    for images in _moments(take, cameras):
+        matte.learn(images)
+    matte.conclude()
+
+
+def _moments(take: Take, cameras: Sequence[Camera]) -> Iterator[dict[int, Bytes]]:
+    """Pictures of all cameras at some moments, of which few frames have to be decoded."""
+    index = index_video(layout.video_path(take.folder, cameras[0].name))
+    first, end = take.settings.offset(cameras[0].name), take.settings.frames
+    begins = [0, *(key - first for key, _ in index.keyframes if first < key < first + end)]
+    step = -(-len(begins) // _MOST_RUNS)
+    begins = begins[::step]
+    longest, each = _MOST_DECODED // len(begins), -(-_MOMENTS // len(begins))
+    for begin, following in zip(begins, [*begins[1:], end], strict=True):
+        length = min(longest, following - begin)
+        apart = max(length // each, 1)
+        yield from islice(pictures_of(take, cameras, begin, begin + length), 0, None, apart)
+
+
+class LiveLearner:
+    """Teaches a segmenter by some of the live pictures that it is given."""
+
+    def __init__(self, matte: JointSegmenter) -> None:
+        self._matte = matte
+        self._shots = self._learnt = 0
+
+    def see(self, images_bgr: Mapping[int, Bytes]) -> None:
+        """Learn from a shot's pictures (H, W, 3) by camera, if it is time."""
+        self._shots += 1
+        every = _LIVE_EVERY * (_SLOWER if self._learnt > _SLOWER_AFTER else 1)
+        if self._shots % every:
+            return
+        self._learnt += 1
+        self._matte.learn(images_bgr)
+        if self._learnt % _LIVE_CONCLUSIONS == 0 or self._learnt == 1:
+            self._matte.conclude()

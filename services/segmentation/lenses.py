@@ -1,0 +1,79 @@
+"""Where points of the world lie in raw pictures, lens distortion included, and which rays raw pixels see
+along."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from services.mocap.camera.camera import Camera
+from services.mocap.types import Floats, Ints
+
+Pixels: TypeAlias = NDArray[np.int16]
+
+NOWHERE = -1
+"""Column and row of what no raw pixel shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lenses:
+    """The projections of several cameras to the pixels of their raw pictures."""
+
+    P_px_world: Floats
+    """(C, 3, 4) to pixels of the undistorted pictures."""
+    sizes_px: Ints
+    """(C, 2) width and height."""
+    raw_px: Pixels
+    """(C, H, W, 2) column and row in the raw picture by those in the undistorted one; NOWHERE off it."""
+
+    @classmethod
+    def of(cls, cameras: Sequence[Camera]) -> "Lenses":
+        """The lenses of some cameras, whose pictures may be of different sizes."""
+        sizes_px = np.array([(camera.width_px, camera.height_px) for camera in cameras], np.int32)
+        width, height = sizes_px.max(axis=0)
+        raw_px = np.full((len(cameras), height, width, 2), NOWHERE, np.int16)
+        for c, camera in enumerate(cameras):
+            raw_px[c, : camera.height_px, : camera.width_px] = _raw_pixels(camera)
+        return cls(np.array([camera.P_px_world for camera in cameras]), sizes_px, raw_px)
+
+    @property
+    def n_cameras(self) -> int:
+        """How many cameras there are."""
+        return len(self.sizes_px)
+
+
+def rays_of(camera: Camera) -> tuple[Floats, Floats]:
+    """A camera's centre (3,) in the world, and the rays (H, W, 3) that its raw pixels see along."""
+    columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    raw = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
+    undo = cv2.fisheye.undistortPoints if camera.fisheye else cv2.undistortPoints
+    flat = np.asarray(undo(raw, camera.K, camera.distortion), np.float64).reshape(-1, 2)
+    rays = np.column_stack([flat, np.ones(len(flat))]) @ camera.R_camera_world
+    return camera.centre_world_m, rays.reshape(camera.height_px, camera.width_px, 3)
+
+
+def _raw_pixels(camera: Camera) -> Pixels:
+    make = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
+    size_px = (camera.width_px, camera.height_px)
+    maps = make(camera.K, camera.distortion, np.eye(3), camera.K, size_px, cv2.CV_32FC1)
+    raw = np.rint(np.stack(maps, axis=-1))
+    raw[~np.all((raw >= 0) & (raw < size_px), axis=-1)] = NOWHERE
+    return raw.astype(np.int16)
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def raw_pixel(P: Floats, size_px: Ints, raw_px: Pixels, x: float, y: float, z: float) -> tuple[int, int]:
+    """Column and row in one camera's raw picture of a point of the world, in metres; NOWHERE where off it."""
+    depth = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3]
+    if depth < 0.1:
+        return NOWHERE, NOWHERE
+    u = (P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]) / depth + 0.5
+    v = (P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]) / depth + 0.5
+    if not (u >= 0 and v >= 0 and u < size_px[0] and v < size_px[1]):
+        return NOWHERE, NOWHERE
+    column, row = int(u), int(v)
+    return raw_px[row, column, 0], raw_px[row, column, 1]

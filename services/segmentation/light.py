@@ -1,0 +1,85 @@
+"""How the light on the stage differs from the plate's: smooth over the picture, blind to whoever stands
+there."""
+
+import cv2
+import numba
+import numpy as np
+
+from services.mocap.types import Bytes
+from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
+
+_TILES_ACROSS = 20
+_STRIDE_PX = 3
+"""Every third pixel of a tile is looked at, along both axes."""
+_BINS = 256
+_LEAST_RATIO, _MOST_RATIO = 0.6, 1.4
+"""Of brightness to the plate's at the same exposure; what lies outside is no drift of the light."""
+_DARKEST = 40.0
+"""Sum of three channels, in levels; darker pixels say nothing of the light."""
+_LEAST_SAMPLES = 8
+_APART = 0.04
+"""A tile this far off the median of its neighbourhood shows somebody, or a shadow, not the light."""
+_NEAR_TILES, _FAR_TILES = 1.2, 4.0
+"""Deviations of the Gaussians by which tiles are smoothed."""
+_LEAST_TILES = 5
+_LEAST_WEIGHT = 1e-3
+_FAR_WEIGHT = 0.02
+"""Of tiles far away, where near ones say nothing."""
+
+
+def light_field(channels: Bytes, mean: Steps, gains: Levels) -> Levels:
+    """How much brighter than the plate at its gains a picture is: (H, W) or more, to full tiles.
+
+    channels, mean (3, H, W): the picture and the plate; gains (3,): of the whole picture's channels.
+    """
+    height, width = channels.shape[1:]
+    tile_px = max(8, round(width / _TILES_ACROSS))
+    ratios = np.ones((-(-height // tile_px), -(-width // tile_px)), np.float32)
+    weights = np.zeros_like(ratios)
+    _tile_medians(channels, mean, gains / np.float32(MEAN_STEPS), tile_px, ratios, weights)
+    size_px = ratios.shape[1] * tile_px, ratios.shape[0] * tile_px
+    if min(ratios.shape) < _LEAST_TILES:
+        return np.ones(size_px[::-1], np.float32)
+    weights *= np.abs(ratios - cv2.medianBlur(ratios, 5)) < _APART
+    near, far = (
+        [cv2.GaussianBlur(part, (0, 0), reach) for part in (ratios * weights, weights)]
+        for reach in (_NEAR_TILES, _FAR_TILES)
+    )
+    around = far[0] / np.maximum(far[1], np.float32(1e-6))
+    field = (near[0] + _FAR_WEIGHT * around) / (near[1] + _FAR_WEIGHT)
+    field[far[1] <= _LEAST_WEIGHT] = 1.0
+    return np.asarray(cv2.resize(field, size_px, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _tile_medians(
+    channels: Bytes, mean: Steps, levels: Levels, tile_px: int, ratios: Levels, weights: Levels
+) -> None:
+    """Write to ratios (h, w) the median of brightness over the plate's; to weights the share that counted."""
+    height, width = channels.shape[1:]
+    counts = np.zeros(_BINS, np.int32)
+    scale = _BINS / (_MOST_RATIO - _LEAST_RATIO)
+    for row in range(ratios.shape[0]):
+        for column in range(ratios.shape[1]):
+            counts[:] = 0
+            n = seen = 0
+            for y in range(row * tile_px, min((row + 1) * tile_px, height), _STRIDE_PX):
+                for x in range(column * tile_px, min((column + 1) * tile_px, width), _STRIDE_PX):
+                    seen += 1
+                    plate = levels[0] * mean[0, y, x] + levels[1] * mean[1, y, x] + levels[2] * mean[2, y, x]
+                    if plate < _DARKEST:
+                        continue
+                    light = float(channels[0, y, x]) + float(channels[1, y, x]) + float(channels[2, y, x])
+                    place = int((light / plate - _LEAST_RATIO) * scale)
+                    if 0 <= place < _BINS:
+                        counts[place] += 1
+                        n += 1
+            if n < _LEAST_SAMPLES:
+                continue
+            below, place = 0, 0
+            while below + counts[place] <= n // 2:
+                below += counts[place]
+                place += 1
+            inside = (n / 2 - below) / counts[place]
+            ratios[row, column] = _LEAST_RATIO + (place + inside) / scale
+            weights[row, column] = n / seen

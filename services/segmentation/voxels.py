@@ -1,0 +1,218 @@
+"""What the other cameras say of a pixel: how many of them miss the actor wherever along its ray it may be.
+
+The stage is filled with voxels, coarse ones first, and finer ones where nearly all cameras see a change. A
+pixel is
+the likelier the actor's, the fewer of the others miss what its ray meets (a visual hull that each camera is
+left
+out of in turn; Laurentini, PAMI 16(2), 1994).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numba
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.types import Bytes, Floats, Ints, Mask
+from services.segmentation.lenses import Lenses, Pixels, raw_pixel
+from services.segmentation.pixels import Levels
+
+COARSE_M, FINE_M = 0.12, 0.04
+_PER_COARSE = 3
+_LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M = 1.5, 3.0
+"""About where the cameras look."""
+_HEIGHT_M = 2.6
+_OVER_FLOOR_M = 0.04
+"""Voxels begin so far over the floor: what lies on it is shadow."""
+_OVERLAP = 1.2
+"""Of a voxel's size: so far it is drawn."""
+_LEAST_OTHERS = 2
+_MOST_MISSES, _FEW, _MOST_OF_FEW = 1.5, 5, 0.75
+"""Voxels that more of the others miss are not looked into; fewer misses suffice where few others see one."""
+MISS = 16
+"""A camera that surely sees no change at a pixel misses by so much; one that surely sees one by 0."""
+
+INSIDE, DEEP, NEAR, ONE_MISSES, MORE_MISS, ALONE = range(6)
+"""What others say of a pixel: well within what all of them see; deep within what all but one see; at the rim
+of what
+all see; one or more miss it; too few others see along its ray to tell."""
+CLASS_PRIOR: Levels = np.array([1.0, 0.8, -0.5, -1.0, -3.5, 0.0], np.float32)
+"""Logarithm of the odds that a pixel is the actor's, by class, before anything was learnt of a take. 0:
+nobody can
+tell, and nothing is learnt of it."""
+N_CLASSES = len(CLASS_PRIOR)
+_NEVER = 255
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """The voxels of a stage."""
+
+    coarse_m: Floats
+    """(N, 3) centres of coarse voxels that enough cameras see."""
+    coarse_px: Pixels
+    """(C, N, 2) where they lie in the raw pictures."""
+    reach_px: Ints
+    """(C,) size of a coarse voxel in each camera's picture, an odd number of pixels."""
+    covered: list[Mask]
+    """Per camera (H, W): whether enough others see along a pixel's ray."""
+
+    @classmethod
+    def of(cls, cameras: Sequence[Camera], lenses: Lenses, floor_m: float) -> "Stage":
+        """The stage that most cameras look at, over a floor at a height."""
+        middle = _meeting_point(cameras)
+        away_m = np.median([np.linalg.norm((camera.centre_world_m - middle)[:2]) for camera in cameras])
+        half_m = float(np.clip(away_m, _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M))
+        across = np.arange(-half_m, half_m + COARSE_M / 2, COARSE_M)
+        up = floor_m + _OVER_FLOOR_M + np.arange(COARSE_M / 2, _HEIGHT_M, COARSE_M)
+        grid = np.stack(np.meshgrid(middle[0] + across, middle[1] + across, up, indexing="ij"), axis=-1)
+        points_m = grid.reshape(-1, 3)
+        pixels = np.empty((lenses.n_cameras, len(points_m), 2), np.int16)
+        _project(lenses.P_px_world, lenses.sizes_px, lenses.raw_px, points_m, pixels)
+        seen = (pixels[..., 0] >= 0).sum(axis=0) > _LEAST_OTHERS
+        reach_px = np.array([_size_px(camera, middle, COARSE_M) for camera in cameras], np.int32)
+        points_m, pixels = points_m[seen], np.ascontiguousarray(pixels[:, seen])
+        covered = [
+            _covered(pixels[c], int(reach_px[c]), (camera.height_px, camera.width_px))
+            for c, camera in enumerate(cameras)
+        ]
+        return cls(points_m, pixels, reach_px, covered)
+
+    def classes(self, lenses: Lenses, misses: Bytes, there: Ints) -> list[Bytes]:
+        """What the others say of each pixel, per camera that is there: INSIDE to ALONE (H, W).
+
+        misses (C, H, W): by how much each camera misses a change at its pixels, 0 to MISS.
+        """
+        wide = np.stack([_eroded(of_camera, 3) for of_camera in misses])
+        narrow = np.stack([np.asarray(cv2.dilate(of_camera, _square(3)), np.uint8) for of_camera in misses])
+        reaches = self.reach_px.tolist()
+        coarse = np.stack([_eroded(n, reach + 2) for n, reach in zip(narrow, reaches, strict=True)])
+        fewest = np.full((2, *misses.shape), _NEVER, np.uint8)
+        _fewest_misses(
+            lenses.P_px_world, lenses.sizes_px, lenses.raw_px, there,
+            self.coarse_m[_promising(self.coarse_px, coarse, there)], wide, narrow, fewest,
+        )  # fmt: skip
+        classes = []
+        for c in there:
+            width, height = lenses.sizes_px[c]
+            size = 1 + 2 * round(int(self.reach_px[c]) / _PER_COARSE * _OVERLAP / 2)
+            spread = [_eroded(few[c, :height, :width], size) for few in fewest]
+            classes.append(_classified(spread[0], spread[1], self.covered[c], 2 * size + 1))
+        return classes
+
+
+def _square(size_px: int) -> Bytes:
+    return np.ones((size_px, size_px), np.uint8)
+
+
+def _eroded(plane: Bytes, size_px: int) -> Bytes:
+    """The least value (H, W) in the square about each pixel."""
+    return np.asarray(cv2.erode(plane, _square(size_px)), np.uint8)
+
+
+def _classified(by_wide: Bytes, by_narrow: Bytes, covered: Mask, depth_px: int) -> Bytes:
+    """The fewest misses of any voxel along a pixel's ray as classes (H, W)."""
+    classes = np.full(by_wide.shape, MORE_MISS, np.uint8)
+    for most, name in ((1.5, ONE_MISSES), (0.75, NEAR)):
+        classes[by_wide <= most * MISS] = name
+    classes[_eroded((classes <= ONE_MISSES).view(np.uint8), depth_px) > 0] = DEEP
+    classes[by_narrow <= 0.4 * MISS] = INSIDE
+    classes[~covered] = ALONE
+    return classes
+
+
+def _meeting_point(cameras: Sequence[Camera]) -> Floats:
+    """The point (3,) in the world nearest to all cameras' optical axes."""
+    centres = np.array([camera.centre_world_m for camera in cameras])
+    axes = np.array([camera.R_camera_world[2] for camera in cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    total = across.sum(axis=0) + 1e-6 * np.eye(3)
+    point: Floats = np.linalg.solve(
+        total, np.einsum("cij,cj->i", across, centres) + 1e-6 * centres.mean(axis=0)
+    )
+    return point
+
+
+def _size_px(camera: Camera, point_m: Floats, size_m: float) -> int:
+    """About how wide something is in a camera's picture, an odd number of pixels."""
+    depth_m = max(float(np.linalg.norm(camera.centre_world_m - point_m)), size_m)
+    return int(1 + 2 * round(size_m * camera.K[0, 0] / depth_m / 2))
+
+
+def _covered(pixels: Pixels, reach_px: int, shape: tuple[int, int]) -> Mask:
+    drawn = np.zeros(shape, np.uint8)
+    on = pixels[pixels[:, 0] >= 0]
+    drawn[on[:, 1], on[:, 0]] = 1
+    size = 2 * reach_px + 1
+    return np.asarray(cv2.morphologyEx(drawn, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8)) > 0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _project(P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, points_m: Floats, pixels: Pixels) -> None:
+    for c in range(len(P_px_world)):
+        for i in range(len(points_m)):
+            pixels[c, i] = raw_pixel(
+                P_px_world[c], sizes_px[c], raw_px[c], points_m[i, 0], points_m[i, 1], points_m[i, 2]
+            )
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _most(seeing: int) -> int:
+    """How much cameras may miss together of a voxel that so many see, one of which may miss all of it."""
+    return int(MISS * (1.0 + (_MOST_MISSES if seeing > _FEW else _MOST_OF_FEW)))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _promising(coarse_px: Pixels, misses: Bytes, there: Ints) -> Mask:
+    """Which coarse voxels (N,) so few cameras miss that the actor may be in them."""
+    promising = np.zeros(coarse_px.shape[1], np.bool_)
+    most = _most(len(there))
+    for i in range(coarse_px.shape[1]):
+        seeing = missed = 0
+        for c in there:
+            column, row = coarse_px[c, i]
+            if column >= 0:
+                seeing += 1
+                missed += misses[c, row, column]
+                if missed > most:
+                    break
+        promising[i] = seeing > _LEAST_OTHERS and missed <= _most(seeing)
+    return promising
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _fewest_misses(
+    P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, there: Ints, coarse_m: Floats, wide: Bytes,
+    narrow: Bytes, fewest: Bytes,
+) -> None:  # fmt: skip
+    """Write to fewest (2, C, H, W) how much the others miss of the voxel at each pixel that they miss least.
+
+    By the wide changes and by the narrow ones (C, H, W), over the fine voxels in coarse ones (N, 3).
+    """
+    n_cameras = len(P_px_world)
+    columns, rows = np.empty(n_cameras, np.int64), np.empty(n_cameras, np.int64)
+    most = _most(len(there))
+    for i in range(len(coarse_m)):
+        for k in range(_PER_COARSE**3):
+            x = coarse_m[i, 0] + FINE_M * (k // _PER_COARSE**2 - 1)
+            y = coarse_m[i, 1] + FINE_M * (k // _PER_COARSE % _PER_COARSE - 1)
+            z = coarse_m[i, 2] + FINE_M * (k % _PER_COARSE - 1)
+            seeing = by_wide = by_narrow = 0
+            for c in there:
+                column, row = raw_pixel(P_px_world[c], sizes_px[c], raw_px[c], x, y, z)
+                columns[c], rows[c] = column, row
+                if column >= 0:
+                    seeing += 1
+                    by_wide += wide[c, row, column]
+                    by_narrow += narrow[c, row, column]
+                    if by_wide > most:
+                        break
+            if seeing <= _LEAST_OTHERS or by_wide > _most(seeing):
+                continue
+            for c in there:
+                u, v = columns[c], rows[c]
+                if u >= 0:
+                    fewest[0, c, v, u] = min(fewest[0, c, v, u], by_wide - wide[c, v, u])
+                    fewest[1, c, v, u] = min(fewest[1, c, v, u], by_narrow - narrow[c, v, u])
