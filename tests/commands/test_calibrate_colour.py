@@ -19,10 +19,10 @@ from services.mocap.errors import CalibrationError, UserError
 from services.mocap.take.folder import open_take
 from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import video_writer
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import ACTOR, Bytes, Floats, Mask
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.samples import quick_looks, spread_pictures
-from services.segmentation.segmenters import make_segmenters
+from services.segmentation.segmenters import make_segmenter
 
 SmallTake = Callable[..., Path]
 CASTS = {
@@ -221,8 +221,8 @@ def test_a_plate_of_another_camera_setting_serves_once_corrected(
 
     def found() -> Mask:
         again = open_take(folder)
-        (one,) = make_segmenters(again, again.cameras[:1], settings, "chroma:28af46")
-        return next(one.trimaps(0, 1))
+        (trimap,) = next(make_segmenter(again, again.cameras[:1], settings, "chroma:28af46").trimaps(0, 1))
+        return np.asarray(trimap == ACTOR)
 
     true = ball_silhouette(take.cameras[0], 0)
     before = found()

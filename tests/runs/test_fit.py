@@ -17,7 +17,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOFS
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.energy.bitplanes import TriPlanes, trimap_of
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit
@@ -29,11 +29,11 @@ from services.mocap.take.fit_record import fitted_pose, read_record
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_settings, write_settings
 from services.mocap.take.tables import read_poses_csv
-from services.mocap.types import Floats, Mask
+from services.mocap.types import Floats, Mask, Trimap
 from services.runs.fit import TakeFit, fit_take, init_frames
 from services.runs.fit_files import write_fit
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import make_segmenters
+from services.segmentation.segmenters import make_segmenter
 from services.segmentation.source import Segmenter
 
 CPU, QUICK = EngineSettings(backend="cpu"), SearchSettings(max_passes=1)
@@ -125,19 +125,23 @@ def masks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Mask]:
     """Camera -> the silhouette (H, W) that is seen in all frames in place of the one in its video."""
     shown: dict[str, Mask] = {}
 
-    def segmenters(
+    def segmenter(
         take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str
-    ) -> list[Segmenter]:
-        real = make_segmenters(take, cameras, settings, name)
-        for camera, segmenter in zip(cameras, real, strict=True):
-            if (mask := shown.get(camera.name)) is not None:
-                monkeypatch.setattr(segmenter, "silhouettes", partial(repeated, mask))
+    ) -> Segmenter:
+        real = make_segmenter(take, cameras, settings, name)
+        monkeypatch.setattr(real, "trimaps", partial(changed, real.trimaps, cameras))
         return real
 
-    def repeated(mask: Mask, start: int, stop: int) -> Iterator[Mask]:
-        return iter([mask] * (stop - start))
+    def changed(
+        made: Callable[[int, int], Iterator[list[Trimap]]], cameras: Sequence[Camera], start: int, stop: int
+    ) -> Iterator[list[Trimap]]:
+        for trimaps in made(start, stop):
+            yield [
+                trimap_of(shown[camera.name]) if camera.name in shown else trimap
+                for camera, trimap in zip(cameras, trimaps, strict=True)
+            ]
 
-    monkeypatch.setattr("services.runs.fit.make_segmenters", segmenters)
+    monkeypatch.setattr("services.runs.fit.make_segmenter", segmenter)
     return shown
 
 

@@ -17,7 +17,7 @@ from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.samples import KeptLooks, quick_looks, shrunk
-from services.segmentation.segmenters import make_segmenters
+from services.segmentation.segmenters import make_segmenter
 
 SmallTake = Callable[..., Path]
 SETTINGS = SegmentationSettings()
@@ -69,7 +69,7 @@ def repaint_plate(folder: Path, paint: Callable[[int, Bytes], None]) -> None:
             video.write(picture)
 
 
-@pytest.mark.parametrize("segmenter", ["clean-plate", "mog2", "bgsegm"])
+@pytest.mark.parametrize("segmenter", ["clean-plate", "paper", "mog2", "bgsegm"])
 @pytest.mark.parametrize(
     ("moves", "said"),
     [(False, "shows something that is in no frame"), (True, "something moves in it"), (None, None)],
@@ -91,7 +91,7 @@ def test_somebody_in_a_plate_is_said(
     repaint_plate(folder, paint)
     take = open_take(folder)
     with caplog.at_level(logging.WARNING):
-        make_segmenters(take, take.cameras, SETTINGS, segmenter)
+        make_segmenter(take, take.cameras, SETTINGS, segmenter)
     sentences = [record.getMessage() for record in caplog.records]
     assert len(sentences) == (said is not None)
     if said is not None:

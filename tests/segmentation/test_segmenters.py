@@ -25,7 +25,7 @@ from services.mocap.take.writer import video_writer
 from services.mocap.types import ACTOR, UNSURE, Bytes, Mask
 from services.segmentation import segmenters
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import check_segmenter, make_segmenters
+from services.segmentation.segmenters import check_segmenter, make_segmenter
 
 SmallTake = Callable[..., Path]
 Ball = Callable[[Camera, int], Mask]
@@ -34,24 +34,22 @@ SETTINGS = SegmentationSettings()
 
 def overlap(take: Take, ball: Ball, name: str) -> float:
     """The worst IoU over all cameras and frames."""
-    made = make_segmenters(take, take.cameras, SETTINGS, name)
+    made = make_segmenter(take, take.cameras, SETTINGS, name)
     frames = take.settings.frames
     return min(
-        float(((trimap == ACTOR) & true).sum() / ((trimap == ACTOR) | true).sum())
-        for camera, of_camera in zip(take.cameras, made, strict=True)
-        for trimap, true in zip(
-            of_camera.trimaps(0, frames), [ball(camera, f) for f in range(frames)], strict=True
-        )
+        float(((trimap == ACTOR) & ball(camera, f)).sum() / ((trimap == ACTOR) | ball(camera, f)).sum())
+        for f, of_frame in zip(range(frames), made.trimaps(0, frames), strict=True)
+        for camera, trimap in zip(take.cameras, of_frame, strict=True)
     )
 
 
-@pytest.mark.parametrize("name", ["auto", "clean-plate", "mog2", "bgsegm"])
+@pytest.mark.parametrize("name", ["auto", "clean-plate", "paper", "mog2", "bgsegm"])
 @pytest.mark.parametrize("plate", ["video", "picture"])
 def test_the_ball_is_found(small_take: SmallTake, ball_silhouette: Ball, name: str, plate: str) -> None:
     assert overlap(open_take(small_take(clean_plate=plate)), ball_silhouette, name) > 0.6
 
 
-@pytest.mark.parametrize("name", ["auto", "mog2", "bgsegm"])
+@pytest.mark.parametrize("name", ["auto", "paper", "mog2", "bgsegm"])
 def test_without_a_clean_plate_the_take_tells_and_one_warning_says_so(
     small_take: SmallTake, ball_silhouette: Ball, name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -84,13 +82,13 @@ def test_a_green_screen(small_take: SmallTake, ball_silhouette: Ball, name: str)
     take = green_take(small_take(), ball_silhouette)
     assert overlap(take, ball_silhouette, name) > 0.6
     with pytest.raises(UserError, match="grey"):
-        make_segmenters(take, take.cameras, SETTINGS, "chroma:808080")
+        make_segmenter(take, take.cameras, SETTINGS, "chroma:808080")
 
 
 def test_a_grey_wall_is_no_screen(small_take: SmallTake) -> None:
     take = open_take(small_take())
     with pytest.raises(UserError, match=r"cam01: the edges .* no screen of one colour .* chroma:RRGGBB"):
-        make_segmenters(take, take.cameras, SETTINGS, "chroma")
+        make_segmenter(take, take.cameras, SETTINGS, "chroma")
 
 
 @pytest.mark.parametrize(
@@ -112,9 +110,9 @@ def test_names_that_mean_nothing(name: str, sentence: str) -> None:
 def test_what_a_take_lacks_is_said(small_take: SmallTake) -> None:
     videos, ready = open_take(small_take("a")), open_take(small_take("b", source="silhouettes"))
     with pytest.raises(UserError, match="expected silhouettes/ beside"):
-        make_segmenters(videos, videos.cameras, SETTINGS, "silhouettes")
+        make_segmenter(videos, videos.cameras, SETTINGS, "silhouettes")
     with pytest.raises(UserError, match="has no video of cam01"):
-        make_segmenters(ready, ready.cameras, SETTINGS, "mog2")
+        make_segmenter(ready, ready.cameras, SETTINGS, "mog2")
 
 
 class Stencil:
@@ -168,29 +166,31 @@ def test_a_plug_in(small_take: SmallTake, has_plate: bool) -> None:
         shutil.rmtree(folder / "background")
     take = open_take(folder)
     Stencil.given.clear()
-    made = make_segmenters(take, take.cameras, SETTINGS, "stencil")
+    made = make_segmenter(take, take.cameras, SETTINGS, "stencil")
     assert [name for name, _ in Stencil.given] == ["cam01", "cam02"]
     for _, plate in Stencil.given:
-        assert (plate.shape == (48, 64, 3) and plate.dtype == np.uint8) if has_plate else plate is None
-    assert np.count_nonzero(next(made[0].trimaps(0, 1)) == ACTOR) == 100
+        assert (plate is not None) == has_plate
+        assert plate is None or (plate.shape == (48, 64, 3) and plate.dtype == np.uint8)
+    assert [np.count_nonzero(trimap == ACTOR) for trimap in next(made.trimaps(0, 1))] == [100, 100]
 
 
 @pytest.mark.usefixtures("plug_ins")
 def test_a_plug_in_that_answers_nonsense(small_take: SmallTake) -> None:
     take = open_take(small_take())
-    made = make_segmenters(take, take.cameras, SETTINGS, "wrong")
+    made = make_segmenter(take, take.cameras, SETTINGS, "wrong")
     with pytest.raises(UserError, match=r"--segmenter wrong: expected masks of .* got .* of float32"):
-        next(made[0].trimaps(0, 1))
+        next(made.trimaps(0, 1))
 
 
 @pytest.mark.usefixtures("plug_ins")
 def test_a_plug_in_may_be_unsure(small_take: SmallTake, monkeypatch: pytest.MonkeyPatch) -> None:
     take = open_take(small_take())
-    (trimap,) = make_segmenters(take, take.cameras, SETTINGS, "doubtful")[0].trimaps(0, 1)
-    assert (np.count_nonzero(trimap == ACTOR), np.count_nonzero(trimap == UNSURE)) == (100, 2 * 64)
+    (trimaps,) = make_segmenter(take, take.cameras, SETTINGS, "doubtful").trimaps(0, 1)
+    assert [np.count_nonzero(trimap == ACTOR) for trimap in trimaps] == [100, 100]
+    assert [np.count_nonzero(trimap == UNSURE) for trimap in trimaps] == [2 * 64, 2 * 64]
     monkeypatch.setattr(Doubtful, "doubt", 7)
     with pytest.raises(UserError, match=r"--segmenter doubtful: expected 0 .* 128 .* 255 .* got 7: ask"):
-        next(make_segmenters(take, take.cameras, SETTINGS, "doubtful")[0].trimaps(0, 1))
+        next(make_segmenter(take, take.cameras, SETTINGS, "doubtful").trimaps(0, 1))
 
 
 class RedNetwork:
@@ -232,24 +232,24 @@ def test_a_network_that_wants_a_plate_or_something_else(
     folder = small_take()
     take = open_take(folder)
     with pytest.raises(UserError, match=r"bad\.onnx: is missing"):
-        make_segmenters(take, take.cameras, SETTINGS, f"onnx:{network.with_name('bad.onnx')}")
+        make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network.with_name('bad.onnx')}")
     network.with_name("bad.onnx").write_bytes(b"no network")
     with pytest.raises(UserError, match=r"bad\.onnx: cannot be loaded as a network \(not a network\): "):
-        make_segmenters(take, take.cameras, SETTINGS, f"onnx:{network.with_name('bad.onnx')}")
+        make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network.with_name('bad.onnx')}")
     monkeypatch.setattr(RedNetwork, "n_inputs", 3)
     with pytest.raises(UserError, match=r"found picture: tensor\(float\), plate: .*, state: "):
-        make_segmenters(take, take.cameras, SETTINGS, f"onnx:{network}")
+        make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}")
     monkeypatch.setattr(RedNetwork, "n_inputs", 2)
     shutil.rmtree(folder / "background")
     with pytest.raises(UserError, match=r"its second input is for the clean plate, but .* no background/"):
-        make_segmenters(take, take.cameras, SETTINGS, f"onnx:{network}")
+        make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}")
 
 
 def test_no_onnxruntime_is_one_sentence(small_take: SmallTake, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     take = open_take(small_take())
     with pytest.raises(UserError) as refused:
-        make_segmenters(take, take.cameras, SETTINGS, "onnx:net.onnx")
+        make_segmenter(take, take.cameras, SETTINGS, "onnx:net.onnx")
     assert str(refused.value) == (
         "--segmenter onnx:net.onnx: needs the package onnxruntime, which is not installed: "
         "pip install 'xormocap[onnx]'"

@@ -55,11 +55,15 @@ def test_pictures_of_a_take(walk: Take) -> None:
 def test_silhouettes_that_somebody_makes(walk: Take) -> None:
     pictures = TakePictures(
         walk,
-        lambda _, start, stop: (np.full((2, 3), 255 * (f % 2 == 0), np.uint8) for f in range(start, stop)),
+        lambda start, stop: (
+            [np.full((2, 3), 10 * f + c, np.uint8) for c in range(len(walk.cameras))]
+            for f in range(start, stop)
+        ),
     )
-    even, odd = pictures.trimap(0, 4), pictures.trimap(0, 5)
-    assert even is not None and odd is not None
-    assert even.all() and not odd.any()
+    for camera, frame in ((0, 4), (2, 4), (2, 5), (1, 0)):
+        found = pictures.trimap(camera, frame)
+        assert found is not None
+        assert np.unique(found).tolist() == [10 * frame + camera]
 
 
 def test_videos_can_be_opened_ahead(walk: Take, monkeypatch: pytest.MonkeyPatch) -> None:
