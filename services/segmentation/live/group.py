@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.take.live import LiveTake
@@ -17,10 +15,11 @@ from services.segmentation.learning import LiveLearner
 from services.segmentation.live.clock import CoordinatorClock
 from services.segmentation.live.feed import Feed
 from services.segmentation.live.recording import CameraRecording
-from services.segmentation.live.shots import Shot, Shots, Taken
+from services.segmentation.live.shots import Shot, Shots
 from services.segmentation.live.sources import FileSource, Source, StreamSource
 from services.segmentation.segmenters import live_matte
 from services.segmentation.source import GroupUndistorter, packed
+from services.segmentation.warm_up import warm_up
 
 
 class Silhouetter:
@@ -36,24 +35,13 @@ class Silhouetter:
         self._undistorter = GroupUndistorter(chosen, drops_unsupported=not is_joint)
         self._cameras = chosen
         self._learner = LiveLearner(self._matte) if isinstance(self._matte, JointSegmenter) else None
-        self._warm_up()
-
-    def _warm_up(self) -> None:
-        """Segment a picture of nothing, so that no shot waits for code that is compiled at its first use."""
-        black = {
-            k: Taken(np.zeros((camera.height_px, camera.width_px, 3), np.uint8), 0.0)
-            for k, camera in enumerate(self._cameras)
-        }
-        self._planes(Shot(0, 0.0, black))
+        warm_up()
 
     def planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
         """Which cameras of the group have a picture of a shot, and planes (P, H, W) of these."""
-        if self._learner is not None:
-            self._learner.see({k: self._corrected(k, taken.image) for k, taken in shot.taken.items()})
-        return self._planes(shot)
-
-    def _planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
         images = {k: self._corrected(k, taken.image) for k, taken in shot.taken.items()}
+        if self._learner is not None:
+            self._learner.see(images)
         trimaps = self._undistorter.undistorted(self._matte.trimaps(images))
         return sorted(images), packed(trimaps, self._width_px, self._height_px)
 
