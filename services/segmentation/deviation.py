@@ -33,34 +33,57 @@ def compare(
     and
     products (N_PRODUCTS, H, W).
     """
-    levels = gains / np.float32(MEAN_STEPS)
-    top, steps = np.float32(255), np.float32(MEAN_STEPS)
-    scale = np.float32(1) / np.float32(WHITENING_STEPS)
     for y in range(channels.shape[1]):
-        for x in range(channels.shape[2]):
-            light = field[y, x]
-            b, g, r = (
-                np.float32(channels[0, y, x]),
-                np.float32(channels[1, y, x]),
-                np.float32(channels[2, y, x]),
-            )
-            m0 = levels[0] * light * mean[0, y, x]
-            m0 = m0 if m0 < top else top
-            m1 = levels[1] * light * mean[1, y, x]
-            m1 = m1 if m1 < top else top
-            m2 = levels[2] * light * mean[2, y, x]
-            m2 = m2 if m2 < top else top
-            expected[0, y, x] = np.int16(m0 * steps)
-            expected[1, y, x] = np.int16(m1 * steps)
-            expected[2, y, x] = np.int16(m2 * steps)
-            products[0, y, x] = b * b + g * g + r * r
-            products[1, y, x] = b * m0 + g * m1 + r * m2
-            products[2, y, x] = m0 * m0 + m1 * m1 + m2 * m2 + np.float32(1)
-            e0 = scale * whitening[0, y, x] * (b - m0)
-            e1 = scale * (whitening[1, y, x] * (b - m0) + whitening[2, y, x] * (g - m1))
-            e2 = scale * (whitening[3, y, x] * (b - m0) + whitening[4, y, x] * (g - m1))
-            e2 += scale * whitening[5, y, x] * (r - m2)
-            deviation2[y, x] = e0 * e0 + e1 * e1 + e2 * e2
+        for c in range(3):
+            _expect(mean[c, y], gains[c], field[y], expected[c, y])
+        _deviate(channels, expected, whitening, y, deviation2[y])
+        _multiply(channels, expected, y, products[0, y], products[1, y], products[2, y])
+
+
+# A loop for each result over rows that lie in one piece: so the compiler takes many pixels at a time.
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _expect(mean: Steps, gain: np.float32, field: Levels, expected: Steps) -> None:
+    """Write a row (W,) of one channel that the plate should have."""
+    top = np.float32(255 * MEAN_STEPS)
+    for x in range(field.size):
+        level = gain * field[x] * np.float32(mean[x])
+        expected[x] = np.int16(level if level < top else top)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _deviate(channels: Bytes, expected: Steps, whitening: Steps, y: int, deviation2: Levels) -> None:
+    """Write a row (W,) of squared deviations."""
+    scale, whiten = np.float32(1 / MEAN_STEPS), np.float32(1 / WHITENING_STEPS)
+    blue, green, red = channels[0, y], channels[1, y], channels[2, y]
+    plate_b, plate_g, plate_r = expected[0, y], expected[1, y], expected[2, y]
+    bb, gb, gg = whitening[0, y], whitening[1, y], whitening[2, y]
+    rb, rg, rr = whitening[3, y], whitening[4, y], whitening[5, y]
+    for x in range(deviation2.size):
+        d0 = whiten * (np.float32(blue[x]) - scale * np.float32(plate_b[x]))
+        d1 = whiten * (np.float32(green[x]) - scale * np.float32(plate_g[x]))
+        d2 = whiten * (np.float32(red[x]) - scale * np.float32(plate_r[x]))
+        e0 = np.float32(bb[x]) * d0
+        e1 = np.float32(gb[x]) * d0 + np.float32(gg[x]) * d1
+        e2 = np.float32(rb[x]) * d0 + np.float32(rg[x]) * d1 + np.float32(rr[x]) * d2
+        deviation2[x] = e0 * e0 + e1 * e1 + e2 * e2
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _multiply(channels: Bytes, expected: Steps, y: int, seen: Levels, both: Levels, known: Levels) -> None:
+    """Write a row (W,) of each of the products."""
+    scale = np.float32(1 / MEAN_STEPS)
+    blue, green, red = channels[0, y], channels[1, y], channels[2, y]
+    plate_b, plate_g, plate_r = expected[0, y], expected[1, y], expected[2, y]
+    for x in range(seen.size):
+        b, g, r = np.float32(blue[x]), np.float32(green[x]), np.float32(red[x])
+        m0 = scale * np.float32(plate_b[x])
+        m1 = scale * np.float32(plate_g[x])
+        m2 = scale * np.float32(plate_r[x])
+        seen[x] = b * b + g * g + r * r
+        both[x] = b * m0 + g * m1 + r * m2
+        known[x] = m0 * m0 + m1 * m1 + m2 * m2 + np.float32(1)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})

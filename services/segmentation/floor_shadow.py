@@ -138,20 +138,21 @@ def _odds(
 ) -> np.float32:  # fmt: skip
     """Logarithm of the odds of shadow at a place on the floor, as dark as a ratio, by the other cameras."""
     seeing = lit = 0
-    is_edge = False
+    best = CHANGED
     for j in others:
         column, row = raw_pixel(P_px_world[j], sizes_px[j], raw_px[j], x_m, y_m, height_m)
         if column < 0:
             continue
         seeing += 1
         found = _look(states[j], ratios[j], sizes_px[j], column, row, ratio)
-        if found == PERHAPS_SHADOW:
-            return SUPPORTED
         lit += found == UNCHANGED
-        is_edge |= found == PERHAPS_EDGE
+        best = max(best, found)
     if seeing == 0:
         return UNKNOWN
-    return (SUPPORTED_EDGE if is_edge else UNSUPPORTED) + np.float32(lit) * REFUTED
+    refuted = np.float32(lit) * REFUTED
+    if best == PERHAPS_SHADOW:
+        return refuted + SUPPORTED
+    return refuted + (SUPPORTED_EDGE if best == PERHAPS_EDGE else UNSUPPORTED)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

@@ -9,6 +9,7 @@ by the pixel's neighbours. Where all that together tells nothing, the pixel is u
 """
 
 from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -40,7 +41,9 @@ _HARDLY_AGAINST = -2.8
 """A pixel's own evidence, above which what the others see in it leaves it open."""
 _SLIGHTLY_AGAINST = -0.5
 """Own evidence below which a pixel is the actor's by its neighbours alone."""
-_MARGIN_PX = 8
+_MARGIN_PX, _RIM_MARGIN_PX = 8, 6
+_Part: TypeAlias = tuple[slice, slice]
+"""Rows and columns of a picture."""
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -136,7 +139,7 @@ class JointSegmenter:
 
     def _cut(self, camera: int, shadow_prior: Levels, classes: Bytes) -> Trimap:
         view = self._views[camera]
-        plate, settings = view.plate, self._settings
+        plate = view.plate
         height, width = plate.shape
         trimap: Trimap = np.zeros((height, width), np.uint8)
         part = _likely_part(view.change, classes)
@@ -153,33 +156,50 @@ class JointSegmenter:
         prior = view.class_prior[classes[part]]
         across, down = np.empty(shape, np.float32), np.empty(shape, np.float32)
         prices(view.channels, view.expected, plate.usual_noise2, corner_px, across, down)
-        actor = (beliefs(own + prior, across, down, _ROUNDS) > 0).view(np.uint8)
+        belief = beliefs(own + prior, across, down, _ROUNDS)
+        self._settle(view, belief, own, prior, part, trimap)
+        return trimap
+
+    def _settle(
+        self, view: View, belief: Levels, own: Levels, prior: Levels, part: _Part, trimap: Trimap
+    ) -> None:
+        """Write what is believed in a part of a picture to a trimap (H, W): its edges, and what is unsure."""
+        settings, (height, width) = self._settings, trimap.shape
+        inner = _box_of((belief > 0) | ((prior > _TELLING) & (own > _HARDLY_AGAINST)), _RIM_MARGIN_PX)
+        if inner is None:
+            return
+        actor = np.ascontiguousarray(belief[inner] > 0).view(np.uint8)
+        corner_px = part[0].start + inner[0].start, part[1].start + inner[1].start
         rim_px = settings.edge_width_permille * 1e-3 * width
         settle_edges(
             actor, corner_px, view.channels, view.expected, _AS_EXPECTED, rim_px, settings.edge_misfit
         )
         cleanup_in_place(actor, height * width, settings)
         found = actor * np.uint8(ACTOR)
-        found[_doubtful(actor > 0, own, prior)] = UNSURE
-        trimap[part] = found
-        return trimap
+        found[_doubtful(actor > 0, own[inner], prior[inner])] = UNSURE
+        trimap[part][inner] = found
 
 
 _AS_EXPECTED: Levels = np.ones(3, np.float32)
 """Gains of what is expected: light is in it already."""
 
 
-def _likely_part(change: Levels, classes: Bytes) -> tuple[slice, slice] | None:
+def _likely_part(change: Levels, classes: Bytes) -> _Part | None:
     """The part of the picture that may show the actor; None where nothing does."""
     likely = ((change > CHANGED) & (classes != MORE_MISS)) | (classes == INSIDE)
     opened = cv2.morphologyEx(likely.view(np.uint8), cv2.MORPH_OPEN, _SQUARE)
-    left, top, across, down = cv2.boundingRect(opened)
+    return _box_of(opened > 0, _MARGIN_PX)
+
+
+def _box_of(mask: Mask, margin_px: int) -> _Part | None:
+    """Rows and columns that hold all that is set in a mask (H, W), and a margin; None where nothing is."""
+    left, top, across, down = cv2.boundingRect(mask.view(np.uint8))
     if across == 0:
         return None
-    height, width = change.shape
+    height, width = mask.shape
     return (
-        slice(max(top - _MARGIN_PX, 0), min(top + down + _MARGIN_PX, height)),
-        slice(max(left - _MARGIN_PX, 0), min(left + across + _MARGIN_PX, width)),
+        slice(max(top - margin_px, 0), min(top + down + margin_px, height)),
+        slice(max(left - margin_px, 0), min(left + across + margin_px, width)),
     )
 
 
@@ -187,7 +207,5 @@ def _doubtful(actor: Mask, own: Levels, prior: Levels) -> Mask:
     """Which pixels (h, w) are unsure: cut off or kept against what the other cameras or their own colours
     say."""
     seen_by_others = prior > _TELLING
-    doubt = np.where(
-        actor, (own < _SLIGHTLY_AGAINST) & ~seen_by_others, (own > _HARDLY_AGAINST) & seen_by_others
-    )
+    doubt = np.where(seen_by_others, ~actor & (own > _HARDLY_AGAINST), actor & (own < _SLIGHTLY_AGAINST))
     return np.asarray(cv2.morphologyEx(doubt.view(np.uint8), cv2.MORPH_OPEN, _SQUARE) > 0)

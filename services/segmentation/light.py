@@ -9,8 +9,8 @@ from services.mocap.types import Bytes
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 _TILES_ACROSS = 20
-_STRIDE_PX = 3
-"""Every third pixel of a tile is looked at, along both axes."""
+_SAMPLES_ACROSS = 8
+"""So many pixels of a tile are looked at, along both axes."""
 _BINS = 256
 _LEAST_RATIO, _MOST_RATIO = 0.6, 1.4
 """Of brightness to the plate's at the same exposure; what lies outside is no drift of the light."""
@@ -58,13 +58,14 @@ def _tile_medians(
     """Write to ratios (h, w) the median of brightness over the plate's; to weights the share that counted."""
     height, width = channels.shape[1:]
     counts = np.zeros(_BINS, np.int32)
+    stride_px = max(tile_px // _SAMPLES_ACROSS, 1)
     scale = _BINS / (_MOST_RATIO - _LEAST_RATIO)
     for row in range(ratios.shape[0]):
         for column in range(ratios.shape[1]):
             counts[:] = 0
             n = seen = 0
-            for y in range(row * tile_px, min((row + 1) * tile_px, height), _STRIDE_PX):
-                for x in range(column * tile_px, min((column + 1) * tile_px, width), _STRIDE_PX):
+            for y in range(row * tile_px, min((row + 1) * tile_px, height), stride_px):
+                for x in range(column * tile_px, min((column + 1) * tile_px, width), stride_px):
                     seen += 1
                     plate = levels[0] * mean[0, y, x] + levels[1] * mean[1, y, x] + levels[2] * mean[2, y, x]
                     if plate < _DARKEST:

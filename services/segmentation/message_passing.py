@@ -30,24 +30,32 @@ def prices(
     """
     height, width = across.shape
     top, left = corner_px
-    scale = np.float32(1) / np.float32(MEAN_STEPS)
     rate = np.float32(1.0 / (_EDGE_SIGMAS2 * noise2))
+    scale = np.float32(1 / MEAN_STEPS)
+    across[:], down[:] = 0, 0
+    here, above = np.empty(width, np.float32), np.empty(width, np.float32)
+    for c in range(3):
+        for i in range(height):
+            _difference(channels[c, top + i], expected[c, top + i], left, scale, here)
+            for k in range(width - 1):
+                across[i, k] += (here[k + 1] - here[k]) ** 2
+            if i > 0:
+                for k in range(width):
+                    down[i - 1, k] += (here[k] - above[k]) ** 2
+            above[:] = here
+    one = np.float32(1)
     floor, price = np.float32(_LEAST_SHARE * _PRICE), np.float32((1 - _LEAST_SHARE) * _PRICE)
     for i in range(height):
-        y = top + i
         for k in range(width):
-            x = left + k
-            beside = below = np.float32(0)
-            for c in range(3):
-                here = np.float32(channels[c, y, x]) - scale * expected[c, y, x]
-                if k + 1 < width:
-                    step = here - np.float32(channels[c, y, x + 1]) + scale * expected[c, y, x + 1]
-                    beside += step * step
-                if i + 1 < height:
-                    step = here - np.float32(channels[c, y + 1, x]) + scale * expected[c, y + 1, x]
-                    below += step * step
-            across[i, k] = floor + price / (np.float32(1) + rate * beside)
-            down[i, k] = floor + price / (np.float32(1) + rate * below)
+            across[i, k] = floor + price / (one + rate * across[i, k])
+            down[i, k] = floor + price / (one + rate * down[i, k])
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _difference(channel: Bytes, expected: Steps, left: int, scale: np.float32, into: Levels) -> None:
+    """Write how far a part of a row (w,) is off the plate, from a column on."""
+    for k in range(into.size):
+        into[k] = np.float32(channel[left + k]) - scale * np.float32(expected[left + k])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

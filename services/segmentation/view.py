@@ -60,7 +60,7 @@ class View:
         check_size(image_bgr, plate.shape, "image", "the clean plate")
         gains = plate.gauge.gains(image_bgr, plate.settings.flicker_limit)
         cv2.split(image_bgr, list(self.channels))
-        light = light_field(self.channels, plate.mean, gains)[:height, :width]
+        light = np.ascontiguousarray(light_field(self.channels, plate.mean, gains)[:height, :width])
         compare(
             self.channels,
             plate.mean,

@@ -114,13 +114,24 @@ def _eroded(plane: Bytes, size_px: int) -> Bytes:
 
 def _classified(by_wide: Bytes, by_narrow: Bytes, covered: Mask, depth_px: int) -> Bytes:
     """The fewest misses of any voxel along a pixel's ray as classes (H, W)."""
-    classes = np.full(by_wide.shape, MORE_MISS, np.uint8)
-    for most, name in ((1.5, ONE_MISSES), (0.75, NEAR)):
-        classes[by_wide <= most * MISS] = name
-    classes[_eroded((classes <= ONE_MISSES).view(np.uint8), depth_px) > 0] = DEEP
-    classes[by_narrow <= 0.4 * MISS] = INSIDE
-    classes[~covered] = ALONE
+    most = np.array([0.4, 0.75, 1.5]) * MISS
+    deep = _eroded((by_wide <= most[2]).view(np.uint8), depth_px)
+    classes = np.empty(by_wide.shape, np.uint8)
+    _classify(by_wide, by_narrow, deep, covered.view(np.uint8), most.astype(np.uint8), classes)
     return classes
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _classify(
+    by_wide: Bytes, by_narrow: Bytes, deep: Bytes, covered: Bytes, most: Bytes, classes: Bytes
+) -> None:
+    for y in range(classes.shape[0]):
+        for x in range(classes.shape[1]):
+            near = ONE_MISSES if by_wide[y, x] <= most[2] else MORE_MISS
+            near = NEAR if by_wide[y, x] <= most[1] else near
+            near = DEEP if deep[y, x] else near
+            near = INSIDE if by_narrow[y, x] <= most[0] else near
+            classes[y, x] = near if covered[y, x] else ALONE
 
 
 def _meeting_point(cameras: Sequence[Camera]) -> Floats:
