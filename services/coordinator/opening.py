@@ -24,6 +24,7 @@ from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
 from services.mocap.search.plausibility import FirstLook, look_first
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.unsure_shares import UnsureShares, names_or_numbers
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
 
@@ -75,7 +76,7 @@ def solve_opening(
         log.warning("%s", remark)
     settings = _believing(settings, look, rig.n_cameras)
     hull = carve(rig, look.believed(masks), possible)
-    opening = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made)
+    opening = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made, names=names)
     if actor is not None or hints.actor_height is not None:
         return opening
     opening.model.backend.close()
@@ -116,32 +117,40 @@ def first_guess(
     settings: SearchSettings,
     mesh: OwnMesh | None = None,
     made: Model | None = None,
+    names: Sequence[str] = (),
 ) -> Opening:
     """The first frame's pose, with the actor or else with the generic body, from its hull and its picture.
 
     That body is as tall as take.toml says, or else as the visual hull is; a mesh takes the place of it. Other
     arguments as solve_opening's.
-    Raises TakeError where nobody can be so tall, or where a body as tall as the hull covers too little.
+    Raises TakeError where nobody can be so tall, or where a body as tall as the hull covers too little; it
+    says first where much is unsure.
     """
-    told = told_actor(actor, hints, mesh)
-    actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=mesh)
+    told, unsure = told_actor(actor, hints, mesh), _unsure_shares(picture, rig, names)
+    with unsure.blamed_first():
+        actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=mesh)
     if not hull.may_be(_LOWEST_HULL * actor.height, _HIGHEST_HULL * actor.height):
-        log.warning(
-            "the visual hull of the first frame is %.2f m high for an actor of %.2f m: check the scale "
-            "of the calibration",
-            hull.height_m,
-            actor.height,
+        sentence = (
+            f"the visual hull of the first frame is {hull.height_m:.2f} m high for an actor of "
+            f"{actor.height:.2f} m: check the scale of the calibration"
         )
+        log.warning("%s", unsure.before(sentence))
     model = made or model_of(actor, rig, engine)
     solution = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
     uncovered = uncovered_share(model, picture, solution.pose, settings)
     if uncovered > MOST_UNCOVERED:
-        sentence = NOT_ALONE.format(covered=1.0 - uncovered)
+        sentence = unsure.before(NOT_ALONE.format(covered=1.0 - uncovered))
         if told is None:
             model.backend.close()
             raise TakeError(sentence)
         log.warning("%s", sentence)  # what was told of the actor may be wrong as well
     return Opening(actor, model, solution)
+
+
+def _unsure_shares(picture: Picture, rig: Rig, names: Sequence[str]) -> UnsureShares:
+    masks = unpack(picture.silhouettes, rig.n_cameras)
+    possible = masks if picture.unsure is None else masks | unpack(picture.unsure, rig.n_cameras)
+    return UnsureShares(masks, possible, names_or_numbers(names, rig.n_cameras))
 
 
 def _plausible_height_m(hull: Hull) -> float:

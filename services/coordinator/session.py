@@ -18,6 +18,7 @@ from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import LostFramesError, Switchboard
 from services.coordinator.tracker import Tracker
+from services.coordinator.unsure import UnsureParts
 from services.coordinator.wording import Wording
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
@@ -58,6 +59,7 @@ class Session:
     ) -> None:
         self._plan, self._engine, self._stop = plan, engine, stop
         self._rig, self._plan_name = Rig.of(plan.take.cameras), plan.name
+        self._camera_names = [camera.name for camera in plan.take.cameras]
         self._wording = Wording(plan, self._plan_name, self._rig, engine)
         self._incoming = _incoming(plan, self._rig)
         self._is_live = isinstance(plan.take, LiveTake)
@@ -72,6 +74,7 @@ class Session:
         self._recorders, self._shards = 0, 1
         self._told = ""
         self._made: Model | None = None
+        self._unsure: UnsureParts | None = None
         self._gauges, self._overhead = Gauges(), Overhead()
         self._board.telemetry = self._telemetry
         about(take=self._wording.take)
@@ -132,6 +135,8 @@ class Session:
         """Say that no pose will follow, and wait until recorders have them all."""
         self._stage = "ended"
         about(frame=None)
+        if self._unsure is not None:
+            self._unsure.conclude()
         run, first = self._wording.run, self._plan.frames.start
         end = TakeEnd(
             take=self._wording.take,
@@ -197,6 +202,8 @@ class Session:
             self._incoming.catch_up()
             tracker = self._tracker(opening.model, opening.actor, opening.solution.pose[None])
             self._publish(self._plan.frames.start, first, opening.solution, tracker)
+            if self._unsure is not None and self._plan.fitted_pose is None:  # else the fit has said so
+                self._unsure.tell_first(first.seen, opening.solution.pose)
             return tracker
         return None
 
@@ -210,7 +217,7 @@ class Session:
             self._engine,
             without_weight(self._plan.settings, first.absent, self._rig),
             self._plan.fitted_pose,
-            [camera.name for camera in self._plan.take.cameras],
+            self._camera_names,
             self._made,
         )
 
@@ -235,6 +242,7 @@ class Session:
     def _tracker(self, model: Model, actor: Actor, poses: Floats) -> Tracker:
         """What follows the actor; tells recorders and viewers about the take."""
         self._limbs = self._pool(model, actor)
+        self._unsure = UnsureParts(model, self._camera_names)
         self._board.announce(self._wording.take_info(actor, self._shards))
         return Tracker(model, self._plan.settings, self._limbs, poses)
 
@@ -293,6 +301,8 @@ class Session:
         self._board.publish(pose)
         if frame.shutter_s is not None:  # recorded ones are kept as they come
             self._board.keep(self._wording.silhouettes(number, frame))
+        if self._unsure is not None and not tracker.is_lost:
+            self._unsure.note(frame.seen, solution.pose)
         note_pose(pose)
         self._solved_end, self._stage = number + 1, "tracking"
 

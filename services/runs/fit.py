@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 
@@ -16,6 +16,7 @@ from services.mocap.body.measures import Measure, measure
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
@@ -23,8 +24,10 @@ from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.uncertainty import with_uncertainties
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.model import Model
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.unsure_parts import untold_parts
 from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
@@ -92,14 +95,14 @@ def fit_take(
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
             cameras, seen = seen_of(take, frames, segmenter, progress)
-        rig = Rig.of(cameras)
+        rig, names = Rig.of(cameras), [camera.name for camera in cameras]
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
             told = _without(search, take, cameras)
-            guess = guess_first_pose(rig, seen[0], take.settings, opened, told, mesh)
+            guess = guess_first_pose(rig, seen[0], take.settings, opened, told, mesh, names)
         with clock.stage("fitting the actor") as progress:
             fit = fitter(rig, seen, guess.actor, guess.solution.pose, progress)
-    start = (guess.actor, guess.solution.pose)
-    return concluded(frames, cameras, seen, start, fit, clock.seconds, warnings)
+        start = (guess.actor, guess.solution.pose)
+        return concluded(frames, cameras, seen, start, fit, clock.seconds, warnings)
 
 
 def concluded(
@@ -111,9 +114,16 @@ def concluded(
     seconds: dict[str, float],
     warnings: list[str],
 ) -> TakeFit:
-    """A fit with what follows from it: the actor as it is written, and its measures."""
+    """A fit with what follows from it: the actor as it is written, its measures, and what is unsure of it."""
     actor = rounded(fit.actor)
-    measures = measure(build_body(actor))
+    body, rig = build_body(actor), Rig.of(cameras)
+    with closing(CpuBackend(body, rig)) as backend:
+        names, when = [camera.name for camera in cameras], f"the {len(frames)} frames of the fit"
+        where = "its overlay.png shows where"
+        sentence = untold_parts(Model(body, rig, backend), seen, fit.poses, names, when, where)
+    if sentence:
+        log.warning("%s", sentence)
+    measures = measure(body)
     if fit.shape_covariance is not None:
         measures = with_uncertainties(measures, actor, fit.shape_covariance)
     return TakeFit(
@@ -174,15 +184,16 @@ def guess_first_pose(
     engine: Engine,
     search: SearchSettings,
     mesh: OwnMesh | None = None,
+    names: Sequence[str] = (),
 ) -> Opening:
     """The generic body or the mesh, and its pose in the first frame, of which is seen so much (P, H, W).
 
-    The model's backend is closed. Raises TakeError where nobody can be so tall.
+    names: of the cameras. The model's backend is closed. Raises TakeError where nobody can be so tall.
     """
     hull = carve(rig, unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras))
     picture = Picture.whole(rig, seen.silhouettes, seen.unsure)
     guess = first_guess(
-        hull, picture, rig, None, hints, lambda model, _: LocalLimbs(model), engine, search, mesh
+        hull, picture, rig, None, hints, lambda model, _: LocalLimbs(model), engine, search, mesh, names=names
     )
     guess.model.backend.close()
     return guess

@@ -46,7 +46,7 @@ def refine_take(
             cameras, seen = seen_of(take, frames, segmenter, progress)
         with clock.stage("fitting the actor") as progress:
             fit = fitter(Rig.of(cameras), seen, found.actor, poses, progress)
-    return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
+        return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
 
 
 def _spread(found: Result, take: Take, n_frames: int) -> Ints:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.export.tiles import BEYOND_BGR, MISSED_BGR, Grid, draw_difference, grid_for
+from services.mocap.export.tiles import BEYOND_BGR, MISSED_BGR, UNSURE_BGR, Grid, draw_difference, grid_for
 from services.mocap.types import ACTOR, Bytes, Floats, Mask, Trimap
 
 _SCREEN_WIDTH_PX = 1920
@@ -43,11 +43,9 @@ class Shown:
 def draw_fit(seen: Sequence[Seen], states: Sequence[Shown]) -> Bytes:
     """The sheet (H, W, 3): for each state its title, and a tile for each camera, cut round the actor.
 
-    What the model leaves of a silhouette is yellow, what it covers beyond it magenta.
+    What the model leaves of a silhouette is yellow, what it covers beyond it magenta, what is unsure cyan.
     """
-    cameras = [one.camera for one in seen]
-    columns = grid_for(cameras, _WIDEST_PX).columns
-    grid = grid_for(cameras, int(np.clip(_SCREEN_WIDTH_PX / columns, _NARROWEST_PX, _WIDEST_PX)))
+    grid = sheet_grid([one.camera for one in seen])
     cuts = [
         _cut((one.trimap == ACTOR) | np.any([state.segment_masks[c] > 0 for state in states], axis=0), grid)
         for c, one in enumerate(seen)
@@ -55,16 +53,22 @@ def draw_fit(seen: Sequence[Seen], states: Sequence[Shown]) -> Bytes:
     return np.vstack([_block(seen, state, cuts, grid) for state in states])[:-_GAP_PX]
 
 
+def sheet_grid(cameras: Sequence[Camera]) -> Grid:
+    """The grid of a sheet that is as wide as a screen, or less where cameras are few."""
+    columns = grid_for(cameras, _WIDEST_PX).columns
+    return grid_for(cameras, int(np.clip(_SCREEN_WIDTH_PX / columns, _NARROWEST_PX, _WIDEST_PX)))
+
+
 def _block(seen: Sequence[Seen], state: Shown, cuts: list[tuple[slice, slice]], grid: Grid) -> Bytes:
     width_px, height_px = grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px
     block: Bytes = np.zeros((_HEADER_PX + height_px + _GAP_PX, width_px, 3), np.uint8)
-    end = _write(block, state.title, (10, _HEADER_PX - 11), _WHITE_BGR)
-    for text, colour_bgr in (("missed", MISSED_BGR), ("beyond", BEYOND_BGR)):
-        end = _write(block, text, (end + 20, _HEADER_PX - 11), colour_bgr)
+    end = write_text(block, state.title, (10, _HEADER_PX - 11), _WHITE_BGR)
+    for text, colour_bgr in (("missed", MISSED_BGR), ("beyond", BEYOND_BGR), ("unsure", UNSURE_BGR)):
+        end = write_text(block, text, (end + 20, _HEADER_PX - 11), colour_bgr)
     for c, one in enumerate(seen):
         model, cut = state.segment_masks[c], cuts[c]
         tile = draw_difference(one.picture[cut], one.trimap[cut], model[cut], grid)
-        _write(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), _WHITE_BGR)
+        write_text(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), _WHITE_BGR)
         x, y = grid.tile_origin_px(c)
         y += _HEADER_PX
         block[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
@@ -91,7 +95,9 @@ def _span(middle: float, length: float, limit: int) -> slice:
     return slice(start, start + length)
 
 
-def _write(picture: Bytes, text: str, origin_px: tuple[int, int], colour_bgr: tuple[int, int, int]) -> int:
+def write_text(
+    picture: Bytes, text: str, origin_px: tuple[int, int], colour_bgr: tuple[int, int, int]
+) -> int:
     """Write with a shadow, from the left end of the base line on; returns the x where the text ends."""
     x, y = origin_px
     font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.55

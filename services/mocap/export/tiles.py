@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
@@ -15,6 +17,8 @@ LEFT_BGR = (0, 94, 243)
 RIGHT_BGR = (240, 150, 30)
 MISSED_BGR, BEYOND_BGR = (0, 235, 255), (255, 0, 255)
 """Actor that the model misses, and model beyond the actor."""
+UNSURE_BGR = (255, 255, 0)
+"""What nobody is sure of."""
 _OPACITY = 0.5
 _OUTLINE_BGR = (255, 255, 255)
 _HALO_BGR = (0, 0, 0)
@@ -34,10 +38,12 @@ _FULL_GRID_ZOOM = 0.7
 _FILL: Bytes = np.array(
     [(0, 0, 0, 0), (*CENTRE_BGR, 255), (*LEFT_BGR, 255), (*RIGHT_BGR, 255)], dtype=np.uint8
 )
-_MISSED, _BEYOND = 4, 5
-# By the values of a segment mask, and these two.
-_COLOURS = np.array([(0, 0, 0), CENTRE_BGR, LEFT_BGR, RIGHT_BGR, MISSED_BGR, BEYOND_BGR], np.float32)
-_OPACITIES = np.array([0.0, 0.4, 0.4, 0.4, 0.9, 0.9], np.float32)
+_MISSED, _BEYOND, _UNSURE = 4, 5, 6
+# By the values of a segment mask, and these three.
+_COLOURS = np.array(
+    [(0, 0, 0), CENTRE_BGR, LEFT_BGR, RIGHT_BGR, MISSED_BGR, BEYOND_BGR, UNSURE_BGR], np.float32
+)
+_OPACITIES = np.array([0.0, 0.4, 0.4, 0.4, 0.9, 0.9, 0.5], np.float32)
 
 
 @dataclass(frozen=True)
@@ -104,14 +110,27 @@ def draw_difference(picture: Bytes, trimap: Trimap, segment_mask: Bytes, grid: G
     """A tile: the picture with the model over it, and every differing pixel, however small, over both.
 
     Arguments as draw_tile's, and the trimap (H, W) that the model is compared with. What the model leaves of
-    the actor is yellow, what it covers beyond it magenta; unsure pixels are neither.
+    the actor is yellow, what it covers beyond it magenta; unsure pixels are neither, but cyan.
     """
-    size, model = _fitting(segment_mask.shape, grid), segment_mask
+    kinds = np.where(trimap == UNSURE, _UNSURE, segment_mask)
+    differing = differing_pixels(trimap, segment_mask)
+    return _draw_kinds(
+        picture, np.where(differing, np.where(segment_mask == 0, _MISSED, _BEYOND), kinds), grid
+    )
+
+
+def draw_unsure(picture: Bytes, trimap: Trimap, grid: Grid) -> Bytes:
+    """A tile: the picture (H, W, 3) with a tint over the unsure pixels of a trimap (H, W)."""
+    return _draw_kinds(picture, np.where(trimap == UNSURE, _UNSURE, 0), grid)
+
+
+def _draw_kinds(picture: Bytes, kinds: NDArray[np.integer[Any]], grid: Grid) -> Bytes:
+    """A tile: the picture, and over it the colours of kinds (H, W)."""
+    size = _fitting(kinds.shape, grid)
     shown = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR).astype(np.float32)
-    kinds = np.where(differing_pixels(trimap, model), np.where(model == 0, _MISSED, _BEYOND), model)
-    kinds = cv2.resize(kinds.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    opacity = _OPACITIES[kinds][..., None]
-    return _centred(np.rint((1 - opacity) * shown + opacity * _COLOURS[kinds]).astype(np.uint8), grid)
+    resized = cv2.resize(kinds.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    opacity = _OPACITIES[resized][..., None]
+    return _centred(np.rint((1 - opacity) * shown + opacity * _COLOURS[resized]).astype(np.uint8), grid)
 
 
 def draw_outline(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:

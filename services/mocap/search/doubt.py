@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.body.skeleton import SEGMENT_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import camera_bit, count_bits
 from services.mocap.energy.picture import Picture
@@ -21,11 +20,10 @@ from services.mocap.search.chains import (
     window_size_px,
 )
 from services.mocap.search.model import Model
-from services.mocap.search.shares import PART_STAGES, pixels_by_part
+from services.mocap.search.shares import PART_SEGMENTS, PART_STAGES, pixels_by_part
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats
 
-_TORSO = tuple(SEGMENT_INDEX[name] for name in ("pelvis", "torso"))
 _REFERENCE_CAMERAS = 8
 _REMEMBERED = 15
 """Frames from which is known what usually differs."""
@@ -158,8 +156,7 @@ def confidences(rim_px: Floats) -> dict[Part, float]:
     A part of which hardly anything shows is left out, and one most of whose rim is among unsure pixels: what
     is left of it says little about the part.
     """
-    parts = {"torso": _TORSO, **{part: stage.segments for part, stage in PART_STAGES.items()}}
-    shown = {part: rim_px[list(segments)].sum(axis=0) for part, segments in parts.items()}
+    shown = {part: rim_px[list(segments)].sum(axis=0) for part, segments in PART_SEGMENTS.items()}
     return {
         part: float(on / all_px)
         for part, (all_px, on, _, unsure_px) in shown.items()

@@ -10,6 +10,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
 from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
 from services.mocap.search.hull import MIN_CAMERAS
+from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_numbers
 from services.mocap.types import Floats, Mask
 
 _FULL_SHARE = 0.75
@@ -56,12 +57,13 @@ def look_first(
     """Check the silhouettes (C, H, W) of the first frame, before a pose is looked for.
 
     names: of the cameras, for the sentences. possible (C, H, W): what may be actor, by default the
-    silhouettes; what is not sure never speaks against a frame. Raises TakeError where nobody or more than one
-    person is to be seen, where most cameras cut the actor off, or where the silhouettes do not meet in space.
+    silhouettes; what is not sure never speaks against a frame, and much of it is blamed first. Raises
+    TakeError where nobody or more than one person is to be seen, where most cameras cut the actor off, or
+    where the silhouettes do not meet in space.
     A camera that is empty, full or disagrees with the others is left out instead; so are several, as long as
     two are left, or three to blame one of disagreeing.
     """
-    names = list(names) or [f"camera {c + 1} of {rig.n_cameras}" for c in range(rig.n_cameras)]
+    names = names_or_numbers(names, rig.n_cameras)
     possible = silhouettes if possible is None else possible
     shares = _foreground_shares(rig, silhouettes)
     empty = tuple(c for c, share in enumerate(shares) if share < _EMPTY_SHARE)
@@ -69,33 +71,46 @@ def look_first(
     usable = tuple(c for c in range(rig.n_cameras) if c not in empty and c not in full)
     unsure = tuple(c for c in empty if _foreground_shares(rig, possible)[c] >= _EMPTY_SHARE)
     _check_counts(empty, full, usable, unsure, names)
-    _check_cut_off(rig, silhouettes, possible, usable, names)
-    agreement = find_agreement(rig, silhouettes, usable, possible)
-    _check_agreement(agreement, names)
+    unsure_shares = UnsureShares(silhouettes, possible, names)
+    with unsure_shares.blamed_first():
+        _check_cut_off(rig, silhouettes, possible, usable, names)
+        agreement = find_agreement(rig, silhouettes, usable, possible)
+        _check_agreement(agreement, names)
     left_out = (*empty, *full, *agreement.odd)
-    return FirstLook(left_out, tuple(_remarks(empty, full, agreement, names)))
+    return FirstLook(left_out, tuple(_remarks(empty, full, agreement, names, unsure_shares)))
 
 
 def _remarks(
-    empty: tuple[int, ...], full: tuple[int, ...], agreement: Agreement, names: Sequence[str]
+    empty: tuple[int, ...],
+    full: tuple[int, ...],
+    agreement: Agreement,
+    names: Sequence[str],
+    unsure: UnsureShares,
 ) -> list[str]:
-    remarks = [f"silhouettes: {names[c]} shows nobody in the first frame{_LEFT_OUT}" for c in empty]
+    remarks = [
+        unsure.before(f"silhouettes: {names[c]} shows nobody in the first frame{_LEFT_OUT}", [c])
+        for c in empty
+    ]
     remarks += [
         f"silhouettes: {names[c]} is white nearly all over in the first frame{_LEFT_OUT}; check its "
         "background or threshold"
         for c in full
     ]
     remarks += [
-        f"calibration.toml: what {names[c]} sees does not meet in space with what the others see{_LEFT_OUT}; "
-        "check its calibration, its synchronisation and its silhouette"
+        unsure.before(
+            f"calibration.toml: what {names[c]} sees does not meet in space with what the others "
+            f"see{_LEFT_OUT}; check its calibration, its synchronisation and its silhouette",
+            [c],
+        )
         for c in agreement.odd
     ]
     if agreement.filled < WELL_FILLED:
-        remarks.append(
+        only_in_part = (
             f"calibration.toml: the cameras' silhouettes meet in space only in part, their hull fills "
             f"{100 * agreement.filled:.0f}% of them{_suspicion(agreement, names)}: check calibration and "
             "synchronisation"
         )
+        remarks.append(unsure.before(only_in_part))
     return remarks
 
 
@@ -123,8 +138,7 @@ def _check_counts(
     if len(usable) + len(unsure) >= MIN_CAMERAS:
         raise TakeError(
             f"silhouettes: what {len(unsure)} of {n_cameras} cameras show of the actor in the first frame is "
-            "all unsure: choose a first frame in which the actor is surely to be seen, or see to it that "
-            "less of the silhouettes is unsure"
+            f"all unsure: choose a first frame in which the actor is surely to be seen, or {REMEDY}"
         )
     if full and len(full) >= len(empty):
         raise TakeError(

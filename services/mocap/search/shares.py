@@ -26,6 +26,10 @@ def _part_of(segment: int) -> int:
 
 
 _SEGMENT_PARTS = [_part_of(s) for s in range(len(SEGMENT_JOINTS))]
+PART_SEGMENTS: dict[Part, tuple[int, ...]] = {
+    part: tuple(s for s, its in enumerate(_SEGMENT_PARTS) if its == p) for p, part in enumerate(PARTS)
+}
+"""The segments of each part, in the order of PARTS."""
 _CARRIED = {int(joint): part for joint, part in zip(SEGMENT_JOINTS, _SEGMENT_PARTS, strict=True)}
 _POINT_PARTS: Ints = np.array(
     [_CARRIED.get(j, PARTS.index("head")) for j in range(N_JOINTS)] + _SEGMENT_PARTS, np.int32
