@@ -1,0 +1,116 @@
+"""Shadow is told by other cameras that see the same place on the floor; the floor is found by it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from rig_scene import SETTINGS, Blob, Rendered, moment, person, plates, raised, ring
+
+from services.mocap.camera.camera import Camera
+from services.mocap.types import Bytes, Ints
+from services.segmentation.deviation import PERHAPS_SHADOW, UNCHANGED, UNSEEN
+from services.segmentation.floor_shadow import (
+    SUPPORTED,
+    UNKNOWN,
+    UNSUPPORTED,
+    Floor,
+    find_floor,
+    unknown_shadow,
+)
+from services.segmentation.lenses import Lenses
+from services.segmentation.pixels import Levels
+from services.segmentation.plate import Plate
+from services.segmentation.view import LIGHT_UNCERTAINTY, View
+
+CAMERAS = ring(4)
+LENSES = Lenses.of(CAMERAS)
+Seen = tuple[Levels, Bytes, Ints]
+
+
+def seen_of(blobs: Sequence[Blob], floor_m: float, seeds: Sequence[int]) -> tuple[list[Seen], list[Rendered]]:
+    """Ratios, states and cameras at some moments, and what was really there at the last."""
+    views = [View(Plate.learn(p, SETTINGS, LIGHT_UNCERTAINTY)) for p in plates(CAMERAS, floor_m)]
+    seen, rendered = list[Seen](), list[Rendered]()
+    for seed in seeds:
+        shown = moment(CAMERAS, blobs, seed, floor_m)
+        for c, view in enumerate(views):
+            view.look(shown.images[c])
+        ratios, states = np.array([v.ratio for v in views]), np.array([v.state for v in views])
+        seen.append((ratios, states, np.arange(4, dtype=np.int32)))
+        rendered = shown.views
+    return seen, rendered
+
+
+@pytest.mark.parametrize("height_m", [0.0, 0.35, 0.6])
+def test_the_floor_is_found_where_it_is(height_m: float) -> None:
+    seen, _ = seen_of(raised(person(), height_m), height_m, [1])
+    floor = find_floor(CAMERAS, LENSES, seen)
+    assert floor is not None
+    assert floor.height_m == pytest.approx(height_m, abs=0.051)
+
+
+def test_without_shadow_there_is_no_floor() -> None:
+    seen, _ = seen_of([], 0.0, [1])
+    assert find_floor(CAMERAS, LENSES, seen) is None
+
+
+def test_shadows_that_do_not_agree_tell_of_no_floor() -> None:
+    rng = np.random.default_rng(0)
+    ratios = np.full((4, 180, 240), 1.0, np.float32)
+    states = np.full((4, 180, 240), UNCHANGED, np.uint8)
+    for c in range(4):  # each camera sees a patch somewhere else, as dark as no other
+        row, column = rng.integers(110, 150), 20 + 55 * c
+        states[c, row : row + 12, column : column + 12] = PERHAPS_SHADOW
+        ratios[c, row : row + 12, column : column + 12] = 0.4 + 0.13 * c
+    assert find_floor(CAMERAS, LENSES, [(ratios, states, np.arange(4, dtype=np.int32))]) is None
+
+
+def test_cast_shadow_is_supported_and_legs_are_not() -> None:
+    (seen, *_), rendered = seen_of(person(), 0.0, [1])
+    floor = Floor.at(0.0, CAMERAS)
+    ratios, states, there = seen
+    supported_actor = actor = 0
+    for c, view in enumerate(rendered):
+        prior = floor.shadow_prior(c, LENSES, ratios, states, there)
+        perhaps = states[c] == PERHAPS_SHADOW
+        in_shadow = perhaps & view.shadow
+        assert in_shadow.sum() > 20
+        assert (prior[in_shadow] >= SUPPORTED).mean() > 0.9
+        supported_actor += int((prior[perhaps & view.actor] >= SUPPORTED).sum())
+        actor += int(view.actor.sum())
+        assert (prior[states[c] == UNCHANGED] <= SUPPORTED).all()
+    assert supported_actor < 0.1 * actor
+
+
+def test_a_camera_alone_knows_nothing_of_shadow() -> None:
+    (seen, *_), _ = seen_of(person(), 0.0, [1])
+    ratios, states, _ = seen
+    floor = Floor.at(0.0, CAMERAS)
+    prior = floor.shadow_prior(1, LENSES, ratios, states, np.array([1], np.int32))
+    assert (prior == UNKNOWN).all()
+    assert (unknown_shadow((3, 4), has_others=True) == UNKNOWN).all()
+    assert (unknown_shadow((3, 4), has_others=False) > UNKNOWN).all()
+
+
+def test_lit_floor_in_another_camera_refutes_a_shadow() -> None:
+    ratios = np.full((4, 180, 240), 0.6, np.float32)
+    states = np.full((4, 180, 240), UNSEEN, np.uint8)
+    states[0, 110:150, 100:140] = PERHAPS_SHADOW
+    floor = Floor.at(0.0, CAMERAS)
+    for lit in range(1, 4):
+        states[1 : lit + 1] = UNCHANGED
+        there = np.arange(lit + 1, dtype=np.int32)
+        prior = floor.shadow_prior(0, LENSES, ratios, states, there)[112:148, 102:138]
+        assert (prior < UNSUPPORTED).all()
+        assert (prior >= UNSUPPORTED - 3.0 * lit).all()
+
+
+def test_pixels_over_the_horizon_look_at_no_floor() -> None:
+    level = [
+        Camera("level", 160, 120, np.array([[120.0, 0, 79.5], [0, 120.0, 59.5], [0, 0, 1]]), np.zeros(4),
+               np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]), np.array([0.0, 1.5, 0.0]))
+    ]  # fmt: skip
+    places_m = Floor.at(0.0, level).places_m[0]
+    assert np.isnan(places_m[:60]).all()
+    assert np.isfinite(places_m[70:]).all()
+    np.testing.assert_allclose(places_m[119, :, 1], 1.5 * 120 / 59.5, rtol=1e-5)

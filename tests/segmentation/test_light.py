@@ -1,0 +1,79 @@
+"""The light over the picture, and who must not be taken for it."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.mocap.types import Bytes, Floats
+from services.segmentation.light import light_field
+from services.segmentation.pixels import MEAN_STEPS, Levels
+
+HEIGHT, WIDTH = 240, 320
+ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH] / np.array([HEIGHT, WIDTH])[:, None, None]
+
+
+def stage(seed: int = 0) -> Floats:
+    """(H, W, 3) with texture."""
+    rng = np.random.default_rng(seed)
+    texture = cv2.GaussianBlur(rng.normal(0, 60, (HEIGHT, WIDTH)), (0, 0), 6) + rng.normal(
+        0, 3, (HEIGHT, WIDTH)
+    )
+    return np.asarray((125 + texture)[..., None] * [1.04, 1.0, 0.96])
+
+
+def field(picture: Floats | Bytes, plate: Floats, gains: tuple[float, float, float] = (1, 1, 1)) -> Levels:
+    channels = np.clip(np.rint(np.moveaxis(picture, 2, 0)), 0, 255).astype(np.uint8)
+    mean = np.rint(np.moveaxis(plate, 2, 0) * MEAN_STEPS).astype(np.int16)
+    found = light_field(channels, mean, np.array(gains, np.float32))
+    assert found.shape[0] >= plate.shape[0] and found.shape[1] >= plate.shape[1]
+    return found[: plate.shape[0], : plate.shape[1]]
+
+
+@settings(max_examples=25)
+@given(st.floats(0.7, 1.3))
+def test_light_that_is_the_same_everywhere_is_found(light: float) -> None:
+    assert field(stage() * light, stage()) == pytest.approx(light, abs=0.006)
+
+
+def test_gains_count_before_the_light() -> None:
+    gains = (1.1, 0.95, 0.9)
+    assert field(stage() * gains, stage(), gains) == pytest.approx(1.0, abs=0.005)
+
+
+@settings(max_examples=25)
+@given(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15))
+def test_light_that_changes_smoothly_is_found(across: float, down: float) -> None:
+    light = 1 + across * (COLUMNS - 0.5) + down * (ROWS - 0.5)
+    rng = np.random.default_rng(1)
+    found = field(stage() * light[..., None] + rng.normal(0, 2, (HEIGHT, WIDTH, 1)), stage())
+    inner = (slice(32, -32), slice(32, -32))
+    np.testing.assert_allclose(found[inner], light[inner], atol=0.012)
+    np.testing.assert_allclose(found, light, atol=0.03)
+
+
+@pytest.mark.parametrize("colour", [(30, 25, 160), (95, 45, 35), (18, 18, 20), (235, 235, 235), (60, 50, 55)])
+def test_somebody_who_covers_a_fifth_of_the_picture_is_not_light(colour: tuple[int, int, int]) -> None:
+    picture, light = stage(), 1 + 0.1 * (COLUMNS - 0.5)
+    picture = picture * light[..., None]
+    picture[30:210, 120:205] = colour
+    assert 0.19 < 180 * 85 / (HEIGHT * WIDTH) < 0.21
+    found = field(picture, stage())
+    np.testing.assert_allclose(found[:, :104], light[:, :104], atol=0.02)
+    np.testing.assert_allclose(found, light, atol=0.05)
+
+
+def test_a_cast_shadow_is_not_light() -> None:
+    picture = stage()
+    picture[180:205, 60:230] *= 0.6
+    np.testing.assert_allclose(field(picture, stage()), 1, atol=0.01)
+
+
+def test_a_picture_too_small_for_tiles_is_in_even_light() -> None:
+    assert (field(stage()[:30, :33] * 1.1, stage()[:30, :33]) == 1).all()
+
+
+def test_a_black_stage_tells_nothing_of_the_light() -> None:
+    black = np.zeros((HEIGHT, WIDTH, 3))
+    assert (field(black + 30, black) == 1).all()
