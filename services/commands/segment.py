@@ -9,6 +9,7 @@ from rich.progress import Progress
 from services.commands.consoles import say, stderr, warn
 from services.commands.options import TakeFolder
 from services.mocap.take.folder import open_take
+from services.mocap.take.layout import SILHOUETTES
 from services.process import DEFAULT_SEGMENTER, SegmenterOption
 from services.runs.fit import kept_warnings
 from services.segmentation.files import write_silhouettes
@@ -25,4 +26,5 @@ def segment(
         task = bar.add_task("segmenting", total=opened.settings.frames * len(opened.cameras))
         write_silhouettes(opened, out, lambda: bar.advance(task), segmenter)
     warn(warnings)
-    say(f"{out}/<camera>/000000.png: {opened.settings.frames} frames of {len(opened.cameras)} cameras")
+    what = f"{opened.settings.frames} frames of {len(opened.cameras)} cameras"
+    say(f"{out}/{SILHOUETTES}/<camera>/000000.png: {what}")

@@ -13,8 +13,6 @@ _UNTOLD_SHARE = 0.4
 """Of what may be the actor in a third: as much as both shanks and feet are of the lower one."""
 _MANY_FRAMES = 0.25
 """Of those that show somebody; for less than that somebody may walk by a dark door."""
-_SMALLEST_SHARE = 0.002
-"""Of a picture; of less than that nobody is made."""
 
 
 @dataclass(eq=False)
@@ -53,7 +51,7 @@ class UnsureThirds:
 def _thirds_of(trimap: Trimap) -> tuple[Floats, Floats] | None:
     """Unsure pixels (3,), and all, of what may be the actor, by third of its height; None for nobody."""
     actor = may_be_actor(trimap == ACTOR, trimap != BACKGROUND)
-    if actor.sum() < _SMALLEST_SHARE * actor.size:
+    if not actor.any():
         return None
     blobs = actor & without_rims(trimap == UNSURE)
     rows = np.flatnonzero(actor.any(axis=1))

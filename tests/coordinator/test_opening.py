@@ -10,7 +10,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Region
@@ -119,6 +119,20 @@ def test_two_people_who_stand_close_are_refused_unless_the_body_is_known(
     with caplog.at_level(logging.WARNING):
         assert solve_opening(both, RIG, actor, hints, _pool, CPU, SearchSettings()).actor == actor
     assert "two people close together" in caplog.text
+
+
+def test_much_that_is_unsure_is_blamed_before_a_second_person() -> None:
+    pose, other = _pose(), _pose()
+    other[:3] += 0.5 * np.cos(3.57), 0.5 * np.sin(3.57), 0.0
+    possible = unpack(_silhouettes(pose) | _silhouettes(other), RIG.n_cameras)
+    unsure = np.zeros_like(possible)
+    rows = np.flatnonzero(possible[3].any(axis=1))
+    unsure[3, rows[0] + round(0.7 * len(rows)) :] = True
+    unsure &= possible
+    seen = TriPlanes(pack(possible & ~unsure), pack(unsure))
+    said = r"^silhouettes: \d\d% of what may be the actor in camera 4 of 5 cannot be told .* two people close"
+    with pytest.raises(TakeError, match=said):
+        solve_opening(seen, RIG, None, _hints(facing=np.degrees(2.0)), _pool, CPU, SearchSettings())
 
 
 def test_an_empty_stage_is_said() -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import logging
+import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOFS
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, trimap_of
+from services.mocap.energy.bitplanes import TriPlanes, pack, trimap_of, unpack
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit
@@ -30,7 +31,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_settings, write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import Floats, Mask, Trimap
-from services.runs.fit import TakeFit, fit_take, init_frames
+from services.runs.fit import TakeFit, concluded, fit_take, init_frames
 from services.runs.fit_files import write_fit
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
@@ -92,6 +93,23 @@ def test_the_fit_starts_near_the_actor(found: TakeFit) -> None:
 
 def test_warnings_are_kept_for_the_user(found: TakeFit) -> None:
     assert "something odd about cam01" in found.warnings
+
+
+def test_parts_that_cannot_be_told_from_the_background_are_warned_of(
+    found: TakeFit, caplog: pytest.LogCaptureFixture
+) -> None:
+    start = (found.start, found.first_pose)
+    concluded(found.frames, found.cameras, found.seen, start, found.fit, {}, [])
+    assert "told from the background" not in caplog.text
+    masks = np.array([unpack(planes, 3) for planes in found.seen.silhouettes])
+    unsure = np.zeros_like(masks)
+    rows = np.flatnonzero(masks[:, 1].any(axis=(0, 2)))
+    unsure[:, 1, rows[0] + len(rows) // 2 :] = True
+    hidden = np.array([pack(of_frame) for of_frame in unsure])
+    seen = TriPlanes(found.seen.silhouettes & ~hidden, hidden)
+    concluded(found.frames, found.cameras, seen, start, found.fit, {}, [])
+    said = r"silhouettes: .* in the 3 frames of the fit \(.*legs in cam02\): .*; its overlay\.png shows where"
+    assert re.search(said, caplog.text)
 
 
 def test_all_files_are_written_and_belong_together(folder: Path, found: TakeFit, tmp_path: Path) -> None:

@@ -17,12 +17,17 @@ _MUCH = 0.15
 """Of what may be the actor: an arm is about a tenth of that, a leg a fifth."""
 _CRUMB_SHARE = 0.02
 """Of the largest piece, below which another one is none of the actor's."""
+_SMALLEST_SHARE = 0.002
+"""Of a picture; less than that is nobody."""
 _BLOB_PX = 3
 """What is unsure over fewer pixels across is a rim, as every matte has it, and hides nothing."""
 
 
 def may_be_actor(silhouette: Mask, possible: Mask) -> Mask:
-    """The pieces (H, W) of what is possible that hold something sure, or else the largest; without crumbs."""
+    """The pieces (H, W) of what is possible that hold something sure, or else the largest; without crumbs.
+
+    Nothing where all that is too small for anybody.
+    """
     n_pieces, pieces, statistics, _ = cv2.connectedComponentsWithStats(possible.astype(np.uint8))
     areas_px = statistics[:, cv2.CC_STAT_AREA].copy()
     areas_px[0] = 0  # the background
@@ -32,7 +37,7 @@ def may_be_actor(silhouette: Mask, possible: Mask) -> Mask:
         is_kept = areas_px > _CRUMB_SHARE * areas_px.max()
     else:
         is_kept = (np.arange(n_pieces) == areas_px.argmax()) & (areas_px > 0)
-    kept: Mask = is_kept[pieces]
+    kept: Mask = (is_kept & (areas_px[is_kept].sum() > _SMALLEST_SHARE * pieces.size))[pieces]
     return kept
 
 

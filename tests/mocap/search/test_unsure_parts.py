@@ -105,6 +105,9 @@ def test_what_may_be_the_actor_touches_what_is() -> None:
     assert may_be_actor(sure, possible).sum() == 300
     assert may_be_actor(np.zeros_like(sure), possible).sum() == 20 * 60
     assert not may_be_actor(sure & False, possible & False).any()
+    speck = np.zeros_like(possible)
+    speck[5:7, 5:7] = True
+    assert not may_be_actor(sure & False, speck).any()
     assert without_rims(possible & ~sure).sum() == 10 * 10 + 20 * 60
     assert UnsureShares(sure[None], possible[None], NAMES[:1]).shares[0] == pytest.approx(1 / 3)
 
