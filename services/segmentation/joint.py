@@ -27,7 +27,7 @@ from services.segmentation.message_passing import beliefs, prices
 from services.segmentation.pixels import Levels
 from services.segmentation.plate import Plate
 from services.segmentation.view import CHANGED, View
-from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, N_CLASSES, NEAR, Stage
+from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, NEAR, Stage
 
 _ROUNDS = 3
 _SURELY_CHANGED, _SURELY_SAME = 1.0, -0.5
@@ -70,7 +70,15 @@ class JointSegmenter:
 
         Cameras may be missing. Raises UserError where a picture is not of its plate's size.
         """
-        return {c: self._cut(c, *told) for c, told in self._look(images_bgr).items()}
+        trimaps = {c: self._cut(c, *told) for c, told in self._look(images_bgr).items()}
+        for c, trimap in trimaps.items():
+            trimap[self._views[c].moved] = UNSURE
+        return trimaps
+
+    @property
+    def moved(self) -> list[Mask]:
+        """Per camera (H, W): where something stands since its plate was recorded, or no longer does."""
+        return [view.moved for view in self._views]
 
     def learn(self, images_bgr: Mapping[int, Bytes]) -> None:
         """Take in what is sure of the actor in pictures; `conclude` makes it count."""
@@ -80,8 +88,7 @@ class JointSegmenter:
             if self._floor is not None:
                 in_shadow &= shadow_prior >= SUPPORTED
             changed = (view.change > _SURELY_CHANGED) & ~in_shadow
-            view.counts[0] += np.bincount(classes[changed], minlength=N_CLASSES)
-            view.counts[1] += np.bincount(classes[view.change < _SURELY_SAME], minlength=N_CLASSES)
+            view.count(classes, changed, view.change < _SURELY_SAME)
             seen_by_others = (classes <= NEAR) | (classes == ALONE)
             sure = cv2.erode((changed & seen_by_others).view(np.uint8), _SQUARE) > 0
             view.colours.add(images_bgr[c][sure])
@@ -124,6 +131,7 @@ class JointSegmenter:
             height, width = view.plate.shape
             misses = np.clip(MISS / 2 * (1 - view.change), 0, MISS).astype(np.uint8)
             misses[(view.state == PERHAPS_SHADOW) & (prior >= SUPPORTED)] = MISS // 2
+            misses[view.moved] = MISS // 2
             self._misses[c, :height, :width] = misses
         if self._stage is None or len(there) <= 2:
             classes = [np.full(self._views[c].plate.shape, ALONE, np.uint8) for c in there]

@@ -4,6 +4,8 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 
+import numpy as np
+
 from services.mocap.camera.camera import Camera
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
@@ -35,6 +37,15 @@ def learn_from_take(matte: JointSegmenter, take: Take, cameras: Sequence[Camera]
     for images in _moments(take, cameras):
         matte.learn(images)
     matte.conclude()
+    for camera, moved in zip(cameras, matte.moved, strict=True):
+        if moved.any():
+            rows, columns = np.nonzero(moved)
+            log.warning(
+                "%s: something that %s sees about column %d, row %d (%.1f%% of the picture) is not as "
+                "in its clean plate, and does not move: these pixels count for nothing; record the "
+                "empty stage again",
+                take.folder, camera.name, np.median(columns), np.median(rows), 100 * moved.mean(),
+            )  # fmt: skip
 
 
 def _moments(take: Take, cameras: Sequence[Camera]) -> Iterator[dict[int, Bytes]]:

@@ -30,6 +30,7 @@ from services.segmentation.learning import learn_from_take
 from services.segmentation.onnx_matte import OnnxMatte
 from services.segmentation.paper_test import PaperTest
 from services.segmentation.plate import Plate
+from services.segmentation.plate_shift import plate_shift_px, shifted
 from services.segmentation.samples import KeptLooks, quick_looks, spread_pictures
 from services.segmentation.source import (
     GroupUndistorter,
@@ -87,6 +88,19 @@ class Scene:
             total, count = total + picture, count + 1
         mean: Bytes = np.rint(total / max(count, 1)).astype(np.uint8)
         return mean
+
+    @property
+    def shift_px(self) -> tuple[float, float]:
+        """How far to the right and down a recorded clean plate has to move to lie on the take's first
+        picture."""
+        if not self.is_recorded or not self.take.has_video(self.camera):
+            return 0.0, 0.0
+        with self.take.video(self.camera, 0, 1) as video:
+            first = next(iter(video), None)
+        plate = next(iter(self.take.background(self.camera)), None)
+        if first is None or plate is None or first.shape != plate.shape:
+            return 0.0, 0.0
+        return plate_shift_px(plate, first)
 
     @cached_property
     def _made(self) -> TakePlate:
@@ -227,7 +241,16 @@ def _joint_matte(scenes: Sequence[Scene], kind: str, argument: str) -> JointSegm
 
 
 def _plate(scene: Scene) -> Plate:
-    return Plate.learn(scene.plate(), scene.settings, LIGHT_UNCERTAINTY)
+    """A camera's plate, moved to where its pictures are if the camera was touched since."""
+    shift_px = scene.shift_px
+    if shift_px != (0.0, 0.0):
+        log.warning(
+            "%s/background: clean plate of %s lies %.1f px beside the pictures and was moved: the camera was "
+            "touched since, so record the empty stage again, and check the calibration "
+            "(xormocap calibrate --check)",
+            scene.take.folder, scene.camera.name, float(np.hypot(*shift_px)),
+        )  # fmt: skip
+    return Plate.learn(shifted(scene.plate(), shift_px), scene.settings, LIGHT_UNCERTAINTY)
 
 
 def _matte(scene: Scene, kind: str, argument: str) -> Matte:

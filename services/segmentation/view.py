@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from services.mocap.types import Bytes
+from services.mocap.types import Bytes, Mask
 from services.segmentation.colours import ActorColours
 from services.segmentation.deviation import N_PRODUCTS, compare, judge
 from services.segmentation.light import light_field
 from services.segmentation.pixels import Levels, Steps
 from services.segmentation.plate import Plate, check_size
-from services.segmentation.voxels import CLASS_PRIOR, N_CLASSES
+from services.segmentation.voxels import CLASS_PRIOR, MORE_MISS, N_CLASSES
 
 LIGHT_UNCERTAINTY = 0.012
 """Share of a pixel's brightness by which its light may be off after all: patches smaller than the light
@@ -25,6 +25,9 @@ _SQUARE_PX = 5
 """Squares in which shadow is told from cloth."""
 _COUNTED_PIXELS = 300.0
 """The usual odds by what other cameras say count as much as so many pixels of the take's own."""
+_FEWEST_MOMENTS, _STILL, _ALONE = 6, 0.9, 0.5
+"""Something was moved where nearly all of so many moments show a change that in half of them no other camera
+confirms."""
 _LEAST_PRIOR, _MOST_PRIOR = -4.0, 1.0
 """Others' word is the same for many pixels that lie together, so that it may not count as much for each."""
 
@@ -40,6 +43,12 @@ class View:
         shape = self.plate.shape
         self.counts = np.zeros((2, N_CLASSES))
         """Pixels that surely changed, and that surely did not, by what the other cameras say."""
+        self.changed, self.unsupported = np.zeros((2, *shape), np.uint16)
+        """(H, W) in how many moments a pixel had changed, and in how many of these no other camera saw
+        anything along its ray."""
+        self.moments = 0
+        self.moved: Mask = np.zeros(shape, np.bool_)
+        """(H, W) where something stands since the plate was recorded, or no longer does."""
         self.log_colours = self.colours.log_density(self.colours)
         self.class_prior = CLASS_PRIOR
         self.channels: Bytes = np.empty((3, *shape), np.uint8)
@@ -76,6 +85,14 @@ class View:
         around = np.stack([cv2.blur(plane, (_SQUARE_PX, _SQUARE_PX)) for plane in self.products])
         judge(self.change, CHANGED, self.products, around, plate.turn_noise, self.ratio, self.state)
 
+    def count(self, classes: Bytes, surely_changed: Mask, surely_same: Mask) -> None:
+        """Take in a moment's classes (H, W) of pixels that surely changed (H, W), and that surely did not."""
+        self.counts[0] += np.bincount(classes[surely_changed], minlength=N_CLASSES)
+        self.counts[1] += np.bincount(classes[surely_same], minlength=N_CLASSES)
+        self.changed += surely_changed
+        self.unsupported += surely_changed & (classes == MORE_MISS)
+        self.moments += 1
+
     def learn(self, of_all: ActorColours) -> None:
         """Draw conclusions from the colours and counts so far; of_all: the colours of all cameras
         together."""
@@ -85,3 +102,8 @@ class View:
         same = self.counts[1] + _COUNTED_PIXELS * (1.0 - share)
         prior = np.clip(np.log(changed / same), _LEAST_PRIOR, _MOST_PRIOR)
         self.class_prior = np.where(CLASS_PRIOR == 0.0, 0.0, prior).astype(np.float32)
+        if self.moments >= _FEWEST_MOMENTS:
+            square = np.ones((_SQUARE_PX, _SQUARE_PX), np.uint8)
+            still = (self.changed >= _STILL * self.moments) & (self.unsupported >= _ALONE * self.moments)
+            opened = cv2.morphologyEx(still.view(np.uint8), cv2.MORPH_OPEN, square)
+            self.moved = np.asarray(cv2.dilate(opened, square) > 0)

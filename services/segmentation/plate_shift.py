@@ -1,0 +1,85 @@
+"""A camera that was touched since its clean plate was recorded: by how much the plate lies beside the
+pictures."""
+
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from services.mocap.types import Bytes
+from services.segmentation.pixels import Levels
+
+_Level = TypeVar("_Level", np.uint8, np.float32)
+
+_LEAST_PX, _MOST_PX = 0.25, 6.0
+"""Less does no harm; more is another view, for which the calibration is no longer true."""
+_GAIN = 0.97
+"""Of the difference in outlines, at most, that a shift has to leave to be believed."""
+_UNTIL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
+_SMOOTHING_PX = 5
+_ALIKE_LEVELS = 12.0
+"""Brightness that differs by less, on average over five pixels, is the stage's."""
+_INNER = (slice(8, -8), slice(8, -8))
+
+
+def plate_shift_px(plate_bgr: Bytes, picture_bgr: Bytes) -> tuple[float, float]:
+    """How far to the right and down a plate (H, W, 3) has to move to lie on a picture (H, W, 3).
+
+    (0, 0) where it lies well, or where no shift makes it lie better. The shift with the best correlation of
+    what
+    they show (Evangelidis, Psarakis, PAMI 30(10), 2008), which does not mind other light, and is hardly
+    changed by
+    somebody before a stage that has outlines of its own.
+    """
+    plate, picture = _grey(plate_bgr), _grey(picture_bgr)
+    rough = _correlated(plate, picture, np.full(plate.shape, 1, np.uint8))
+    alike = np.abs(cv2.blur(picture - _moved(plate, *rough), (5, 5))) < _ALIKE_LEVELS
+    stage = np.asarray(cv2.erode(alike.view(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
+    right, down = _correlated(plate, picture, stage)
+    if not _LEAST_PX <= float(np.hypot(right, down)) <= _MOST_PX:
+        return 0.0, 0.0
+    there = stage[_INNER] > 0
+    before, after = (
+        float(np.mean(np.abs(_slopes(picture) - _slopes(moved))[_INNER][there]))
+        for moved in (plate, _moved(plate, right, down))
+    )
+    return (right, down) if after < _GAIN * before else (0.0, 0.0)
+
+
+def _correlated(plate: Levels, picture: Levels, stage: Bytes) -> tuple[float, float]:
+    """The shift (right, down) of a plate (H, W) that correlates best, by pixels of the stage (H, W); (0, 0):
+    none."""
+    matrix = np.eye(2, 3, dtype=np.float32)
+    try:
+        _, found = cv2.findTransformECC(
+            picture, plate, matrix, cv2.MOTION_TRANSLATION, _UNTIL, stage, _SMOOTHING_PX
+        )
+    except cv2.error:  # nothing to correlate: a stage in one colour
+        return 0.0, 0.0
+    return -float(found[0, 2]), -float(found[1, 2])
+
+
+def shifted(frames: Iterable[Bytes], shift_px: tuple[float, float]) -> Iterator[Bytes]:
+    """Frames (H, W, 3) moved to the right and down; their edges are repeated."""
+    for frame in frames:
+        yield frame if shift_px == (0.0, 0.0) else _moved(frame, *shift_px)
+
+
+def _moved(picture: NDArray[_Level], right: float, down: float) -> NDArray[_Level]:
+    matrix = np.array([[1.0, 0.0, right], [0.0, 1.0, down]])
+    size_px = picture.shape[1], picture.shape[0]
+    moved = cv2.warpAffine(picture, matrix, size_px, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved).astype(picture.dtype)
+
+
+def _grey(picture_bgr: Bytes) -> Levels:
+    return np.asarray(cv2.cvtColor(picture_bgr, cv2.COLOR_BGR2GRAY), np.float32)
+
+
+def _slopes(grey: Levels) -> Levels:
+    """How steep brightness (H, W) is, its noise evened out."""
+    even = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    steepness: Levels = np.hypot(cv2.Sobel(even, cv2.CV_32F, 1, 0), cv2.Sobel(even, cv2.CV_32F, 0, 1))
+    return steepness
