@@ -30,7 +30,11 @@ _ON_ITS_OWN = np.float32(-1.0)
 """Where there is no other camera at all: shadow is told by colour and texture alone."""
 _AGREED = 0.1
 """Of the pixels that may show shadow, that others have to support for the floor to be known."""
-_HEIGHTS_M = np.arange(-2.0, 2.01, 0.05)
+_SURELY_AGREED = 0.35
+"""With less at the world's origin other heights are tried."""
+_BETTER = 2.5
+"""So much better has another height to be: a plane through grey clothes agrees with itself to some degree."""
+_HEIGHTS_M, _FINER_M = np.arange(-0.8, 0.81, 0.1), np.array([-0.05, -0.025, 0.025, 0.05])
 _SAME_RATIO = np.float32(0.1)
 _FARTHEST_M = 30.0
 
@@ -77,13 +81,19 @@ def find_floor(
     moments: ratios (C, H, W), states (C, H, W) and cameras that have a picture. The world's origin is tried
     first.
     """
-    floor = Floor.at(0.0, cameras)
-    if _agreement(floor, lenses, moments) >= _AGREED:
-        return floor
-    floors = [Floor.at(float(height_m), cameras) for height_m in _HEIGHTS_M]
-    agreements = [_agreement(floor, lenses, moments) for floor in floors]
-    best = int(np.argmax(agreements))
-    return floors[best] if agreements[best] >= _AGREED else None
+    origin = Floor.at(0.0, cameras)
+    at_origin = _agreement(origin, lenses, moments)
+    if at_origin >= _SURELY_AGREED:
+        return origin
+    best, agreed = origin, _BETTER * at_origin
+    for steps_m in (_HEIGHTS_M, _FINER_M):
+        for height_m in best.height_m + steps_m:
+            floor = Floor.at(float(height_m), cameras)
+            agreement = _agreement(floor, lenses, moments)
+            if agreement > agreed:
+                best, agreed = floor, agreement
+    found = at_origin if best is origin else agreed
+    return best if found >= _AGREED else None
 
 
 def _agreement(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]) -> float:

@@ -12,7 +12,7 @@ _TILES_ACROSS = 20
 _SAMPLES_ACROSS = 8
 """So many pixels of a tile are looked at, along both axes."""
 _BINS = 256
-_LEAST_RATIO, _MOST_RATIO = 0.6, 1.4
+_LEAST_RATIO, _MOST_RATIO = 0.8, 1.25
 """Of brightness to the plate's at the same exposure; what lies outside is no drift of the light."""
 _DARKEST = 40.0
 """Sum of three channels, in levels; darker pixels say nothing of the light."""

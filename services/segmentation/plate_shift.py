@@ -34,6 +34,7 @@ def plate_shift_px(plate_bgr: Bytes, picture_bgr: Bytes) -> tuple[float, float]:
     somebody before a stage that has outlines of its own.
     """
     plate, picture = _grey(plate_bgr), _grey(picture_bgr)
+    plate *= np.float32(np.median(picture / np.maximum(plate, 1)))  # another exposure is no shift
     rough = _correlated(plate, picture, np.full(plate.shape, 1, np.uint8))
     alike = np.abs(cv2.blur(picture - _moved(plate, *rough), (5, 5))) < _ALIKE_LEVELS
     stage = np.asarray(cv2.erode(alike.view(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)

@@ -28,8 +28,11 @@ _COUNTED_PIXELS = 300.0
 _FEWEST_MOMENTS, _STILL, _ALONE = 6, 0.9, 0.5
 """Something was moved where nearly all of so many moments show a change that in half of them no other camera
 confirms."""
-_LEAST_PRIOR, _MOST_PRIOR = -4.0, 1.0
+_MOST_PRIOR = 1.0
 """Others' word is the same for many pixels that lie together, so that it may not count as much for each."""
+_UNSUPPORTED_SHARES, _LEAST_PRIORS = (0.02, 0.15), (-5.0, -2.0)
+"""The more of what surely changed no other camera confirms, the less it means: cameras are badly calibrated,
+or do not see the same places."""
 
 
 @dataclass(eq=False)
@@ -100,7 +103,9 @@ class View:
         share = 1.0 / (1.0 + np.exp(-CLASS_PRIOR))
         changed = self.counts[0] + _COUNTED_PIXELS * share
         same = self.counts[1] + _COUNTED_PIXELS * (1.0 - share)
-        prior = np.clip(np.log(changed / same), _LEAST_PRIOR, _MOST_PRIOR)
+        unsupported = self.counts[0][MORE_MISS] / max(float(self.counts[0].sum()), _COUNTED_PIXELS)
+        least = np.interp(unsupported, _UNSUPPORTED_SHARES, _LEAST_PRIORS)
+        prior = np.clip(np.log(changed / same), least, _MOST_PRIOR)
         self.class_prior = np.where(CLASS_PRIOR == 0.0, 0.0, prior).astype(np.float32)
         if self.moments >= _FEWEST_MOMENTS:
             square = np.ones((_SQUARE_PX, _SQUARE_PX), np.uint8)

@@ -28,7 +28,7 @@ _OVER_FLOOR_M = 0.04
 """Voxels begin so far over the floor: what lies on it is shadow."""
 _OVERLAP = 1.2
 """Of a voxel's size: so far it is drawn."""
-_LEAST_OTHERS = 2
+_LEAST_OTHERS, _MANY_OTHERS = 2, 4
 _MOST_MISSES, _FEW, _MOST_OF_FEW = 1.5, 5, 0.75
 """Voxels that more of the others miss are not looked into; fewer misses suffice where few others see one."""
 MISS = 16
@@ -38,7 +38,7 @@ INSIDE, DEEP, NEAR, ONE_MISSES, MORE_MISS, ALONE = range(6)
 """What others say of a pixel: well within what all of them see; deep within what all but one see; at the rim
 of what
 all see; one or more miss it; too few others see along its ray to tell."""
-CLASS_PRIOR: Levels = np.array([1.0, 0.8, -0.5, -1.0, -3.5, 0.0], np.float32)
+CLASS_PRIOR: Levels = np.array([1.0, 0.8, -0.5, -1.0, -4.5, 0.0], np.float32)
 """Logarithm of the odds that a pixel is the actor's, by class, before anything was learnt of a take. 0:
 nobody can
 tell, and nothing is learnt of it."""
@@ -204,7 +204,7 @@ def _fewest_misses(
     """
     n_cameras = len(P_px_world)
     columns, rows = np.empty(n_cameras, np.int64), np.empty(n_cameras, np.int64)
-    most = _most(len(there))
+    most, usual_others = _most(len(there)), min(_MANY_OTHERS, len(there) - 1)
     for i in range(len(coarse_m)):
         for k in range(_PER_COARSE**3):
             x = coarse_m[i, 0] + FINE_M * (k // _PER_COARSE**2 - 1)
@@ -225,5 +225,9 @@ def _fewest_misses(
             for c in there:
                 u, v = columns[c], rows[c]
                 if u >= 0:
-                    fewest[0, c, v, u] = min(fewest[0, c, v, u], by_wide - wide[c, v, u])
-                    fewest[1, c, v, u] = min(fewest[1, c, v, u], by_narrow - narrow[c, v, u])
+                    # where few see a voxel, the word of each counts as much as that of the usual number
+                    share = max(usual_others / (seeing - 1), 1.0)
+                    wide_misses = min(share * (by_wide - wide[c, v, u]), _NEVER)
+                    narrow_misses = min(share * (by_narrow - narrow[c, v, u]), _NEVER)
+                    fewest[0, c, v, u] = min(fewest[0, c, v, u], int(wide_misses))
+                    fewest[1, c, v, u] = min(fewest[1, c, v, u], int(narrow_misses))
