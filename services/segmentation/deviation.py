@@ -30,8 +30,7 @@ def compare(
     """Compare a picture (3, H, W) with its plate under a light field (H, W) at gains (3,).
 
     Writes the colours that the plate should have (3, H, W), in steps; squared deviations (H, W) from these;
-    and
-    products (N_PRODUCTS, H, W).
+    and products (N_PRODUCTS, H, W).
     """
     for y in range(channels.shape[1]):
         for c in range(3):

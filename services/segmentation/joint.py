@@ -1,11 +1,9 @@
-"""Silhouettes of several cameras at once: each one's evidence, shadow on the floor, what the others see, a
-cut.
+"""Silhouettes of several cameras at once: evidence of each, shadow on the floor, what the others see, a cut.
 
-A pixel is the actor's, the stage's in light, or the stage's in shadow; what is likelier is told by the
-actor's colours,
-by whether other cameras see the same shadow on the floor, by how many of them see a change along the pixel's
-ray, and
-by the pixel's neighbours. Where all that together tells nothing, the pixel is unsure.
+A pixel is the actor's, the stage's in light, or the stage's in shadow. What is likelier is told by the
+actor's colours, by whether other cameras see the same shadow on the floor, by how many of them see a change
+along the pixel's ray, and by the pixel's neighbours. Where all that together tells nothing, the pixel is
+unsure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,11 +28,11 @@ from services.segmentation.view import CHANGED, View
 from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, NEAR, Stage
 
 _ROUNDS = 3
+"""Of messages; more change hardly anything."""
 _SURELY_CHANGED, _SURELY_SAME = 1.0, -0.5
 """Evidence for a change by which the odds of other cameras' word, and colours, are learnt."""
 _BIAS = np.float32(-0.3)
-"""Evidence against the actor: rims mix both, and should rather be cut off, since edges are settled
-afterwards."""
+"""Evidence against the actor: rims mix both, and are better cut off, since edges are settled afterwards."""
 _TELLING = -0.5
 """Prior odds by the other cameras above which they are believed to see the actor along a pixel's ray."""
 _HARDLY_AGAINST = -2.8
@@ -42,6 +40,7 @@ _HARDLY_AGAINST = -2.8
 _SLIGHTLY_AGAINST = -0.5
 """Own evidence below which a pixel is the actor's by its neighbours alone."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
+"""About what may be the actor, for messages to spread; and about what is, for edges to be settled."""
 _Part: TypeAlias = tuple[slice, slice]
 """Rows and columns of a picture."""
 _SQUARE = np.ones((3, 3), np.uint8)

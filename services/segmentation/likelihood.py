@@ -16,8 +16,7 @@ _NEVER = np.float32(-60.0)
 RATIO_SPAN = float(MOST_RATIO - LEAST_RATIO)
 _SQUARE_SHARE = np.float32(0.12)
 """What a square of five pixels has in common, its darkness in shadow or the colour of its cloth, costs each
-of its
-pixels so much of what it would cost one alone."""
+of its pixels so much of what it would cost one alone."""
 _CLOTH_SHARE = np.float32(0.25)
 """The same for an even cloth, whose colour was seen or not."""
 _OTHER_LIGHT = np.float32(-1.0)
@@ -42,12 +41,10 @@ def actor_evidence(
     """Write the evidence (h, w) for the actor against the empty stage: a tempered log-likelihood ratio.
 
     The stage's likelihood is that of its best explanation: as the plate, as the plate a part of a pixel off,
-    in
-    shadow as dark as the square about it, or, at a shadow's edge, of a darkness of its own. Planes (H, W):
-    see
-    Plate and the passes of deviation. colours (B, B, B): ActorColours' log_density. shadow_prior (H, W):
-    logarithm
-    of the odds of shadow to light. corner_px: row and column of the part of the picture that evidence covers.
+    in shadow as dark as the square about it, or, at a shadow's edge, of a darkness of its own. Planes (H, W):
+    see Plate and the passes of deviation. colours (B, B, B): ActorColours' log_density. shadow_prior (H, W):
+    logarithm of the odds of shadow to light. corner_px: row and column of the part of the picture that
+    evidence covers.
     """
     top, left = corner_px
     for i in range(evidence.shape[0]):

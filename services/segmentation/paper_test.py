@@ -1,8 +1,7 @@
 """Silhouettes by the published test: colour statistics of the clean plate, and how far a colour is turned.
 
 Per-pixel statistics tell foreground from background, and a limit on the turn of the colour tells cast shadow
-from the
-actor (the paper, section 3). The baseline: each camera by itself, no border settled.
+from the actor (the paper, section 3). The baseline: each camera by itself, no border settled.
 """
 
 from collections.abc import Iterable

@@ -28,10 +28,8 @@ def plate_shift_px(plate_bgr: Bytes, picture_bgr: Bytes) -> tuple[float, float]:
     """How far to the right and down a plate (H, W, 3) has to move to lie on a picture (H, W, 3).
 
     (0, 0) where it lies well, or where no shift makes it lie better. The shift with the best correlation of
-    what
-    they show (Evangelidis, Psarakis, PAMI 30(10), 2008), which does not mind other light, and is hardly
-    changed by
-    somebody before a stage that has outlines of its own.
+    what they show (Evangelidis, Psarakis, PAMI 30(10), 2008), which does not mind other light, and is hardly
+    changed by somebody before a stage that has outlines of its own.
     """
     plate, picture = _grey(plate_bgr), _grey(picture_bgr)
     plate *= np.float32(np.median(picture / np.maximum(plate, 1)))  # another exposure is no shift

@@ -1,10 +1,8 @@
 """What the other cameras say of a pixel: how many of them miss the actor wherever along its ray it may be.
 
-The stage is filled with voxels, coarse ones first, and finer ones where nearly all cameras see a change. A
-pixel is
-the likelier the actor's, the fewer of the others miss what its ray meets (a visual hull that each camera is
-left
-out of in turn; Laurentini, PAMI 16(2), 1994).
+The stage is filled with voxels, coarse ones first, and finer ones where nearly all cameras see a change. The
+fewer of the others miss what a pixel's ray meets, the likelier the pixel is the actor's (a visual hull that
+each camera is left out of in turn; Laurentini, PAMI 16(2), 1994).
 """
 
 from collections.abc import Sequence
@@ -21,14 +19,15 @@ from services.segmentation.pixels import Levels
 
 COARSE_M, FINE_M = 0.12, 0.04
 _PER_COARSE = 3
-_LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M = 1.5, 3.0
-"""About where the cameras look."""
-_HEIGHT_M = 2.6
+_LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M = 1.5, 6.0
+"""About where the cameras look; as far as they are away from there, within these limits."""
+_HEIGHT_M = 2.9
 _OVER_FLOOR_M = 0.04
 """Voxels begin so far over the floor: what lies on it is shadow."""
 _OVERLAP = 1.2
 """Of a voxel's size: so far it is drawn."""
 _LEAST_OTHERS, _MANY_OTHERS = 2, 4
+"""Fewer see nothing in common; so many make each one's word count as in a rig of many."""
 _MOST_MISSES, _FEW, _MOST_OF_FEW = 1.5, 5, 0.75
 """Voxels that more of the others miss are not looked into; fewer misses suffice where few others see one."""
 MISS = 16
@@ -36,12 +35,10 @@ MISS = 16
 
 INSIDE, DEEP, NEAR, ONE_MISSES, MORE_MISS, ALONE = range(6)
 """What others say of a pixel: well within what all of them see; deep within what all but one see; at the rim
-of what
-all see; one or more miss it; too few others see along its ray to tell."""
+of what all see; one or more miss it; too few others see along its ray to tell."""
 CLASS_PRIOR: Levels = np.array([1.0, 0.8, -0.5, -1.0, -4.5, 0.0], np.float32)
 """Logarithm of the odds that a pixel is the actor's, by class, before anything was learnt of a take. 0:
-nobody can
-tell, and nothing is learnt of it."""
+nobody can tell, and nothing is learnt of it."""
 N_CLASSES = len(CLASS_PRIOR)
 _NEVER = 255
 
