@@ -9,6 +9,7 @@ from services.mocap.types import Bytes, Mask
 from services.segmentation.colours import ActorColours
 from services.segmentation.deviation import N_PRODUCTS, compare, judge
 from services.segmentation.light import light_field
+from services.segmentation.patches import drop_specks
 from services.segmentation.pixels import Levels, Steps
 from services.segmentation.plate import Plate, check_size
 from services.segmentation.voxels import CLASS_PRIOR, MORE_MISS, N_CLASSES
@@ -28,6 +29,8 @@ _COUNTED_PIXELS = 300.0
 _FEWEST_MOMENTS, _STILL, _ALONE = 6, 0.9, 0.5
 """Something was moved where nearly all of so many moments show a change that in half of them no other camera
 confirms."""
+_LEAST_MOVED = 0.003
+"""Of the picture: shoes of somebody who stands still are smaller, and no voxel reaches down to them."""
 _MOST_PRIOR = 1.0
 """Others' word is the same for many pixels that lie together, so that it may not count as much for each."""
 _UNSUPPORTED_SHARES, _LEAST_PRIORS = (0.02, 0.15), (-5.0, -2.0)
@@ -110,5 +113,6 @@ class View:
         if self.moments >= _FEWEST_MOMENTS:
             square = np.ones((_SQUARE_PX, _SQUARE_PX), np.uint8)
             still = (self.changed >= _STILL * self.moments) & (self.unsupported >= _ALONE * self.moments)
-            opened = cv2.morphologyEx(still.view(np.uint8), cv2.MORPH_OPEN, square)
+            opened = np.asarray(cv2.morphologyEx(still.view(np.uint8), cv2.MORPH_OPEN, square), np.uint8)
+            drop_specks(opened, _LEAST_MOVED * opened.size)
             self.moved = np.asarray(cv2.dilate(opened, square) > 0)
