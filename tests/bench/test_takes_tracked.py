@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from services.bench import accuracy, command, table2, takes
 from services.bench.__main__ import app
 from services.bench.command import Run
-from services.bench.hardship import silhouettes_of
+from services.bench.hardship import trimaps_of
 from services.mocap.body.actor import Actor
 from services.mocap.errors import UserError
 from services.mocap.synth.take import write_synthetic_take
@@ -69,7 +69,7 @@ def test_a_wrong_frame_without_a_mark_is_a_silent_one(truth: Floats) -> None:
 
 def test_the_very_body_in_the_very_pose_overlaps_fully(take: Path, truth: Floats, tmp_path: Path) -> None:
     opened = open_take(take)
-    silhouettes = silhouettes_of(opened, tmp_path)
+    silhouettes = trimaps_of(opened, tmp_path)
     iou = accuracy.overlaps(opened, silhouettes, run_of(truth, [], []))
     assert iou.shape == (N, 4)
     assert iou.min() > 0.97, "the studio's own drawing rounds otherwise"
@@ -81,7 +81,7 @@ def test_overlaps_are_those_of_the_frames_that_were_tracked(
     take: Path, truth: Floats, tmp_path: Path
 ) -> None:
     opened = open_take(take)
-    silhouettes = silhouettes_of(opened, tmp_path)
+    silhouettes = trimaps_of(opened, tmp_path)
     whole = accuracy.overlaps(opened, silhouettes, run_of(truth, [], []))
     last = accuracy.overlaps(opened, silhouettes, run_of(truth[1:], [], [], first=1))
     np.testing.assert_array_equal(last, whole[1:])
