@@ -96,7 +96,7 @@ def test_outside_of_the_common_view_nobody_can_tell(balls: list[Mask]) -> None:
     )
     lenses = Lenses.of(away)
     stage = Stage.of(away, lenses, 0.0)
-    assert not stage.covered[5].any()
+    assert stage.covered[5].mean() < stage.covered[0].mean()
 
 
 def test_cameras_may_be_missing(balls: list[Mask]) -> None:
