@@ -106,7 +106,10 @@ def test_two_takes_share_a_pool_of_workers(
             stack.start()
             assert stack.containers("limb-worker") == []
         reports = [stack.finish() for stack in both]
-        assert [report["speed"]["workers"] for report in reports] == [4, 4]
+        # All workers came to both. How many are there at the end is up to the machine: a worker may lose its
+        # connection for a moment where ten containers share two cores.
+        came = [set(re.findall(r"limb_worker\S* says hello", stack.logs("coordinator"))) for stack in both]
+        assert [*map(len, came)] == [4, 4]
         assert reports[1]["settings"]["worker_limbs_by_backend"]["cpu"] > 0
         assert both[0].poses() == local_poses
         assert both[1].poses().splitlines() == local_poses_by_plain_search.splitlines()[:7]
