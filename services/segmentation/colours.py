@@ -25,6 +25,13 @@ def _counts() -> NDArray[np.float64]:
     return np.zeros((BINS, BINS, BINS))
 
 
+def bins_of(pixels: Bytes) -> NDArray[np.int64]:
+    """The bins (N,) of pixels' colours (N, 3), the three axes flattened."""
+    blue, green, red = (pixels >> BIN_SHIFT).T.astype(np.int64)
+    bins: NDArray[np.int64] = (blue * BINS + green) * BINS + red
+    return bins
+
+
 @dataclass(eq=False)
 class ActorColours:
     """A histogram of the actor's colours in one camera."""
@@ -34,9 +41,7 @@ class ActorColours:
 
     def add(self, pixels: Bytes) -> None:
         """Take in pixels (N, 3) that are surely the actor's."""
-        blue, green, red = (pixels >> BIN_SHIFT).T.astype(np.int64)
-        flat = np.bincount((blue * BINS + green) * BINS + red, minlength=BINS**3)
-        self.counts += flat.reshape(self.counts.shape)
+        self.counts += np.bincount(bins_of(pixels), minlength=BINS**3).reshape(self.counts.shape)
 
     @property
     def n_pixels(self) -> int:

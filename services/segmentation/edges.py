@@ -19,6 +19,7 @@ _MIN_CONTRAST_LEVELS = 15.0  # below it, noise decides on which side of the midd
 _MIN_PURITY = 1e-3
 _LEAST_OUTSIDE_PX = 2.0  # so far out of the mask, at least, there may be some actor: thin limbs before noise
 _RIM_PER_RADIUS = 1.5
+_TOO_FAT_PX = 0.5  # masks are: they take in pixels that the actor only touches, so that the rim lies deeper
 _EVEN_LEVELS = 8.0  # brightness that varies by less than this shows no edge
 _N_SUMS = 6
 
@@ -44,7 +45,8 @@ def settle_edges(
     """
     if rim_px <= 0 or part.size == 0:
         return
-    inside2, outside2 = _depths2(part, ceil(rim_px + 1), np.float32((rim_px + 1) ** 2))
+    farthest_px = rim_px + _TOO_FAT_PX + 1
+    inside2, outside2 = _depths2(part, ceil(farthest_px), np.float32(farthest_px**2))
     levels, rim, misfit_1 = gains / np.float32(MEAN_STEPS), np.float32(rim_px), np.float32(misfit)
     share, on_rim = part.astype(np.float32), np.zeros_like(part)
     _mix(share, on_rim, corner_px, inside2, outside2, channels, mean, levels, rim, misfit_1)
@@ -108,7 +110,7 @@ def _mix(
     size = 2 * reach + 1
     ring = np.zeros((size + 1, _N_SUMS, width), np.float32)
     columns = np.zeros((_N_SUMS, width))
-    rim2, near2 = rim_px * rim_px, max(np.float32(_LEAST_OUTSIDE_PX), rim_px / 2) ** 2
+    rim2, near2 = (rim_px + np.float32(_TOO_FAT_PX)) ** 2, max(np.float32(_LEAST_OUTSIDE_PX), rim_px / 2) ** 2
     for ahead in range(height + reach):
         coming, leaving = ring[ahead % (size + 1)], ring[(ahead + 1) % (size + 1)]
         if ahead < height:

@@ -14,6 +14,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Floats, Ints
 from services.segmentation.deviation import CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW, UNCHANGED
 from services.segmentation.lenses import Lenses, Pixels, raw_pixel, rays_of
+from services.segmentation.patches import Part
 from services.segmentation.pixels import Levels
 
 SUPPORTED = np.float32(1.0)
@@ -35,6 +36,8 @@ _SURELY_AGREED = 0.35
 _BETTER = 2.5
 """So much better has another height to be: a plane through grey clothes agrees with itself to some degree."""
 _HEIGHTS_M, _FINER_M = np.arange(-0.8, 0.81, 0.1), np.array([-0.05, -0.025, 0.025, 0.05])
+_BLOCKS_ACROSS = 160
+"""A picture, each of which is asked about once."""
 _SAME_RATIO = np.float32(0.1)
 _FARTHEST_M = 30.0
 
@@ -52,18 +55,24 @@ class Floor:
         """The floor at a height over the world's origin."""
         return cls(height_m, [_places(camera, height_m) for camera in cameras])
 
-    def shadow_prior(self, camera: int, lenses: Lenses, ratios: Levels, states: Bytes, there: Ints) -> Levels:
+    def shadow_prior(
+        self, camera: int, part: Part | None, lenses: Lenses, ratios: Levels, states: Bytes, there: Ints
+    ) -> Levels:
         """(H, W) logarithm of the odds of shadow to light where a camera's picture may show shadow.
 
+        part: all of the picture in which it may; None where it does nowhere.
         ratios (C, H, W): as shadow_ratios writes them; states (C, H, W): what pixels show; there: the cameras
         that have a picture. Elsewhere it is UNKNOWN.
         """
         width, height = lenses.sizes_px[camera]
         prior = np.full((height, width), UNKNOWN, np.float32)
-        others = there[there != camera]
+        if part is None:
+            return prior
+        block_px, (rows, columns) = max(2, round(width / _BLOCKS_ACROSS)), part
         _vote(
-            self.places_m[camera], self.height_m, lenses.P_px_world, lenses.sizes_px, lenses.raw_px, others,
-            ratios[camera], states[camera], ratios, states, prior,
+            self.places_m[camera], self.height_m, lenses.P_px_world, lenses.sizes_px, lenses.raw_px,
+            there[there != camera], ratios[camera], states[camera], ratios, states, block_px,
+            (rows.start, rows.stop, columns.start, columns.stop), prior,
         )  # fmt: skip
         return prior
 
@@ -103,7 +112,8 @@ def _agreement(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Byt
         for c in map(int, there):
             width, height = lenses.sizes_px[c]
             shadowed = states[c, :height, :width] == PERHAPS_SHADOW
-            prior = floor.shadow_prior(c, lenses, ratios, states, there)
+            whole = slice(0, int(height)), slice(0, int(width))
+            prior = floor.shadow_prior(c, whole, lenses, ratios, states, there)
             supported += int((prior[shadowed] >= SUPPORTED).sum())
             candidates += int(shadowed.sum())
     return supported / max(candidates, 1)
@@ -123,21 +133,23 @@ def _places(camera: Camera, height_m: float) -> Levels:
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _vote(
     places_m: Levels, height_m: float, P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, others: Ints,
-    ratio: Levels, state: Bytes, ratios: Levels, states: Bytes, prior: Levels,
+    ratio: Levels, state: Bytes, ratios: Levels, states: Bytes, block_px: int,
+    within: tuple[int, int, int, int], prior: Levels,
 ) -> None:  # fmt: skip
-    """Write the prior of a picture's pixels, in blocks of two by two: shadow has no finer detail than
-    that."""
-    height, width = prior.shape
-    for top in range(0, height - 1, 2):
-        for left in range(0, width - 1, 2):
-            for k in range(4):
-                y, x = top + k // 2, left + k % 2
+    """Write the prior of pixels within rows and columns, block by block: shadow has no finer detail."""
+    first_row, end_row, first_column, end_column = within
+    for top in range(first_row, end_row, block_px):
+        for left in range(first_column, end_column, block_px):
+            bottom, right = min(top + block_px, end_row), min(left + block_px, end_column)
+            across = right - left
+            for k in range((bottom - top) * across):
+                y, x = top + k // across, left + k % across
                 if state[y, x] >= PERHAPS_EDGE and places_m[y, x, 0] == places_m[y, x, 0]:
                     odds = _odds(
                         places_m[y, x, 0], places_m[y, x, 1], height_m, P_px_world, sizes_px, raw_px, others,
                         ratio[y, x], ratios, states,
                     )  # fmt: skip
-                    prior[top : top + 2, left : left + 2] = odds
+                    prior[top:bottom, left:right] = odds
                     break
 
 

@@ -7,7 +7,6 @@ unsure.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -22,6 +21,7 @@ from services.segmentation.floor_shadow import SUPPORTED, Floor, find_floor, unk
 from services.segmentation.lenses import Lenses
 from services.segmentation.likelihood import actor_evidence
 from services.segmentation.message_passing import beliefs, prices
+from services.segmentation.patches import Part, box_of, drop_unconfirmed
 from services.segmentation.pixels import Levels
 from services.segmentation.plate import Plate
 from services.segmentation.view import CHANGED, View
@@ -41,8 +41,6 @@ _SLIGHTLY_AGAINST = -0.5
 """Own evidence below which a pixel is the actor's by its neighbours alone."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
 """About what may be the actor, for messages to spread; and about what is, for edges to be settled."""
-_Part: TypeAlias = tuple[slice, slice]
-"""Rows and columns of a picture."""
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -87,7 +85,7 @@ class JointSegmenter:
             if self._floor is not None:
                 in_shadow &= shadow_prior >= SUPPORTED
             changed = (view.change > _SURELY_CHANGED) & ~in_shadow
-            view.count(classes, changed, view.change < _SURELY_SAME)
+            view.count(images_bgr[c], classes, changed, view.change < _SURELY_SAME)
             seen_by_others = (classes <= NEAR) | (classes == ALONE)
             sure = cv2.erode((changed & seen_by_others).view(np.uint8), _SQUARE) > 0
             view.colours.add(images_bgr[c][sure])
@@ -142,21 +140,22 @@ class JointSegmenter:
     def _shadow_prior(self, camera: int, there: Ints) -> Levels:
         if self._floor is None:
             return unknown_shadow(self._views[camera].plate.shape, has_others=self._has_others)
-        return self._floor.shadow_prior(camera, self._lenses, self._ratios, self._states, there)
+        part = self._views[camera].part
+        return self._floor.shadow_prior(camera, part, self._lenses, self._ratios, self._states, there)
 
     def _cut(self, camera: int, shadow_prior: Levels, classes: Bytes) -> Trimap:
         view = self._views[camera]
         plate = view.plate
         height, width = plate.shape
         trimap: Trimap = np.zeros((height, width), np.uint8)
-        part = _likely_part(view.change, classes)
+        part = self._likely_part(view.change, classes)
         if part is None:
             return trimap
         corner_px, shape = (part[0].start, part[1].start), trimap[part].shape
-        even = np.stack([cv2.blur(plane[part].astype(np.float32), (5, 5)) for plane in view.channels])
+        even = np.stack([cv2.blur(plane[part], (5, 5)) for plane in view.channels])
         own = np.empty(shape, np.float32)
         actor_evidence(
-            view.channels, even, view.deviation2, view.products, view.ratio, plate.turn_noise, plate.slack,
+            view.channels, even, view.expected, view.deviation2, view.ratio, plate.turn_noise, plate.slack,
             plate.log_slack, plate.log_peak, plate.log_span, view.log_colours, shadow_prior, corner_px, own,
         )  # fmt: skip
         own += _BIAS
@@ -167,12 +166,22 @@ class JointSegmenter:
         self._settle(view, belief, own, prior, part, trimap)
         return trimap
 
+    def _likely_part(self, change: Levels, classes: Bytes) -> Part | None:
+        """The part of the picture that may show the actor; None where nothing does."""
+        changed = ((change > CHANGED) & (classes != MORE_MISS)).view(np.uint8)
+        likely = np.asarray(
+            cv2.morphologyEx(changed | (classes == INSIDE), cv2.MORPH_OPEN, _SQUARE), np.uint8
+        )
+        # With few cameras there is much in which all others see a change, where this one sees none.
+        drop_unconfirmed(likely, changed, self._settings.speck_area_ppm * 1e-6 * changed.size)
+        return box_of(likely, _MARGIN_PX)
+
     def _settle(
-        self, view: View, belief: Levels, own: Levels, prior: Levels, part: _Part, trimap: Trimap
+        self, view: View, belief: Levels, own: Levels, prior: Levels, part: Part, trimap: Trimap
     ) -> None:
         """Write what is believed in a part of a picture to a trimap (H, W): its edges, and what is unsure."""
         settings, (height, width) = self._settings, trimap.shape
-        inner = _box_of((belief > 0) | ((prior > _TELLING) & (own > _HARDLY_AGAINST)), _RIM_MARGIN_PX)
+        inner = box_of((belief > 0) | ((prior > _TELLING) & (own > _HARDLY_AGAINST)), _RIM_MARGIN_PX)
         if inner is None:
             return
         actor = np.ascontiguousarray(belief[inner] > 0).view(np.uint8)
@@ -189,25 +198,6 @@ class JointSegmenter:
 
 _AS_EXPECTED: Levels = np.ones(3, np.float32)
 """Gains of what is expected: light is in it already."""
-
-
-def _likely_part(change: Levels, classes: Bytes) -> _Part | None:
-    """The part of the picture that may show the actor; None where nothing does."""
-    likely = ((change > CHANGED) & (classes != MORE_MISS)) | (classes == INSIDE)
-    opened = cv2.morphologyEx(likely.view(np.uint8), cv2.MORPH_OPEN, _SQUARE)
-    return _box_of(opened > 0, _MARGIN_PX)
-
-
-def _box_of(mask: Mask, margin_px: int) -> _Part | None:
-    """Rows and columns that hold all that is set in a mask (H, W), and a margin; None where nothing is."""
-    left, top, across, down = cv2.boundingRect(mask.view(np.uint8))
-    if across == 0:
-        return None
-    height, width = mask.shape
-    return (
-        slice(max(top - margin_px, 0), min(top + down + margin_px, height)),
-        slice(max(left - margin_px, 0), min(left + across + margin_px, width)),
-    )
 
 
 def _doubtful(actor: Mask, own: Levels, prior: Levels) -> Mask:

@@ -68,11 +68,21 @@ def _raw_pixels(camera: Camera) -> Pixels:
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def raw_pixel(P: Floats, size_px: Ints, raw_px: Pixels, x: float, y: float, z: float) -> tuple[int, int]:
     """Column and row in one camera's raw picture of a point of the world, in metres; NOWHERE where off it."""
-    depth = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3]
-    if depth < 0.1:
+    across = P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]
+    down = P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]
+    return raw_of(across, down, P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3], size_px, raw_px)
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def raw_of(across: float, down: float, depth_m: float, size_px: Ints, raw_px: Pixels) -> tuple[int, int]:
+    """Column and row in one camera's raw picture of what lies in a direction; NOWHERE where off it.
+
+    across, down: column and row in the undistorted picture, both times the depth.
+    """
+    if depth_m < 0.1:
         return NOWHERE, NOWHERE
-    u = (P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]) / depth + 0.5
-    v = (P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]) / depth + 0.5
+    nearness = 1.0 / depth_m
+    u, v = across * nearness + 0.5, down * nearness + 0.5
     if not (u >= 0 and v >= 0 and u < size_px[0] and v < size_px[1]):
         return NOWHERE, NOWHERE
     column, row = int(u), int(v)

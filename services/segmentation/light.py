@@ -1,6 +1,8 @@
 """How the light on the stage differs from the plate's: smooth over the picture, blind to whoever stands
 there."""
 
+from functools import cache
+
 import cv2
 import numba
 import numpy as np
@@ -9,9 +11,9 @@ from services.mocap.types import Bytes
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 _TILES_ACROSS = 20
-_SAMPLES_ACROSS = 8
-"""So many pixels of a tile are looked at, along both axes."""
-_BINS = 256
+_SAMPLED_ROWS, _SAMPLED_COLUMNS = 4, 8
+"""Of a tile."""
+_BINS = 64
 _LEAST_RATIO, _MOST_RATIO = 0.8, 1.25
 """Of brightness to the plate's at the same exposure; what lies outside is no drift of the light."""
 _DARKEST = 40.0
@@ -42,13 +44,24 @@ def light_field(channels: Bytes, mean: Steps, gains: Levels) -> Levels:
         return np.ones(size_px[::-1], np.float32)
     weights *= np.abs(ratios - cv2.medianBlur(ratios, 5)) < _APART
     near, far = (
-        [cv2.GaussianBlur(part, (0, 0), reach) for part in (ratios * weights, weights)]
+        [
+            _smoothing(len(part), reach) @ part @ _smoothing(part.shape[1], reach)
+            for part in (ratios * weights, weights)
+        ]
         for reach in (_NEAR_TILES, _FAR_TILES)
     )
     around = far[0] / np.maximum(far[1], np.float32(1e-6))
     field = (near[0] + _FAR_WEIGHT * around) / (near[1] + _FAR_WEIGHT)
     field[far[1] <= _LEAST_WEIGHT] = 1.0
     return np.asarray(cv2.resize(field, size_px, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+@cache
+def _smoothing(n: int, reach: float) -> Levels:
+    """The matrix (n, n) that smooths n tiles in a row by a Gaussian; beyond the last there is nothing."""
+    apart = np.subtract.outer(np.arange(n), np.arange(n)) / reach
+    matrix = np.exp(-0.5 * apart**2) / (reach * np.sqrt(2 * np.pi))
+    return np.where(matrix > _LEAST_WEIGHT**2, matrix, 0).astype(np.float32)  # smaller numbers are slow
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -58,14 +71,14 @@ def _tile_medians(
     """Write to ratios (h, w) the median of brightness over the plate's; to weights the share that counted."""
     height, width = channels.shape[1:]
     counts = np.zeros(_BINS, np.int32)
-    stride_px = max(tile_px // _SAMPLES_ACROSS, 1)
+    rows_apart, columns_apart = max(tile_px // _SAMPLED_ROWS, 1), max(tile_px // _SAMPLED_COLUMNS, 1)
     scale = _BINS / (_MOST_RATIO - _LEAST_RATIO)
     for row in range(ratios.shape[0]):
         for column in range(ratios.shape[1]):
             counts[:] = 0
             n = seen = 0
-            for y in range(row * tile_px, min((row + 1) * tile_px, height), stride_px):
-                for x in range(column * tile_px, min((column + 1) * tile_px, width), stride_px):
+            for y in range(row * tile_px, min((row + 1) * tile_px, height), rows_apart):
+                for x in range(column * tile_px, min((column + 1) * tile_px, width), columns_apart):
                     seen += 1
                     plate = levels[0] * mean[0, y, x] + levels[1] * mean[1, y, x] + levels[2] * mean[2, y, x]
                     if plate < _DARKEST:

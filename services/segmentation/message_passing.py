@@ -67,28 +67,26 @@ def beliefs(evidence: Levels, across: Levels, down: Levels, rounds: int) -> Leve
     height, width = evidence.shape
     from_left, from_right = np.zeros_like(evidence), np.zeros_like(evidence)
     from_above, from_below = np.zeros_like(evidence), np.zeros_like(evidence)
+    held = np.empty(width, np.float32)
     for _ in range(rounds):
         for y in range(height):
-            message = np.float32(0)
+            for x in range(width):
+                held[x] = evidence[y, x] + from_above[y, x] + from_below[y, x]
+            # Both ways in one loop: each step waits for the one before it, but not for the other way's.
+            to_right = to_left = np.float32(0)
             for x in range(width - 1):
-                message = _clamped(
-                    evidence[y, x] + message + from_above[y, x] + from_below[y, x], across[y, x]
-                )
-                from_left[y, x + 1] = message
-            message = np.float32(0)
-            for x in range(width - 1, 0, -1):
-                message = _clamped(
-                    evidence[y, x] + message + from_above[y, x] + from_below[y, x], across[y, x - 1]
-                )
-                from_right[y, x - 1] = message
+                back = width - 1 - x
+                to_right = _clamped(held[x] + to_right, across[y, x])
+                to_left = _clamped(held[back] + to_left, across[y, back - 1])
+                from_left[y, x + 1], from_right[y, back - 1] = to_right, to_left
         for y in range(height - 1):
             for x in range(width):
-                held = evidence[y, x] + from_left[y, x] + from_right[y, x] + from_above[y, x]
-                from_above[y + 1, x] = _clamped(held, down[y, x])
+                believed = evidence[y, x] + from_left[y, x] + from_right[y, x] + from_above[y, x]
+                from_above[y + 1, x] = _clamped(believed, down[y, x])
         for y in range(height - 1, 0, -1):
             for x in range(width):
-                held = evidence[y, x] + from_left[y, x] + from_right[y, x] + from_below[y, x]
-                from_below[y - 1, x] = _clamped(held, down[y - 1, x])
+                believed = evidence[y, x] + from_left[y, x] + from_right[y, x] + from_below[y, x]
+                from_below[y - 1, x] = _clamped(believed, down[y - 1, x])
     return evidence + from_left + from_right + from_above + from_below
 
 

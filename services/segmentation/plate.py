@@ -21,7 +21,7 @@ from services.segmentation.pixels import (
 )
 
 _PRIOR_FRAMES = 10.0  # a pixel's own covariance counts as much as the picture's mean one after so many
-_GAUGE_PIXELS = 3000  # more would not make the estimate of the exposure better
+_GAUGE_PIXELS = 1500  # more would not make the estimate of the exposure better
 _CAST_REACHES = (0.25, 0.1)  # how far a channel may be from the exposure, and its pixels from each other
 _GAUGE_LEVELS = (20.0, 245.0)  # darker pixels are noise, brighter ones may be clipped
 _PAIRS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))  # lower triangle of a (3, 3) matrix

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 
 from services.mocap.types import Bytes, Mask
-from services.segmentation.colours import ActorColours
-from services.segmentation.deviation import N_PRODUCTS, compare, judge
+from services.segmentation.colours import BINS, ActorColours, bins_of
+from services.segmentation.deviation import N_PRODUCTS, UNCHANGED, compare, judge, multiply
 from services.segmentation.light import light_field
-from services.segmentation.patches import drop_specks
+from services.segmentation.patches import Part, box_of, drop_specks
 from services.segmentation.pixels import Levels, Steps
 from services.segmentation.plate import Plate, check_size
 from services.segmentation.voxels import CLASS_PRIOR, MORE_MISS, N_CLASSES
@@ -19,13 +19,15 @@ LIGHT_UNCERTAINTY = 0.012
 field."""
 CHANGED = 0.25
 """A pixel has changed where the evidence for it is more."""
-_SLOPE, _EVEN_DEVIATION2 = 0.25, 8.0
-"""Evidence for a change per squared deviation, and the deviation that tells nothing (three channels)."""
-_LEAST, _MOST = -1.5, 4.0
 _SQUARE_PX = 5
 """Squares in which shadow is told from cloth."""
+_MARGIN_PX = 8
+"""About what has changed, in which shadow is looked for too."""
 _COUNTED_PIXELS = 300.0
 """The usual odds by what other cameras say count as much as so many pixels of the take's own."""
+_TELLING_COLOUR = -8.0
+"""A pixel as in the plate tells that the actor is not there only where that colour is so much rarer with the
+actor: logarithm of the density over that of the plate's own colours."""
 _FEWEST_MOMENTS, _STILL, _ALONE = 6, 0.9, 0.5
 """Something was moved where nearly all of so many moments show a change that in half of them no other camera
 confirms."""
@@ -47,8 +49,10 @@ class View:
 
     def __post_init__(self) -> None:
         shape = self.plate.shape
-        self.counts = np.zeros((2, N_CLASSES))
-        """Pixels that surely changed, and that surely did not, by what the other cameras say."""
+        self.n_changed = np.zeros(N_CLASSES)
+        """Pixels that surely changed, by what the other cameras say."""
+        self.n_same = np.zeros((N_CLASSES, BINS**3), np.int32)
+        """Pixels that surely did not, by that and by their colour."""
         self.changed, self.unsupported = np.zeros((2, *shape), np.uint16)
         """(H, W) in how many moments a pixel had changed, and in how many of these no other camera saw
         anything along its ray."""
@@ -60,9 +64,10 @@ class View:
         self.channels: Bytes = np.empty((3, *shape), np.uint8)
         self.expected: Steps = np.empty((3, *shape), np.int16)
         self.deviation2: Levels = np.empty(shape, np.float32)
-        self.products: Levels = np.empty((N_PRODUCTS, *shape), np.float32)
         self.change: Levels = np.empty(shape, np.float32)
         """(H, W) evidence for a change."""
+        self.part: Part | None = None
+        """Rows and columns that hold all that has changed; None where nothing has."""
         self.ratio: Levels = np.empty(shape, np.float32)
         """(H, W) brightness of the square about a pixel over what is expected."""
         self.state: Bytes = np.empty(shape, np.uint8)
@@ -77,24 +82,29 @@ class View:
         cv2.split(image_bgr, list(self.channels))
         light = np.ascontiguousarray(light_field(self.channels, plate.mean, gains)[:height, :width])
         compare(
-            self.channels,
-            plate.mean,
-            plate.whitening,
-            gains,
-            light,
-            self.expected,
-            self.deviation2,
-            self.products,
-        )
-        evidence = np.clip(_SLOPE * (self.deviation2 - np.float32(_EVEN_DEVIATION2)), _LEAST, _MOST)
-        cv2.blur(evidence, (3, 3), dst=self.change)
-        around = np.stack([cv2.blur(plane, (_SQUARE_PX, _SQUARE_PX)) for plane in self.products])
-        judge(self.change, CHANGED, self.products, around, plate.turn_noise, self.ratio, self.state)
+            self.channels, plate.mean, plate.whitening, gains, light, self.expected, self.deviation2,
+            self.change,
+        )  # fmt: skip
+        cv2.blur(self.change, (3, 3), dst=self.change)
+        self.ratio[:], self.state[:] = 1.0, UNCHANGED
+        changed = (self.change > CHANGED).view(np.uint8)
+        drop_specks(changed, plate.settings.speck_area_ppm * 1e-6 * changed.size)
+        self.part = box_of(changed, _MARGIN_PX)
+        if self.part is None:
+            return
+        rows, columns = self.part
+        products: Levels = np.empty((N_PRODUCTS, *self.state[self.part].shape), np.float32)
+        corner_px = rows.start, columns.start
+        multiply(self.channels, self.expected, corner_px, products)
+        around = np.stack([cv2.blur(plane, (_SQUARE_PX, _SQUARE_PX)) for plane in products])
+        judge(self.change, CHANGED, products, around, plate.turn_noise, corner_px, self.ratio, self.state)
 
-    def count(self, classes: Bytes, surely_changed: Mask, surely_same: Mask) -> None:
-        """Take in a moment's classes (H, W) of pixels that surely changed (H, W), and that surely did not."""
-        self.counts[0] += np.bincount(classes[surely_changed], minlength=N_CLASSES)
-        self.counts[1] += np.bincount(classes[surely_same], minlength=N_CLASSES)
+    def count(self, image_bgr: Bytes, classes: Bytes, surely_changed: Mask, surely_same: Mask) -> None:
+        """Take in what others say (H, W) of pixels that surely changed (H, W), and of those that surely did
+        not."""
+        self.n_changed += np.bincount(classes[surely_changed], minlength=N_CLASSES)
+        same = classes[surely_same] * np.int64(BINS**3) + bins_of(image_bgr[surely_same])
+        self.n_same += np.bincount(same, minlength=self.n_same.size).reshape(self.n_same.shape)
         self.changed += surely_changed
         self.unsupported += surely_changed & (classes == MORE_MISS)
         self.moments += 1
@@ -104,9 +114,10 @@ class View:
         together."""
         self.log_colours = self.colours.log_density(of_all)
         share = 1.0 / (1.0 + np.exp(-CLASS_PRIOR))
-        changed = self.counts[0] + _COUNTED_PIXELS * share
-        same = self.counts[1] + _COUNTED_PIXELS * (1.0 - share)
-        unsupported = self.counts[0][MORE_MISS] / max(float(self.counts[0].sum()), _COUNTED_PIXELS)
+        telling = self.log_colours.ravel() - float(np.median(self.plate.log_peak)) < _TELLING_COLOUR
+        changed = self.n_changed + _COUNTED_PIXELS * share
+        same = self.n_same[:, telling].sum(axis=1) + _COUNTED_PIXELS * (1.0 - share)
+        unsupported = self.n_changed[MORE_MISS] / max(float(self.n_changed.sum()), _COUNTED_PIXELS)
         least = np.interp(unsupported, _UNSUPPORTED_SHARES, _LEAST_PRIORS)
         prior = np.clip(np.log(changed / same), least, _MOST_PRIOR)
         self.class_prior = np.where(CLASS_PRIOR == 0.0, 0.0, prior).astype(np.float32)

@@ -14,11 +14,15 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Floats, Ints, Mask
-from services.segmentation.lenses import Lenses, Pixels, raw_pixel
+from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
 from services.segmentation.pixels import Levels
 
 COARSE_M, FINE_M = 0.12, 0.04
 _PER_COARSE = 3
+_FINE_M: Floats = FINE_M * np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(
+    -1, 3
+)
+"""(27, 3) centres of a coarse voxel's fine ones, from its own."""
 _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M = 1.5, 6.0
 """About where the cameras look; as far as they are away from there, within these limits."""
 _HEIGHT_M = 2.9
@@ -87,10 +91,11 @@ class Stage:
         reaches = self.reach_px.tolist()
         coarse = np.stack([_eroded(n, reach + 2) for n, reach in zip(narrow, reaches, strict=True)])
         fewest = np.full((2, *misses.shape), _NEVER, np.uint8)
-        _fewest_misses(
-            lenses.P_px_world, lenses.sizes_px, lenses.raw_px, there,
-            self.coarse_m[_promising(self.coarse_px, coarse, there)], wide, narrow, fewest,
-        )  # fmt: skip
+        # A projection is linear before its division: that of a fine voxel is a sum of two.
+        P, coarse_m = lenses.P_px_world, self.coarse_m[_promising(self.coarse_px, coarse, there)]
+        of_coarse = np.einsum("crk,nk->ncr", P[..., :3], coarse_m) + P[..., 3]
+        of_fine = np.einsum("crk,mk->mcr", P[..., :3], _FINE_M)
+        _fewest_misses(of_coarse, of_fine, lenses.sizes_px, lenses.raw_px, there, wide, narrow, fewest)
         classes = []
         for c in there:
             width, height = lenses.sizes_px[c]
@@ -192,24 +197,24 @@ def _promising(coarse_px: Pixels, misses: Bytes, there: Ints) -> Mask:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _fewest_misses(
-    P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, there: Ints, coarse_m: Floats, wide: Bytes,
+    of_coarse: Floats, of_fine: Floats, sizes_px: Ints, raw_px: Pixels, there: Ints, wide: Bytes,
     narrow: Bytes, fewest: Bytes,
 ) -> None:  # fmt: skip
     """Write to fewest (2, C, H, W) how much the others miss of the voxel at each pixel that they miss least.
 
-    By the wide changes and by the narrow ones (C, H, W), over the fine voxels in coarse ones (N, 3).
+    By the wide changes and by the narrow ones (C, H, W), over the fine voxels in coarse ones. Column, row and
+    depth of a voxel's projection, the first two times the third, are those of its coarse one (N, C, 3) and of
+    its place in there (M, C, 3) together.
     """
-    n_cameras = len(P_px_world)
+    n_cameras = len(sizes_px)
     columns, rows = np.empty(n_cameras, np.int64), np.empty(n_cameras, np.int64)
     most, usual_others = _most(len(there)), min(_MANY_OTHERS, len(there) - 1)
-    for i in range(len(coarse_m)):
-        for k in range(_PER_COARSE**3):
-            x = coarse_m[i, 0] + FINE_M * (k // _PER_COARSE**2 - 1)
-            y = coarse_m[i, 1] + FINE_M * (k // _PER_COARSE % _PER_COARSE - 1)
-            z = coarse_m[i, 2] + FINE_M * (k % _PER_COARSE - 1)
+    for i in range(len(of_coarse)):
+        for k in range(len(of_fine)):
             seeing = by_wide = by_narrow = 0
             for c in there:
-                column, row = raw_pixel(P_px_world[c], sizes_px[c], raw_px[c], x, y, z)
+                p, q = of_coarse[i, c], of_fine[k, c]
+                column, row = raw_of(p[0] + q[0], p[1] + q[1], p[2] + q[2], sizes_px[c], raw_px[c])
                 columns[c], rows[c] = column, row
                 if column >= 0:
                     seeing += 1
@@ -219,11 +224,11 @@ def _fewest_misses(
                         break
             if seeing <= _LEAST_OTHERS or by_wide > _most(seeing):
                 continue
+            # Where few see a voxel, the word of each counts as much as that of the usual number.
+            share = max(usual_others / (seeing - 1), 1.0)
             for c in there:
                 u, v = columns[c], rows[c]
                 if u >= 0:
-                    # where few see a voxel, the word of each counts as much as that of the usual number
-                    share = max(usual_others / (seeing - 1), 1.0)
                     wide_misses = min(share * (by_wide - wide[c, v, u]), _NEVER)
                     narrow_misses = min(share * (by_narrow - narrow[c, v, u]), _NEVER)
                     fewest[0, c, v, u] = min(fewest[0, c, v, u], int(wide_misses))
