@@ -21,7 +21,7 @@ from services.segmentation.floor_shadow import SUPPORTED, Floor, find_floor, unk
 from services.segmentation.lenses import Lenses
 from services.segmentation.likelihood import actor_evidence
 from services.segmentation.message_passing import beliefs, prices
-from services.segmentation.patches import Part, box_of, drop_unconfirmed
+from services.segmentation.patches import Part, box_of, drop_specks, drop_unconfirmed
 from services.segmentation.pixels import Levels
 from services.segmentation.plate import Plate
 from services.segmentation.view import CHANGED, View
@@ -192,7 +192,9 @@ class JointSegmenter:
         )
         cleanup_in_place(actor, height * width, settings)
         found = actor * np.uint8(ACTOR)
-        found[_doubtful(actor > 0, own[inner], prior[inner])] = UNSURE
+        doubt = _doubtful(actor > 0, own[inner], prior[inner])
+        drop_specks(doubt, settings.speck_area_ppm * 1e-6 * height * width)
+        found[doubt > 0] = UNSURE
         trimap[part][inner] = found
 
 
@@ -200,9 +202,9 @@ _AS_EXPECTED: Levels = np.ones(3, np.float32)
 """Gains of what is expected: light is in it already."""
 
 
-def _doubtful(actor: Mask, own: Levels, prior: Levels) -> Mask:
+def _doubtful(actor: Mask, own: Levels, prior: Levels) -> Bytes:
     """Which pixels (h, w) are unsure: cut off or kept against what the other cameras or their own colours
     say."""
     seen_by_others = prior > _TELLING
     doubt = np.where(seen_by_others, ~actor & (own > _HARDLY_AGAINST), actor & (own < _SLIGHTLY_AGAINST))
-    return np.asarray(cv2.morphologyEx(doubt.view(np.uint8), cv2.MORPH_OPEN, _SQUARE) > 0)
+    return np.asarray(cv2.morphologyEx(doubt.view(np.uint8), cv2.MORPH_OPEN, _SQUARE), np.uint8)

@@ -7,7 +7,7 @@ import cv2
 import numba
 import numpy as np
 
-from services.mocap.types import Bytes
+from services.mocap.types import Bytes, Floats
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 _TILES_ACROSS = 20
@@ -19,12 +19,13 @@ _LEAST_RATIO, _MOST_RATIO = 0.8, 1.25
 _DARKEST = 40.0
 """Sum of three channels, in levels; darker pixels say nothing of the light."""
 _LEAST_SAMPLES = 8
-_APART = 0.04
-"""A tile this far off the median of its neighbourhood shows somebody, or a shadow, not the light."""
+_FAR_APART, _APART = 0.06, 0.03
+"""A tile this far off the median of its neighbourhood, or then off what is found so far, shows somebody, or a
+shadow, not the light."""
 _NEAR_TILES, _FAR_TILES = 1.2, 4.0
 """Deviations of the Gaussians by which tiles are smoothed."""
 _LEAST_TILES = 5
-_LEAST_WEIGHT = 1e-3
+_LEAST_WEIGHT = np.float32(1e-3)
 _FAR_WEIGHT = 0.02
 """Of tiles far away, where near ones say nothing."""
 
@@ -42,25 +43,34 @@ def light_field(channels: Bytes, mean: Steps, gains: Levels) -> Levels:
     size_px = ratios.shape[1] * tile_px, ratios.shape[0] * tile_px
     if min(ratios.shape) < _LEAST_TILES:
         return np.ones(size_px[::-1], np.float32)
-    weights *= np.abs(ratios - cv2.medianBlur(ratios, 5)) < _APART
+    usual = weights * (np.abs(ratios - cv2.medianBlur(ratios, 5)) < _FAR_APART)
+    field = np.ones_like(ratios)
+    field += _smoothed(ratios - field, usual)
+    # Smoothing takes the tops off; done again to what it left, it puts them back.
+    left = ratios - field
+    field += _smoothed(left, weights * (np.abs(left) < _APART))
+    return np.asarray(cv2.resize(field, size_px, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _smoothed(tiles: Levels, weights: Levels) -> Levels:
+    """Tiles (h, w) as those about them are; where none of weight is near, as those far away, and else 0."""
     near, far = (
         [
             _smoothing(len(part), reach) @ part @ _smoothing(part.shape[1], reach)
-            for part in (ratios * weights, weights)
+            for part in (tiles * weights, weights)
         ]
         for reach in (_NEAR_TILES, _FAR_TILES)
     )
-    around = far[0] / np.maximum(far[1], np.float32(1e-6))
-    field = (near[0] + _FAR_WEIGHT * around) / (near[1] + _FAR_WEIGHT)
-    field[far[1] <= _LEAST_WEIGHT] = 1.0
-    return np.asarray(cv2.resize(field, size_px, interpolation=cv2.INTER_LINEAR), np.float32)
+    around = far[0] / np.maximum(far[1], _LEAST_WEIGHT)
+    smooth: Levels = (near[0] + _FAR_WEIGHT * around) / (near[1] + _FAR_WEIGHT)
+    return smooth
 
 
 @cache
 def _smoothing(n: int, reach: float) -> Levels:
     """The matrix (n, n) that smooths n tiles in a row by a Gaussian; beyond the last there is nothing."""
     apart = np.subtract.outer(np.arange(n), np.arange(n)) / reach
-    matrix = np.exp(-0.5 * apart**2) / (reach * np.sqrt(2 * np.pi))
+    matrix: Floats = np.exp(-0.5 * apart**2) / (reach * np.sqrt(2 * np.pi))
     return np.where(matrix > _LEAST_WEIGHT**2, matrix, 0).astype(np.float32)  # smaller numbers are slow
 
 
