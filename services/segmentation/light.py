@@ -62,8 +62,7 @@ def _smoothed(tiles: Levels, weights: Levels) -> Levels:
         for reach in (_NEAR_TILES, _FAR_TILES)
     )
     around = far[0] / np.maximum(far[1], _LEAST_WEIGHT)
-    smooth: Levels = (near[0] + _FAR_WEIGHT * around) / (near[1] + _FAR_WEIGHT)
-    return smooth
+    return np.asarray((near[0] + _FAR_WEIGHT * around) / (near[1] + _FAR_WEIGHT), np.float32)
 
 
 @cache
