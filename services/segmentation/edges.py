@@ -110,7 +110,8 @@ def _mix(
     size = 2 * reach + 1
     ring = np.zeros((size + 1, _N_SUMS, width), np.float32)
     columns = np.zeros((_N_SUMS, width))
-    rim2, near2 = (rim_px + np.float32(_TOO_FAT_PX)) ** 2, max(np.float32(_LEAST_OUTSIDE_PX), rim_px / 2) ** 2
+    rim2, deep2 = rim_px * rim_px, (rim_px + np.float32(_TOO_FAT_PX)) ** 2
+    near2 = max(np.float32(_LEAST_OUTSIDE_PX), rim_px / 2) ** 2
     for ahead in range(height + reach):
         coming, leaving = ring[ahead % (size + 1)], ring[(ahead + 1) % (size + 1)]
         if ahead < height:
@@ -124,7 +125,7 @@ def _mix(
         if y < 0:
             continue
         for x in range(width):
-            if inside2[y, x] > rim2 or outside2[y, x] > near2:
+            if inside2[y, x] > deep2 or outside2[y, x] > near2:
                 continue
             near = _sums_near(columns, max(x - reach, 0), min(x + reach + 1, width))
             if near[3] > _MIN_PURITY:

@@ -27,18 +27,16 @@ from services.segmentation.foreign import ForeignMatte
 from services.segmentation.ghosts import LOOKS, find_ghost
 from services.segmentation.joint import JointSegmenter
 from services.segmentation.learning import learn_from_take
+from services.segmentation.mattes import Matte, MatteGroup
 from services.segmentation.onnx_matte import OnnxMatte
 from services.segmentation.paper_test import PaperTest
 from services.segmentation.plate import Plate
 from services.segmentation.plate_shift import plate_shift_px, shifted
 from services.segmentation.samples import KeptLooks, quick_looks, spread_pictures
 from services.segmentation.source import (
-    GroupUndistorter,
     JointMatte,
-    Matte,
     ReadySegmenter,
     Segmenter,
-    SeparateMattes,
     VideoSegmenter,
 )
 from services.segmentation.take_plate import SAMPLES, TakePlate, plate_of_samples
@@ -212,8 +210,7 @@ def make_segmenter(
         unsure_shares = {s.camera.name: s.unsure_share for s in scenes if not s.is_recorded}
         if unsure_shares:
             _warn_of_guesses(take, unsure_shares)
-    undistorter = GroupUndistorter(cameras, drops_unsupported=not isinstance(matte, JointSegmenter))
-    return VideoSegmenter(take, cameras, matte, undistorter)
+    return VideoSegmenter(take, cameras, matte)
 
 
 def live_matte(
@@ -233,11 +230,12 @@ def live_matte(
     return _joint_matte([Scene(take, camera, settings) for camera in cameras], kind, argument)
 
 
-def _joint_matte(scenes: Sequence[Scene], kind: str, argument: str) -> JointSegmenter | SeparateMattes:
+def _joint_matte(scenes: Sequence[Scene], kind: str, argument: str) -> JointSegmenter | MatteGroup:
+    cameras = [scene.camera for scene in scenes]
     if kind in KINDS and KINDS[kind].make is None:
         plates = [_with_place(scene, kind, partial(_plate, scene)) for scene in scenes]
-        return JointSegmenter([scene.camera for scene in scenes], plates, scenes[0].settings)
-    return SeparateMattes([_matte(scene, kind, argument) for scene in scenes])
+        return JointSegmenter(cameras, plates, scenes[0].settings)
+    return MatteGroup(cameras, [_matte(scene, kind, argument) for scene in scenes])
 
 
 def _plate(scene: Scene) -> Plate:

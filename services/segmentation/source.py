@@ -7,12 +7,10 @@ from typing import Protocol
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, n_planes
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, UNSURE, Bytes, Mask, Trimap
-from services.segmentation.across import drop_unsupported
 
 
 class Segmenter(Protocol):
@@ -27,14 +25,6 @@ class Segmenter(Protocol):
         ...
 
 
-class Matte(Protocol):
-    """Cuts the actor out of one camera's pictures, each by itself."""
-
-    def trimap(self, image_bgr: Bytes, /) -> Trimap:
-        """The actor in a raw picture (H, W, 3) BGR uint8: a trimap (H, W)."""
-        ...
-
-
 class JointMatte(Protocol):
     """Cuts the actor out of the pictures that several cameras took at one moment."""
 
@@ -44,45 +34,23 @@ class JointMatte(Protocol):
         ...
 
 
-class SeparateMattes:
-    """A matte for each camera, none of which knows of the others."""
-
-    def __init__(self, mattes: Sequence[Matte]) -> None:
-        self._mattes = list(mattes)
-
-    def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
-        """See JointMatte.trimaps."""
-        return {c: self._mattes[c].trimap(image) for c, image in images_bgr.items()}
-
-
 class GroupUndistorter:
-    """Makes undistorted trimaps of a group's raw ones, without what only one camera sees."""
+    """Makes undistorted trimaps of a group's raw ones."""
 
-    def __init__(self, cameras: Sequence[Camera], *, drops_unsupported: bool) -> None:
-        """drops_unsupported: for mattes that do not know of other cameras."""
-        self._cameras, self._drops = list(cameras), drops_unsupported
+    def __init__(self, cameras: Sequence[Camera]) -> None:
         self._undistorters = [Undistorter(camera) for camera in cameras]
-        self._rigs: dict[tuple[int, ...], Rig] = {}
 
     def undistorted(self, raw: Mapping[int, Trimap]) -> list[Trimap]:
         """Trimaps (h, w) of the cameras that have one, by their place."""
-        there = tuple(sorted(raw))
-        trimaps = [self._undistorters[c].trimap(raw[c]) for c in there]
-        if not self._drops:
-            return trimaps
-        if there not in self._rigs:
-            self._rigs[there] = Rig.of(tuple(self._cameras[c] for c in there))
-        return drop_unsupported(self._rigs[there], trimaps)
+        return [self._undistorters[c].trimap(raw[c]) for c in sorted(raw)]
 
 
 class VideoSegmenter:
     """Silhouettes that a matte makes of some cameras' videos."""
 
-    def __init__(
-        self, take: Take, cameras: Sequence[Camera], matte: JointMatte, undistorter: GroupUndistorter
-    ) -> None:
-        self._take, self._cameras = take, list(cameras)
-        self._matte, self._undistorter = matte, undistorter
+    def __init__(self, take: Take, cameras: Sequence[Camera], matte: JointMatte) -> None:
+        self._take, self._cameras, self._matte = take, list(cameras), matte
+        self._undistorter = GroupUndistorter(cameras)
 
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """See Segmenter.trimaps."""
@@ -101,7 +69,7 @@ class ReadySegmenter:
 
     def __init__(self, take: Take, cameras: Sequence[Camera]) -> None:
         self._take, self._cameras = take, list(cameras)
-        self._undistorter = GroupUndistorter(cameras, drops_unsupported=False)
+        self._undistorter = GroupUndistorter(cameras)
 
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """See Segmenter.trimaps."""

@@ -31,8 +31,7 @@ class Silhouetter:
         self._height_px, self._width_px = Rig.of(take.cameras).shape_px
         self._matte = live_matte(take, chosen, SegmentationSettings(), segmenter)
         self._colours = [take.colours.get(camera.name) for camera in chosen]
-        is_joint = isinstance(self._matte, JointSegmenter)
-        self._undistorter = GroupUndistorter(chosen, drops_unsupported=not is_joint)
+        self._undistorter = GroupUndistorter(chosen)
         self._cameras = chosen
         self._learner = LiveLearner(self._matte) if isinstance(self._matte, JointSegmenter) else None
         warm_up()
