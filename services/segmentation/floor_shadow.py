@@ -138,19 +138,29 @@ def _vote(
 ) -> None:  # fmt: skip
     """Write the prior of pixels within rows and columns, block by block: shadow has no finer detail."""
     first_row, end_row, first_column, end_column = within
-    for top in range(first_row, end_row, block_px):
-        for left in range(first_column, end_column, block_px):
+    # Blocks lie where they lie in all pictures, wherever the part begins.
+    for top in range(first_row // block_px * block_px, end_row, block_px):
+        for left in range(first_column // block_px * block_px, end_column, block_px):
             bottom, right = min(top + block_px, end_row), min(left + block_px, end_column)
-            across = right - left
-            for k in range((bottom - top) * across):
-                y, x = top + k // across, left + k % across
-                if state[y, x] >= PERHAPS_EDGE and places_m[y, x, 0] == places_m[y, x, 0]:
-                    odds = _odds(
-                        places_m[y, x, 0], places_m[y, x, 1], height_m, P_px_world, sizes_px, raw_px, others,
-                        ratio[y, x], ratios, states,
-                    )  # fmt: skip
-                    prior[top:bottom, left:right] = odds
-                    break
+            y, x = _most_like_shadow(state, places_m, top, bottom, left, right)
+            if y >= 0:
+                prior[top:bottom, left:right] = _odds(
+                    places_m[y, x, 0], places_m[y, x, 1], height_m, P_px_world, sizes_px, raw_px, others,
+                    ratio[y, x], ratios, states,
+                )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _most_like_shadow(
+    state: Bytes, places_m: Levels, top: int, bottom: int, left: int, right: int
+) -> tuple[int, int]:
+    """Row and column of the pixel of a block, before the floor, that is likeliest a shadow's; -1 for none."""
+    row, column, most = -1, -1, CHANGED
+    for y in range(top, bottom):
+        for x in range(left, right):
+            if state[y, x] > most and places_m[y, x, 0] == places_m[y, x, 0]:
+                row, column, most = y, x, state[y, x]
+    return row, column
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

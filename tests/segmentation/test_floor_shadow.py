@@ -24,6 +24,7 @@ from services.segmentation.view import LIGHT_UNCERTAINTY, View
 
 CAMERAS = ring(4)
 LENSES = Lenses.of(CAMERAS)
+WHOLE = slice(0, CAMERAS[0].height_px), slice(0, CAMERAS[0].width_px)
 Seen = tuple[Levels, Bytes, Ints]
 
 
@@ -71,7 +72,7 @@ def test_cast_shadow_is_supported_and_legs_are_not() -> None:
     ratios, states, there = seen
     supported_actor = actor = 0
     for c, view in enumerate(rendered):
-        prior = floor.shadow_prior(c, LENSES, ratios, states, there)
+        prior = floor.shadow_prior(c, WHOLE, LENSES, ratios, states, there)
         perhaps = states[c] == PERHAPS_SHADOW
         in_shadow = perhaps & view.shadow
         assert in_shadow.sum() > 20
@@ -86,7 +87,7 @@ def test_a_camera_alone_knows_nothing_of_shadow() -> None:
     (seen, *_), _ = seen_of(person(), 0.0, [1])
     ratios, states, _ = seen
     floor = Floor.at(0.0, CAMERAS)
-    prior = floor.shadow_prior(1, LENSES, ratios, states, np.array([1], np.int32))
+    prior = floor.shadow_prior(1, WHOLE, LENSES, ratios, states, np.array([1], np.int32))
     assert (prior == UNKNOWN).all()
     assert (unknown_shadow((3, 4), has_others=True) == UNKNOWN).all()
     assert (unknown_shadow((3, 4), has_others=False) > UNKNOWN).all()
@@ -100,7 +101,7 @@ def test_lit_floor_in_another_camera_refutes_a_shadow() -> None:
     for lit in range(1, 4):
         states[1 : lit + 1] = UNCHANGED
         there = np.arange(lit + 1, dtype=np.int32)
-        prior = floor.shadow_prior(0, LENSES, ratios, states, there)[112:148, 102:138]
+        prior = floor.shadow_prior(0, WHOLE, LENSES, ratios, states, there)[112:148, 102:138]
         assert (prior < UNSUPPORTED).all()
         assert (prior >= UNSUPPORTED - 3.0 * lit).all()
 
