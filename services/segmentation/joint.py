@@ -35,8 +35,8 @@ _BIAS = np.float32(-0.3)
 """Evidence against the actor: rims mix both, and are better cut off, since edges are settled afterwards."""
 _TELLING = -0.5
 """Prior odds by the other cameras above which they are believed to see the actor along a pixel's ray."""
-_HARDLY_AGAINST = -2.8
-"""A pixel's own evidence, above which what the others see in it leaves it open."""
+_HARDLY_AGAINST = -2.2
+"""A pixel's own evidence and what the others see in it, above which they leave it open."""
 _SLIGHTLY_AGAINST = -0.5
 """Own evidence below which a pixel is the actor's by its neighbours alone."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
@@ -181,7 +181,7 @@ class JointSegmenter:
     ) -> None:
         """Write what is believed in a part of a picture to a trimap (H, W): its edges, and what is unsure."""
         settings, (height, width) = self._settings, trimap.shape
-        inner = box_of((belief > 0) | ((prior > _TELLING) & (own > _HARDLY_AGAINST)), _RIM_MARGIN_PX)
+        inner = box_of((belief > 0) | (own + prior > _HARDLY_AGAINST), _RIM_MARGIN_PX)
         if inner is None:
             return
         actor = np.ascontiguousarray(belief[inner] > 0).view(np.uint8)
@@ -205,6 +205,6 @@ _AS_EXPECTED: Levels = np.ones(3, np.float32)
 def _doubtful(actor: Mask, own: Levels, prior: Levels) -> Bytes:
     """Which pixels (h, w) are unsure: cut off or kept against what the other cameras or their own colours
     say."""
-    seen_by_others = prior > _TELLING
-    doubt = np.where(seen_by_others, ~actor & (own > _HARDLY_AGAINST), actor & (own < _SLIGHTLY_AGAINST))
+    against = (own < _SLIGHTLY_AGAINST) & (prior <= _TELLING)
+    doubt = np.where(actor, against, own + prior > _HARDLY_AGAINST)
     return np.asarray(cv2.morphologyEx(doubt.view(np.uint8), cv2.MORPH_OPEN, _SQUARE), np.uint8)
