@@ -24,7 +24,7 @@ SUPPORTED_EDGE = np.float32(-1.0)
 UNSUPPORTED = np.float32(-5.0)
 """Where others see the place and none of them sees a shadow there."""
 REFUTED = np.float32(-3.0)
-"""More, for each camera that sees it in light."""
+"""More, for each camera that sees it in light, less those that see the shadow beyond the first."""
 UNKNOWN = np.float32(-3.0)
 """Where no other camera sees the place, or nobody knows where the floor is."""
 _ON_ITS_OWN = np.float32(-1.0)
@@ -32,7 +32,7 @@ _ON_ITS_OWN = np.float32(-1.0)
 _AGREED = 0.1
 """Of the pixels that may show shadow, that others have to support for the floor to be known."""
 _SURELY_AGREED = 0.35
-"""With less at the world's origin other heights are tried."""
+"""With less at the world's origin other heights are tried, of which none counts with less."""
 _BETTER = 2.5
 """So much better has another height to be: a plane through grey clothes agrees with itself to some degree."""
 _HEIGHTS_M, _FINER_M = np.arange(-0.8, 0.81, 0.1), np.array([-0.05, -0.025, 0.025, 0.05])
@@ -101,8 +101,9 @@ def find_floor(
             agreement = _agreement(floor, lenses, moments)
             if agreement > agreed:
                 best, agreed = floor, agreement
-    found = at_origin if best is origin else agreed
-    return best if found >= _AGREED else None
+    if best is not origin and agreed >= _SURELY_AGREED:
+        return best
+    return origin if at_origin >= _AGREED else None
 
 
 def _agreement(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]) -> float:
@@ -169,7 +170,7 @@ def _odds(
     ratio: np.float32, ratios: Levels, states: Bytes,
 ) -> np.float32:  # fmt: skip
     """Logarithm of the odds of shadow at a place on the floor, as dark as a ratio, by the other cameras."""
-    seeing = lit = 0
+    seeing = lit = alike = 0
     best = CHANGED
     for j in others:
         column, row = raw_pixel(P_px_world[j], sizes_px[j], raw_px[j], x_m, y_m, height_m)
@@ -178,10 +179,12 @@ def _odds(
         seeing += 1
         found = _look(states[j], ratios[j], sizes_px[j], column, row, ratio)
         lit += found == UNCHANGED
+        alike += found >= PERHAPS_EDGE
         best = max(best, found)
     if seeing == 0:
         return UNKNOWN
-    refuted = np.float32(lit) * REFUTED
+    # Furniture may hide a place from some, who then see no change: several who see the shadow outweigh them.
+    refuted = np.float32(max(lit - max(alike - 1, 0), 0)) * REFUTED
     if best == PERHAPS_SHADOW:
         return refuted + SUPPORTED
     return refuted + (SUPPORTED_EDGE if best == PERHAPS_EDGE else UNSUPPORTED)
