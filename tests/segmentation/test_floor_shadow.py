@@ -106,6 +106,17 @@ def test_lit_floor_in_another_camera_refutes_a_shadow() -> None:
         assert (prior >= UNSUPPORTED - 3.0 * lit).all()
 
 
+def test_furniture_before_the_floor_in_one_camera_refutes_nothing_that_several_see() -> None:
+    ratios = np.full((4, 180, 240), 0.6, np.float32)
+    states = np.full((4, 180, 240), PERHAPS_SHADOW, np.uint8)
+    states[3] = UNCHANGED
+    floor, everybody = Floor.at(0.0, CAMERAS), np.arange(4, dtype=np.int32)
+    on_stage = np.linalg.norm(floor.places_m[0], axis=-1) < 0.5  # which all cameras see
+    assert (floor.shadow_prior(0, WHOLE, LENSES, ratios, states, everybody)[on_stage] >= SUPPORTED).all()
+    states[2] = UNCHANGED  # one supports it and two do not: as likely a leg
+    assert (floor.shadow_prior(0, WHOLE, LENSES, ratios, states, everybody)[on_stage] < SUPPORTED).all()
+
+
 def test_pixels_over_the_horizon_look_at_no_floor() -> None:
     level = [
         Camera("level", 160, 120, np.array([[120.0, 0, 79.5], [0, 120.0, 59.5], [0, 0, 1]]), np.zeros(4),
