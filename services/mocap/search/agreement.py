@@ -38,7 +38,7 @@ class Agreement:
     filled: float
     """The share of the others' silhouettes that their hull fills, on average."""
     piece_shares: Floats
-    """(K,) how much of the silhouettes each connected piece of the hull fills alone, the largest first."""
+    """(K,) how much of the silhouettes each connected piece of the hull fills alone, the most first."""
     suspects: tuple[int, ...] = ()
     """Where none is odd: those of which one is likely to be, since without any of them the others meet."""
 
@@ -133,7 +133,7 @@ class _Space:
                     drawn[n] & ~np.any(others, axis=0) if others else drawn[n]
                 )
         upper_half: Floats = np.sort(shares, axis=1)[:, len(cameras) // 2 :].mean(axis=1)
-        return upper_half
+        return np.sort(upper_half)[::-1]  # a piece of what may be actor may be large and fill nothing
 
     def _inside(self, cameras: tuple[int, ...]) -> Mask:
         """The hull (N,) of some cameras, as carve has it."""
