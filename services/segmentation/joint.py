@@ -195,6 +195,10 @@ class JointSegmenter:
         doubt = _doubtful(actor > 0, own[inner], prior[inner])
         drop_specks(doubt, settings.speck_area_ppm * 1e-6 * height * width)
         found[doubt > 0] = UNSURE
+        if actor.any():  # what the others leave room for far from the actor is nobody
+            body = (found > 0).view(np.uint8)
+            drop_unconfirmed(body, actor, 1)
+            found *= body
         trimap[part][inner] = found
 
 
