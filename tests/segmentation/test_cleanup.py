@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from services.mocap.types import Mask
 from services.segmentation import edges
 from services.segmentation.cleanup import SegmentationSettings, cleanup
+from services.segmentation.patches import drop_unconfirmed
 from services.segmentation.pixels import MEAN_STEPS, Levels
 
 SETTINGS = SegmentationSettings()
@@ -70,6 +71,16 @@ def test_no_speck_and_no_small_hole_is_left(mask: Mask) -> None:
     padded = np.pad(~cleaned, 1, constant_values=True)
     _, _, gaps, _ = cv2.connectedComponentsWithStats(padded.view(np.uint8), connectivity=4)
     assert np.all(gaps[1:, cv2.CC_STAT_AREA] >= 4)
+
+
+@given(SMALL_MASKS, st.integers(0, 2**32 - 1), st.integers(1, 4))
+def test_patches_stay_where_enough_of_another_mask_lies(mask: Mask, seed: int, least_px: int) -> None:
+    seeds = np.random.default_rng(seed).random(mask.shape) < 0.2
+    _, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=8)
+    enough = np.bincount(labels[seeds], minlength=labels.max() + 1) >= least_px
+    kept = mask.copy().view(np.uint8)
+    drop_unconfirmed(kept, seeds.view(np.uint8), least_px)
+    assert np.array_equal(kept > 0, mask & enough[labels])
 
 
 @given(SMALL_MASKS)

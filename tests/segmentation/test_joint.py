@@ -126,7 +126,7 @@ def test_a_floor_elsewhere_is_found_by_its_shadows() -> None:
 def drifting(colours: Floats, seed: int, phase: float) -> Floats:
     """Colours (H, W, 3) in light that is up to 15 % off, smoothly over the picture; it changes with phase."""
     size = colours.shape[1::-1]
-    grids = np.random.default_rng(seed).uniform(-1, 1, (2, 3, 4))
+    grids = np.random.default_rng(seed).uniform(-1, 1, (2, 4, 5))
     begin, end = (cv2.resize(grid, size, interpolation=cv2.INTER_CUBIC) for grid in grids)
     light = (1 - phase) * begin / np.abs(begin).max() + phase * end / np.abs(end).max()
     return np.asarray(colours * (1 + 0.15 * light)[..., None])

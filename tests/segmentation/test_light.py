@@ -42,6 +42,15 @@ def test_gains_count_before_the_light() -> None:
     assert field(stage() * gains, stage(), gains) == pytest.approx(1.0, abs=0.005)
 
 
+@pytest.mark.parametrize("height", [-0.15, 0.15])
+def test_a_bright_or_dark_patch_keeps_its_top(height: float) -> None:
+    light = 1 + height * np.sin(2.5 * np.pi * COLUMNS) * np.sin(1.5 * np.pi * ROWS)
+    rng = np.random.default_rng(1)
+    found = field(stage() * light[..., None] + rng.normal(0, 2, (HEIGHT, WIDTH, 1)), stage())
+    inner = (slice(32, -32), slice(32, -32))
+    np.testing.assert_allclose(found[inner], light[inner], atol=0.02)
+
+
 @settings(max_examples=25)
 @given(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15))
 def test_light_that_changes_smoothly_is_found(across: float, down: float) -> None:
