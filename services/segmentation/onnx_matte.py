@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
-from services.mocap.types import Bytes, Mask, Trimap
+from services.mocap.types import UNSURE, Bytes, Trimap
 from services.segmentation.cleanup import SegmentationSettings, cleanup
 
+_HALF = 0.25, 0.75
+"""Opacities that tell nothing."""
+_WIDER_THAN_A_RIM = np.ones((5, 5), np.uint8)
 _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
 
@@ -20,7 +23,8 @@ class OnnxMatte:
     """Runs a network that takes a picture, and the clean plate if it has a second input.
 
     Inputs are (1, 3, h, w) RGB from 0 to 1, at the network's own size where it has one. The first output of
-    one channel is the actor's opacity, 0 to 1; half and more is actor.
+    one channel is the actor's opacity, 0 to 1; half and more is actor. Where patches of it are about half,
+    wider than a soft rim, the network does not know: they are unsure.
     """
 
     def __init__(self, file: Path, plate_bgr: Bytes | None, settings: SegmentationSettings) -> None:
@@ -43,8 +47,8 @@ class OnnxMatte:
                 )
             self._pictures.append(plate_bgr)
 
-    def silhouette(self, image_bgr: Bytes) -> Mask:
-        """The actor in an image (H, W, 3) BGR uint8: a mask (H, W). Raises UserError for no such output."""
+    def trimap(self, image_bgr: Bytes) -> Trimap:
+        """See Matte.trimap. Raises UserError for no such output."""
         feeds = {
             put.name: _as_input(picture, put.shape, _TYPES[put.type])
             for put, picture in zip(self._inputs, [image_bgr, *self._pictures], strict=True)
@@ -56,12 +60,11 @@ class OnnxMatte:
                 whole = cv2.resize(
                     opacity.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR
                 )
-                return cleanup(whole >= 0.5, self._settings)
+                trimap = trimap_of(cleanup(whole >= 0.5, self._settings))
+                half = cv2.inRange(whole, *_HALF)
+                trimap[cv2.morphologyEx(half, cv2.MORPH_OPEN, _WIDER_THAN_A_RIM) > 0] = UNSURE
+                return trimap
         raise UserError(f"{self._file}: expected an output of one channel, the actor's opacity from 0 to 1")
-
-    def trimap(self, image_bgr: Bytes) -> Trimap:
-        """See Matte.trimap: `silhouette`, of which every pixel is taken as sure."""
-        return trimap_of(self.silhouette(image_bgr))
 
 
 def _session(file: Path) -> Any:

@@ -197,6 +197,8 @@ class RedNetwork:
     """Stands in for a session of onnxruntime: what is redder than its second input, at half the size."""
 
     n_inputs, kind = 2, "tensor(float)"
+    doubt = 0.0
+    """Opacity of the upper four rows."""
 
     def __init__(self, path: str, providers: list[str]) -> None:
         assert providers == ["CPU"]
@@ -210,8 +212,9 @@ class RedNetwork:
     def run(self, outputs: None, feeds: dict[str, Any]) -> list[Any]:
         assert outputs is None
         assert all(feed.shape == (1, 3, 24, 64) and feed.dtype == np.float32 for feed in feeds.values())
-        redder = feeds["picture"][:, :1] - feeds["plate"][:, :1] > 0.2
-        return [feeds["picture"], redder.astype(np.float32)]
+        opacity = (feeds["picture"][:, :1] - feeds["plate"][:, :1] > 0.2).astype(np.float32)
+        opacity[..., :4, :] = self.doubt
+        return [feeds["picture"], opacity]
 
 
 @pytest.fixture
@@ -224,6 +227,17 @@ def network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 def test_a_network(small_take: SmallTake, ball_silhouette: Ball, network: Path) -> None:
     assert overlap(open_take(small_take()), ball_silhouette, f"onnx:{network}") > 0.6
+
+
+@pytest.mark.parametrize(("opacity", "unsure"), [(0.1, False), (0.4, True), (0.6, True), (0.9, False)])
+def test_what_a_network_does_not_know_is_unsure(
+    small_take: SmallTake, network: Path, monkeypatch: pytest.MonkeyPatch, opacity: float, unsure: bool
+) -> None:
+    monkeypatch.setattr(RedNetwork, "doubt", opacity)
+    take = open_take(small_take())
+    trimap = next(iter(make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}").raw_trimaps(0, 1)))[0]
+    assert (trimap[:7] == UNSURE).all() == unsure
+    assert not (trimap[10:] == UNSURE).any()
 
 
 def test_a_network_that_wants_a_plate_or_something_else(
