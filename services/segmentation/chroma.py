@@ -69,13 +69,9 @@ class ChromaKey:
             )
         return ChromaKey(np.median(screen, axis=0).astype(np.float64), settings)
 
-    def silhouette(self, image_bgr: Bytes) -> Mask:
-        """The actor in an image (H, W, 3) BGR uint8: a mask (H, W) without specks and holes."""
-        return cleanup(~self.screen(image_bgr), self.settings)
-
     def trimap(self, image_bgr: Bytes) -> Trimap:
-        """See Matte.trimap: `silhouette`, of which every pixel is taken as sure."""
-        return trimap_of(self.silhouette(image_bgr))
+        """See Matte.trimap; every pixel is taken as sure."""
+        return trimap_of(cleanup(~self.screen(image_bgr), self.settings))
 
     def screen(self, image_bgr: Bytes) -> Mask:
         """Where an image (H, W, 3) shows the screen's colour, in light or shadow: a mask (H, W)."""

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from services.mocap.energy.bitplanes import trimap_of
-from services.mocap.types import Bytes, Mask, Trimap
+from services.mocap.types import Bytes, Trimap
 from services.segmentation.cleanup import SegmentationSettings, cleanup
 
 _FOREGROUND = 255
@@ -27,14 +27,10 @@ class TrainedModel:
             for picture in pictures:
                 model.apply(picture)
 
-    def silhouette(self, image_bgr: Bytes) -> Mask:
-        """The actor in an image (H, W, 3) BGR uint8: a mask (H, W) without specks and holes."""
-        marked = np.asarray(self._model.apply(image_bgr, learningRate=0))
-        return cleanup(marked == _FOREGROUND, self._settings)
-
     def trimap(self, image_bgr: Bytes) -> Trimap:
-        """See Matte.trimap: `silhouette`, of which every pixel is taken as sure."""
-        return trimap_of(self.silhouette(image_bgr))
+        """See Matte.trimap; every pixel is taken as sure."""
+        marked = np.asarray(self._model.apply(image_bgr, learningRate=0))
+        return trimap_of(cleanup(marked == _FOREGROUND, self._settings))
 
 
 def mog2(plate: Iterable[Bytes], settings: SegmentationSettings) -> TrainedModel:
