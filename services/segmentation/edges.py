@@ -19,7 +19,7 @@ _MIN_CONTRAST_LEVELS = 15.0  # below it, noise decides on which side of the midd
 _MIN_PURITY = 1e-3
 _LEAST_OUTSIDE_PX = 2.0  # so far out of the mask, at least, there may be some actor: thin limbs before noise
 _RIM_PER_RADIUS = 1.5
-_TOO_FAT_PX = 0.5  # masks are: they take in pixels that the actor only touches, so that the rim lies deeper
+_TOO_FAT_PX = 0.5  # masks take in pixels that the actor only touches: so much deeper in them lies the rim
 _EVEN_LEVELS = 8.0  # brightness that varies by less than this shows no edge
 _N_SUMS = 6
 

@@ -37,7 +37,7 @@ _BETTER = 2.5
 """So much better has another height to be: a plane through grey clothes agrees with itself to some degree."""
 _HEIGHTS_M, _FINER_M = np.arange(-0.8, 0.81, 0.1), np.array([-0.05, -0.025, 0.025, 0.05])
 _BLOCKS_ACROSS = 160
-"""A picture, each of which is asked about once."""
+"""So many make up a picture's width; about each of them other cameras are asked once."""
 _SAME_RATIO = np.float32(0.1)
 _FARTHEST_M = 30.0
 

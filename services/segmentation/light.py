@@ -12,7 +12,7 @@ from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 _TILES_ACROSS = 20
 _SAMPLED_ROWS, _SAMPLED_COLUMNS = 4, 8
-"""Of a tile."""
+"""Of a tile, that are looked at."""
 _BINS = 64
 _LEAST_RATIO, _MOST_RATIO = 0.8, 1.25
 """Of brightness to the plate's at the same exposure; what lies outside is no drift of the light."""
