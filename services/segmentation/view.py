@@ -51,7 +51,7 @@ class View:
         shape = self.plate.shape
         self.n_changed = np.zeros(N_CLASSES)
         """Pixels that surely changed, by what the other cameras say."""
-        self.n_same = np.zeros((N_CLASSES, BINS**3), np.int32)
+        self.n_same = np.zeros((N_CLASSES, BINS**3), np.int64)
         """Pixels that surely did not, by that and by their colour."""
         self.changed, self.unsupported = np.zeros((2, *shape), np.uint16)
         """(H, W) in how many moments a pixel had changed, and in how many of these no other camera saw
