@@ -76,7 +76,7 @@ def measure(name: str, segmenters: Sequence[str] = SEGMENTERS, every: int = 1) -
 
 
 def _measured(take: Take, name: str, every: int) -> list[Row]:
-    segmenter = make_segmenter(take, take.cameras, SegmentationSettings(), name, lambda check: None)  # noqa: ARG005
+    segmenter = make_segmenter(take, take.cameras, SegmentationSettings(), name, lambda _: None)
     moments_ms: list[float] = []
     qualities: list[list[Quality]] = [[] for _ in take.cameras]
     frames = iter(segmenter.raw_trimaps(0, take.settings.frames))
