@@ -37,6 +37,8 @@ _TELLING = -0.5
 """Prior odds by the other cameras above which they are believed to see the actor along a pixel's ray."""
 _HARDLY_AGAINST = -2.2
 """A pixel's own evidence and what the others see in it, above which they leave it open."""
+_ALONE = -1.7
+"""What stands in for the others' word there, where there is none: own evidence has to leave a pixel open."""
 _SLIGHTLY_AGAINST = -0.5
 """Own evidence below which a pixel is the actor's by its neighbours alone."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
@@ -163,6 +165,7 @@ class JointSegmenter:
         across, down = np.empty(shape, np.float32), np.empty(shape, np.float32)
         prices(view.channels, view.expected, plate.usual_noise2, corner_px, across, down)
         belief = beliefs(own + prior, across, down, _ROUNDS)
+        prior[classes[part] == ALONE] = _ALONE
         self._settle(view, belief, own, prior, part, trimap)
         return trimap
 

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from services.mocap.types import Bytes, Mask
+from services.mocap.types import Bytes, Floats, Mask
 from services.segmentation.colours import BINS, ActorColours, bins_of
 from services.segmentation.deviation import N_PRODUCTS, UNCHANGED, compare, judge, multiply
 from services.segmentation.light import light_field
 from services.segmentation.patches import Part, box_of, drop_specks
 from services.segmentation.pixels import Levels, Steps
 from services.segmentation.plate import Plate, check_size
-from services.segmentation.voxels import CLASS_PRIOR, MORE_MISS, N_CLASSES
+from services.segmentation.voxels import CLASS_PRIOR, MORE_MISS, N_CLASSES, NEAR
 
 LIGHT_UNCERTAINTY = 0.012
 """Share of a pixel's brightness by which its light may be off after all: patches smaller than the light
@@ -109,6 +109,15 @@ class View:
         self.unsupported += surely_changed & (classes == MORE_MISS)
         self.moments += 1
 
+    def _n_stage(self, telling: Mask) -> Floats:
+        """How many pixels of each class show the stage; telling (BINS**3,): colours that the actor lacks.
+
+        Well within what the others see, pixels of other colours that look as in the plate may be the actor's.
+        """
+        n_same = self.n_same.sum(axis=1)
+        n_same[:NEAR] = self.n_same[:NEAR, telling].sum(axis=1)
+        return np.asarray(n_same, np.float64)
+
     def learn(self, of_all: ActorColours) -> None:
         """Draw conclusions from the colours and counts so far; of_all: the colours of all cameras
         together."""
@@ -116,7 +125,7 @@ class View:
         share = 1.0 / (1.0 + np.exp(-CLASS_PRIOR))
         telling = self.log_colours.ravel() - float(np.median(self.plate.log_peak)) < _TELLING_COLOUR
         changed = self.n_changed + _COUNTED_PIXELS * share
-        same = self.n_same[:, telling].sum(axis=1) + _COUNTED_PIXELS * (1.0 - share)
+        same = self._n_stage(telling) + _COUNTED_PIXELS * (1.0 - share)
         unsupported = self.n_changed[MORE_MISS] / max(float(self.n_changed.sum()), _COUNTED_PIXELS)
         least = np.interp(unsupported, _UNSUPPORTED_SHARES, _LEAST_PRIORS)
         prior = np.clip(np.log(changed / same), least, _MOST_PRIOR)
