@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import secrets
 import socket
 import subprocess
@@ -170,6 +171,14 @@ class Stack:
         assert self.inspect(self.one("recorder"))["ExitCode"] == 0, self.logs()
         report: dict[str, Any] = json.loads((self.out / "result" / "run.json").read_text())
         return report
+
+    def workers_that_came(self) -> set[str]:
+        """The limb workers that the coordinator has welcomed, by name.
+
+        How many are there at the end is up to the machine: a worker may lose its connection for a moment
+        where ten containers share two cores.
+        """
+        return set(re.findall(r"limb_worker\S+(?= says hello)", self.logs("coordinator")))
 
     def poses(self) -> str:
         return (self.out / "result" / "poses.csv").read_text()
