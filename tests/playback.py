@@ -1,8 +1,8 @@
 """A coordinator that only plays back, as tests want it: it remembers requests, forgets, and waits."""
 
+from bench.playback import RUN as RUN
+from bench.playback import Playback as Player
 from proto.messages import Message, Pose, PoseRequest, Silhouettes, SilhouettesRequest
-from services.bench.playback import RUN as RUN
-from services.bench.playback import Playback as Player
 from services.mocap.body.actor import build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import trimap_of

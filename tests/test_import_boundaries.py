@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SHARED = ("services.process", "services.follower", "services.contents")
 """What services share: the entry of all, and what those share that only follow a coordinator; beside the
 services, not in one."""
-NO_SERVICES = ("commands", "runs", "checks", "bench", "soak")
+NO_SERVICES = ("commands", "runs")
 COMMAND = ("services.cli", *(f"services.{folder}" for folder in NO_SERVICES))
 """The command starts the services and may use what they are made of."""
 WORLDLY = {

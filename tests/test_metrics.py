@@ -9,11 +9,11 @@ from urllib.request import urlopen
 import pytest
 from prometheus_client import REGISTRY, Counter
 
+from bench.soak.specimens import specimens
 from proto.framing import decode
 from proto.messages import Telemetry
 from services.metrics import offering
 from services.mocap.errors import UserError
-from services.soak.specimens import specimens
 
 _ROOT = Path(__file__).resolve().parents[1]
 

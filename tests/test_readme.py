@@ -5,8 +5,8 @@ import re
 from pathlib import Path
 
 import pytest
-from field_docstrings import docstrings_of
 
+from field_docstrings import docstrings_of
 from services.mocap.export.formats import FORMATS
 from services.mocap.motion.angles import ANGLES
 from services.mocap.search.settings import SearchSettings

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.bench.acting import MOTIONS, going_on
-from services.bench.actor_tables import as_tables
-from services.bench.actors import BONES, Found, Row, Trial, measure
-from services.bench.people import Stance, Variety, somebody
+from bench.acting import MOTIONS, going_on
+from bench.actor_tables import as_tables
+from bench.actors import BONES, Found, Row, Trial, measure
+from bench.people import Stance, Variety, somebody
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack

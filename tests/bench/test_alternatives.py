@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from services.bench.alternatives import OpenCvSilhouettes, PyrenderSilhouettes, Silhouettes, energy_by
-from services.bench.problems import Case, Scene, Setup
+from bench.alternatives import OpenCvSilhouettes, PyrenderSilhouettes, Silhouettes, energy_by
+from bench.problems import Case, Scene, Setup
 from services.mocap.body.kinematics import N_DOF, segment_transforms
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu.backend import CpuBackend

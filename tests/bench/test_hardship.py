@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.bench.hardship import EATEN, SPECKS, Hardship, bitten, trimaps_of, with_specks, write_harder
+from bench.hardship import EATEN, SPECKS, Hardship, bitten, trimaps_of, with_specks, write_harder
 from services.mocap.body.actor import Actor
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 from typer.testing import CliRunner
 
-from services.bench.__main__ import app
-from services.bench.segmentation import Row, as_table, measure, quality_of
+from bench.__main__ import app
+from bench.segmentation import Row, as_table, measure, quality_of
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from services.bench.line import Line, SlowProxy
-from services.bench.looped import looped
-from services.bench.slow_browser import frames_shown
+from bench.line import Line, SlowProxy
+from bench.looped import looped
+from bench.slow_browser import frames_shown
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
 from services.viewer.markup import camera_grid, lines_of

@@ -11,11 +11,11 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from services.bench.__main__ import app
-from services.bench.contestants import Contestants, Name
-from services.bench.problems import LARGEST_BATCH, Scene, Setup
-from services.bench.rates import Runner, median_rates, with_best_batch
-from services.bench.table1 import Row, as_table
+from bench.__main__ import app
+from bench.contestants import Contestants, Name
+from bench.problems import LARGEST_BATCH, Scene, Setup
+from bench.rates import Runner, median_rates, with_best_batch
+from bench.table1 import Row, as_table
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.settings import EngineSettings
@@ -92,7 +92,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr("services.bench.rates.time.perf_counter", clock)
+    monkeypatch.setattr("bench.rates.time.perf_counter", clock)
     return clock
 
 
@@ -153,8 +153,8 @@ def test_whoever_cannot_run_here_is_left_out_with_a_reason(monkeypatch: pytest.M
     def no_pyrender() -> None:
         raise UserError("pyrender: cannot be imported: No module named 'pyrender'")
 
-    monkeypatch.setattr("services.bench.contestants.open_engine", no_egl)
-    monkeypatch.setattr("services.bench.alternatives._import_pyrender", no_pyrender)
+    monkeypatch.setattr("bench.contestants.open_engine", no_egl)
+    monkeypatch.setattr("bench.alternatives._import_pyrender", no_pyrender)
     contestants = Contestants(list(Name))
     contestants.enter(Scene(Setup(320, 240, 4)))
     assert contestants.names == [Name.CPU, Name.CPU_LOD, Name.OPENCV]
@@ -169,7 +169,7 @@ def test_whoever_cannot_run_here_is_left_out_with_a_reason(monkeypatch: pytest.M
 def test_whoever_falls_back_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures of cpu are none of gl."""
     fallen = Engine(EngineSettings(backend="gl"), "cpu", "gl failed: the GPU is lost")
-    monkeypatch.setattr("services.bench.contestants.open_engine", lambda _: fallen)
+    monkeypatch.setattr("bench.contestants.open_engine", lambda _: fallen)
     contestants = Contestants([Name.GL])
     contestants.enter(Scene(Setup(320, 240, 4)))
     contestants.drop_fallen()
@@ -218,7 +218,7 @@ def test_the_command_writes_what_it_measured(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_written_is_found_out_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    monkeypatch.setattr("services.bench.__main__.this_machine", lambda: pytest.fail("measured"))
+    monkeypatch.setattr("bench.__main__.this_machine", lambda: pytest.fail("measured"))
     result = CliRunner().invoke(app, ["table1", "--json", str(tmp_path / name)])
     assert result.exit_code == 2, result.output
     assert "--json" in result.output

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from services.bench import accuracy, command, table2, takes
-from services.bench.__main__ import app
-from services.bench.command import Run
-from services.bench.hardship import trimaps_of
+from bench import accuracy, command, table2, takes
+from bench.__main__ import app
+from bench.command import Run
+from bench.hardship import trimaps_of
 from services.mocap.body.actor import Actor
 from services.mocap.errors import UserError
 from services.mocap.synth.take import write_synthetic_take
@@ -203,7 +203,7 @@ def test_the_commands_own_sentence_comes_through(tmp_path: Path) -> None:
 
 
 def test_the_help_names_both_tables() -> None:
-    done = subprocess.run([sys.executable, "-m", "services.bench", "--help"], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "bench", "--help"], capture_output=True, text=True)
     assert done.returncode == 0
     assert "table2" in done.stdout
     assert "accuracy" in done.stdout

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playback import Playback
 from pythonosc.dispatcher import Dispatcher
 from pythonosc.osc_server import BlockingOSCUDPServer
 from test_humanoid import places_of
 
+from playback import Playback
 from services.bridge.__main__ import address_of
 from services.bridge.humanoid import BONES, Bone
 from services.mocap.body.actor import Actor, build_body

@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from rich.console import Console
+
 from board_stage import (
     Scene,
     centres_apart_m,
@@ -17,8 +19,6 @@ from board_stage import (
     write_clips,
     write_pictures,
 )
-from rich.console import Console
-
 from services.commands.calibrate.board import COVERAGE, RECORD, calibrate_by_board, draw_board
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.detection import Detector

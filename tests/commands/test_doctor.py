@@ -4,9 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from machines import MESA
 from typer.testing import CliRunner
 
+from machines import MESA
 from services import cli
 from services.commands import doctor
 from services.commands.doctor import Check, State, opengl_checks

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from characters import bind_pose, write_skinned_glb
 
+from characters import bind_pose, write_skinned_glb
 from services.mocap.body.actor import MESH_FILE, Actor
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR, SETTINGS

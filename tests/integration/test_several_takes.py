@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 from busy import BUSY
 
+from bench.soak.latency import Stopwatch
 from services.mocap.body.actor import Actor
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_settings
 from services.runs.launcher import Launcher, free_endpoint
-from services.soak.latency import Stopwatch
 
 pytestmark = pytest.mark.timeout(560)
 

@@ -13,8 +13,8 @@ from urllib.request import urlopen
 
 import pytest
 
+from bench.soak.latency import Stopwatch
 from services.runs.launcher import Launcher, free_endpoint
-from services.soak.latency import Stopwatch
 
 pytestmark = pytest.mark.timeout(280)
 Command = Callable[..., "subprocess.CompletedProcess[str]"]

@@ -4,9 +4,9 @@ import math
 from typing import Any
 
 import zmq
-from field_docstrings import docstrings_of
 from wire_model import field_schema
 
+from field_docstrings import docstrings_of
 from proto import framing, link, sockets
 from proto.messages import MESSAGES, Message, arrays_of
 from proto.streams import STREAMS

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playback import Playback
 from playwright.sync_api import Browser
 
-from services.bench.chromium import chromium_path, open_chromium
+from bench.chromium import chromium_path, open_chromium
+from playback import Playback
 from services.mocap.body.actor import Actor
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor

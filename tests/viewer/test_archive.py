@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playback import RUN, Playback
 
+from playback import RUN, Playback
 from proto.messages import PoseRequest, TakeInfo
 from services.mocap.result.layout import journal_of
 from services.mocap.search.settings import SearchSettings

@@ -10,9 +10,9 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
-from playback import Playback
 from playwright.sync_api import Browser, Page, Request, ViewportSize
 
+from playback import Playback
 from services.mocap.take.folder import Take
 from services.mocap.types import Bytes
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from playback import Playback
 
+from playback import Playback
 from proto.messages import PoseRequest, SilhouettesRequest
 from services.mocap.result.layout import journal_of
 from services.mocap.take.folder import Take

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from board_stage import (
     centres_apart_m,
     picture,
@@ -13,7 +14,6 @@ from board_stage import (
     turn_of,
     with_fisheye,
 )
-
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.detection import Detector
 from services.mocap.calibration.mirroring import flipped

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from machines import MESA
 
+from machines import MESA
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cost import Cost

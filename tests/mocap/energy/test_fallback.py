@@ -7,8 +7,8 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
-from machines import MESA
 
+from machines import MESA
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem

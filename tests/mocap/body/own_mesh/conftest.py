@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from characters import PERSON, bind_pose, write_skinned_glb
 
+from characters import PERSON, bind_pose, write_skinned_glb
 from services.mocap.body.actor import Body, build_body
 from services.mocap.body.own_mesh.importing import Imported, import_mesh
 

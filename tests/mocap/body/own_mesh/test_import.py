@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from characters import MIXAMO, PERSON, bind_pose, write_parts_obj, write_skinned_glb
 
+from characters import MIXAMO, PERSON, bind_pose, write_parts_obj, write_skinned_glb
 from services.mocap.body.actor import MESH_FILE, Actor, Body, build_body
 from services.mocap.body.body_mesh import MeshContentError, OwnMesh
 from services.mocap.body.own_mesh import importing

@@ -1,0 +1,308 @@
+"""The command line of the measurements."""
+
+import json
+import os
+import shlex
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias, TypeVar
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from bench import accuracy as accuracies
+from bench import actor_tables, effects
+from bench import actors as actor_fits
+from bench import segmentation as silhouettes
+from bench import table2 as frame_times
+from bench.contestants import Contestants, Name
+from bench.line import Line
+from bench.machine import Machine, this_machine
+from bench.parts import Part, Plan, measured
+from bench.people import Variety
+from bench.problems import Setup
+from bench.table1 import Row, as_table, measure
+from services.mocap.errors import UserError
+from services.mocap.search.settings import Preset
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, help="Measure, beside the paper's numbers.")
+
+
+class Size(StrEnum):
+    """Picture sizes: the paper's, and twice as large."""
+
+    PAPER = "320x240"
+    DOUBLE = "640x480"
+
+
+class Cameras(StrEnum):
+    """Numbers of cameras: the paper's are eight."""
+
+    FOUR = "4"
+    EIGHT = "8"
+    SIXTEEN = "16"
+    ALL = "all"
+
+
+_FILE_COLUMNS = 120
+Found = TypeVar("Found")
+_SEQUENCES = tuple(frame_times.SEQUENCES)
+_COUNTS = [int(count) for count in Cameras if count is not Cameras.ALL]
+
+
+def _writable(path: Path | None) -> Path | None:
+    """Minutes of measuring are not to end at a file that cannot be written."""
+    if path is not None and not path.parent.is_dir():
+        raise typer.BadParameter(f"{path.parent} is not a folder: make it first")
+    if path is not None and (path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK)):
+        raise typer.BadParameter(f"{path} cannot be written: name another file")
+    return path
+
+
+JsonOption: TypeAlias = Annotated[
+    Path | None, typer.Option("--json", callback=_writable, help="Write the figures here as well.")
+]
+TakesArgument: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[TAKE]...",
+        help="Take folders, or basic, dance, walk: made once and kept; by default basic and dance.",
+    ),
+]
+FramesOption: TypeAlias = Annotated[
+    str, typer.Option(help="Only frames A up to but not including B, as A:B.")
+]
+
+
+@app.command()
+def table1(
+    backends: Annotated[
+        list[Name] | None, typer.Option("--backend", help="Whom to measure; may be repeated; else all.")
+    ] = None,
+    sizes: Annotated[
+        list[Size] | None, typer.Option("--size", help="Picture size; may be repeated; else all.")
+    ] = None,
+    cameras: Annotated[
+        list[Cameras] | None, typer.Option("--cameras", help="How many; may be repeated; else all.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Figures are medians over so many turns.")] = 5,
+    json_path: JsonOption = None,
+) -> None:
+    """Energy evaluations per second by window, plain and pre-rendered (the paper's table 1)."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, contestants = this_machine(), Contestants(backends or list(Name))
+    console.print(str(machine), highlight=False)
+    rows: list[Row] = []
+    for setup in _setups(sizes or list(Size), cameras or [Cameras.ALL]):
+        measured: list[Row] = []
+        with console.status(str(setup)) as status:
+            for of_case in measure(contestants, setup, repeats):
+                measured += of_case
+                status.update(f"{setup}: {len({row.case for row in measured})} of 10 rows")
+        console.print(as_table(setup, measured))
+        rows += measured
+    for reason in contestants.reasons:
+        console.print(reason, markup=False)
+    contestants.close()
+    _write_json(json_path, machine, rows)
+
+
+@app.command()
+def table2(
+    takes: TakesArgument = None,
+    frames: FramesOption = ":",
+    all_frames: Annotated[
+        bool, typer.Option("--all-frames", help="Let the slow ways solve all frames, too.")
+    ] = False,
+    ways: Annotated[
+        list[str] | None,
+        typer.Option("--way", help="Only ways whose name holds this, such as default; may be repeated."),
+    ] = None,
+    json_path: JsonOption = None,
+) -> None:
+    """Seconds per frame: plain XOR, the paper's ways and the default (the paper's table 2)."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows = this_machine(), list[frame_times.Row]()
+    console.print(str(machine), highlight=False)
+    chosen = [way for way in frame_times.WAYS if not ways or any(part in way.name for part in ways)]
+    for take in takes or list(_SEQUENCES):
+        with console.status(take) as status:
+            for found in _going_on(frame_times.measure(take, frames, chosen, all_frames), take, console):
+                if isinstance(found, str):
+                    console.print(found, markup=False, soft_wrap=True)
+                else:
+                    rows.append(found)
+                    status.update(f"{take}: {found.way} took {found.seconds_per_frame:.3f} s per frame")
+    _finish(console, frame_times.as_tables(rows), json_path, machine, rows)
+
+
+@app.command()
+def accuracy(
+    takes: TakesArgument = None,
+    frames: FramesOption = ":",
+    noise: Annotated[
+        bool, typer.Option("--noise", help="Also with half of the cameras, and with bad silhouettes.")
+    ] = False,
+    workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 4,
+    options: Annotated[
+        str, typer.Option("--track", help="Further options of xormocap track, such as '--set max_passes=5'.")
+    ] = "",
+    json_path: JsonOption = None,
+) -> None:
+    """Joint errors, overlap of silhouettes, lost limbs and marks of tracked takes."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows, words = this_machine(), list[accuracies.Row](), tuple(shlex.split(options))
+    console.print(str(machine), highlight=False)
+    for take in takes or list(_SEQUENCES):
+        with console.status(take) as status:
+            for row in _going_on(accuracies.measure(take, frames, workers, words, noise), take, console):
+                rows.append(row)
+                status.update(f"{take}: {row.variant}: done")
+    _finish(console, [accuracies.as_table(rows, workers)], json_path, machine, rows)
+
+
+@app.command("settings")
+def settings_command(
+    takes: TakesArgument = None,
+    frames: FramesOption = "0:100",
+    search: Annotated[Preset | None, typer.Option(help="Only settings of this search.")] = None,
+    json_path: JsonOption = None,
+) -> None:
+    """What each setting of the search does to speed and joint errors."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows = this_machine(), list[effects.Row]()
+    console.print(str(machine), highlight=False)
+    for take in takes or list(_SEQUENCES):
+        with console.status(take) as status:
+            chosen = [search] if search else list(effects.CHANGES)
+            for found in _going_on(effects.measure(take, frames, chosen), take, console):
+                if isinstance(found, str):
+                    console.print(found, markup=False, soft_wrap=True)
+                else:
+                    rows.append(found)
+                    status.update(f"{take}: {found.search} {found.change}: {found.ms_per_frame:.1f} ms")
+    _finish(console, [effects.as_table(rows)], json_path, machine, rows)
+
+
+@app.command()
+def actors(
+    people: Annotated[
+        int, typer.Option(min=1, max=1000, help="How many random people of each variety.")
+    ] = 20,
+    varieties: Annotated[
+        list[Variety] | None,
+        typer.Option("--variety", help="How much they differ; may be repeated; else as adults do."),
+    ] = None,
+    frames: Annotated[int, typer.Option(min=1, max=100, help="Frames that each fit looks at.")] = 10,
+    later: Annotated[
+        int,
+        typer.Option(
+            min=0, max=400, help="Frames of a motion after them, tracked to refine the fit; 0: none."
+        ),
+    ] = 90,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, other people.")] = 0,
+    json_path: JsonOption = None,
+) -> None:
+    """Height, bones and heading of random people, fitted to noisy silhouettes as xormocap fit does."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows = this_machine(), list[actor_fits.Row]()
+    console.print(str(machine), highlight=False)
+    for variety in varieties or [Variety.POPULATION]:
+        with console.status(f"{variety}: 0 of {people} people") as status:
+            for row in actor_fits.measure(actor_fits.Trial(variety, frames, later, seed), range(people)):
+                rows.append(row)
+                status.update(f"{variety}: {row.number + 1} of {people} people")
+    _finish(console, actor_tables.as_tables(rows), json_path, machine, rows)
+
+
+@app.command()
+def segmentation(
+    takes: TakesArgument = None,
+    segmenters: Annotated[
+        list[str] | None,
+        typer.Option("--segmenter", help="One of those to compare; may be repeated; else the usual ones."),
+    ] = None,
+    every: Annotated[int, typer.Option(min=1, help="Of how many frames one is compared.")] = 1,
+    json_path: JsonOption = None,
+) -> None:
+    """How good silhouettes are against exact ones, and what they cost, of takes with clean plates."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows = this_machine(), list[silhouettes.Row]()
+    console.print(str(machine), highlight=False)
+    for take in takes or list(_SEQUENCES):
+        with console.status(take) as status:
+            chosen = segmenters or silhouettes.SEGMENTERS
+            for row in _going_on(silhouettes.measure(take, chosen, every), take, console):
+                rows.append(row)
+                status.update(f"{take}: {row.segmenter}: done")
+    _finish(console, [silhouettes.as_table(rows)], json_path, machine, rows)
+
+
+@app.command()
+def page(
+    take: Annotated[str, typer.Argument(metavar="[TAKE]", help="A take's folder, or a motion.")] = "basic",
+    parts: Annotated[
+        list[Part] | None,
+        typer.Option("--part", help="What to measure; may be repeated; else all. Cost takes 8 minutes."),
+    ] = None,
+    rounds: Annotated[int, typer.Option(min=1, help="How often every way of the cost is gone.")] = 5,
+    rate: Annotated[float, typer.Option(min=1.0, help="Of the slow browser's line, KB/s.")] = 125.0,
+    latency: Annotated[float, typer.Option(min=0.0, help="Of that line, one way, milliseconds.")] = 50.0,
+    seconds: Annotated[float, typer.Option(min=10.0, help="How long the slow browser looks.")] = 60.0,
+    screenshot: Annotated[
+        Path | None, typer.Option(callback=_writable, help="Write the first view here, as PNG.")
+    ] = None,
+    json_path: JsonOption = None,
+) -> None:
+    """The page: how soon it is there, how late behind a slow line, and what watching costs tracking."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, rows, tables = this_machine(), list[Any](), list[Table]()
+    console.print(str(machine), highlight=False)
+    plan = Plan(take, Line(1e3 * rate, 1e-3 * latency), seconds, rounds, screenshot)
+    with console.status("the page") as status:
+        for part in parts or list(Part):
+            for table, found in _going_on(measured(part, plan, status.update), f"{take}, {part}", console):
+                tables.append(table)
+                rows += found
+    _finish(console, tables, json_path, machine, rows)
+
+
+def _going_on(measured: Iterator[Found], take: str, console: Console) -> Iterator[Found]:
+    """What is measured on a take; an error of the user's is said, and ends this take only."""
+    try:
+        yield from measured
+    except UserError as error:
+        console.print(f"{take}: is left out: {error}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _finish(
+    console: Console, tables: list[Table], path: Path | None, machine: Machine, rows: Sequence[Any]
+) -> None:
+    """Show and write what was measured; ends with 1 where that is nothing."""
+    if not rows:
+        raise typer.Exit(1)
+    for table in tables:
+        console.print(table)
+    _write_json(path, machine, rows)
+
+
+def _write_json(path: Path | None, machine: Machine, rows: Sequence[Any]) -> None:
+    if path is not None:
+        content = {"machine": asdict(machine), "rows": [asdict(row) for row in rows]}
+        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def _setups(sizes: list[Size], cameras: list[Cameras]) -> list[Setup]:
+    """Smaller pictures first, fewer cameras first."""
+    counts = _COUNTS if Cameras.ALL in cameras else sorted({int(count) for count in cameras})
+    return [Setup.of(size, count) for size in Size if size in sizes for count in counts]
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # unwinds, so that what is being tracked ends too
+    app()
