@@ -13,7 +13,7 @@ from proto.keys import ClientKeys
 from proto.link import Line
 from proto.messages import Blob, BlobRequest, Message, TakeInfo
 from proto.sockets import receive, send, wait
-from services.contents import Contents
+from services.blob_store import BlobStore
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 
@@ -37,7 +37,7 @@ class Follower(ABC):
         """The take that is tracked."""
         self.heard_s = 0.0
         """When a message came last (time.monotonic)."""
-        self._contents: Contents | None = None
+        self._contents: BlobStore | None = None
         """Its content, as long as some of it is missing."""
 
     @abstractmethod
@@ -81,7 +81,7 @@ class Follower(ABC):
         if isinstance(message, TakeInfo):
             if message != self.info:
                 log.info("take %s, frames %d to %d", message.take, message.first_frame, message.end_frame - 1)
-                self.info, self._contents, self._asked_s = message, Contents(message), 0.0
+                self.info, self._contents, self._asked_s = message, BlobStore(message), 0.0
                 self.begin(message)
         elif isinstance(message, Blob):
             self._add(message)

@@ -26,7 +26,7 @@ from services.mocap.errors import UserError, validated
 from services.mocap.motion.settings import OutputSettings, Smoother
 from services.mocap.search.overrides import as_assignments
 from services.mocap.search.settings import Preset, SearchSettings
-from services.niceness import give_way as give_way
+from services.process_priority import give_way as give_way
 
 PARENT_VARIABLE = "XORMOCAP_PARENT"
 """Process id of a launcher; a service whose parent is no longer that one stops, so that none is orphaned."""

@@ -9,7 +9,7 @@ from urllib.request import urlopen
 import pytest
 from prometheus_client import REGISTRY, Counter
 
-from bench.soak.specimens import specimens
+from bench.soak.sample_messages import specimens
 from proto.framing import decode
 from proto.messages import Telemetry
 from services.metrics import offering

@@ -12,8 +12,8 @@ from rich.table import Table
 from services.commands.consoles import stderr, stdout
 from services.commands.take_outlines import outlines_of
 from services.mocap.atomic import atomic_file
-from services.mocap.calibration.steps import InStep, find_offsets
-from services.mocap.calibration.tangents import touches_of
+from services.mocap.calibration.epipolar_tangents import touches_of
+from services.mocap.calibration.time_offsets import TimeOffsets, find_offsets
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.folder import Take, open_take
@@ -60,7 +60,7 @@ def sync(
         _write(opened, found)
 
 
-def _write(take: Take, found: InStep) -> None:
+def _write(take: Take, found: TimeOffsets) -> None:
     """Put whole frames into take.toml, and the number of frames that all cameras hold then."""
     whole = np.rint(found.offsets).astype(int)
     whole -= whole.min()
@@ -90,7 +90,7 @@ def _held(take: Take) -> list[int]:
     ]
 
 
-def _table(take: Take, found: InStep) -> Table:
+def _table(take: Take, found: TimeOffsets) -> Table:
     table = Table("camera", box=None, header_style="bold")
     for column in ("ahead, frames", "confidence", "off now, px", "off then, px"):
         table.add_column(column, justify="right")

@@ -6,7 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from services.mocap.calibration.tangents import Outline, outline_of
+from services.mocap.calibration.epipolar_tangents import Outline, outline_of
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import in_common_size

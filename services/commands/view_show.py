@@ -13,8 +13,8 @@ from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.source import Segmenter
 from services.viewer.finished import FinishedFrames
+from services.viewer.frame_history import FrameHistory
 from services.viewer.pictures import TakePictures
-from services.viewer.reel import Reel
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 
@@ -26,23 +26,23 @@ def finished_show(folder: Path, take: Path | None) -> Show:
     """
     result = load_result(folder)
     opened, remark = _take_of(result, take)
-    name, fps, reel, body = result.motion.name, result.fps, _reel(result), result.motion.body
+    name, fps, history, body = result.motion.name, result.fps, _reel(result), result.motion.body
     if opened is None:
-        return Show(name, fps, reel, body, None, (), None, is_live=False, remark=remark)
+        return Show(name, fps, history, body, None, (), None, is_live=False, remark=remark)
     rig = Rig.of(opened.cameras)
     artist = TileArtist(body, rig, TakePictures(opened, _segmentation(opened)))
     names = tuple(camera.name for camera in opened.cameras)
-    return Show(name, fps, reel, body, rig, names, artist, is_live=False)
+    return Show(name, fps, history, body, rig, names, artist, is_live=False)
 
 
-def _reel(result: Result) -> Reel:
+def _reel(result: Result) -> FrameHistory:
     finished = FinishedFrames(result)
-    reel = Reel(finished.frames, capacity=len(finished.frames))
-    for shot in map(finished.shot, finished.frames):
-        if shot is not None:
-            reel.put(shot)
-    reel.is_over = True
-    return reel
+    history = FrameHistory(finished.frames, capacity=len(finished.frames))
+    for solved in map(finished.solved, finished.frames):
+        if solved is not None:
+            history.put(solved)
+    history.is_over = True
+    return history
 
 
 def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:

@@ -8,18 +8,18 @@ from typing import Literal
 
 from proto.auth import Admission
 from proto.messages import Recording, TakeEnd, Telemetry
-from services.coordinator.absence import without_weight
+from services.coordinator.absent_cameras import without_weight
+from services.coordinator.first_frame import FirstFrame, model_of, solve_first_frame, told_actor
 from services.coordinator.incoming import Frame, Incoming, RecordedFrames
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.live_frames import LiveFrames
 from services.coordinator.metrics import Gauges, note_pose
-from services.coordinator.opening import Opening, model_of, solve_opening, told_actor
+from services.coordinator.outgoing_messages import OutgoingMessages
 from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import LostFramesError, Switchboard
 from services.coordinator.tracker import Tracker
 from services.coordinator.unsure import UnsureParts
-from services.coordinator.wording import Wording
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
@@ -60,7 +60,7 @@ class Session:
         self._plan, self._engine, self._stop = plan, engine, stop
         self._rig, self._plan_name = Rig.of(plan.take.cameras), plan.name
         self._camera_names = [camera.name for camera in plan.take.cameras]
-        self._wording = Wording(plan, self._plan_name, self._rig, engine)
+        self._outgoing = OutgoingMessages(plan, self._plan_name, self._rig, engine)
         self._incoming = _incoming(plan, self._rig)
         self._is_live = isinstance(plan.take, LiveTake)
         self._board = Switchboard(
@@ -77,10 +77,10 @@ class Session:
         self._unsure: UnsureParts | None = None
         self._gauges, self._overhead = Gauges(), Overhead()
         self._board.telemetry = self._telemetry
-        about(take=self._wording.take)
+        about(take=self._outgoing.take)
 
     def _telemetry(self) -> Telemetry:
-        told = self._wording.telemetry(self._stage, self._solved_end, self._board, self._incoming)
+        told = self._outgoing.telemetry(self._stage, self._solved_end, self._board, self._incoming)
         self._gauges.latest = told
         return told
 
@@ -94,9 +94,9 @@ class Session:
         nothing is said, since a coordinator that takes this one's place may still do better.
         """
         held = self._await_clients(workers, recorders, timeout_s)
-        self._wording.run = held.run if held else secrets.token_hex(16)
+        self._outgoing.run = held.run if held else secrets.token_hex(16)
         self._solved_end = held.end_frame if held else self._plan.frames.start
-        self._board.begin(self._wording.run, self._solved_end, recorders)
+        self._board.begin(self._outgoing.run, self._solved_end, recorders)
         try:
             self._track(held)
         except UserError:
@@ -115,7 +115,7 @@ class Session:
         board = self._board
         self._recorders = recorders
         self._wait_until(lambda: board.n_recorders >= recorders, timeout_s)
-        held = board.recording(self._wording.take, self._plan_name)
+        held = board.recording(self._outgoing.take, self._plan_name)
         usable = held is not None and held.memory and (self._plan.actor is not None or held.actor.size)
         patience_s = _RETURN_S if usable else timeout_s
         self._wait_until(lambda: board.dispatcher.n_workers >= workers, patience_s)
@@ -137,9 +137,9 @@ class Session:
         about(frame=None)
         if self._unsure is not None:
             self._unsure.conclude()
-        run, first = self._wording.run, self._plan.frames.start
+        run, first = self._outgoing.run, self._plan.frames.start
         end = TakeEnd(
-            take=self._wording.take,
+            take=self._outgoing.take,
             run=run,
             first_frame=first,
             end_frame=self._solved_end,
@@ -165,7 +165,7 @@ class Session:
         if self._is_live:
             self._rehearse()
         self._stage = "first frame" if held is None else "tracking"
-        self._incoming.begin(self._wording.run, self._solved_end)
+        self._incoming.begin(self._outgoing.run, self._solved_end)
         tracker = self._open() if held is None else self._go_on(held)
         if tracker is None:
             return
@@ -207,8 +207,8 @@ class Session:
             return tracker
         return None
 
-    def _opening(self, first: Frame) -> Opening:
-        return solve_opening(
+    def _opening(self, first: Frame) -> FirstFrame:
+        return solve_first_frame(
             first.seen,
             self._rig,
             self._plan.actor,
@@ -243,7 +243,7 @@ class Session:
         """What follows the actor; tells recorders and viewers about the take."""
         self._limbs = self._pool(model, actor)
         self._unsure = UnsureParts(model, self._camera_names)
-        self._board.announce(self._wording.take_info(actor, self._shards))
+        self._board.announce(self._outgoing.take_info(actor, self._shards))
         return Tracker(model, self._plan.settings, self._limbs, poses)
 
     def _hints(self) -> TakeSettings:
@@ -284,10 +284,10 @@ class Session:
 
     def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
         """The workers, told what they need to know of an actor."""
-        for blob in self._wording.contents(actor):
+        for blob in self._outgoing.contents(actor):
             self._board.offer(blob)
         dispatcher, pump = self._board.dispatcher, self._board.pump
-        ids = (self._wording.take, self._wording.run, actor.content_hash)
+        ids = (self._outgoing.take, self._outgoing.run, actor.content_hash)
         limbs = RemoteLimbs(model, *ids, dispatcher, pump, self._shards, self._overhead)
         limbs.frame = self._plan.frames.start
         return limbs
@@ -297,10 +297,10 @@ class Session:
         whole_s, self._published_s = now - self._published_s, now
         memory, dispatcher = tracker.memory() | self._incoming.memory(), self._board.dispatcher
         latency_s = self._incoming.note_latency(frame)
-        pose = self._wording.pose(number, frame, solution, dispatcher, whole_s, memory, latency_s)
+        pose = self._outgoing.pose(number, frame, solution, dispatcher, whole_s, memory, latency_s)
         self._board.publish(pose)
         if frame.shutter_s is not None:  # recorded ones are kept as they come
-            self._board.keep(self._wording.silhouettes(number, frame))
+            self._board.keep(self._outgoing.silhouettes(number, frame))
         if self._unsure is not None and not tracker.is_lost:
             self._unsure.note(frame.seen, solution.pose)
         note_pose(pose)

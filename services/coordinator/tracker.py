@@ -3,17 +3,17 @@
 import logging
 from collections.abc import Collection, Mapping
 
-from services.coordinator.absence import without_cameras, without_weight
+from services.coordinator.absent_cameras import without_cameras, without_weight
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
-from services.mocap.search.doubt import Trust
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import extrapolated, solve_frame
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
+from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.marks import PARTS
@@ -35,7 +35,7 @@ class Tracker:
     def __init__(self, model: Model, settings: SearchSettings, limbs: LimbPool, poses: Floats) -> None:
         """poses: (N, 35) the first one, or else the last two of a tracker that this one goes on from."""
         self._model, self._settings, self._limbs = model, settings, limbs
-        self._trust = Trust(model.rig, settings.doubt_px)
+        self._trust = PartConfidence(model.rig, settings.doubt_px)
         self._poses: list[Floats] = list(poses)
         self._lost_frames = self._tries = self._wait = 0
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from proto.messages import PROTOCOL_VERSION, Pose, TakeInfo
 from services.mocap.body.actor import Actor
-from services.mocap.export.report import joint_errors
+from services.mocap.export.joint_accuracy import joint_errors
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import ANGLES, BVH, C3D, GLB, JOINTS, POSES_SMOOTH, TRC
 from services.mocap.take.folder import Take

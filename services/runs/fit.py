@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 
-from services.coordinator.opening import Opening, first_guess
+from services.coordinator.first_frame import FirstFrame, first_guess
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.measures import Measure, measure
@@ -185,7 +185,7 @@ def guess_first_pose(
     search: SearchSettings,
     mesh: OwnMesh | None = None,
     names: Sequence[str] = (),
-) -> Opening:
+) -> FirstFrame:
     """The generic body or the mesh, and its pose in the first frame, of which is seen so much (P, H, W).
 
     names: of the cameras. The model's backend is closed. Raises TakeError where nobody can be so tall.

@@ -13,9 +13,9 @@ from proto.streams import DEFAULT_ENDPOINT
 from services.mocap.take.live import open_source
 from services.process import KeysOption, MetricsOption, StopRequest, give_way, keys_of_client, run_service
 from services.viewer.address import DEFAULT_ADDRESS, Address, TokenOption, token_of
-from services.viewer.doors import open_doors
 from services.viewer.listener import Listener
 from services.viewer.metrics import watch_browsers
+from services.viewer.page_access import open_page
 
 _LOOK_S = 0.1
 _REST_S = 0.25
@@ -36,7 +36,7 @@ def serve(
 ) -> None:
     """Show what a coordinator tracks until a stop is asked for; give way to tracking once it was seen."""
     folder = None if take is None else open_source(take)
-    with open_doors(address, token) as (server, url):
+    with open_page(address, token) as (server, url):
         watch_browsers(lambda: server.n_browsers)
         listener = Listener(endpoint, keys, folder, server.show, results)
         preparing: threading.Thread | None = None

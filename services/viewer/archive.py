@@ -14,9 +14,9 @@ from services.mocap.result.layout import journal_of
 from services.mocap.take.journal import Record
 from services.mocap.take.journal_index import JournalIndex
 from services.mocap.take.marks import PARTS
-from services.viewer.asking import Asking
 from services.viewer.finished import FinishedTake
-from services.viewer.reel import STAGES, Shot
+from services.viewer.frame_history import STAGES, SolvedFrame
+from services.viewer.retry_requests import RetryRequests
 
 CHUNK_FRAMES = 64
 """Poses that the coordinator sends at one request, at most."""
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 
 class Archive:
-    """See reel.Older. For any thread."""
+    """See history.Older. For any thread."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Archive:
     ) -> None:
         """results: where the recorder's results will be, as this host sees it; None: it does not.
 
-        ask: asks the coordinator, whose answers go to the reel. heard_s: when that was heard last.
+        ask: asks the coordinator, whose answers go to the history. heard_s: when that was heard last.
         """
         self.is_over = False
         """Whether the take is over: only then results may be those of this run."""
@@ -45,9 +45,9 @@ class Archive:
         self._finished = FinishedTake(results, info.take)
         self._journal = None if results is None else JournalIndex(journal_of(results), info.run, frames)
         self._problem = "this viewer was not told where the results go (--results)" if results is None else ""
-        self._asking = Asking()
+        self._requests = RetryRequests()
 
-    def shot(self, frame: int) -> Shot | None:
+    def solved(self, frame: int) -> SolvedFrame | None:
         """A frame that is on disk."""
         if self._journal is None:
             return None
@@ -57,7 +57,7 @@ class Archive:
             return None if record is None else shot_of(_pose(record))
         except FileNotFoundError:  # not yet, or no longer, since all is among the results
             self._problem = f"there is no journal at {self._journal.path}"
-            return self._finished.shot(frame) if self.is_over else None
+            return self._finished.solved(frame) if self.is_over else None
         except (OSError, TakeError) as problem:
             self._problem = f"the recorder's journal cannot be read: {problem}"
         except (KeyError, TypeError, ValidationError):
@@ -66,13 +66,13 @@ class Archive:
 
     def ask(self, frame: int) -> None:
         """Have the coordinator send a frame and those that follow it, if it may have them."""
-        if self._asking.asks(range(frame, frame + 1), time.monotonic(), self._heard_s()):
+        if self._requests.asks(range(frame, frame + 1), time.monotonic(), self._heard_s()):
             end = frame + CHUNK_FRAMES
             self._ask(PoseRequest(run=self._run, first_frame=frame, end_frame=end))
 
     def why_missing(self, frame: int) -> str:
         """Why a frame is not here, as the end of a sentence."""
-        if frame >= self._asking.gone_end:
+        if frame >= self._requests.gone_end:
             return "was asked for"
         return f"has left this viewer's memory and the coordinator's, and {self._problem}"
 
@@ -82,9 +82,9 @@ def _pose(record: Record) -> Pose:
     return Pose.model_validate(record.fields | arrays)
 
 
-def shot_of(message: Pose) -> Shot:
+def shot_of(message: Pose) -> SolvedFrame:
     """A frame as it was published."""
-    return Shot(
+    return SolvedFrame(
         frame=message.frame,
         time_s=message.time_s,
         pose=message.pose,

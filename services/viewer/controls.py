@@ -42,10 +42,10 @@ class Controls:
 
     def __init__(self, gui: viser.GuiApi, show: Show) -> None:
         self.show = show
-        frames = show.reel.extent
-        newest = show.reel.newest
+        frames = show.history.extent
+        newest = show.history.newest
         at = newest if show.is_live and newest is not None else frames.start
-        self.player = Player(show.reel, show.fps, at, is_live=show.is_live, is_playing=not show.is_live)
+        self.player = Player(show.history, show.fps, at, is_live=show.is_live, is_playing=not show.is_live)
         self.version = 0
         """Grows with everything that a user does."""
         self._mail: queue.SimpleQueue[Action] = queue.SimpleQueue()
@@ -59,8 +59,8 @@ class Controls:
         self._legend = gui.add_html(legend(_SIDES))
 
     def _newest(self) -> int:
-        newest = self.show.reel.newest
-        return self.show.reel.frames.start if newest is None else newest
+        newest = self.show.history.newest
+        return self.show.history.frames.start if newest is None else newest
 
     def _on_update(self, handle: Any, act: Callable[[Any], None]) -> None:
         """Act on what a user does with a widget; not on what the page itself sets."""
@@ -134,7 +134,7 @@ class Controls:
 
     def follow(self, frame: int) -> None:
         """Let the widgets say what is shown."""
-        last = self.show.reel.extent[-1]
+        last = self.show.history.extent[-1]
         if last > self._slider.max:
             self._slider.max = last
         self._slider.value = frame

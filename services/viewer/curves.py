@@ -12,7 +12,7 @@ import viser.uplot
 
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats, Ints
-from services.viewer.reel import STAGES, Reel, Stretch
+from services.viewer.frame_history import STAGES, FrameHistory, Stretch
 
 SPAN_FRAMES = 300
 """Frames that the curves show, of which those up to the one that is shown are shaded."""
@@ -35,10 +35,10 @@ class _Chart:
 
 
 class Curves:
-    """Charts of a reel; each sent anew as a whole, so not to be drawn too often."""
+    """Charts of a history; each sent anew as a whole, so not to be drawn too often."""
 
-    def __init__(self, gui: viser.GuiApi, reel: Reel) -> None:
-        self._reel = reel
+    def __init__(self, gui: viser.GuiApi, history: FrameHistory) -> None:
+        self._history = history
         parts = [_words(part) for part in PARTS]
         known: tuple[tuple[_Chart, Callable[[Stretch], Floats]], ...] = (
             (self._chart(gui, "Energy (differing pixels)", ("energy",)), lambda k: k.energy_px[:, None]),
@@ -98,8 +98,8 @@ class Curves:
         return False
 
     def _draw(self, chart: _Chart, values_of: Callable[[Stretch], Floats], frame: int) -> bool:
-        start = max(self._reel.frames.start, frame - SPAN_FRAMES + 1)
-        known = self._reel.stretch(start, start + SPAN_FRAMES)
+        start = max(self._history.frames.start, frame - SPAN_FRAMES + 1)
+        known = self._history.stretch(start, start + SPAN_FRAMES)
         return len(known.frames) > 1 and self._fill(chart, known.frames, frame, values_of(known))
 
     def note_lag(self, frame: int, behind_s: float) -> None:

@@ -13,7 +13,7 @@ from services.mocap.result.result import Result, load_result
 from services.mocap.result.timings import read_timings_csv
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
-from services.viewer.reel import STAGES, Shot
+from services.viewer.frame_history import STAGES, SolvedFrame
 
 log = logging.getLogger(__name__)
 
@@ -30,12 +30,12 @@ class FinishedFrames:
         self._part_px = _part_px(result)
         self._seconds = np.column_stack([seconds_of.get(stage, unknown) for stage in STAGES])
 
-    def shot(self, frame: int) -> Shot | None:
+    def solved(self, frame: int) -> SolvedFrame | None:
         """A frame; None for one that was not tracked."""
         if frame not in self.frames:
             return None
         row, tracked = frame - self.frames.start, self._result.tracked
-        return Shot(
+        return SolvedFrame(
             frame=frame,
             time_s=float(tracked.times_s[row]),
             pose=tracked.poses[row],
@@ -66,12 +66,12 @@ class FinishedTake:
         self._read_ns = 0
         """When those were written that were looked at last."""
 
-    def shot(self, frame: int) -> Shot | None:
+    def solved(self, frame: int) -> SolvedFrame | None:
         """A frame; None as long as there are no results, or if they are another take's."""
         if self._frames is None and self._folder is not None:
             with contextlib.suppress(FileNotFoundError):
                 self._read(self._folder, (self._folder / RUN_JSON).stat().st_mtime_ns)
-        return None if self._frames is None else self._frames.shot(frame)
+        return None if self._frames is None else self._frames.solved(frame)
 
     def _read(self, folder: Path, written_ns: int) -> None:
         """Read results, but the same ones only once."""

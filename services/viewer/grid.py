@@ -5,9 +5,9 @@ from dataclasses import replace
 import viser
 
 from services.viewer.controls import Controls
+from services.viewer.frame_history import SolvedFrame
 from services.viewer.markup import camera_grid, notice
-from services.viewer.reel import Shot
-from services.viewer.rhythm import Connection, Rhythm
+from services.viewer.send_pacing import Connection, SendPacing
 from services.viewer.show import Show
 from services.viewer.tiles import Look
 
@@ -22,8 +22,8 @@ _ANSWER_S = 0.25
 class CameraGrid:
     """One browser's; `draw` sends it, in the thread of its page."""
 
-    def __init__(self, gui: viser.GuiApi, show: Show, rhythm: Rhythm) -> None:
-        self._show, self.rhythm = show, rhythm
+    def __init__(self, gui: viser.GuiApi, show: Show, pacing: SendPacing) -> None:
+        self._show, self.pacing = show, pacing
         self.connection = Connection()
         self.sent_bytes = 0
         """Of the grid that was sent last."""
@@ -51,38 +51,38 @@ class CameraGrid:
         """The frame that it shows."""
         return None if self._drawn is None else self._drawn[0]
 
-    def is_due(self, shot: Shot, controls: Controls) -> bool:
+    def is_due(self, solved: SolvedFrame, controls: Controls) -> bool:
         """Whether it is to show something else, and its turn has come."""
         look = controls.look
-        stands = self._drawn == (shot.frame, look)
-        is_followed = controls.player.is_live and not self._show.reel.is_over  # another frame comes soon
+        stands = self._drawn == (solved.frame, look)
+        is_followed = controls.player.is_live and not self._show.history.is_over  # another frame comes soon
         if self._show.artist is None or self._html is None:
             return False
         if stands and (self._share == 1.0 or is_followed):
             return False
         is_asked_for = self._drawn is not None and self._told != controls.version
-        return is_asked_for or self.rhythm.is_due()
+        return is_asked_for or self.pacing.is_due()
 
-    def catch_up(self, shot: Shot, controls: Controls) -> None:
+    def catch_up(self, solved: SolvedFrame, controls: Controls) -> None:
         """Decode pictures as far as a frame, so that drawing one that has come by then takes less."""
         if self._show.artist is not None:
-            self._show.artist.catch_up(shot.frame, controls.look)
+            self._show.artist.catch_up(solved.frame, controls.look)
 
-    def draw(self, shot: Shot, controls: Controls) -> bool:
+    def draw(self, solved: SolvedFrame, controls: Controls) -> bool:
         """Send it, if it is due; True when it was."""
         artist, look = self._show.artist, controls.look
-        if artist is None or self._html is None or not self.is_due(shot, controls):
+        if artist is None or self._html is None or not self.is_due(solved, controls):
             return False
-        stands = self._drawn == (shot.frame, look)
+        stands = self._drawn == (solved.frame, look)
         # A frame that stands is shown whole, however long that takes.
         self._share = 1.0 if stands else self._fitting_share()
-        tiles = artist.draw(shot, replace(look, tile_width_px=round(self._share * look.tile_width_px)))
+        tiles = artist.draw(solved, replace(look, tile_width_px=round(self._share * look.tile_width_px)))
         self.sent_bytes = sum(len(tile.jpeg) for tile in tiles)
         self._whole_bytes = round(self.sent_bytes / self._share**2)
         self._html.content = camera_grid(
-            tiles, self._show.camera_names, shot.frame, square=look.part is not None
+            tiles, self._show.camera_names, solved.frame, square=look.part is not None
         )
-        self._drawn, self._told = (shot.frame, look), controls.version
+        self._drawn, self._told = (solved.frame, look), controls.version
         return True
 
     def _fitting_share(self) -> float:

@@ -20,10 +20,10 @@ from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake
 from services.viewer.archive import CHUNK_FRAMES, Archive, shot_of
-from services.viewer.asking import Asking
+from services.viewer.frame_history import RING_FRAMES, FrameHistory
+from services.viewer.live_pictures import LivePictures
 from services.viewer.pictures import TakePictures
-from services.viewer.reel import RING_FRAMES, Reel
-from services.viewer.seen import LivePictures
+from services.viewer.retry_requests import RetryRequests
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 
@@ -52,19 +52,19 @@ class Listener(Follower):
         self._folder, self._present, self._results = folder, present, results
         has_pictures = folder is not None and not isinstance(folder, LiveTake)
         self._folder_pictures = TakePictures(folder, None) if folder is not None and has_pictures else None
-        self._reel: Reel | None = None
+        self._history: FrameHistory | None = None
         self._archive: Archive | None = None
-        self._filling = Asking()
+        self._filling = RetryRequests()
         self._pictures: LivePictures | None = None
 
     def begin(self, info: TakeInfo) -> None:
         """Begin anew."""
         self._pictures = None
-        self._filling = Asking()
+        self._filling = RetryRequests()
         last_end = info.first_frame + _MOST_FRAMES
         frames, is_open = range(info.first_frame, min(info.end_frame, last_end)), info.end_frame > last_end
         self._archive = Archive(info, frames, self._results, self.ask, lambda: self.heard_s)
-        self._reel = Reel(frames, RING_FRAMES, self._archive, is_open=is_open)
+        self._history = FrameHistory(frames, RING_FRAMES, self._archive, is_open=is_open)
 
     def prepare(self) -> None:
         """Do ahead what the first pictures would have to wait for; for a thread of its own.
@@ -82,17 +82,17 @@ class Listener(Follower):
 
     def hear(self, message: Message) -> None:
         """Take in what a page may show."""
-        if isinstance(message, Pose) and self._reel is not None:
-            self._reel.put(replace(shot_of(message), arrived_s=time.monotonic()))
+        if isinstance(message, Pose) and self._history is not None:
+            self._history.put(replace(shot_of(message), arrived_s=time.monotonic()))
         elif isinstance(message, Silhouettes) and self._pictures is not None:
             self._pictures.add(message)
-        elif isinstance(message, TakeEnd) and self._reel is not None and self._archive is not None:
-            self._reel.is_over = self._archive.is_over = True
+        elif isinstance(message, TakeEnd) and self._history is not None and self._archive is not None:
+            self._history.is_over = self._archive.is_over = True
 
     def learn(self, actor: Actor, rig: Rig) -> None:
         """Present the take."""
-        info, reel = self.info, self._reel
-        if info is None or reel is None:
+        info, history = self.info, self._history
+        if info is None or history is None:
             return
         body = build_body(actor)
         folder = self._folder if self._folder is not None and self._fits(self._folder, info) else None
@@ -106,7 +106,7 @@ class Listener(Follower):
         show = Show(
             info.take,
             info.fps,
-            reel,
+            history,
             body,
             rig,
             names,
@@ -125,7 +125,7 @@ class Listener(Follower):
 
     def lacking(self) -> Sequence[Message]:
         """The end of the last gap in the frames, unless the coordinator has nothing so old."""
-        gap = None if self._reel is None else self._reel.last_gap(self._filling.gone_end)
+        gap = None if self._history is None else self._history.last_gap(self._filling.gone_end)
         if gap is None or self.info is None:
             return ()
         wanted = gap[-CHUNK_FRAMES:]

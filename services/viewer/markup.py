@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from services.viewer.reel import Overview
+from services.viewer.frame_history import Overview
 from services.viewer.tiles import Tile
 
 _TIMELINE_HEIGHT = 40

@@ -13,7 +13,7 @@ import viser
 from services.mocap.errors import UserError
 from services.viewer.markup import notice
 from services.viewer.metrics import ANSWER
-from services.viewer.programme import Programme
+from services.viewer.page_session import PageSession
 from services.viewer.show import Show
 
 log = logging.getLogger(__name__)
@@ -28,13 +28,13 @@ class Page:
 
     def __init__(self, client: viser.ClientHandle, current: Callable[[], Show | None]) -> None:
         self._client, self._current = client, current
-        self._programme: Programme | None = None
+        self._session: PageSession | None = None
         self.is_open = True
 
     @property
     def has_shown(self) -> bool:
         """Whether the browser has had the body, pictures where there are any, and curves."""
-        return self._programme is not None and self._programme.has_shown
+        return self._session is not None and self._session.has_shown
 
     def run(self) -> None:
         """Send updates until the browser is gone or the page is closed."""
@@ -45,11 +45,11 @@ class Page:
                 show = self._current()
                 if show is not None and show is not shown:
                     shown = show
-                    self._programme = Programme(self._client, show)
-                if self._programme is not None and self._programme.update():
+                    self._session = PageSession(self._client, show)
+                if self._session is not None and self._session.update():
                     with ANSWER.time():
                         self._await_answer()
-                    self._programme.note_answer()
+                    self._session.note_answer()
         except _Gone:
             log.info("browser %d is gone", self._client.client_id)
         except UserError as error:

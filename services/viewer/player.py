@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from services.viewer.reel import Reel
+from services.viewer.frame_history import FrameHistory
 
 
 @dataclass
 class Player:
     """The state of a page's transport controls."""
 
-    reel: Reel
+    history: FrameHistory
     fps: float
     """Of the recording."""
     frame: int
@@ -24,7 +24,7 @@ class Player:
 
     def advance(self, elapsed_s: float) -> int:
         """Let time go on; returns the frame to show."""
-        newest = self.reel.newest
+        newest = self.history.newest
         if newest is None:
             return self.frame
         if self.is_live:
@@ -39,7 +39,7 @@ class Player:
         """The frame to play: from the start again where a take that is over ends, else held at the newest."""
         if frame <= newest:
             return frame
-        return self.reel.frames.start if self.reel.is_over else newest
+        return self.history.frames.start if self.history.is_over else newest
 
     def seek(self, frame: int) -> None:
         """Show a frame, and stand there or go on playing from there; no longer live."""
@@ -55,7 +55,7 @@ class Player:
 
     def step(self, frames: int) -> None:
         """Stand so many frames later, or earlier."""
-        newest = self.reel.newest
+        newest = self.history.newest
         if newest is not None:
             self.play(False)
-            self.frame = min(max(self.frame + frames, self.reel.frames.start), newest)
+            self.frame = min(max(self.frame + frames, self.history.frames.start), newest)

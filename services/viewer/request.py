@@ -1,4 +1,4 @@
-"""The head of an HTTP request, as far as the gate looks at it."""
+"""The head of an HTTP request, as far as the proxy looks at it."""
 
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie

@@ -11,7 +11,7 @@ from services.mocap.body.skeleton import JOINTS, SEGMENT_JOINT
 from services.mocap.camera.rig import Rig
 from services.mocap.motion.rest import rest_rotations, turns_from_rest
 from services.mocap.types import Floats
-from services.viewer.reel import Reel
+from services.viewer.frame_history import FrameHistory
 from services.viewer.tiles import TileArtist
 
 
@@ -22,7 +22,7 @@ class Show:
     take: str
     fps: float
     """Frames per second of the recording."""
-    reel: Reel
+    history: FrameHistory
     body: Body
     rig: Rig | None
     """None where nobody knows the cameras; then there is only the body."""

@@ -7,10 +7,10 @@ from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import SEGMENT_JOINTS, joint_positions
 from services.mocap.body.skeleton import DOFS, JOINT_INDEX, SEGMENT_JOINT, SEGMENT_NAMES
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
-from services.mocap.search.shares import PART_STAGES
+from services.mocap.search.error_by_part import PART_STAGES
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats, Mask
-from services.viewer.reel import Shot
+from services.viewer.frame_history import SolvedFrame
 from services.viewer.show import SEGMENT_PARENTS, Show, lenses_of, placed_segments
 
 DISTRUSTED_RGB = (214, 69, 69)
@@ -85,15 +85,15 @@ class Stage:
             )  # fmt: skip
         return segments
 
-    def place(self, shot: Shot) -> None:
+    def place(self, solved: SolvedFrame) -> None:
         """Put the body where a frame has it; parts that must not be trusted turn red."""
-        placed, pelvis = placed_segments(self._show.body, shot.pose), self._segments[0]
+        placed, pelvis = placed_segments(self._show.body, solved.pose), self._segments[0]
         for s in _TURNING:
             self._segments[s].wxyz = placed.wxyz[s]
         pelvis.position = placed.root_m
         if not pelvis.visible:  # and with it all others
             pelvis.visible = True
-        red = _distrusted_segments(shot.distrusted)
+        red = _distrusted_segments(solved.distrusted)
         for s in np.flatnonzero(red != self._red).tolist():
             self._segments[s].color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
         self._red = red

@@ -13,11 +13,11 @@ from services.mocap.camera.rig import Rig
 from services.mocap.export.model_painter import ModelPainter
 from services.mocap.export.tiles import Grid, differing_pixels, draw_difference, draw_outline, trimap_picture
 from services.mocap.search.chains import window_origins_px, window_size_px
-from services.mocap.search.shares import PART_STAGES
+from services.mocap.search.error_by_part import PART_STAGES
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats, Trimap
+from services.viewer.frame_history import SolvedFrame
 from services.viewer.pictures import Pictures
-from services.viewer.reel import Shot
 
 Content = Literal["pictures", "silhouettes", "difference"]
 _JPEG = (
@@ -64,12 +64,12 @@ class TileArtist:
         self._lock = threading.Lock()
         self._kept: OrderedDict[tuple[int, Look], tuple[Tile, ...]] = OrderedDict()
 
-    def draw(self, shot: Shot, look: Look) -> tuple[Tile, ...]:
+    def draw(self, solved: SolvedFrame, look: Look) -> tuple[Tile, ...]:
         """The tiles of the cameras that a look names, in its order."""
-        key = shot.frame, look
+        key = solved.frame, look
         with self._lock:
             if key not in self._kept:
-                self._kept[key] = self._draw(shot, look)
+                self._kept[key] = self._draw(solved, look)
                 while len(self._kept) > _KEPT_SHEETS:
                     self._kept.popitem(last=False)
             return self._kept[key]
@@ -89,10 +89,12 @@ class TileArtist:
             trimap = self._pictures.trimap(camera, frame) if picture is None else None
         return _ground(picture, trimap, (height, width))
 
-    def _draw(self, shot: Shot, look: Look) -> tuple[Tile, ...]:
-        masks = self._painter.segment_masks(shot.pose)
-        windows = [_WHOLE] * self._rig.n_cameras if look.part is None else self._windows(shot.pose, look.part)
-        return tuple(self._tile(shot.frame, c, masks[c], windows[c], look) for c in look.cameras)
+    def _draw(self, solved: SolvedFrame, look: Look) -> tuple[Tile, ...]:
+        masks = self._painter.segment_masks(solved.pose)
+        windows = (
+            [_WHOLE] * self._rig.n_cameras if look.part is None else self._windows(solved.pose, look.part)
+        )
+        return tuple(self._tile(solved.frame, c, masks[c], windows[c], look) for c in look.cameras)
 
     def _windows(self, pose: Floats, part: Part) -> list[tuple[slice, slice]]:
         """Rows and columns of each camera's picture in which a part is searched."""

@@ -16,11 +16,11 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import accuracy as accuracies
-from bench import actor_tables, effects
+from bench import actor_tables, settings_sweep
 from bench import actors as actor_fits
 from bench import segmentation as silhouettes
 from bench import table2 as frame_times
-from bench.contestants import Contestants, Name
+from bench.candidates import Candidates, Name
 from bench.line import Line
 from bench.machine import Machine, this_machine
 from bench.parts import Part, Plan, measured
@@ -95,20 +95,20 @@ def table1(
 ) -> None:
     """Energy evaluations per second by window, plain and pre-rendered (the paper's table 1)."""
     console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, contestants = this_machine(), Contestants(backends or list(Name))
+    machine, candidates = this_machine(), Candidates(backends or list(Name))
     console.print(str(machine), highlight=False)
     rows: list[Row] = []
     for setup in _setups(sizes or list(Size), cameras or [Cameras.ALL]):
         measured: list[Row] = []
         with console.status(str(setup)) as status:
-            for of_case in measure(contestants, setup, repeats):
+            for of_case in measure(candidates, setup, repeats):
                 measured += of_case
                 status.update(f"{setup}: {len({row.case for row in measured})} of 10 rows")
         console.print(as_table(setup, measured))
         rows += measured
-    for reason in contestants.reasons:
+    for reason in candidates.reasons:
         console.print(reason, markup=False)
-    contestants.close()
+    candidates.close()
     _write_json(json_path, machine, rows)
 
 
@@ -175,18 +175,18 @@ def settings_command(
 ) -> None:
     """What each setting of the search does to speed and joint errors."""
     console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, rows = this_machine(), list[effects.Row]()
+    machine, rows = this_machine(), list[settings_sweep.Row]()
     console.print(str(machine), highlight=False)
     for take in takes or list(_SEQUENCES):
         with console.status(take) as status:
-            chosen = [search] if search else list(effects.CHANGES)
-            for found in _going_on(effects.measure(take, frames, chosen), take, console):
+            chosen = [search] if search else list(settings_sweep.CHANGES)
+            for found in _going_on(settings_sweep.measure(take, frames, chosen), take, console):
                 if isinstance(found, str):
                     console.print(found, markup=False, soft_wrap=True)
                 else:
                     rows.append(found)
                     status.update(f"{take}: {found.search} {found.change}: {found.ms_per_frame:.1f} ms")
-    _finish(console, [effects.as_table(rows)], json_path, machine, rows)
+    _finish(console, [settings_sweep.as_table(rows)], json_path, machine, rows)
 
 
 @app.command()

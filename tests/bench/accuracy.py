@@ -12,7 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from bench.command import Run, frame_numbers, track
-from bench.hardship import Hardship, Trimaps, trimaps_of, write_harder
+from bench.degradations import Degradation, Trimaps, trimaps_of, write_harder
 from bench.takes import take_folder
 from services.mocap.body.actor import build_body
 from services.mocap.camera.rig import Rig
@@ -58,7 +58,7 @@ class Row:
 
 
 def measure(name: str, frames: str, workers: int, options: tuple[str, ...], harder: bool) -> Iterator[Row]:
-    """Track a take, and what hardships make of it: one row each. Raises UserError.
+    """Track a take, and what degradations make of it: one row each. Raises UserError.
 
     name: a folder or a synthetic motion; frames: A:B; options: further ones of xormocap track. The harder
     ones get the actor of the take as it is.
@@ -71,10 +71,10 @@ def measure(name: str, frames: str, workers: int, options: tuple[str, ...], hard
         trimaps = trimaps_of(take, scratch / "segmented")
         plain = _row(shown, PLAIN, run, overlaps(take, trimaps, run))
         yield plain
-        for k, hardship in enumerate(Hardship if harder else ()):
-            write_harder(scratch / f"take{k}", take, trimaps, run.actor, hardship)
+        for k, degradation in enumerate(Degradation if harder else ()):
+            write_harder(scratch / f"take{k}", take, trimaps, run.actor, degradation)
             hard = track(scratch / f"take{k}", scratch / f"out{k}", frames, workers, options)
-            row = _row(shown, hardship, hard, overlaps(take, trimaps, hard))
+            row = _row(shown, degradation, hard, overlaps(take, trimaps, hard))
             yield replace(row, growth_percent=_growth_percent(plain, row))
 
 

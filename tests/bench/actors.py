@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.acting import MOTIONS, going_on, tracked
+from bench.later_motion import MOTIONS, going_on, tracked
 from bench.people import FPS, Person, Sex, Stance, Variety, somebody
 from services.mocap.body.actor import build_body
 from services.mocap.body.bones import BONES as GENERIC

@@ -13,7 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from websockets.exceptions import WebSocketException  # it comes with viser
 
-from bench.spectator import watch
+from bench.fake_browser import watch
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take, open_take

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from bench.hardship import bitten, with_specks
+from bench.degradations import bitten, with_specks
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.shape_space import INDEX, PARAMETERS, body_of, clip_to_bounds

@@ -16,10 +16,10 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from websockets.exceptions import WebSocketException
 
+from bench.fake_browser import Messages, watch
 from bench.line import Line, SlowProxy
 from bench.looped import looped
 from bench.playback import Playback
-from bench.spectator import Messages, watch
 from services.mocap.errors import UserError
 from services.mocap.take.folder import open_take
 from services.runs.launcher import free_endpoint, free_port, last_line

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from rich.table import Table
 
-from bench.contestants import Contestants
+from bench.candidates import Candidates
 from bench.problems import Case, Scene, Setup
 from bench.rates import median_rates
 
@@ -33,18 +33,18 @@ class Row:
     """The paper's figure on its GeForce3, in table 1."""
 
 
-def measure(contestants: Contestants, setup: Setup, repeats: int) -> Iterator[list[Row]]:
+def measure(candidates: Candidates, setup: Setup, repeats: int) -> Iterator[list[Row]]:
     """Measure the rows of a set-up, case by case."""
     scene = Scene(setup)
-    contestants.enter(scene)
+    candidates.enter(scene)
     for case in scene.cases():
-        runners = contestants.runners(case)
+        runners = candidates.runners(case)
         rates = median_rates(runners, repeats)
-        contestants.drop_fallen()
+        candidates.drop_fallen()
         yield [
             _row(case, setup, runner.backend, runner.batch, rate)
             for runner, rate in zip(runners, rates, strict=True)
-            if runner.backend in contestants.names
+            if runner.backend in candidates.names
         ]
 
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.acting import MOTIONS, going_on
 from bench.actor_tables import as_tables
 from bench.actors import BONES, Found, Row, Trial, measure
+from bench.later_motion import MOTIONS, going_on
 from bench.people import Stance, Variety, somebody
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig

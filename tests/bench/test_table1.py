@@ -12,7 +12,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from bench.__main__ import app
-from bench.contestants import Contestants, Name
+from bench.candidates import Candidates, Name
 from bench.problems import LARGEST_BATCH, Scene, Setup
 from bench.rates import Runner, median_rates, with_best_batch
 from bench.table1 import Row, as_table
@@ -63,8 +63,8 @@ def test_both_methods_differ_by_a_constant() -> None:
 
 
 def test_only_cpu_lod_draws_thinned_meshes() -> None:
-    scene, contestants = Scene(Setup(320, 240, 4)), Contestants([Name.CPU, Name.CPU_LOD])
-    contestants.enter(scene)
+    scene, candidates = Scene(Setup(320, 240, 4)), Candidates([Name.CPU, Name.CPU_LOD])
+    candidates.enter(scene)
     backend, first = CpuBackend(scene.body, scene.rig), scene.cases()[0]
     case = replace(first, values=first.values[:32])
     expected = {
@@ -72,11 +72,11 @@ def test_only_cpu_lod_draws_thinned_meshes() -> None:
         Name.CPU_LOD: backend.energy(case.thinned)(case.values).tolist(),
     }
     assert expected[Name.CPU] != expected[Name.CPU_LOD]
-    runners = contestants.runners(case)
+    runners = candidates.runners(case)
     assert {runner.backend for runner in runners} == set(expected)
     for runner in runners:
         assert runner.energy(case.values).tolist() == expected[Name(runner.backend)]
-    contestants.close()
+    candidates.close()
 
 
 class Clock:
@@ -153,28 +153,28 @@ def test_whoever_cannot_run_here_is_left_out_with_a_reason(monkeypatch: pytest.M
     def no_pyrender() -> None:
         raise UserError("pyrender: cannot be imported: No module named 'pyrender'")
 
-    monkeypatch.setattr("bench.contestants.open_engine", no_egl)
+    monkeypatch.setattr("bench.candidates.open_engine", no_egl)
     monkeypatch.setattr("bench.alternatives._import_pyrender", no_pyrender)
-    contestants = Contestants(list(Name))
-    contestants.enter(Scene(Setup(320, 240, 4)))
-    assert contestants.names == [Name.CPU, Name.CPU_LOD, Name.OPENCV]
-    assert contestants.reasons == [
+    candidates = Candidates(list(Name))
+    candidates.enter(Scene(Setup(320, 240, 4)))
+    assert candidates.names == [Name.CPU, Name.CPU_LOD, Name.OPENCV]
+    assert candidates.reasons == [
         "gl is left out: --backend gl: no EGL; run apt-get install libegl1",
         "paper is left out: --backend paper: no EGL; run apt-get install libegl1",
         "pyrender is left out: pyrender: cannot be imported: No module named 'pyrender'",
     ]
-    contestants.close()
+    candidates.close()
 
 
 def test_whoever_falls_back_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures of cpu are none of gl."""
     fallen = Engine(EngineSettings(backend="gl"), "cpu", "gl failed: the GPU is lost")
-    monkeypatch.setattr("bench.contestants.open_engine", lambda _: fallen)
-    contestants = Contestants([Name.GL])
-    contestants.enter(Scene(Setup(320, 240, 4)))
-    contestants.drop_fallen()
-    assert contestants.names == []
-    assert contestants.reasons == ["gl is left out: gl failed: the GPU is lost"]
+    monkeypatch.setattr("bench.candidates.open_engine", lambda _: fallen)
+    candidates = Candidates([Name.GL])
+    candidates.enter(Scene(Setup(320, 240, 4)))
+    candidates.drop_fallen()
+    assert candidates.names == []
+    assert candidates.reasons == ["gl is left out: gl failed: the GPU is lost"]
 
 
 def _row(backend: str, value: float, batch: int = 1, case: str = "320x240 (full) XOR") -> Row:

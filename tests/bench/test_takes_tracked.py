@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from bench import accuracy, command, table2, takes
 from bench.__main__ import app
 from bench.command import Run
-from bench.hardship import trimaps_of
+from bench.degradations import trimaps_of
 from services.mocap.body.actor import Actor
 from services.mocap.errors import UserError
 from services.mocap.synth.take import write_synthetic_take

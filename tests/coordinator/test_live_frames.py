@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from proto.messages import LiveSilhouettes, LiveSources
-from services.coordinator.absence import without_cameras, without_weight
+from services.coordinator.absent_cameras import without_cameras, without_weight
 from services.coordinator.live_frames import LiveFrames
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig

@@ -23,15 +23,15 @@ from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import PARTS
 from services.mocap.take.settings import read_settings
 from services.runs import launcher
-from services.viewer.reel import STAGES, Shot
+from services.viewer.frame_history import STAGES, SolvedFrame
 
 
 @pytest.fixture
-def shot() -> Callable[..., Shot]:
-    """`shot(7)`: frame 7, whose pose, energy and confidence tell it from others."""
+def solved() -> Callable[..., SolvedFrame]:
+    """`solved(7)`: frame 7, whose pose, energy and confidence tell it from others."""
 
-    def make(frame: int, *, distrusted: tuple[str, ...] = (), arrived_s: float = np.nan) -> Shot:
-        return Shot(
+    def make(frame: int, *, distrusted: tuple[str, ...] = (), arrived_s: float = np.nan) -> SolvedFrame:
+        return SolvedFrame(
             frame=frame,
             time_s=frame / 25,
             pose=np.full(35, 0.001 * frame),

@@ -46,25 +46,25 @@ def test_the_recorders_journal_is_read_while_it_grows(
     playback = Playback(walk, "tcp://127.0.0.1:5550")
     for frame in (0, 1, 3):
         store.keep(playback.pose(frame))
-        shot = archive.shot(frame)
-        assert shot is not None
-        np.testing.assert_array_equal(shot.pose, playback.pose(frame).pose)
-        assert shot.energy_px == playback.pose(frame).energy_px and shot.confidence[0] == 0.9
-    assert archive.shot(2) is None, "and not from results of a run before"
+        solved = archive.solved(frame)
+        assert solved is not None
+        np.testing.assert_array_equal(solved.pose, playback.pose(frame).pose)
+        assert solved.energy_px == playback.pose(frame).energy_px and solved.confidence[0] == 0.9
+    assert archive.solved(2) is None, "and not from results of a run before"
     archive.ask(2)
     assert [(request.first_frame, request.run) for request in asked] == [(2, RUN)]
 
 
 def test_results_follow_the_journal(result: Path, info: TakeInfo, asked: list[PoseRequest]) -> None:
     archive = Archive(info, _FRAMES, result, asked.append, lambda: 0.0)
-    assert archive.shot(3) is None
+    assert archive.solved(3) is None
     archive.is_over = True
-    assert archive.shot(3) is not None and archive.shot(24) is None
+    assert archive.solved(3) is not None and archive.solved(24) is None
 
 
 def _words_when_nobody_has(archive: Archive, monkeypatch: pytest.MonkeyPatch) -> str:
     """What is said of a frame that the coordinator does not send, however often it is asked."""
-    assert archive.shot(5) is None
+    assert archive.solved(5) is None
     archive.ask(5)
     assert archive.why_missing(5) == "was asked for"
     with monkeypatch.context() as later:

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 
 from services.viewer.curves import Curves
-from services.viewer.reel import Reel, Shot
+from services.viewer.frame_history import FrameHistory, SolvedFrame
 
 
 class _Gui:
@@ -26,19 +26,19 @@ class _Gui:
         return {title: chart.data[0][-1] for title, chart in self.charts.items() if chart.visible}
 
 
-def test_charts_are_drawn_one_at_a_time_and_no_more_than_once(shot: Callable[..., Shot]) -> None:
-    gui, reel = _Gui(), Reel(range(1000))
-    curves = Curves(cast(viser.GuiApi, gui), reel)
+def test_charts_are_drawn_one_at_a_time_and_no_more_than_once(solved: Callable[..., SolvedFrame]) -> None:
+    gui, history = _Gui(), FrameHistory(range(1000))
+    curves = Curves(cast(viser.GuiApi, gui), history)
     assert not curves.draw_next(0), "nothing is known"
     for frame in range(50):
-        reel.put(shot(frame))
+        history.put(solved(frame))
     shown = []
     while curves.draw_next(49):
         shown.append(len(gui.last_frames()))
     assert shown == [1, 2, 3, 4, 5], "nobody has measured how far the page is behind"
     assert set(gui.last_frames().values()) == {49}
     assert not curves.draw_next(49)
-    reel.put(shot(50))
+    history.put(solved(50))
     for frame in (40, 41):
         curves.note_lag(frame, 0.5)
     while curves.draw_next(50):

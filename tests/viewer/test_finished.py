@@ -15,12 +15,12 @@ from services.viewer.tiles import Look
 
 def test_results_with_their_take(result: Path, walk: Take) -> None:
     show = finished_show(result, None)
-    assert not show.is_live and show.reel.is_over and show.reel.newest == 23
+    assert not show.is_live and show.history.is_over and show.history.newest == 23
     assert show.camera_names == tuple(camera.name for camera in walk.cameras)
-    shot = show.reel.shot(7)
-    assert shot is not None and show.artist is not None
-    np.testing.assert_array_equal(shot.pose, read_poses_csv(result / "poses.csv").poses[7])
-    (tile,) = show.artist.draw(shot, Look("difference", (2,), None))
+    solved = show.history.solved(7)
+    assert solved is not None and show.artist is not None
+    np.testing.assert_array_equal(solved.pose, read_poses_csv(result / "poses.csv").poses[7])
+    (tile,) = show.artist.draw(solved, Look("difference", (2,), None))
     assert tile.differing_px is not None and 0 < tile.differing_px < 500  # the true pose before a real mask
 
 
@@ -47,15 +47,15 @@ def test_frames_come_from_results_once_these_are_there(result: Path) -> None:
     finished = FinishedTake(result, "walk")
     report = result / "run.json"
     report.rename(result / "later.json")
-    assert finished.shot(3) is None
+    assert finished.solved(3) is None
     (result / "later.json").rename(report)
-    shot = finished.shot(3)
-    assert shot is not None
-    np.testing.assert_array_equal(shot.pose, read_poses_csv(result / "poses.csv").poses[3])
-    assert finished.shot(24) is None
+    solved = finished.solved(3)
+    assert solved is not None
+    np.testing.assert_array_equal(solved.pose, read_poses_csv(result / "poses.csv").poses[3])
+    assert finished.solved(24) is None
 
 
 def test_results_of_another_take_are_left_alone(result: Path) -> None:
     (result / "run.json").write_text('{"take": {"name": "another"}}')
-    assert FinishedTake(result, "walk").shot(3) is None
-    assert FinishedTake(None, "walk").shot(3) is None
+    assert FinishedTake(result, "walk").solved(3) is None
+    assert FinishedTake(None, "walk").solved(3) is None

@@ -32,7 +32,7 @@ def _until(listener: Listener, condition: Callable[[], bool], timeout_s: float =
 
 
 def _newest(shows: list[Show]) -> int:
-    return -1 if not shows or shows[-1].reel.newest is None else shows[-1].reel.newest
+    return -1 if not shows or shows[-1].history.newest is None else shows[-1].history.newest
 
 
 def test_a_late_viewer_has_all_frames(walk: Take, shows: list[Show]) -> None:
@@ -40,14 +40,14 @@ def test_a_late_viewer_has_all_frames(walk: Take, shows: list[Show]) -> None:
         while playback.next_frame < 12:
             time.sleep(0.05)
         listener = Listener(playback.endpoint, None, walk, shows.append)
-        _until(listener, lambda: _newest(shows) > 12 and shows[-1].reel.last_gap() is None)
+        _until(listener, lambda: _newest(shows) > 12 and shows[-1].history.last_gap() is None)
         show = shows[-1]
         assert show.camera_names == tuple(camera.name for camera in walk.cameras)
         for frame in (0, 7, 12):
-            shot = show.reel.shot(frame)
-            assert shot is not None
-            np.testing.assert_array_equal(shot.pose, playback.pose(frame).pose)
-            assert shot.confidence[0] == 0.9 and np.isnan(shot.confidence[1])
+            solved = show.history.solved(frame)
+            assert solved is not None
+            np.testing.assert_array_equal(solved.pose, playback.pose(frame).pose)
+            assert solved.confidence[0] == 0.9 and np.isnan(solved.confidence[1])
         listener.close()
 
 
@@ -58,10 +58,10 @@ def test_what_left_the_ring_is_fetched_from_the_coordinator(
     with Playback(walk, free_endpoint(), period_s=0.005) as playback:
         listener = Listener(playback.endpoint, None, walk, shows.append)
         _until(listener, lambda: _newest(shows) > 150)
-        reel = shows[-1].reel
-        assert reel.shot(20) is None
-        _until(listener, lambda: reel.shot(20) is not None)
-        assert reel.capacity == 50
+        history = shows[-1].history
+        assert history.solved(20) is None
+        _until(listener, lambda: history.solved(20) is not None)
+        assert history.capacity == 50
         listener.close()
 
 
@@ -77,11 +77,11 @@ def test_what_nobody_but_the_recorder_has_comes_from_its_journal_with_its_pictur
         listener = Listener(playback.endpoint, None, walk, shows.append, result)
         _until(listener, lambda: _newest(shows) > 150)
         show = shows[-1]
-        shot = show.reel.shot(20)
-        assert shot is not None and show.artist is not None
-        np.testing.assert_array_equal(shot.pose, playback.pose(20).pose)
-        assert show.reel.stretch(0, 100).frames.tolist() == list(range(100))
-        (tile,) = show.artist.draw(shot, Look("pictures", (3,), None))
+        solved = show.history.solved(20)
+        assert solved is not None and show.artist is not None
+        np.testing.assert_array_equal(solved.pose, playback.pose(20).pose)
+        assert show.history.stretch(0, 100).frames.tolist() == list(range(100))
+        (tile,) = show.artist.draw(solved, Look("pictures", (3,), None))
         assert cv2.imdecode(np.frombuffer(tile.jpeg, np.uint8), cv2.IMREAD_COLOR).std() > 10
         store.close(remove=True)
         listener.close()
@@ -95,7 +95,7 @@ def test_what_a_restarted_coordinator_has_not_got_is_not_asked_for_again_and_aga
         while playback.next_frame < 200:
             time.sleep(0.05)
         listener = Listener(playback.endpoint, None, walk, shows.append)
-        _until(listener, lambda: _newest(shows) > 200 and shows[-1].reel.last_gap() == range(100))
+        _until(listener, lambda: _newest(shows) > 200 and shows[-1].history.last_gap() == range(100))
         for _ in range(150):  # three seconds
             listener.listen(0.02)
         asked = [message for message in playback.asked if isinstance(message, PoseRequest)]
@@ -104,10 +104,10 @@ def test_what_a_restarted_coordinator_has_not_got_is_not_asked_for_again_and_aga
         listener.listen(0.5)
         n_asked = len(playback.asked)
         for _ in range(100):
-            assert shows[-1].reel.shot(50) is None  # as a page does that somebody scrubs there
+            assert shows[-1].history.solved(50) is None  # as a page does that somebody scrubs there
             listener.listen(0.02)
         assert len(playback.asked) - n_asked <= 4
-        assert shows[-1].reel.shot(150) is not None
+        assert shows[-1].history.solved(150) is not None
         listener.close()
 
 
@@ -117,14 +117,16 @@ def test_without_the_take_there_are_silhouettes(walk: Take, shows: list[Show]) -
         _until(listener, lambda: _newest(shows) > 3)
         show = shows[-1]
         assert show.camera_names[0] == "camera 1" and show.artist is not None
-        shot = show.reel.shot(3)
-        assert shot is not None
-        first = show.artist.draw(shot, Look("difference", (0, 1), None))  # asks, and gives up after a moment
+        solved = show.history.solved(3)
+        assert solved is not None
+        first = show.artist.draw(
+            solved, Look("difference", (0, 1), None)
+        )  # asks, and gives up after a moment
         assert [tile.differing_px for tile in first] == [None, None]
         _until(listener, lambda: any(isinstance(m, SilhouettesRequest) for m in playback.asked))
         for _ in range(10):  # poses come as well
             listener.listen(0.1)
-        second = show.artist.draw(shot, Look("difference", (1, 0), None))
+        second = show.artist.draw(solved, Look("difference", (1, 0), None))
         assert all(tile.differing_px for tile in second)
         listener.close()
 
@@ -136,13 +138,13 @@ def test_a_restarted_coordinator_with_another_take_brings_another_show(walk: Tak
         _until(listener, lambda: _newest(shows) > 3)
     with Playback(walk, endpoint, frames=500, period_s=0.02):
         _until(listener, lambda: len(shows) == 2 and _newest(shows) > 3)
-    assert [len(show.reel.frames) for show in shows] == [10_000, 500]
+    assert [len(show.history.frames) for show in shows] == [10_000, 500]
     listener.close()
 
 
 def test_the_end_of_a_take_is_noticed(walk: Take, shows: list[Show]) -> None:
     with Playback(walk, free_endpoint(), frames=30, period_s=0.05) as playback:
         listener = Listener(playback.endpoint, None, walk, shows.append)
-        _until(listener, lambda: bool(shows) and shows[-1].reel.is_over)
-        _until(listener, lambda: _newest(shows) == 29 and shows[-1].reel.last_gap() is None)
+        _until(listener, lambda: bool(shows) and shows[-1].history.is_over)
+        _until(listener, lambda: _newest(shows) == 29 and shows[-1].history.last_gap() is None)
         listener.close()

@@ -4,8 +4,8 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
+from services.viewer.frame_history import Overview
 from services.viewer.markup import camera_grid, lines_of, timeline
-from services.viewer.reel import Overview
 from services.viewer.tiles import Tile
 
 

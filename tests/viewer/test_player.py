@@ -4,47 +4,47 @@ from collections.abc import Callable
 
 import pytest
 
+from services.viewer.frame_history import FrameHistory, SolvedFrame
 from services.viewer.player import Player
-from services.viewer.reel import Reel, Shot
 
 
 @pytest.fixture
-def reel(shot: Callable[..., Shot]) -> Reel:
-    reel = Reel(range(5, 100))
+def history(solved: Callable[..., SolvedFrame]) -> FrameHistory:
+    history = FrameHistory(range(5, 100))
     for frame in range(5, 30):
-        reel.put(shot(frame))
-    return reel
+        history.put(solved(frame))
+    return history
 
 
-def test_live_shows_the_newest(reel: Reel, shot: Callable[..., Shot]) -> None:
-    player = Player(reel, 25, 5, is_live=True)
+def test_live_shows_the_newest(history: FrameHistory, solved: Callable[..., SolvedFrame]) -> None:
+    player = Player(history, 25, 5, is_live=True)
     assert player.advance(0.01) == 29
-    reel.put(shot(33))
+    history.put(solved(33))
     assert player.advance(0.01) == 33
 
 
-def test_playing_goes_at_the_recordings_pace(reel: Reel) -> None:
-    player = Player(reel, 25, 5, is_live=False, is_playing=True)
+def test_playing_goes_at_the_recordings_pace(history: FrameHistory) -> None:
+    player = Player(history, 25, 5, is_live=False, is_playing=True)
     frames = [player.advance(0.03) for _ in range(20)]  # 0.6 s, 15 frames
     assert frames[-1] == 5 + 15 or frames[-1] == 5 + 14
     assert frames == sorted(frames)
 
 
 @pytest.mark.parametrize(("speed", "frame"), [(0.25, 7), (0.5, 10), (2.0, 25), (4.0, 29)])
-def test_speed(reel: Reel, speed: float, frame: int) -> None:
-    player = Player(reel, 25, 5, is_live=False, is_playing=True, speed=speed)
+def test_speed(history: FrameHistory, speed: float, frame: int) -> None:
+    player = Player(history, 25, 5, is_live=False, is_playing=True, speed=speed)
     assert player.advance(0.4 + 1e-9) == frame
 
 
-def test_playing_waits_for_frames_to_come_and_begins_anew_when_all_is_over(reel: Reel) -> None:
-    player = Player(reel, 25, 28, is_live=False, is_playing=True)
+def test_playing_waits_for_frames_to_come_and_begins_anew_when_all_is_over(history: FrameHistory) -> None:
+    player = Player(history, 25, 28, is_live=False, is_playing=True)
     assert player.advance(1) == 29
-    reel.is_over = True
+    history.is_over = True
     assert player.advance(1) == 5
 
 
-def test_whoever_scrubs_is_not_live_any_more(reel: Reel) -> None:
-    player = Player(reel, 25, 5, is_live=True)
+def test_whoever_scrubs_is_not_live_any_more(history: FrameHistory) -> None:
+    player = Player(history, 25, 5, is_live=True)
     player.seek(12)
     assert player.advance(1) == 12
     player.step(-1)
@@ -59,5 +59,5 @@ def test_whoever_scrubs_is_not_live_any_more(reel: Reel) -> None:
 
 
 def test_nothing_is_known_yet() -> None:
-    player = Player(Reel(range(10)), 25, 0, is_live=True)
+    player = Player(FrameHistory(range(10)), 25, 0, is_live=True)
     assert player.advance(1) == 0

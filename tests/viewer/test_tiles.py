@@ -15,7 +15,7 @@ from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Bytes, Floats, Trimap
-from services.viewer.reel import Shot
+from services.viewer.frame_history import SolvedFrame
 from services.viewer.tiles import Look, Tile, TileArtist
 
 ALL = tuple(range(8))
@@ -40,13 +40,13 @@ class Fixed:
 
 
 @pytest.fixture
-def scene(walk: Take, shot: Callable[..., Shot]) -> tuple[TileArtist, Shot, Fixed, Rig]:
+def scene(walk: Take, solved: Callable[..., SolvedFrame]) -> tuple[TileArtist, SolvedFrame, Fixed, Rig]:
     actor = take_actor(walk)
     assert actor is not None
     body, rig = build_body(actor), Rig.of(walk.cameras)
     pose = read_poses_csv(walk.folder / "reference" / "poses.csv").poses[12]
     pictures = Fixed(body, rig, pose, band_px=10)
-    there = Shot(**{**vars(shot(12)), "pose": pose})
+    there = SolvedFrame(**{**vars(solved(12)), "pose": pose})
     return TileArtist(body, rig, pictures), there, pictures, rig
 
 
@@ -59,11 +59,11 @@ def _near(picture: Bytes, bgr: tuple[int, int, int]) -> int:
     return int((np.abs(picture.astype(int) - bgr).max(axis=2) < 60).sum())
 
 
-def _draw(scene: tuple[TileArtist, Shot, Fixed, Rig], look: Look) -> tuple[Tile, ...]:
+def _draw(scene: tuple[TileArtist, SolvedFrame, Fixed, Rig], look: Look) -> tuple[Tile, ...]:
     return scene[0].draw(scene[1], look)
 
 
-def test_a_picture_gets_the_model_s_outline(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+def test_a_picture_gets_the_model_s_outline(scene: tuple[TileArtist, SolvedFrame, Fixed, Rig]) -> None:
     tiles = _draw(scene, Look("pictures", ALL, None))
     assert [tile.camera for tile in tiles] == list(ALL)
     picture = _decoded(tiles[0])
@@ -74,7 +74,7 @@ def test_a_picture_gets_the_model_s_outline(scene: tuple[TileArtist, Shot, Fixed
     assert (redder < -60).sum() > 50  # the right one's
 
 
-def test_differences_are_counted_and_coloured(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+def test_differences_are_counted_and_coloured(scene: tuple[TileArtist, SolvedFrame, Fixed, Rig]) -> None:
     tiles = _draw(scene, Look("difference", ALL, None))
     assert [tile.differing_px for tile in tiles] == scene[2].differing
     beyond = [_near(_decoded(tile), (255, 0, 255)) for tile in tiles]
@@ -82,7 +82,7 @@ def test_differences_are_counted_and_coloured(scene: tuple[TileArtist, Shot, Fix
         assert 0.4 * expected < found < 1.5 * expected
 
 
-def test_a_part_s_window_is_cut_out(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+def test_a_part_s_window_is_cut_out(scene: tuple[TileArtist, SolvedFrame, Fixed, Rig]) -> None:
     tiles = _draw(scene, Look("silhouettes", (1, 3), "left_arm"))
     assert [tile.camera for tile in tiles] == [1, 3]
     for tile in tiles:
@@ -92,13 +92,13 @@ def test_a_part_s_window_is_cut_out(scene: tuple[TileArtist, Shot, Fixed, Rig]) 
         assert tile.differing_px is not None and tile.differing_px <= scene[2].differing[tile.camera]
 
 
-def test_what_was_just_drawn_is_not_drawn_again(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+def test_what_was_just_drawn_is_not_drawn_again(scene: tuple[TileArtist, SolvedFrame, Fixed, Rig]) -> None:
     look = Look("pictures", (0,), None)
     assert _draw(scene, look) is _draw(scene, look)
     assert _draw(scene, look) is not _draw(scene, Look("pictures", (1,), None))
 
 
-def test_unsure_pixels_are_no_difference_and_grey(scene: tuple[TileArtist, Shot, Fixed, Rig]) -> None:
+def test_unsure_pixels_are_no_difference_and_grey(scene: tuple[TileArtist, SolvedFrame, Fixed, Rig]) -> None:
     artist, shown, pictures, _ = scene
     known = pictures.trimap(0, 0)
     assert known is not None

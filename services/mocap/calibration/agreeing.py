@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.calibration.tangents import Outline, Touches, touches_of
+from services.mocap.calibration.epipolar_tangents import Outline, Touches, touches_of
 from services.mocap.camera.camera import Camera
 from services.mocap.types import Floats
 

@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass, field
 
 from services.mocap.search.chains import LimbName
-from services.mocap.search.shares import Shares
+from services.mocap.search.error_by_part import ErrorByPart
 from services.mocap.search.stages import Solution
 from services.mocap.take.marks import Part
 from services.mocap.types import Floats
@@ -43,7 +43,7 @@ class FrameSolution:
         self.evaluations += solution.evaluations
         self.limb_seconds[name] = self.limb_seconds.get(name, 0.0) + solution.seconds
 
-    def note_shares(self, shares: Shares) -> None:
+    def note_shares(self, shares: ErrorByPart) -> None:
         """Book where the pose and the input differ."""
         self.part_px, self.iou = shares.part_px, shares.iou
 

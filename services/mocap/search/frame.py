@@ -4,11 +4,11 @@ import numpy as np
 
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.energy.picture import Picture
-from services.mocap.search.doubt import Trust
-from services.mocap.search.following import solve_by_contours
+from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
+from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.passes import solve_by_passes
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
@@ -21,7 +21,7 @@ def solve_frame(
     settings: SearchSettings,
     limbs: LimbPool,
     first_pass: int = 0,
-    trust: Trust | None = None,
+    trust: PartConfidence | None = None,
 ) -> FrameSolution:
     """Find the pose of one frame, beginning at the best of the start poses (N, 35).
 
@@ -31,7 +31,7 @@ def solve_frame(
     starts = clip_to_limits(starts)
     if settings.method == "paper":
         return solve_by_passes(model, whole, starts, settings, limbs, first_pass)
-    trust = trust or Trust(model.rig, settings.doubt_px)
+    trust = trust or PartConfidence(model.rig, settings.doubt_px)
     return solve_by_contours(model, whole, starts, settings, limbs, first_pass, trust)
 
 

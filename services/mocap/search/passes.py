@@ -2,11 +2,11 @@
 
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
+from services.mocap.search.error_by_part import error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.shares import shares_of
 from services.mocap.search.stages import solve_head, solve_torso, whole_body_energy
 from services.mocap.types import Floats
 
@@ -37,7 +37,7 @@ def solve_by_passes(
         if before - energy_px <= settings.pass_tolerance * before:
             break
     _report_plainly(model, whole, settings, best)
-    best.note_shares(shares_of(model, whole, best.pose))
+    best.note_shares(error_by_part(model, whole, best.pose))
     return best
 
 

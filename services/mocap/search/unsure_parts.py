@@ -7,8 +7,8 @@ import numpy as np
 
 from services.mocap.energy.bitplanes import TriPlanes, count_by_camera, pack, unpack
 from services.mocap.energy.picture import Region
+from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model
-from services.mocap.search.shares import PART_SEGMENTS
 from services.mocap.search.unsure_shares import REMEDY, UNTOLD, without_rims
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats, Ints, Mask

@@ -13,7 +13,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from bench.soak import fuzz as decoder
-from bench.soak import siege
+from bench.soak import socket_fuzz
 from bench.soak.fire import BrokenServiceError
 from bench.soak.kills import kill_at_random, show_kills
 from bench.soak.memory import MOST_GROWTH_MIB, show_memory, watch_memory
@@ -53,13 +53,13 @@ def fuzz(
     with _following("decoding", inputs) as progress:
         report = decoder.fuzz_decoder(chosen, inputs, progress)
     _show_decoder(report)
-    besieged = None
+    fuzzed = None
     if live:
         with _following("besieging", None):
-            besieged = siege.besiege(chosen, live)
-        _show_siege(besieged)
-    _write(json_path, {"decoder": report.as_json(), "siege": besieged and besieged.as_json()})
-    grown = {"decoder": report.growth_mib} | (besieged.growth_mib if besieged else {})
+            fuzzed = socket_fuzz.fuzz_sockets(chosen, live)
+        _show_socket_fuzz(fuzzed)
+    _write(json_path, {"decoder": report.as_json(), "socket_fuzz": fuzzed and fuzzed.as_json()})
+    grown = {"decoder": report.growth_mib} | (fuzzed.growth_mib if fuzzed else {})
     if max(grown.values()) > _MOST_GROWTH_MIB:
         _console.print(f"broken: memory grew, in MiB: {grown}", style="red")
         raise typer.Exit(1)
@@ -140,7 +140,7 @@ def _show_decoder(report: decoder.Report) -> None:
     )
 
 
-def _show_siege(report: siege.Report) -> None:
+def _show_socket_fuzz(report: socket_fuzz.Report) -> None:
     sent = ", ".join(f"{count} to {target}" for target, count in report.sent.items())
     grown = ", ".join(f"{name} {mib:+.1f}" for name, mib in report.growth_mib.items())
     _console.print(

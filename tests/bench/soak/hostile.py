@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import msgpack
 
 from bench.soak.dice import Dice
-from bench.soak.specimens import specimens
+from bench.soak.sample_messages import sample_messages
 from proto.framing import MAX_FRAME_BYTES
 from proto.messages import PROTOCOL_VERSION
 
@@ -31,7 +31,7 @@ class Hostile:
     def __init__(self, dice: Dice, take: str = "walk", frame: int = 7) -> None:
         """Most are about a frame of a take."""
         self._dice = dice
-        self._valid = specimens(take, frame)
+        self._valid = sample_messages(take, frame)
         self._types = sorted(self._valid)
         self._headers = {name: msgpack.unpackb(frames[0]) for name, frames in self._valid.items()}
         self._fields = sorted({field for header in self._headers.values() for field in header})
@@ -169,13 +169,13 @@ class Hostile:
         """Frames left out, repeated, in another order, emptied, or another message's."""
         header, arrays = self._any()
         frames = [msgpack.packb(header), *arrays]
-        deed = self._dice.below(5)
-        if deed == 0:
+        fault = self._dice.below(5)
+        if fault == 0:
             return frames[: self._dice.below(len(frames))]
-        if deed == 1:
+        if fault == 1:
             return frames * (2 + self._dice.below(20))
-        if deed == 2:
+        if fault == 2:
             return frames[::-1]
-        if deed == 3:
+        if fault == 3:
             return [frames[0], *[b""] * len(arrays)]
         return [frames[0], *self._valid[self._dice.pick(self._types)][1:]]

@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.soak.dice import Dice
+from bench.soak.fault_injector import FaultInjector, FaultPlan
 from bench.soak.latency import Latency, Stopwatch
 from bench.soak.stage import make_take
-from bench.soak.villain import Habits, Villain
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
@@ -27,13 +27,13 @@ _CAMERAS = 4
 _WORKERS = 4
 _SEARCH = PRESETS["plain"].model_copy(update={"detail_px": PRESETS["default"].detail_px})
 """Every frame has work for every worker."""
-_ANYBODY = Habits(
+_ANYBODY = FaultPlan(
     most={"limb_worker": 12, "segmentation": 8, "recorder": 4, "coordinator": 4},
     longest_wait_s=2.0,
     hang_s=(0.1, 6.0),
 )
 """Who dies too often in a run ends it."""
-_WORKERS_ONLY = Habits(
+_WORKERS_ONLY = FaultPlan(
     most={"limb_worker": 12}, longest_wait_s=2.0, hang_s=(4.0, 6.0), first_frame=3, frames_between=3
 )
 
@@ -46,7 +46,7 @@ class Report:
     runs: int = 0
     frames: int = 0
     """Frames of all disturbed runs together."""
-    deeds: Counter[str] = field(default_factory=Counter)
+    faults: Counter[str] = field(default_factory=Counter)
     """Kills and hangs by the victim."""
     lost: int = 0
     altered: int = 0
@@ -59,7 +59,7 @@ class Report:
         """For a file."""
         counts = {"runs": self.runs, "frames": self.frames, "lost": self.lost, "altered": self.altered}
         told = {"seconds": self.seconds, "latencies": [latency.as_json() for latency in self.latencies]}
-        return {"seed": self.seed, "deeds": dict(self.deeds), **counts, **told}
+        return {"seed": self.seed, "faults": dict(self.faults), **counts, **told}
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class _Outcome:
 
 
 def kill_at_random(seed: int, kills: int, frames: int, progress: Callable[[int], None]) -> Report:
-    """Do so many deeds, in as many runs over a take of so many frames as that takes.
+    """Do so many faults, in as many runs over a take of so many frames as that takes.
 
     Then workers only are struck in one more run, for the time that this costs. Raises what `track` raises
     where a run fails altogether.
@@ -80,29 +80,29 @@ def kill_at_random(seed: int, kills: int, frames: int, progress: Callable[[int],
         folder = Path(temporary)
         take = make_take(folder / "take", frames, _CAMERAS)
         quiet = _run(take, folder / "quiet", None)
-        while report.deeds.total() < kills:
-            before = report.deeds.total()
-            villain = Villain(Dice(seed, report.runs), _ANYBODY, kills - before)
-            villain.tell = partial(_tell_all, progress, before)
-            _compare(report, quiet, _run(take, folder / f"run-{report.runs}", villain))
-            report.deeds += villain.deeds
-        villain = Villain(Dice(seed, report.runs), _WORKERS_ONLY, frames)
-        disturbed = _run(take, folder / "workers", villain)
+        while report.faults.total() < kills:
+            before = report.faults.total()
+            injector = FaultInjector(Dice(seed, report.runs), _ANYBODY, kills - before)
+            injector.tell = partial(_tell_all, progress, before)
+            _compare(report, quiet, _run(take, folder / f"run-{report.runs}", injector))
+            report.faults += injector.faults
+        injector = FaultInjector(Dice(seed, report.runs), _WORKERS_ONLY, frames)
+        disturbed = _run(take, folder / "workers", injector)
         _compare(report, quiet, disturbed)
-        report.deeds += villain.deeds
-        report.latencies = _latencies(villain, quiet.stopwatch, disturbed.stopwatch)
+        report.faults += injector.faults
+        report.latencies = _latencies(injector, quiet.stopwatch, disturbed.stopwatch)
     report.seconds = round(time.monotonic() - began_s, 1)
     return report
 
 
-def _run(take: Path, out: Path, villain: Villain | None) -> _Outcome:
+def _run(take: Path, out: Path, injector: FaultInjector | None) -> _Outcome:
     """Track a take, disturbed or not."""
     endpoint, opened = free_endpoint(), open_take(take)
     with Stopwatch(endpoint) as stopwatch:
 
         def started(launcher: Launcher) -> None:
-            if villain is not None:
-                villain.begin(launcher, stopwatch)
+            if injector is not None:
+                injector.begin(launcher, stopwatch)
 
         try:
             job = Job(
@@ -117,8 +117,8 @@ def _run(take: Path, out: Path, villain: Villain | None) -> _Outcome:
             )
             track(job, show=_say_nothing, started=started)
         finally:
-            if villain is not None:
-                villain.end()
+            if injector is not None:
+                injector.end()
     lines = (out / "poses.csv").read_text().splitlines()[1:]
     return _Outcome({line.partition(",")[0]: line for line in lines}, stopwatch)
 
@@ -139,25 +139,25 @@ def _compare(report: Report, quiet: _Outcome, disturbed: _Outcome) -> None:
     report.altered += sum(quiet.rows.get(frame) != row for frame, row in disturbed.rows.items())
 
 
-def _latencies(villain: Villain, quiet: Stopwatch, disturbed: Stopwatch) -> list[Latency]:
+def _latencies(injector: FaultInjector, quiet: Stopwatch, disturbed: Stopwatch) -> list[Latency]:
     """How much longer frames took in which a worker was struck."""
     found = []
-    for deed in villain.struck:
-        lap, usual = disturbed.laps.get(deed.frame), quiet.laps.get(deed.frame)
+    for fault in injector.struck:
+        lap, usual = disturbed.laps.get(fault.frame), quiet.laps.get(fault.frame)
         if lap is not None and usual is not None:
             times_s = (lap.seconds - usual.seconds, lap.deadline_s, lap.limb_s)
-            found.append(Latency(deed.way, deed.frame, *(round(seconds, 3) for seconds in times_s)))
+            found.append(Latency(fault.way, fault.frame, *(round(seconds, 3) for seconds in times_s)))
     return found
 
 
 def show_kills(report: Report, console: Console) -> None:
     """Print a report."""
-    table = Table("deed", "times", box=None)
-    for deed, times in sorted(report.deeds.items()):
-        table.add_row(deed, f"{times}")
+    table = Table("fault", "times", box=None)
+    for fault, times in sorted(report.faults.items()):
+        table.add_row(fault, f"{times}")
     console.print(table)
     console.print(
-        f"{report.deeds.total()} deeds in {report.runs} runs of {report.frames} frames together, "
+        f"{report.faults.total()} faults in {report.runs} runs of {report.frames} frames together, "
         f"{report.seconds:.0f} s: {report.lost} frames lost, {report.altered} altered"
     )
     _show_latencies(report.latencies, console)

@@ -8,8 +8,8 @@ from bench.soak import fuzz
 from bench.soak.dice import Dice
 from bench.soak.fuzz import BrokenDecoderError, fuzz_decoder
 from bench.soak.hostile import Hostile
-from bench.soak.siege import besiege
-from bench.soak.specimens import specimens
+from bench.soak.sample_messages import sample_messages
+from bench.soak.socket_fuzz import fuzz_sockets
 from proto.framing import MAX_HEADER_BYTES, MalformedMessage, decode
 from proto.messages import MESSAGES, Beat
 
@@ -36,7 +36,7 @@ def test_a_seed_repeats_a_run() -> None:
 
 
 def test_every_type_is_attacked() -> None:
-    assert set(specimens("walk", 3)) == set(MESSAGES)
+    assert set(sample_messages("walk", 3)) == set(MESSAGES)
     understood = set()
     for _, frames in _some(5, 2000):
         try:
@@ -65,7 +65,7 @@ def test_a_broken_decoder_is_told_with_its_input(broken, said: str, monkeypatch:
 
 
 def test_a_message_that_changes_on_its_way_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    answers = iter([Beat(), decode(specimens("walk", 1)["credit"])] * 20)
+    answers = iter([Beat(), decode(sample_messages("walk", 1)["credit"])] * 20)
     monkeypatch.setattr(fuzz, "decode", lambda _: next(answers))
     with pytest.raises(BrokenDecoderError, match="is another message"):
         fuzz_decoder(seed=9, inputs=10)
@@ -73,7 +73,7 @@ def test_a_message_that_changes_on_its_way_is_told(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.timeout(580)
 def test_services_under_fire_track_as_in_quiet() -> None:
-    report = besiege(seed=2, messages=1500)
+    report = fuzz_sockets(seed=2, messages=1500)
     assert report.sent["limb_worker"] == 1500
     assert "'malformed': 0" not in report.counted
     assert max(report.growth_mib.values()) < 32

@@ -8,9 +8,9 @@ import pytest
 from services.mocap.energy.bitplanes import TriPlanes, camera_bit, pack, unpack
 from services.mocap.energy.picture import Region
 from services.mocap.errors import TakeError
+from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model
 from services.mocap.search.plausibility import look_first
-from services.mocap.search.shares import PART_SEGMENTS
 from services.mocap.search.unsure_parts import PartPixels, part_pixels, parts_in_words, untold_parts
 from services.mocap.search.unsure_shares import UnsureShares, may_be_actor, without_rims
 from services.mocap.take.marks import PARTS, Part

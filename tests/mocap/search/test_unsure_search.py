@@ -9,14 +9,14 @@ from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_INDEX
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.errors import TakeError
-from services.mocap.search.alone import uncovered_share
-from services.mocap.search.doubt import Trust, confidences, differences
-from services.mocap.search.following import solve_by_contours
+from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
+from services.mocap.search.part_confidence import PartConfidence, confidences, differences
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.single_person import uncovered_share
 from services.mocap.types import Bytes, Floats
 
 SETTINGS = SearchSettings()
@@ -84,7 +84,10 @@ def test_a_leg_that_is_unsure_is_not_judged_and_the_others_are_trusted(
 
 
 def test_nobody_is_in_doubt_for_unsure_pixels(model: Model, truth: Floats, half_leg: TriPlanes) -> None:
-    picture, trust = Picture.whole(model.rig, half_leg.silhouettes, half_leg.unsure), Trust(model.rig, 30.0)
+    picture, trust = (
+        Picture.whole(model.rig, half_leg.silhouettes, half_leg.unsure),
+        PartConfidence(model.rig, 30.0),
+    )
     found = solve_by_contours(model, picture, truth[None], SETTINGS, LocalLimbs(model), 0, trust)
     assert found.passes == 0
     assert found.distrusted == []

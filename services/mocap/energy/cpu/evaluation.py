@@ -5,12 +5,12 @@ import numpy as np
 from services.mocap.body.kinematics import place_joints
 from services.mocap.energy.cost import Counts
 from services.mocap.energy.cpu.collecting import Canvas, collect_bits, collect_gain
+from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, draw
-from services.mocap.energy.cpu.uncounted import uncounted
 from services.mocap.types import Bytes, Floats, Ints
 
 
-@uncounted
+@njit_without_refcounts
 def evaluate(
     values: Floats,
     plan: tuple[Ints, Ints, Ints],
@@ -47,7 +47,7 @@ def evaluate(
         energies[n] = energy
 
 
-@uncounted
+@njit_without_refcounts
 def cover(
     T_world_joint: Floats,
     segments: Ints,

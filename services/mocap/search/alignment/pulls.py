@@ -8,8 +8,8 @@ import numpy as np
 
 from services.mocap.body.kinematics import N_DOF, N_JOINTS, PARENT, SEGMENT_JOINTS
 from services.mocap.energy.cpu.arrays import Indices, Singles
+from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
 from services.mocap.energy.cpu.outline import compose
-from services.mocap.energy.cpu.uncounted import uncounted
 from services.mocap.search.alignment.contour import distance_to_contour, meets_unsure
 from services.mocap.search.alignment.twists import DOF_JOINT, TWIST_SIZE, moved_by
 from services.mocap.types import Bytes, Floats, Ints
@@ -41,7 +41,7 @@ _NEAR_PX = 2.0
 _MOVED_BY = moved_by()
 
 
-@uncounted
+@njit_without_refcounts
 def sum_pulls(
     rim: RimArrays,
     segments: Ints,

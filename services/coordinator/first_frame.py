@@ -1,0 +1,202 @@
+"""The first frame of a take: who the actor is, and where."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.body_mesh import OwnMesh
+from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes, unpack
+from services.mocap.energy.engine import Engine
+from services.mocap.energy.picture import Picture
+from services.mocap.errors import TakeError
+from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
+from services.mocap.search.found import FrameSolution
+from services.mocap.search.frame import solve_frame
+from services.mocap.search.height import HEIGHT_RANGE_M, fit_height
+from services.mocap.search.hull import Hull, carve
+from services.mocap.search.jobs import LimbPool
+from services.mocap.search.model import Model
+from services.mocap.search.plausibility import FirstLook, look_first
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.single_person import MOST_UNCOVERED, NOT_ALONE, uncovered_share
+from services.mocap.search.unsure_shares import UnsureShares, names_or_numbers
+from services.mocap.take.settings import TakeSettings
+from services.mocap.types import Floats
+
+log = logging.getLogger(__name__)
+
+_LOWEST_HULL, _HIGHEST_HULL = 0.4, 1.5
+"""Height of the visual hull over the actor's, from crouching to arms raised."""
+_FITTED_PASS = 9000
+"""Number of the first pass with a fitted actor, beyond those that find_first_pose and fit_height use."""
+
+
+@dataclass(frozen=True, eq=False)
+class FirstFrame:
+    """What the first frame settles for the whole take."""
+
+    actor: Actor
+    model: Model
+    solution: FrameSolution
+
+
+def solve_first_frame(
+    seen: TriPlanes,
+    rig: Rig,
+    actor: Actor | None,
+    hints: TakeSettings,
+    pool: Callable[[Model, Actor], LimbPool],
+    engine: Engine,
+    settings: SearchSettings,
+    fitted_pose: Floats | None = None,
+    names: Sequence[str] = (),
+    made: Model | None = None,
+) -> FirstFrame:
+    """Find the actor and the pose of a take's first frame.
+
+    seen (P, H, W); actor: None where the take has none; hints: of take.toml, for this very frame; pool
+    makes the limb pool for a model, engine its backend. settings: those of the frames to come. fitted_pose:
+    (35,), where it was found along with the actor; then nothing is searched far and wide. names: of the
+    cameras. made: the model of the told actor (told_actor), where there is one already. Raises TakeError
+    where nobody is to be seen, or the silhouettes make no sense (look_first).
+    """
+    picture = Picture.whole(rig, seen.silhouettes, seen.unsure)
+    if actor is not None and fitted_pose is not None:
+        model = made or model_of(actor, rig, engine)
+        limbs = pool(model, actor)
+        return FirstFrame(actor, model, solve_frame(model, picture, fitted_pose[None], settings, limbs))
+    masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
+    look = look_first(rig, masks, names, possible)
+    for remark in look.remarks:
+        log.warning("%s", remark)
+    settings = _believing(settings, look, rig.n_cameras)
+    hull = carve(rig, look.believed(masks), possible)
+    opening = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made, names=names)
+    if actor is not None or hints.actor_height is not None:
+        return opening
+    opening.model.backend.close()
+    pose = opening.solution.pose
+    height_m = fit_height(rig, picture, pose, opening.actor.height, pool, engine, settings)
+    actor = Actor(height=round(height_m, 3))
+    log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
+    model = model_of(actor, rig, engine)
+    limbs, wide = pool(model, actor), settings.widened()
+    fitted = solve_frame(model, picture, pose[None], wide, limbs, first_pass=_FITTED_PASS)
+    return FirstFrame(actor, model, fitted)
+
+
+def _believing(settings: SearchSettings, look: FirstLook, n_cameras: int) -> SearchSettings:
+    """The settings without the cameras that should not be believed."""
+    if not look.left_out:
+        return settings
+    given = settings.camera_weights or (1.0,) * n_cameras
+    weights = tuple(a * b for a, b in zip(given, look.weights(n_cameras), strict=True))
+    return settings.model_copy(update={"camera_weights": weights})
+
+
+def told_actor(actor: Actor | None, hints: TakeSettings, mesh: OwnMesh | None = None) -> Actor | None:
+    """The actor, or else the generic one, or a mesh, as tall as the hints say; None where they do not."""
+    if actor is not None or hints.actor_height is None:
+        return actor
+    return Actor(height=round(hints.actor_height, 3), mesh=mesh)
+
+
+def first_guess(
+    hull: Hull,
+    picture: Picture,
+    rig: Rig,
+    actor: Actor | None,
+    hints: TakeSettings,
+    pool: Callable[[Model, Actor], LimbPool],
+    engine: Engine,
+    settings: SearchSettings,
+    mesh: OwnMesh | None = None,
+    made: Model | None = None,
+    names: Sequence[str] = (),
+) -> FirstFrame:
+    """The first frame's pose, with the actor or else with the generic body, from its hull and its picture.
+
+    That body is as tall as take.toml says, or else as the visual hull is; a mesh takes the place of it. Other
+    arguments as solve_first_frame's.
+    Raises TakeError where nobody can be so tall, or where a body as tall as the hull covers too little; it
+    says first where much is unsure.
+    """
+    told, unsure = told_actor(actor, hints, mesh), _unsure_shares(picture, rig, names)
+    with unsure.blamed_first():
+        actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=mesh)
+    if not hull.may_be(_LOWEST_HULL * actor.height, _HIGHEST_HULL * actor.height):
+        sentence = (
+            f"the visual hull of the first frame is {hull.height_m:.2f} m high for an actor of "
+            f"{actor.height:.2f} m: check the scale of the calibration"
+        )
+        log.warning("%s", unsure.before(sentence))
+    model = made or model_of(actor, rig, engine)
+    solution = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
+    uncovered = uncovered_share(model, picture, solution.pose, settings)
+    if uncovered > MOST_UNCOVERED:
+        sentence = unsure.before(NOT_ALONE.format(covered=1.0 - uncovered))
+        if told is None:
+            model.backend.close()
+            raise TakeError(sentence)
+        log.warning("%s", sentence)  # what was told of the actor may be wrong as well
+    return FirstFrame(actor, model, solution)
+
+
+def _unsure_shares(picture: Picture, rig: Rig, names: Sequence[str]) -> UnsureShares:
+    masks = unpack(picture.silhouettes, rig.n_cameras)
+    possible = masks if picture.unsure is None else masks | unpack(picture.unsure, rig.n_cameras)
+    return UnsureShares(masks, possible, names_or_numbers(names, rig.n_cameras))
+
+
+def _plausible_height_m(hull: Hull) -> float:
+    low_m, high_m = HEIGHT_RANGE_M
+    if not hull.may_be(low_m, high_m):
+        raise TakeError(
+            f"calibration.toml: the visual hull of the first frame is {hull.height_m:.2f} m high: "
+            "check that translations are in metres, or give actor_height in take.toml"
+        )
+    return min(max(hull.height_m, low_m), high_m)
+
+
+def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:
+    """The model of an actor before a rig, with a backend of the engine's."""
+    body = build_body(actor)
+    return Model(body, rig, engine.backend(body, rig))
+
+
+def _first_pose(
+    model: Model,
+    picture: Picture,
+    hull: Hull,
+    hints: TakeSettings,
+    limbs: LimbPool,
+    settings: SearchSettings,
+) -> FrameSolution:
+    if hints.initial_pose:
+        standing = standing_pose(model, hull)
+        standing[DOF_INDEX["root_heading"]] = hints.facing_rad or 0.0
+        start = hints.with_initial_pose(standing)
+        return solve_frame(model, picture, start[None], settings.widened(), limbs)
+    first = find_first_pose(model, picture, hull, limbs, settings, hints.facing_rad)
+    _tell_facing(first)
+    return first.solution
+
+
+def _tell_facing(first: FirstPose) -> None:
+    """Log which way the actor was found to face, and how sure that is."""
+    facing_deg = np.degrees(first.solution.pose[DOF_INDEX["root_heading"]]) % 360
+    if first.ambiguous:
+        log.warning(
+            "the actor faces %.0f degrees, but the other way fits nearly as well (%.0f against %.0f px): "
+            "if the overlay shows the actor turned round, set facing in take.toml",
+            facing_deg,
+            first.solution.energy_px,
+            first.opposite_energy_px,
+        )
+    else:
+        log.info("the actor faces %.0f degrees", facing_deg)

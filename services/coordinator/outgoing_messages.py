@@ -1,0 +1,156 @@
+"""What a coordinator says of its take: the messages, made from what it knows."""
+
+from itertools import islice
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from proto.messages import MAX_TOLD, Blob, Pose, Silhouettes, TakeInfo, Telemetry
+from services.coordinator.dispatch import Dispatcher
+from services.coordinator.incoming import Frame, Incoming
+from services.coordinator.plan import Plan
+from services.coordinator.switchboard import Switchboard
+from services.mocap.body.actor import Actor
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.engine import Engine
+from services.mocap.motion.one_euro import OneEuro
+from services.mocap.search.found import FrameSolution
+from services.mocap.types import Floats
+
+T = TypeVar("T")
+_LONGEST_REASON = 1000
+
+
+class OutgoingMessages:
+    """Makes the messages of one run."""
+
+    def __init__(self, plan: Plan, plan_name: str, rig: Rig, engine: Engine) -> None:
+        self._plan, self._plan_name, self._rig, self._engine = plan, plan_name, rig, engine
+        self.take = plan.take.settings.name
+        self.run = ""
+        self._seconds: dict[str, float] = {}
+        self._filter, self._filtered_s = OneEuro(), -1.0
+
+    def contents(self, actor: Actor) -> list[Blob]:
+        """The actor and the rig, and the actor's own mesh if there is one."""
+        mesh = [] if actor.mesh is None else [_blob(actor.mesh.content_hash, "mesh", actor.mesh.content)]
+        return [
+            _blob(actor.content_hash, "actor", actor.to_toml().encode()),
+            _blob(self._rig.content_hash, "rig", self._rig.to_json().encode()),
+            *mesh,
+        ]
+
+    def take_info(self, actor: Actor, shards: int) -> TakeInfo:
+        """The take and how it is tracked."""
+        return TakeInfo(
+            take=self.take,
+            run=self.run,
+            fps=self._plan.take.settings.fps,
+            first_frame=self._plan.frames.start,
+            end_frame=self._plan.frames.stop,
+            plan=self._plan_name,
+            shards=shards,
+            actor=actor.content_hash,
+            rig=self._rig.content_hash,
+            backend=self._engine.name,
+            backend_reason=self._engine.reason[:_LONGEST_REASON],
+            threads=self._engine.settings.threads,
+            search=self._plan.settings.to_wire(),
+        )
+
+    def telemetry(
+        self,
+        stage: Literal["waiting for clients", "first frame", "tracking", "ended"],
+        next_frame: int,
+        board: Switchboard,
+        incoming: Incoming,
+    ) -> Telemetry:
+        """How the take is doing."""
+        dispatcher, live = board.dispatcher, incoming.figures()
+        return Telemetry(
+            take=self.take,
+            run=self.run,
+            stage=stage,
+            first_frame=self._plan.frames.start,
+            next_frame=next_frame,
+            end_frame=self._plan.frames.stop,
+            frames_ready=incoming.n_ready,
+            unrecorded=board.n_unrecorded,
+            deadline_s=dispatcher.deadline_s,
+            tasks_waiting=dispatcher.n_waiting,
+            workers=_some(dispatcher.workers),
+            limbs=_some(dispatcher.busy),
+            recorders=_some(board.recorders),
+            counts=board.counts() | {"silhouettes_dropped": incoming.dropped},
+            seconds=self._seconds,
+            latency_s=live.latency_s,
+            drops=live.drops,
+            absent=live.absent,
+        )
+
+    def pose(
+        self,
+        number: int,
+        frame: Frame,
+        solution: FrameSolution,
+        dispatcher: Dispatcher,
+        seconds: float,
+        memory: dict[str, list[int]],
+        latency_s: float,
+    ) -> Pose:
+        """A solved frame, by its number. seconds: since the one before; memory: of what goes on after it."""
+        self._seconds = {**solution.seconds, **solution.limb_seconds, "frame": seconds}
+        return Pose(
+            take=self.take,
+            run=self.run,
+            frame=number,
+            time_s=frame.time_s,
+            energy_px=solution.energy_px,
+            prior=solution.prior,
+            passes=solution.passes,
+            evaluations=solution.evaluations,
+            workers=dispatcher.n_workers,
+            retries=dispatcher.retries,
+            backend=self._engine.name,
+            worker_backends=dict(dispatcher.helped),
+            seconds=self._seconds,
+            confidence=solution.confidence,
+            distrusted=solution.distrusted,
+            part_px=solution.part_px,
+            iou=solution.iou,
+            memory=memory,
+            shot=frame.shot,
+            latency_s=latency_s,
+            absent=list(frame.absent),
+            pose=solution.pose,
+            steady=self._steady(frame, solution.pose),
+        )
+
+    def silhouettes(self, number: int, frame: Frame) -> Silhouettes:
+        """What a frame was solved from, for viewers."""
+        cameras = list(range(self._rig.n_cameras))
+        return Silhouettes(
+            take=self.take,
+            run=self.run,
+            frame=number,
+            cameras=cameras,
+            planes=frame.seen.silhouettes,
+            unsure=frame.seen.sent_unsure,
+        )
+
+    def _steady(self, frame: Frame, pose: Floats) -> Floats:
+        """(1, 35) the pose filtered for whoever shows it live, (0, 35) for recorded frames."""
+        if frame.shutter_s is None:
+            return np.zeros((0, len(pose)))
+        if frame.time_s <= self._filtered_s:  # the pace has moved: too little time
+            return pose[None].copy()
+        self._filtered_s = frame.time_s
+        return self._filter(pose, frame.time_s)[None]
+
+
+def _some(told: dict[str, T]) -> dict[str, T]:
+    return dict(islice(told.items(), MAX_TOLD))
+
+
+def _blob(content_hash: str, kind: Literal["actor", "rig", "mesh"], content: bytes) -> Blob:
+    return Blob(hash=content_hash, kind=kind, content=np.frombuffer(content, np.uint8))

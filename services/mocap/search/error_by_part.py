@@ -1,0 +1,106 @@
+"""Where a pose and the input differ: by the body's part, and by camera."""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from services.mocap.body.kinematics import N_JOINTS, SEGMENT_JOINTS, joint_transforms
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, count_by_camera
+from services.mocap.energy.picture import Picture
+from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, Stage
+from services.mocap.search.model import Model
+from services.mocap.take.marks import PARTS, Part
+from services.mocap.types import Bytes, Floats, Ints
+
+PART_STAGES: dict[Part, Stage] = {"head": HEAD, **{name: limb.main for name, limb in LIMBS.items()}}
+"""Parts with a window of their own."""
+_NEAREST_M = 1e-3
+"""Points that are nearer to a camera, or behind it, are taken to be so far before it."""
+
+
+def _part_of(segment: int) -> int:
+    parts = [part for part, stage in PART_STAGES.items() if segment in stage.segments]
+    return PARTS.index(parts[0]) if parts else PARTS.index("torso")
+
+
+_SEGMENT_PARTS = [_part_of(s) for s in range(len(SEGMENT_JOINTS))]
+PART_SEGMENTS: dict[Part, tuple[int, ...]] = {
+    part: tuple(s for s, its in enumerate(_SEGMENT_PARTS) if its == p) for p, part in enumerate(PARTS)
+}
+"""The segments of each part, in the order of PARTS."""
+_CARRIED = {int(joint): part for joint, part in zip(SEGMENT_JOINTS, _SEGMENT_PARTS, strict=True)}
+_POINT_PARTS: Ints = np.array(
+    [_CARRIED.get(j, PARTS.index("head")) for j in range(N_JOINTS)] + _SEGMENT_PARTS, np.int32
+)
+"""(33,) the part of every joint, then of every segment; head_top carries none."""
+
+
+@dataclass(frozen=True)
+class ErrorByPart:
+    """What differs in a pose, of the full mesh in whole pictures."""
+
+    energy_px: int
+    """Differing pixels, over all cameras."""
+    part_px: dict[Part, int]
+    """The same by the part that each pixel is nearest to: they add up to it."""
+    iou: list[float]
+    """Intersection over union of model and input in each camera; 1 where neither shows anything."""
+
+
+def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
+    """Draw a pose (35,) and count."""
+    covered = model.backend.coverage(pose[None], ALL_SEGMENTS, whole.region)[0]
+    counted = ~whole.ignored
+    differing = (covered ^ whole.silhouettes) & counted
+    part_px = pixels_by_part(differing, model, pose)
+    common = count_by_camera(covered & whole.silhouettes & counted, model.rig.n_cameras)
+    either = common + count_by_camera(differing, model.rig.n_cameras)
+    iou = np.where(either > 0, common / np.maximum(either, 1), 1.0)
+    return ErrorByPart(sum(part_px.values()), part_px, iou.tolist())
+
+
+def pixels_by_part(planes: Bytes, model: Model, pose: Floats) -> dict[Part, int]:
+    """Set bits of planes (P, H, W) by the part whose joints and middles of segments are nearest to them.
+
+    That is told in the pictures, of a pose (35,).
+    """
+    counts: Ints = np.zeros(len(PARTS), np.int32)
+    _count_nearest(planes, _points_px(model.rig, _points_m(model, pose)), _POINT_PARTS, counts)
+    return dict(zip(PARTS, counts.tolist(), strict=True))
+
+
+def _points_m(model: Model, pose: Floats) -> Floats:
+    """Joints and middles of segments (33, 3) in the world."""
+    T_world_joint = joint_transforms(pose[None], model.body.offsets_m)[0]
+    T_world_segment = T_world_joint[SEGMENT_JOINTS]
+    middles_m = (T_world_segment[:, :3, :3] @ model.body.centres_m[:, :, None])[:, :, 0]
+    return np.vstack([T_world_joint[:, :3, 3], middles_m + T_world_segment[:, :3, 3]])
+
+
+def _points_px(rig: Rig, points_m: Floats) -> Floats:
+    """Where cameras see points (N, 3): (C, N, 2)."""
+    homogeneous = rig.P_px_world[:, None, :, :3] @ points_m[:, :, None] + rig.P_px_world[:, None, :, 3:]
+    points_px: Floats = homogeneous[:, :, :2, 0] / np.maximum(homogeneous[:, :, 2:, 0], _NEAREST_M)
+    return points_px
+
+
+@numba.njit(cache=True, nogil=True)
+def _count_nearest(planes: Bytes, points_px: Floats, point_parts: Ints, counts: Ints) -> None:
+    """Add to counts (6,) the set bits of planes (P, H, W), each to the part of its nearest point."""
+    for p in range(planes.shape[0]):
+        for y in range(planes.shape[1]):
+            for x in range(planes.shape[2]):
+                bits = planes[p, y, x]
+                if bits == 0:
+                    continue
+                for k in range(CAMERAS_PER_PLANE):
+                    if bits >> k & 1:
+                        points = points_px[p * CAMERAS_PER_PLANE + k]
+                        best, best_px2 = 0, np.inf
+                        for n in range(len(points)):
+                            off_px2 = (points[n, 0] - x) ** 2 + (points[n, 1] - y) ** 2
+                            if off_px2 < best_px2:
+                                best, best_px2 = n, off_px2
+                        counts[point_parts[best]] += 1

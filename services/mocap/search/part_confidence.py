@@ -1,0 +1,164 @@
+"""What the model leaves unexplained near each part of the body, and which parts are in doubt for it.
+
+A model that fits differs from the input along the rim only, by a pixel or so. Where it differs by more, a
+limb is somewhere else, or something is in the picture that is no part of the body.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import camera_bit, count_bits
+from services.mocap.energy.picture import Picture
+from services.mocap.search.chains import (
+    REFERENCE_WIDTH_PX,
+    Stage,
+    window_origins_px,
+    window_size_px,
+)
+from services.mocap.search.error_by_part import PART_SEGMENTS, PART_STAGES, pixels_by_part
+from services.mocap.search.model import Model
+from services.mocap.take.marks import PARTS, Part
+from services.mocap.types import Bytes, Floats
+
+_REFERENCE_CAMERAS = 8
+_REMEMBERED = 15
+"""Frames from which is known what usually differs."""
+_OVER_USUAL = 1.5
+_LEARNT = 3.0
+"""Parts that differ by more than this times what is allowed are not remembered as usual."""
+_LONGEST_REST = 8
+"""Frames between two searches of a part at most."""
+_LOST_SHARE = 0.1
+"""The torso is in doubt when more pixels differ than this share of the input's."""
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Where a pose's silhouettes differ from the input by more than the rim."""
+
+    px: dict[Part, int]
+    """Pixels over all cameras within each part's windows; of the torso, in whole pictures."""
+    nearest_px: dict[Part, int]
+    """Pixels that are nearer to each part than to any other."""
+    share: float
+    """All of these pixels over the input's, and those unsure ones that the model covers."""
+
+
+def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> Differences:
+    """Compare whole pictures with what the model covers there (P, H, W) in a pose (35,)."""
+    counted = ~whole.ignored
+    missing, surplus = whole.silhouettes & ~covered & counted, covered & ~whole.silhouettes & counted
+    thick = _inner(missing) | _inner(surplus)
+    px: dict[Part, int] = dict.fromkeys(PARTS, 0)
+    px["torso"] = count_bits(thick)
+    share = px["torso"] / max(count_bits(whole.likely(covered)), 1)
+    if not px["torso"]:
+        return Differences(px, px.copy(), share)
+    for part, stage in PART_STAGES.items():
+        px[part] = _within(thick, model, stage, pose)
+    return Differences(px, pixels_by_part(thick, model, pose), share)
+
+
+def _inner(planes: Bytes) -> Bytes:
+    """The pixels of planes (P, H, W) all of whose eight neighbours are set too."""
+    inner = np.zeros_like(planes)
+    rows = planes[:, :-2] & planes[:, 1:-1] & planes[:, 2:]
+    inner[:, 1:-1, 1:-1] = rows[:, :, :-2] & rows[:, :, 1:-1] & rows[:, :, 2:]
+    return inner
+
+
+def _within(planes: Bytes, model: Model, stage: Stage, pose: Floats) -> int:
+    """Set bits in the windows of a stage."""
+    size, total = window_size_px(stage, model.rig), 0
+    for c, (x, y) in enumerate(window_origins_px(stage, pose, model.body, model.rig)):
+        total += int(np.count_nonzero(camera_bit(planes[:, y : y + size, x : x + size], c)))
+    return total
+
+
+class PartConfidence:
+    """Remembers what usually differs, and says which parts are in doubt for differing by more.
+
+    Clothes and hair that the model lacks differ in every frame; a lost limb does so from one to the next.
+    """
+
+    def __init__(self, rig: Rig, doubt_px: float) -> None:
+        """doubt_px: how many pixels more than usual are too many, in pictures 320 wide in eight cameras."""
+        scale = (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2 * rig.n_cameras / _REFERENCE_CAMERAS
+        self._doubt_px = doubt_px * scale
+        self._usual: dict[Part, deque[int]] = {}
+        self._fruitless: dict[Part, int] = {}
+        self._rest: dict[Part, int] = {}
+
+    def as_lists(self) -> dict[str, list[int]]:
+        """What is remembered, for another one to go on with (recall)."""
+        parts = list(PART_STAGES)
+        return {f"usual.{part}": list(seen) for part, seen in self._usual.items()} | {
+            "fruitless": [self._fruitless.get(part, 0) for part in parts],
+            "rest": [self._rest.get(part, 0) for part in parts],
+        }
+
+    def recall(self, lists: Mapping[str, list[int]]) -> None:
+        """Go on where another one was (as_lists); names that no such memory has are left alone."""
+        parts = list(PART_STAGES)
+        self._usual = {
+            part: deque(lists[f"usual.{part}"], maxlen=_REMEMBERED)
+            for part in parts
+            if f"usual.{part}" in lists
+        }
+        self._fruitless = dict(zip(parts, lists.get("fruitless", []), strict=False))
+        self._rest = dict(zip(parts, lists.get("rest", []), strict=False))
+
+    def doubtful(self, found: Differences) -> list[Part]:
+        """Limbs and head that may be elsewhere, and the torso where all is."""
+        limbs: list[Part] = [part for part in PART_STAGES if found.px[part] > self._allowed_px(part)]
+        return ["torso", *limbs] if found.share > _LOST_SHARE else limbs
+
+    def distrusted(self, found: Differences) -> list[Part]:
+        """Of the parts in doubt those that what differs is nearest to; all, where it is near none of them."""
+        doubtful = self.doubtful(found)
+        if "torso" in doubtful:
+            return doubtful
+        near = [part for part in doubtful if found.nearest_px[part] > self._doubt_px / 2]
+        return near or doubtful
+
+    def _allowed_px(self, part: Part) -> float:
+        usual = self._usual.get(part)
+        return self._doubt_px + (_OVER_USUAL * float(np.median(usual)) if usual else 0.0)
+
+    def to_search(self, found: Differences) -> list[Part]:
+        """The parts in doubt that are worth a search: not those that were searched in vain just now."""
+        return [part for part in self.doubtful(found) if self._rest.get(part, 0) == 0]
+
+    def note_search(self, parts: Iterable[Part], *, gained: bool) -> None:
+        """Parts were searched; in vain, and they rest for a few frames, and for more the next time."""
+        for part in parts:
+            self._fruitless[part] = 0 if gained else self._fruitless.get(part, 0) + 1
+            self._rest[part] = min(2 ** self._fruitless[part], _LONGEST_REST) if self._fruitless[part] else 0
+
+    def remember(self, found: Differences) -> None:
+        """Take in a solved frame: of the first one all; later parts in doubt only if it is not by much.
+
+        So what differs may grow, as the folds of clothes do, and a lost limb is not taken for usual.
+        """
+        for part in PART_STAGES:
+            self._rest[part] = max(self._rest.get(part, 0) - 1, 0)
+            if part not in self._usual or found.px[part] <= _LEARNT * self._allowed_px(part):
+                self._usual.setdefault(part, deque(maxlen=_REMEMBERED)).append(found.px[part])
+
+
+def confidences(rim_px: Floats) -> dict[Part, float]:
+    """Per part the share of its visible rim that lies on a contour; rim_px as Aligned has it.
+
+    A part of which hardly anything shows is left out, and one most of whose rim is among unsure pixels: what
+    is left of it says little about the part.
+    """
+    shown = {part: rim_px[list(segments)].sum(axis=0) for part, segments in PART_SEGMENTS.items()}
+    return {
+        part: float(on / all_px)
+        for part, (all_px, on, _, unsure_px) in shown.items()
+        if all_px > max(20.0, unsure_px)
+    }

@@ -1,0 +1,149 @@
+"""A proxy before the page's server: who gives the token comes in, and is known by a cookie from then on.
+
+It passes bytes on and looks at the first request of each connection only. So that there is no second one, it
+has the server close the connection after each answer; a websocket stays for as long as it likes.
+"""
+
+import asyncio
+import contextlib
+import hashlib
+import hmac
+import logging
+import threading
+from typing import Self
+from urllib.parse import parse_qs, urlsplit
+
+from services.mocap.errors import UserError
+from services.viewer.address import Address
+from services.viewer.request import MOST_HEAD_BYTES, Head, MalformedHeadError
+
+log = logging.getLogger(__name__)
+
+_HEAD_S = 10.0
+"""How long a browser may take to say what it wants."""
+_WRONG_S = 1.0
+"""How long whoever gives a wrong token waits for the answer."""
+_MOST_CONNECTIONS = 256
+_BLOCK_BYTES = 65536
+_END_S = 2.0
+_FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><title>xormocap</title>
+<body style="font:16px system-ui,sans-serif;margin:20vh auto;max-width:22em"><form>
+<h1 style="font-size:20px">xormocap</h1><p>{words}</p>
+<input name="token" type="password" autofocus aria-label="token" style="font:inherit;width:15em">
+<button style="font:inherit">Open</button></form></body></html>"""
+
+
+class AuthProxy:
+    """Listens at an address for browsers, in a thread of its own; a context manager."""
+
+    def __init__(self, address: Address, token: str, server_port: int) -> None:
+        """server_port: the page's server on loopback. Raises UserError where nobody can listen there."""
+        self._token, self._server_port = token, server_port
+        self._pass = hashlib.sha256(b"xormocap page " + token.encode()).hexdigest()
+        """What the cookie holds, from which the token cannot be told."""
+        self._connections = 0
+        self._loop = asyncio.new_event_loop()
+        listening = asyncio.start_server(self._serve, address.host, address.port, limit=MOST_HEAD_BYTES)
+        try:
+            self._listener = self._loop.run_until_complete(listening)
+        except OSError as error:
+            self._loop.close()
+            where = f"{address.host}:{address.port}"
+            raise UserError(
+                f"--bind {where}: cannot listen there ({error.strerror}): choose another"
+            ) from None
+        self.port: int = self._listener.sockets[0].getsockname()[1]
+        self._thread = threading.Thread(target=self._loop.run_forever, name="proxy", daemon=True)
+        self._thread.start()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._connections += 1
+        try:
+            if self._connections <= _MOST_CONNECTIONS:
+                await self._admit(reader, writer)
+        except (TimeoutError, OSError, MalformedHeadError, asyncio.IncompleteReadError):
+            pass  # whoever it was left, dawdled or spoke no HTTP
+        except asyncio.LimitOverrunError:
+            await _answer(writer, "431 Request Header Fields Too Large", "")
+        finally:
+            self._connections -= 1
+            writer.close()
+
+    async def _admit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        text = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_S)
+        head = Head.of(text)
+        given = parse_qs(urlsplit(head.target).query).get("token", [""])[-1]
+        if given and hmac.compare_digest(given.encode(), self._token.encode()):
+            cookie = f"Set-Cookie: {self._cookie}={self._pass}; Path=/; HttpOnly; SameSite=Strict\r\n"
+            await _answer(writer, "303 See Other", "", f"Location: /\r\n{cookie}")
+        elif hmac.compare_digest(head.cookies.get(self._cookie, "").encode(), self._pass.encode()):
+            if head.is_from_elsewhere:
+                await _answer(writer, "403 Forbidden", "")
+            else:
+                await self._pass_on(head.alone(), reader, writer)
+        else:
+            if given:
+                log.warning("somebody gave a wrong token")
+                await asyncio.sleep(_WRONG_S)
+            words = "That is not the token." if given else "The token, please: the viewer's log has it."
+            await _answer(writer, "401 Unauthorized", _FORM.format(words=words))
+
+    @property
+    def _cookie(self) -> str:
+        """Its name; browsers do not tell ports apart."""
+        return f"xormocap-{self.port}"
+
+    async def _pass_on(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Connect a browser with the server until one of both leaves."""
+        from_server, to_server = await asyncio.open_connection("127.0.0.1", self._server_port)
+        try:
+            to_server.write(head)
+            ways = [_copy(reader, to_server), _copy(from_server, writer)]
+            tasks = [asyncio.ensure_future(way) for way in ways]
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        finally:
+            to_server.close()
+
+    def close(self) -> None:
+        """Stop listening and cut all connections."""
+
+        async def end() -> None:
+            self._listener.close()
+            others = asyncio.all_tasks() - {asyncio.current_task()}
+            for task in others:
+                task.cancel()
+            await asyncio.gather(*others, return_exceptions=True)
+
+        with contextlib.suppress(TimeoutError):
+            asyncio.run_coroutine_threadsafe(end(), self._loop).result(_END_S)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(_END_S)
+        if not self._thread.is_alive():
+            self._loop.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Pass bytes on as fast as they are taken."""
+    while block := await reader.read(_BLOCK_BYTES):
+        writer.write(block)
+        await writer.drain()
+
+
+async def _answer(writer: asyncio.StreamWriter, status: str, page: str, more: str = "") -> None:
+    """Answer with a page, and close the connection."""
+    body = page.encode()
+    head = (
+        f"HTTP/1.1 {status}\r\nContent-Type: text/html; charset=utf-8\r\nContent-Length: {len(body)}\r\n"
+        f"Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nConnection: close\r\n{more}\r\n"
+    )
+    writer.write(head.encode() + body)
+    await writer.drain()

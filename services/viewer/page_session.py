@@ -1,0 +1,243 @@
+"""One show on one browser's page: what is sent of it, and when."""
+
+import time
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import viser
+
+from services.mocap.types import Bytes, Floats
+from services.viewer.controls import Controls
+from services.viewer.curves import Curves
+from services.viewer.frame_history import STAGES, SolvedFrame
+from services.viewer.grid import CameraGrid
+from services.viewer.markup import lines_of, timeline
+from services.viewer.metrics import BEHIND
+from services.viewer.send_pacing import SendPacing
+from services.viewer.show import Show
+from services.viewer.stage import Stage
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """How often things are sent at most, in seconds."""
+
+    body_s: float
+    grid_s: float
+    frusta_s: float
+    chart_s: float
+    """From one chart to the next."""
+    timeline_s: float
+    rest: float
+    """After drawing the grid nothing of it is drawn for so many times the processor time that this took. Most
+    goes into decoding the pictures between those that are shown, of which resting longer makes more."""
+
+
+_LIVE = _Pace(body_s=0.066, grid_s=0.3, frusta_s=1.0, chart_s=0.2, timeline_s=0.5, rest=4.0)
+"""Beside tracking, which wants the processor."""
+_FINISHED = _Pace(body_s=0.04, grid_s=0.1, frusta_s=0.5, chart_s=0.1, timeline_s=0.1, rest=2.0)
+_OFTEN, _SELDOM, _RARELY = 0.5, 4.0, 8.0
+"""How much longer the grid, charts, and the pictures in the room rest than they were on their way."""
+_TRAIL_S = 2.0
+_AWAY_M, _BESIDE_RAD, _FOV_RAD, _WAYPOINTS = 2.4, 0.9, 0.9, 9
+_ROAMING_M = 1.0
+"""Where a browser looks from at first, and how far it stands back while little is known of a motion."""
+_FRUSTUM_PX = 160
+
+
+class PageSession:
+    """One show on one browser's page."""
+
+    def __init__(self, client: viser.ClientHandle, show: Show) -> None:
+        client.gui.reset()
+        client.scene.reset()
+        self._client, self._show = client, show
+        self._stage = Stage(client.scene, show)
+        pace = _LIVE if show.is_live else _FINISHED
+        self._grid = CameraGrid(client.gui, show, SendPacing(pace.grid_s, pace.rest, _OFTEN))
+        self._controls = Controls(client.gui, show)
+        with client.gui.add_folder("Curves"):
+            self._curves = Curves(client.gui, show.history)
+        self._tick_s = pace.body_s
+        self._curves_pacing = SendPacing(pace.chart_s, pace.rest, _SELDOM)
+        self._frusta_pacing = SendPacing(pace.frusta_s, pace.rest, _RARELY)
+        self._timeline_pacing = SendPacing(pace.timeline_s)
+        self._answered: set[SendPacing] = set()
+        self._sending: SendPacing | None = None
+        """What the browser has not answered yet, of all that is large."""
+        self._began_s = self._made_s = self._cpu_s = 0.0
+        self._hung_frame = self._timeline_frame = -1
+        self._placed: SolvedFrame | None = None
+        self._behind_s: float | None = None
+        self._told, self._advanced_s = -1, time.monotonic()
+        self._looked = False
+
+    def update(self) -> bool:
+        """Let the user's wishes and time go on, and send what differs; True when anything was sent."""
+        controls = self._controls
+        controls.perform(self._tick_s)
+        now = time.monotonic()
+        frame = controls.player.advance(now - self._advanced_s)
+        self._advanced_s = now
+        solved = self._show.history.solved(frame)
+        if solved is None:
+            return self._say_missing(frame)
+        self._began_s, self._sending = time.monotonic(), None
+        sent = self._show_room(solved)
+        cpu_s = time.thread_time()
+        if self._grid.is_due(solved, self._controls):
+            fresh = self._fresh(solved)
+            if fresh is not solved:
+                solved, sent = fresh, self._show_room(fresh) or sent
+        # Of what is large only one thing at a time, so that the next body does not wait for all.
+        sent = self._show_grid(solved) or self._show_curves(solved) or self._hang(solved) or sent
+        self._told, self._made_s, self._cpu_s = controls.version, time.monotonic(), time.thread_time() - cpu_s
+        return sent
+
+    @property
+    def has_shown(self) -> bool:
+        """Whether the browser has had pictures, where there are any, and curves."""
+        wanted = {self._curves_pacing} | ({self._grid.pacing} if self._show.artist is not None else set())
+        return wanted <= self._answered
+
+    def _show_room(self, solved: SolvedFrame) -> bool:
+        """Send what is small, at once: drawing pictures takes its time."""
+        with self._client.atomic():
+            sent = [self._show_body(solved), self._show_timeline(solved)]
+        self._client.flush()
+        return any(sent)
+
+    def _fresh(self, solved: SolvedFrame) -> SolvedFrame:
+        """The frame to draw pictures of: the newest after they were decoded up to a live one that was."""
+        player = self._controls.player
+        if player.is_live and not self._show.history.is_over:
+            self._grid.catch_up(solved, self._controls)
+            return self._show.history.solved(player.advance(0.0)) or solved
+        return solved
+
+    def _say_missing(self, frame: int) -> bool:
+        """Say that a frame is not here; what was shown before stays."""
+        words = f"{frame} {self._show.history.why_missing(frame)}"
+        content = lines_of([("take", self._show.take), ("frame", words)])
+        if content == self._controls.status.content:
+            return False
+        self._controls.status.content = content
+        self._placed = None
+        return True
+
+    def note_answer(self) -> None:
+        """The browser has taken in what was sent."""
+        if self._sending is not None:
+            self._sending.done(self._began_s, self._made_s, self._cpu_s)
+            self._answered.add(self._sending)
+        if self._sending in (None, self._grid.pacing):  # of the others nobody has counted the bytes
+            sent_bytes = 0 if self._sending is None else self._grid.sent_bytes
+            self._grid.connection.note(sent_bytes, time.monotonic() - self._made_s)
+        if self._placed is not None and self._show.is_live and self._controls.player.is_live:
+            self._behind_s = time.monotonic() - self._placed.arrived_s
+            BEHIND.observe(self._behind_s)
+            self._curves.note_lag(self._placed.frame, self._behind_s)
+
+    def _show_body(self, solved: SolvedFrame) -> bool:
+        if (
+            self._placed is not None
+            and solved.frame == self._placed.frame
+            and self._told == self._controls.version
+        ):
+            return False
+        self._placed = solved
+        self._stage.place(solved)
+        if not self._looked:
+            self._look_at(solved)
+        self._stage.show_cameras(self._controls.wants_frusta)
+        self._controls.follow(solved.frame)
+        self._controls.status.content = self._status(solved)
+        self._stage.trail(self._trail(solved.frame) if self._controls.wants_trails else None)
+        return True
+
+    def _show_timeline(self, solved: SolvedFrame) -> bool:
+        is_asked_for = self._told != self._controls.version
+        if solved.frame == self._timeline_frame or not (is_asked_for or self._timeline_pacing.is_due()):
+            return False
+        frames = self._show.history.extent
+        at = (solved.frame - frames.start + 0.5) / len(frames)
+        self._controls.timeline.content = timeline(self._show.history.overview(), at)
+        self._timeline_frame = solved.frame
+        self._timeline_pacing.done(self._began_s)
+        return True
+
+    def _trail(self, frame: int) -> Floats:
+        span = round(_TRAIL_S * self._show.fps)
+        solved_frames = (self._show.history.solved(f) for f in range(max(frame - span, 0), frame + 1))
+        return np.array([solved.pose for solved in solved_frames if solved is not None])
+
+    def _look_at(self, solved: SolvedFrame) -> None:
+        """Stand before the middle of what is known of the motion, a bit to the actor's side."""
+        self._looked = True
+        history = self._show.history
+        some = np.linspace(history.frames.start, history.newest or history.frames.start, _WAYPOINTS).astype(
+            int
+        )
+        known = [found.pose[:3] for found in map(history.solved, some.tolist()) if found is not None]
+        middle_m, heading = np.mean([solved.pose[:3], *known], axis=0), solved.pose[3] + _BESIDE_RAD
+        reach_m = float(np.ptp([solved.pose[:3], *known], axis=0).max())
+        away_m = _AWAY_M + (0.5 * reach_m if history.is_over else _ROAMING_M)
+        eye_m = middle_m + np.array([away_m * np.cos(heading), away_m * np.sin(heading), 0.25 * away_m])
+        self._client.camera.position = eye_m
+        self._client.camera.look_at = middle_m - (0.0, 0.0, 0.1)
+        self._client.camera.fov = _FOV_RAD
+
+    def _status(self, solved: SolvedFrame) -> str:
+        show, player = self._show, self._controls.player
+        state = "live" if player.is_live else "playing" if player.is_playing else "standing"
+        rows = [
+            ("take", show.take),
+            ("frame", f"{solved.frame}{self._last()}, {solved.time_s:.2f} s, {state}"),
+            ("energy", f"{solved.energy_px:.0f} px"),
+        ]
+        seconds = solved.seconds[STAGES.index("frame")]
+        if np.isfinite(seconds) and seconds > 0:
+            rows.append(("tracking", f"{1 / seconds:.1f} frames per second"))
+        if player.is_live and self._behind_s is not None:
+            rows.append(("page", f"{self._behind_s:.2f} s behind"))
+        return lines_of(rows)
+
+    def _last(self) -> str:
+        """The last frame, where anybody knows which that will be."""
+        history = self._show.history
+        return f" of {history.frames[-1]}" if history.extent == history.frames else ""
+
+    def _show_grid(self, solved: SolvedFrame) -> bool:
+        if not self._grid.draw(solved, self._controls):
+            return False
+        self._sending = self._grid.pacing
+        return True
+
+    def _show_curves(self, solved: SolvedFrame) -> bool:
+        if not self._curves_pacing.is_due() or not self._curves.draw_next(solved.frame):
+            return False
+        self._sending = self._curves_pacing
+        return True
+
+    def _hang(self, solved: SolvedFrame) -> bool:
+        """Bring the pictures in the room up to date, with those that the grid has had decoded if it has."""
+        artist = self._show.artist
+        frame = solved.frame if self._grid.frame is None else self._grid.frame
+        if artist is None or not self._controls.wants_frusta or frame == self._hung_frame:
+            return False
+        if not self._frusta_pacing.is_due():
+            return False
+        pictures = [_small(artist.ground(frame, c)) for c in range(len(self._show.camera_names))]
+        with self._client.atomic():
+            for c, picture in enumerate(pictures):
+                self._stage.hang_picture(c, picture)
+        self._hung_frame, self._sending = frame, self._frusta_pacing
+        return True
+
+
+def _small(picture: Bytes) -> Bytes:
+    """A picture (h, w, 3) for a frustum, in RGB."""
+    height = max(1, round(_FRUSTUM_PX * picture.shape[0] / picture.shape[1]))
+    small = cv2.resize(picture, (_FRUSTUM_PX, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small[..., ::-1], np.uint8)

@@ -1,0 +1,98 @@
+"""What a pose leaves over is seen where it is, and what usually is left over is no reason to doubt."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.energy.picture import Picture
+from services.mocap.search.model import Model
+from services.mocap.search.part_confidence import Differences, PartConfidence, confidences, differences
+from services.mocap.take.marks import Part
+from services.mocap.types import Bytes, Floats
+
+NOTHING: dict[Part, int] = dict.fromkeys(
+    ("torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"), 0
+)
+
+
+def _left_arm(px: int) -> Differences:
+    px_by_part = {**NOTHING, "torso": px, "left_arm": px}
+    return Differences(px_by_part, px_by_part, 0.05)
+
+
+def test_the_right_pose_leaves_nothing(
+    model: Model, standing: Callable[..., Floats], silhouettes_of: Callable[[Floats], Bytes]
+) -> None:
+    pose = standing(shoulder_elevation=-40)
+    planes = silhouettes_of(pose)
+    found = differences(model, Picture.whole(model.rig, planes), pose, planes)
+    assert found == Differences(NOTHING, NOTHING, 0.0)
+    assert PartConfidence(model.rig, 30.0).doubtful(found) == []
+
+
+def test_an_arm_that_is_elsewhere_is_in_doubt_and_the_legs_are_not(
+    model: Model, standing: Callable[..., Floats], silhouettes_of: Callable[[Floats], Bytes]
+) -> None:
+    pose = standing()
+    wrong = pose.copy()
+    wrong[DOF_INDEX["left_shoulder_elevation"]] += 1.0
+    found = differences(model, Picture.whole(model.rig, silhouettes_of(pose)), wrong, silhouettes_of(wrong))
+    trust = PartConfidence(model.rig, 30.0)
+    assert "left_arm" in trust.doubtful(found)
+    assert trust.distrusted(found) == ["left_arm"]
+
+
+def test_an_empty_picture_is_a_loss_of_all(
+    model: Model, standing: Callable[..., Floats], silhouettes_of: Callable[[Floats], Bytes]
+) -> None:
+    pose = standing()
+    planes = silhouettes_of(pose)
+    found = differences(model, Picture.whole(model.rig, np.zeros_like(planes)), pose, planes)
+    assert "torso" in PartConfidence(model.rig, 30.0).doubtful(found)
+
+
+def test_pixels_that_are_ignored_do_not_count(
+    model: Model, standing: Callable[..., Floats], silhouettes_of: Callable[[Floats], Bytes]
+) -> None:
+    pose = standing()
+    planes = silhouettes_of(pose)
+    ignored = Picture.whole(model.rig, planes).ignoring(np.full_like(planes, 255))
+    assert differences(model, ignored, pose, np.zeros_like(planes)) == Differences(NOTHING, NOTHING, 0.0)
+
+
+def test_what_usually_differs_is_no_doubt_but_a_leap_is(model: Model) -> None:
+    trust = PartConfidence(model.rig, 30.0)
+    for _ in range(20):
+        trust.remember(_left_arm(100))
+    assert trust.doubtful(_left_arm(150)) == []
+    assert trust.doubtful(_left_arm(200)) == ["left_arm"]
+
+
+def test_a_lost_limb_never_becomes_usual(model: Model) -> None:
+    trust = PartConfidence(model.rig, 30.0)
+    trust.remember(_left_arm(0))
+    for _ in range(200):
+        trust.remember(_left_arm(120))
+    assert trust.doubtful(_left_arm(120)) == ["left_arm"]
+
+
+def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Model) -> None:
+    trust, searched = PartConfidence(model.rig, 30.0), []
+    trust.remember(_left_arm(0))
+    for frame in range(40):
+        if trust.to_search(_left_arm(500)):
+            searched.append(frame)
+            trust.note_search(["left_arm"], gained=False)
+        trust.remember(_left_arm(500))
+    assert searched == [0, 2, 6, 14, 22, 30, 38]
+    trust.note_search(["left_arm"], gained=True)
+    assert trust.to_search(_left_arm(500)) == ["left_arm"]
+
+
+def test_confidence_is_the_share_of_the_rim_on_a_contour() -> None:
+    rim_px = np.zeros((16, 4))
+    rim_px[3] = 100.0, 80.0, 10.0, 90.0  # the head
+    assert confidences(rim_px) == {"head": 0.8}
+    rim_px[3, 3] = 110.0
+    assert confidences(rim_px) == {}
