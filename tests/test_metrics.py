@@ -9,7 +9,7 @@ from urllib.request import urlopen
 import pytest
 from prometheus_client import REGISTRY, Counter
 
-from bench.soak.sample_messages import specimens
+from bench.soak.sample_messages import sample_messages
 from proto.framing import decode
 from proto.messages import Telemetry
 from services.metrics import offering
@@ -65,7 +65,7 @@ def test_all_services_fit_into_one_process_and_the_table_tells_of_every_figure()
     assert sorted(modules) == ["coordinator", "limb_worker", "recorder", "segmentation", "viewer"]
     loaded = {name: importlib.import_module(f"services.{name}.metrics") for name in modules}
     gauges = loaded["coordinator"].Gauges()
-    gauges.latest = decode(specimens("walk", 3)["telemetry"])
+    gauges.latest = decode(sample_messages("walk", 3)["telemetry"])
     try:
         assert isinstance(gauges.latest, Telemetry)
         found = {
