@@ -8,8 +8,6 @@ from typing import Literal
 
 from proto.auth import Admission
 from proto.messages import Recording, TakeEnd, Telemetry
-from services.coordinator.absent_cameras import without_weight
-from services.coordinator.first_frame import FirstFrame, model_of, solve_first_frame, told_actor
 from services.coordinator.incoming import Frame, Incoming, RecordedFrames
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.live_frames import LiveFrames
@@ -18,15 +16,16 @@ from services.coordinator.outgoing_messages import OutgoingMessages
 from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import LostFramesError, Switchboard
-from services.coordinator.tracker import Tracker
 from services.coordinator.unsure import UnsureParts
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
 from services.mocap.errors import TakeError, UserError
 from services.mocap.search.chains import LIMBS
+from services.mocap.search.first_frame import FirstFrame, model_of, solve_first_frame, told_actor
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model
+from services.mocap.search.tracker import Tracker
 from services.mocap.search.warm_up import rehearse
 from services.mocap.take.live import LiveTake
 from services.mocap.take.settings import TakeSettings
@@ -215,7 +214,7 @@ class Session:
             self._hints(),
             self._pool,
             self._engine,
-            without_weight(self._plan.settings, first.absent, self._rig),
+            self._plan.settings.without_cameras(first.absent, self._rig.n_cameras),
             self._plan.fitted_pose,
             self._camera_names,
             self._made,

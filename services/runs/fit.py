@@ -9,7 +9,6 @@ from itertools import islice
 
 import numpy as np
 
-from services.coordinator.first_frame import FirstFrame, first_guess
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.measures import Measure, measure
@@ -22,6 +21,7 @@ from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.uncertainty import with_uncertainties
+from services.mocap.search.first_frame import FirstFrame, first_guess
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -97,7 +97,7 @@ def fit_take(
             cameras, seen = seen_of(take, frames, segmenter, progress)
         rig, names = Rig.of(cameras), [camera.name for camera in cameras]
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
-            told = _without(search, take, cameras)
+            told = search.for_cameras([take.cameras.index(camera) for camera in cameras])
             guess = guess_first_pose(rig, seen[0], take.settings, opened, told, mesh, names)
         with clock.stage("fitting the actor") as progress:
             fit = fitter(rig, seen, guess.actor, guess.solution.pose, progress)
@@ -167,14 +167,6 @@ def _trimaps_of(segmenter: Segmenter, frames: Sequence[int]) -> Iterator[list[Tr
     if isinstance(frames, range):
         return islice(segmenter.trimaps(frames.start, frames.stop), len(frames))
     return (next(iter(segmenter.trimaps(frame, frame + 1))) for frame in frames)
-
-
-def _without(search: SearchSettings, take: Take, left: tuple[Camera, ...]) -> SearchSettings:
-    """The settings for those cameras of a take that are left."""
-    names = {camera.name for camera in left}
-    given = zip(take.cameras, search.camera_weights, strict=False)  # there may be none at all
-    weights = tuple(weight for camera, weight in given if camera.name in names)
-    return search.model_copy(update={"camera_weights": weights})
 
 
 def guess_first_pose(

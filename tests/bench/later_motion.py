@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.people import FPS, Person, seen_of
-from services.coordinator.first_frame import model_of
-from services.coordinator.tracker import Tracker
 from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import Engine
+from services.mocap.search.first_frame import model_of
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.tracker import Tracker
 from services.mocap.synth.motion import STAND_S
 from services.mocap.synth.motions import make_motion
 from services.mocap.types import Floats, Mask

@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 
 from proto.messages import LiveSilhouettes, LiveSources
-from services.coordinator.absent_cameras import without_cameras, without_weight
 from services.coordinator.live_frames import LiveFrames
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
-from services.mocap.energy.picture import Picture
-from services.mocap.search.settings import SearchSettings
 from services.mocap.take.live import LiveTake, open_live
 
 _RUN, _FPS = "a" * 32, 10.0
@@ -246,16 +243,6 @@ def test_what_segmentation_says_is_told(stage: Stage) -> None:
     stage.report([2, 3], missed=[7, 1], dropped=[0, 2])
     drops = stage.frames.figures().drops
     assert drops == {"cam01": [0, 0, 0], "cam02": [0, 0, 0], "cam03": [7, 0, 0], "cam04": [1, 2, 0]}
-
-
-def test_absent_cameras_weigh_nothing(small_cameras: Cameras) -> None:
-    rig = Rig.of(tuple(small_cameras(3)))
-    picture = Picture.whole(rig, np.zeros((1, *rig.shape_px), np.uint8))
-    assert without_cameras(picture, (), rig) is picture
-    assert set(np.unique(without_cameras(picture, (1,), rig).ignored)) == {2}
-    settings = SearchSettings(camera_weights=(0.5, 1.0, 2.0))
-    assert without_weight(settings, (1,), rig).camera_weights == (0.5, 0.0, 2.0)
-    assert without_weight(SearchSettings(), (0,), rig).camera_weights == (0.0, 1.0, 1.0)
 
 
 def test_unsure_planes_that_do_not_fit_are_dropped_and_counted(stage: Stage) -> None:

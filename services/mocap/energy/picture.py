@@ -1,5 +1,6 @@
 """What the energy compares with: the input silhouettes of one frame, whole, halved or cut to windows."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -90,6 +91,14 @@ class Picture:
     def ignoring(self, planes: Bytes) -> "Picture":
         """The same picture in which the pixels set in planes (P, h, w) count for nothing as well."""
         return replace(self, ignored=self.ignored | planes)
+
+    def without_cameras(self, left_out: Collection[int]) -> "Picture":
+        """The same picture in which nothing counts of some cameras, by their place in the rig."""
+        if not left_out:
+            return self
+        ignored = np.zeros((len(self.region.origin_px), *self.silhouettes.shape[1:]), bool)
+        ignored[list(left_out)] = True
+        return self.ignoring(pack(ignored))
 
     def halved(self) -> "Picture":
         """Half resolution: a pixel is set where at least two of its four are (the paper, section 4.2).

@@ -8,7 +8,6 @@ import numpy as np
 
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
-from services.mocap.energy.bitplanes import pack
 from services.mocap.energy.picture import Picture
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
@@ -56,7 +55,8 @@ def find_first_pose(
     picture: the whole first frame. settings: as for the frames to come; the search is wider here. Cameras of
     weight 0 have no say in which pose is best, nor in how clearly.
     """
-    picture = _without_weightless(picture, settings)
+    weightless = np.flatnonzero(settings.weights(model.rig.n_cameras) == 0)
+    picture = picture.without_cameras(weightless.tolist())
     starts = _starts(model, hull, facing_rad)
     energy = whole_body_energy(model, picture.halved(), starts[0], settings.cost, settings.detail_px)
     starts = _best_of_each_heading(starts, energy(starts))[:_CANDIDATES]
@@ -118,14 +118,6 @@ def _turned_round(pose: Floats) -> Floats:
         for name in ("shoulder_forward", "hip_flexion"):
             turned[DOF_INDEX[f"{side}_{name}"]] *= -1.0
     return clip_to_limits(turned)
-
-
-def _without_weightless(picture: Picture, settings: SearchSettings) -> Picture:
-    """The picture with all pixels ignored of the cameras whose weight is 0."""
-    if not any(weight == 0 for weight in settings.camera_weights):
-        return picture
-    shape = picture.silhouettes.shape[1:]
-    return picture.ignoring(pack(np.array([np.full(shape, w == 0) for w in settings.camera_weights])))
 
 
 def standing_pose(model: Model, hull: Hull) -> Floats:

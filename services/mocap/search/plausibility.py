@@ -44,12 +44,6 @@ class FirstLook:
         believed[..., list(self.left_out), :, :] = False
         return believed
 
-    def weights(self, n_cameras: int) -> tuple[float, ...]:
-        """Weights for a search: 1 per camera, 0 for those left out; none where there are none of these."""
-        if not self.left_out:
-            return ()
-        return tuple(0.0 if c in self.left_out else 1.0 for c in range(n_cameras))
-
 
 def look_first(
     rig: Rig, silhouettes: Mask, names: Sequence[str] = (), possible: Mask | None = None

@@ -1,11 +1,13 @@
 """Every setting of the search, in one place."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Literal, TypeAlias
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from services.mocap.energy.cost import Cost
+from services.mocap.types import Floats
 
 _Weight = Annotated[float, Field(ge=0, le=1000)]
 _Count = Annotated[int, Field(ge=1, le=15)]
@@ -100,6 +102,23 @@ class SearchSettings(BaseModel):
     def cost(self) -> Cost:
         """What differing pixels cost while searching; energies are reported as plain counts all the same."""
         return Cost(self.distance_cap_px, self.camera_weights, self.camera_cap)
+
+    def weights(self, n_cameras: int) -> Floats:
+        """(C,) what each camera's pixels count."""
+        return np.array(self.camera_weights or (1.0,) * n_cameras, np.float64)
+
+    def without_cameras(self, left_out: Collection[int], n_cameras: int) -> "SearchSettings":
+        """The same with a weight of 0 for some of the cameras."""
+        if not left_out:
+            return self
+        weights = self.weights(n_cameras)
+        weights[list(left_out)] = 0.0
+        return self.model_copy(update={"camera_weights": tuple(weights.tolist())})
+
+    def for_cameras(self, kept: Sequence[int]) -> "SearchSettings":
+        """The same for a rig that has only some of the cameras, in this order."""
+        weights = tuple(self.camera_weights[c] for c in kept) if self.camera_weights else ()
+        return self.model_copy(update={"camera_weights": weights})
 
     def to_wire(self) -> dict[str, bool | int | float | str | list[int] | list[float]]:
         """The settings as a message carries them."""

@@ -33,6 +33,13 @@ def test_what_lies_outside_a_cameras_picture_is_ignored() -> None:
         assert mask[:, width:].all()
 
 
+def test_nothing_counts_of_cameras_that_are_left_out() -> None:
+    picture = Picture.whole(RIG, pack(_masks(0)))
+    assert picture.without_cameras(()) is picture
+    np.testing.assert_array_equal(_ignored(picture.without_cameras((1,)))[[0, 2]], _ignored(picture)[[0, 2]])
+    assert _ignored(picture.without_cameras((1,)))[1].all()
+
+
 def test_another_shape_is_refused() -> None:
     with pytest.raises(ValueError, match=r"silhouettes: expected shape \(1, 14, 18\), got \(1, 14, 17\)"):
         Picture.whole(RIG, np.zeros((1, 14, 17), np.uint8))

@@ -85,7 +85,6 @@ def test_an_empty_or_full_camera_is_left_out(model: Model, masks: Masks, camera:
     assert not believed[camera].any()
     kept = [c for c in range(8) if c != camera]
     np.testing.assert_array_equal(believed[kept], seen[kept])
-    assert look.weights(8) == tuple(float(c != camera) for c in range(8))
 
 
 @pytest.mark.parametrize("cameras", [[0, 1, 2, 3, 4, 5, 6, 7], [0, 2, 3, 5, 6]])

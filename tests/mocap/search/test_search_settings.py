@@ -56,3 +56,16 @@ def test_nonsense_is_refused(fields: dict[str, Any]) -> None:
 
 def test_every_setting_says_what_it_has_to_be() -> None:
     assert all(field.description for field in SearchSettings.model_fields.values())
+
+
+def test_cameras_that_are_left_out_weigh_nothing() -> None:
+    settings = SearchSettings(camera_weights=(0.5, 1.0, 2.0))
+    assert settings.without_cameras((1,), 3).camera_weights == (0.5, 0.0, 2.0)
+    assert SearchSettings().without_cameras((0,), 3).camera_weights == (0.0, 1.0, 1.0)
+    assert settings.without_cameras((), 3) is settings
+
+
+def test_settings_for_a_rig_of_fewer_cameras() -> None:
+    settings = SearchSettings(camera_weights=(0.5, 1.0, 2.0))
+    assert settings.for_cameras([2, 0]).camera_weights == (2.0, 0.5)
+    assert SearchSettings().for_cameras([2, 0]).camera_weights == ()

@@ -117,7 +117,7 @@ class Aligner:
         views = (
             P_px_world,
             np.ascontiguousarray(lenses[:, 12:]),
-            self._weights(settings),
+            settings.weights(self._rig.n_cameras),
             self._sizes_px(region),
         )
         pulling, stages = np.array(segments, np.int32), self._stages(settings)
@@ -129,9 +129,6 @@ class Aligner:
                 (pulling, rim, views, self._pull_scratch), steps, free, prior, _LIMITS, prior_cost, rim_px,
             )  # fmt: skip
         return Aligned(moved, float(prior_cost[0]), rim_px)
-
-    def _weights(self, settings: SearchSettings) -> Floats:
-        return np.array(settings.camera_weights or (1.0,) * self._rig.n_cameras, np.float64)
 
     def _sizes_px(self, region: Region) -> Ints:
         """(C, 2) how much of the region each camera's picture fills."""

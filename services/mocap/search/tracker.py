@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Collection, Mapping
 
-from services.coordinator.absent_cameras import without_cameras, without_weight
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
@@ -64,8 +63,8 @@ class Tracker:
         and no part of it is to be trusted.
         """
         rig = self._model.rig
-        picture = without_cameras(Picture.whole(rig, seen.silhouettes, seen.unsure), absent, rig)
-        settings = without_weight(self._settings, absent, rig)
+        picture = Picture.whole(rig, seen.silhouettes, seen.unsure).without_cameras(absent)
+        settings = self._settings.without_cameras(absent, rig.n_cameras)
         solution = solve_frame(self._model, picture, self._starts(), settings, self._limbs, trust=self._trust)
         is_lost = "torso" in solution.distrusted
         if not is_lost and not self._lost_frames:

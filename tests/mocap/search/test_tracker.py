@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from services.coordinator.tracker import Tracker
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
@@ -15,6 +14,7 @@ from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.tracker import Tracker
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats

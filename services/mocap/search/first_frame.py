@@ -21,7 +21,7 @@ from services.mocap.search.height import HEIGHT_RANGE_M, fit_height
 from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
-from services.mocap.search.plausibility import FirstLook, look_first
+from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.single_person import MOST_UNCOVERED, NOT_ALONE, uncovered_share
 from services.mocap.search.unsure_shares import UnsureShares, names_or_numbers
@@ -74,7 +74,7 @@ def solve_first_frame(
     look = look_first(rig, masks, names, possible)
     for remark in look.remarks:
         log.warning("%s", remark)
-    settings = _believing(settings, look, rig.n_cameras)
+    settings = settings.without_cameras(look.left_out, rig.n_cameras)
     hull = carve(rig, look.believed(masks), possible)
     opening = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made, names=names)
     if actor is not None or hints.actor_height is not None:
@@ -88,15 +88,6 @@ def solve_first_frame(
     limbs, wide = pool(model, actor), settings.widened()
     fitted = solve_frame(model, picture, pose[None], wide, limbs, first_pass=_FITTED_PASS)
     return FirstFrame(actor, model, fitted)
-
-
-def _believing(settings: SearchSettings, look: FirstLook, n_cameras: int) -> SearchSettings:
-    """The settings without the cameras that should not be believed."""
-    if not look.left_out:
-        return settings
-    given = settings.camera_weights or (1.0,) * n_cameras
-    weights = tuple(a * b for a, b in zip(given, look.weights(n_cameras), strict=True))
-    return settings.model_copy(update={"camera_weights": weights})
 
 
 def told_actor(actor: Actor | None, hints: TakeSettings, mesh: OwnMesh | None = None) -> Actor | None:

@@ -5,7 +5,6 @@ import logging
 import numpy as np
 import pytest
 
-from services.coordinator.first_frame import solve_first_frame
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
@@ -17,6 +16,7 @@ from services.mocap.energy.picture import Region
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.first_frame import solve_first_frame
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
