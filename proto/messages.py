@@ -95,7 +95,7 @@ class LimbTask(Message):
     take: Name
     """The take's name, from take.toml."""
     run: Run
-    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
+    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     frame: Count
     """The frame's number in the take."""
     pass_index: Count
@@ -224,7 +224,7 @@ class Credit(Message):
     take: Name
     """The take's name, from take.toml."""
     run: Run
-    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
+    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     next_frame: Count
     """The first frame of which a camera is still lacking; those before it are no longer wanted."""
     end_frame: Count
@@ -238,7 +238,7 @@ class TakeInfo(Message):
     take: Name
     """The take's name, from take.toml."""
     run: Run
-    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
+    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     fps: Annotated[float, Field(gt=0, lt=10000)]
     """Frames per second of the recording."""
     first_frame: Count
@@ -270,7 +270,7 @@ class Pose(Message):
     take: Name
     """The take's name, from take.toml."""
     run: Run
-    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
+    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     frame: Count
     """The frame's number in the take."""
     time_s: Scalar
@@ -421,7 +421,7 @@ class TakeEnd(Message):
     take: Name
     """The take's name, from take.toml."""
     run: Run
-    """The coordinator's run that this belongs to, drawn by lot; it outlives a coordinator that dies."""
+    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     first_frame: Count
     """The first frame that was asked for."""
     end_frame: Count

@@ -12,7 +12,7 @@ SHARED = ("services.process", "services.follower", "services.blob_store")
 """What services share: the entry of all, and what those share that only follow a coordinator; beside the
 services, not in one."""
 NO_SERVICES = ("commands", "runs")
-COMMAND = ("services.cli", *(f"services.{folder}" for folder in NO_SERVICES))
+COMMAND = ("services.cli", "services.library", *(f"services.{folder}" for folder in NO_SERVICES))
 """The command starts the services and may use what they are made of."""
 WORLDLY = {
     *("zmq", "socket", "socketserver", "ssl", "http", "urllib.request", "asyncio"),

@@ -22,7 +22,7 @@ class Pace:
         self.has_begun = False
 
     def begin(self, latest_s: Sequence[float], now_s: float) -> None:
-        """Let shot 0 be soon, in step with cameras that took pictures at some moments; none: anywhen."""
+        """Let shot 0 be soon, in step with cameras that took pictures at some moments; none: at any time."""
         self._shot, self._shot_s = 0, now_s + _LEAD_S
         if latest_s:
             turns = np.exp(2j * np.pi * (np.array(latest_s) - now_s) / self.period_s)

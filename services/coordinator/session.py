@@ -28,7 +28,6 @@ from services.mocap.search.model import Model
 from services.mocap.search.tracker import Tracker
 from services.mocap.search.warm_up import rehearse
 from services.mocap.take.live import LiveTake
-from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
 from services.process import StopRequest, about
 
@@ -211,7 +210,7 @@ class Session:
             first.seen,
             self._rig,
             self._plan.actor,
-            self._hints(),
+            self._plan.take.settings.beginning_at(self._plan.frames.start),
             self._pool,
             self._engine,
             self._plan.settings.without_cameras(first.absent, self._rig.n_cameras),
@@ -244,13 +243,6 @@ class Session:
         self._unsure = UnsureParts(model, self._camera_names)
         self._board.announce(self._outgoing.take_info(actor, self._shards))
         return Tracker(model, self._plan.settings, self._limbs, poses)
-
-    def _hints(self) -> TakeSettings:
-        """take.toml; what it says of frame 0 is left out when another one comes first."""
-        settings = self._plan.take.settings
-        if self._plan.frames.start == 0:
-            return settings
-        return settings.model_copy(update={"facing": None, "initial_pose": {}})
 
     def _next_frame(self) -> Frame | None:
         """The next frame; None when a stop was asked for or live input has ended."""

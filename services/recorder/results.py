@@ -1,38 +1,35 @@
 """A take's results as files."""
 
 import logging
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from services.mocap.body.actor import MESH_FILE, build_body
+from proto.messages import Pose
+from services.mocap.body.actor import build_body
 from services.mocap.errors import UserError
 from services.mocap.export.formats import DEFAULT_FORMATS, write_defaults
 from services.mocap.export.take_overlay import write_overlay
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
-from services.mocap.result.energies import write_energies_csv
+from services.mocap.result.energies import Energies, write_energies_csv
 from services.mocap.result.layout import (
     ENERGIES,
-    JOINTS,
     OVERLAY,
-    POSES,
-    POSES_SMOOTH,
     RUN_JSON,
     TIMINGS,
 )
 from services.mocap.result.result import load_result
 from services.mocap.result.timings import write_timings_csv
+from services.mocap.result.writing import write_tracked
+from services.mocap.search.chains import distrusted_values
 from services.mocap.take.folder import Take
-from services.mocap.take.layout import ACTOR
-from services.mocap.take.tables import PoseTable, reference_joints, write_joints_csv, write_poses_csv
-from services.mocap.take.world import to_take_world
+from services.mocap.take.marks import PARTS, Marks
+from services.mocap.take.tables import PoseTable, reference_joints
 from services.mocap.types import Ints
 from services.recorder.collection import Collection
 from services.recorder.live import increasing, live_columns
-from services.recorder.marks import distrusted_values, energies_of, marks_of
 from services.recorder.result_folder import results_into
 from services.recorder.run_report import Motion, write_run_json
 
@@ -68,7 +65,7 @@ def write_results(
     energies_px = np.array([message.energy_px for message in recorded])
     priors = np.array([message.prior for message in recorded])
     poses = np.array([message.pose for message in recorded])
-    marks = marks_of(recorded)
+    marks = Marks.of(recorded)
     live = live_columns(info, recorded)
     times_s = increasing(times_s)
     shown = smoothed(poses, info.fps, output, distrusted_values(marks), times_s if live else None)
@@ -76,15 +73,10 @@ def write_results(
     is_whole = collection.complete if live else len(recorded) == info.end_frame - info.first_frame
     with results_into(out, complete=is_whole) as part:
         table = PoseTable(frames, times_s, poses, energies_px, marks=marks, extra={"prior": priors, **live})
-        write_poses_csv(part / POSES, table)
-        if output.smooth != "none":
-            write_poses_csv(part / POSES_SMOOTH, replace(table, poses=shown))
-        write_joints_csv(part / JOINTS, frames, times_s, to_take_world(joints_world_m, take.settings.up))
-        (part / ACTOR).write_text(actor.to_toml())
-        if actor.mesh is not None:
-            (part / MESH_FILE).write_bytes(actor.mesh.content)
+        smooth = shown if output.smooth != "none" else None
+        write_tracked(part, table, actor, take.settings.up, smooth)
         write_timings_csv(part / TIMINGS, frames, [message.seconds for message in recorded])
-        energies = energies_of(recorded, [camera.name for camera in take.cameras])
+        energies = _energies_of(recorded, [camera.name for camera in take.cameras])
         if energies is not None:
             write_energies_csv(part / ENERGIES, energies)
         if overlay:
@@ -95,3 +87,15 @@ def write_results(
         formats = [name for name in DEFAULT_FORMATS if report or name != "report"]
         write_defaults(part, load_result(part), formats, log.warning)
     return is_whole
+
+
+def _energies_of(recorded: Sequence[Pose], cameras: Sequence[str]) -> Energies | None:
+    """Where some frames differ from what the cameras saw; None where a coordinator has not counted all."""
+    if any(len(message.part_px) < len(PARTS) or len(message.iou) != len(cameras) for message in recorded):
+        return None
+    return Energies(
+        np.array([message.frame for message in recorded], np.int32),
+        np.array([[message.part_px[part] for part in PARTS] for message in recorded], np.float64),
+        cameras,
+        np.array([message.iou for message in recorded]),
+    )

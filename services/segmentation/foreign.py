@@ -28,7 +28,7 @@ class ForeignMatte:
     """
 
     def __init__(self, name: str, camera: Camera, plate_bgr: Bytes | None, group: str) -> None:
-        """Raises UserError where the entry point cannot be loaded or does not come about."""
+        """Raises UserError where the entry point cannot be loaded or made."""
         self._name, self._shape = name, (camera.height_px, camera.width_px)
         (entry,) = list(entry_points(group=group, name=name))[:1]
         try:

@@ -13,13 +13,13 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.energies import read_energies_csv
+from services.mocap.search.chains import distrusted_values
 from services.mocap.synth.motion import walk
 from services.mocap.take.folder import open_take
-from services.mocap.take.marks import PARTS
+from services.mocap.take.marks import PARTS, Marks
 from services.mocap.take.tables import read_joints_csv, read_poses_csv, reference_joints, write_joints_csv
 from services.mocap.types import Floats
 from services.recorder.collection import Collection
-from services.recorder.marks import distrusted_values, marks_of
 from services.recorder.results import write_results
 from services.recorder.store import Store
 
@@ -155,7 +155,7 @@ def test_marks_reach_the_table_the_report_and_the_smoother(take: Path, truth: Fl
 
 
 def test_nobody_judged() -> None:
-    marks = marks_of(recorded(np.zeros((2, 35))))
+    marks = Marks.of(recorded(np.zeros((2, 35))))
     assert np.isnan(marks.confidence).all()
     assert not marks.distrusted.any()
     assert not distrusted_values(marks).any()
@@ -163,7 +163,7 @@ def test_nobody_judged() -> None:
 
 def test_a_torso_that_is_wrong_takes_all_with_it_and_a_limb_only_itself() -> None:
     messages = recorded(np.zeros((3, 35)), distrusted={0: ["torso"], 2: ["right_leg", "head"]})
-    values = distrusted_values(marks_of(messages))
+    values = distrusted_values(Marks.of(messages))
     assert values[0].all()
     assert not values[1].any()
     assert np.flatnonzero(values[2]).tolist() == [6, 7, 8, *range(29, 35)]

@@ -30,7 +30,7 @@ class Cost:
     """One factor per camera; none at all: all 1."""
     camera_cap: float = 0.0
     """If positive, a camera's energy E enters as cap E / (cap + E), with cap this share of the foreground in
-    a middling camera (times distance_cap_px, if that is positive): one whose silhouette is wrong by more than
+    the median camera (times distance_cap_px, if that is positive): one whose silhouette is wrong by more than
     that hardly pulls. Pre-rendering then no longer changes energies by a constant."""
 
     @property

@@ -26,7 +26,7 @@ _EDGE_PX = 0.2
 _OFF_PX = 0.1
 """Of outlines, to see what that does: little, so that all of them count."""
 _CAMERA_SLACK = 2.0
-"""Cameras whose middling residual is this many times that of the middling camera count less."""
+"""Cameras whose median residual is this many times that of the median camera count less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +124,9 @@ class Fitting:
             np.concatenate([np.abs(views[c].residuals_px) for views in matches])
             for c in range(self._rig.n_cameras)
         ]
-        middling = np.array([np.median(r) if len(r) else np.nan for r in per_camera])
-        typical = np.nanmedian(middling) if np.any(np.isfinite(middling)) else 1.0
-        excess = np.nan_to_num(middling, nan=0.0) / max(_CAMERA_SLACK * float(typical), 1e-6)
+        medians_px = np.array([np.median(r) if len(r) else np.nan for r in per_camera])
+        typical = np.nanmedian(medians_px) if np.any(np.isfinite(medians_px)) else 1.0
+        excess = np.nan_to_num(medians_px, nan=0.0) / max(_CAMERA_SLACK * float(typical), 1e-6)
         weights: Floats = 1.0 / np.maximum(excess, 1.0) ** 2
         return weights
 

@@ -6,10 +6,11 @@ from typing import Literal
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.kinematics import N_DOF, segment_transforms
 from services.mocap.body.skeleton import LOWER, SEGMENT_NAMES, UPPER, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
-from services.mocap.types import Floats, Ints
+from services.mocap.take.marks import PARTS, Marks
+from services.mocap.types import Floats, Ints, Mask
 
 LIMB_WINDOW_PX = 128
 EXTREMITY_WINDOW_PX = 64
@@ -90,3 +91,16 @@ def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:
     size_px = window_size_px(stage, rig)
     origins_px: Ints = (np.rint(homogeneous[:, :2] / depth_m) - size_px // 2).astype(np.int32)
     return np.clip(origins_px, 0, np.maximum(rig.sizes_px - size_px, 0))
+
+
+_DOFS: dict[str, tuple[int, ...]] = {"head": HEAD.dofs, **{name: limb.dofs for name, limb in LIMBS.items()}}
+"""The parameters of each part but the torso, which carries all others."""
+
+
+def distrusted_values(marks: Marks) -> Mask:
+    """Which values of the poses (N, 35) should not be trusted; where the torso is wrong, none should be."""
+    values: Mask = np.zeros((len(marks.distrusted), N_DOF), bool)
+    for part, frames in zip(PARTS, marks.distrusted.T, strict=True):
+        dofs = list(_DOFS.get(part, range(N_DOF)))
+        values[np.ix_(frames, dofs)] = True
+    return values

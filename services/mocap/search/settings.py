@@ -83,7 +83,7 @@ class SearchSettings(BaseModel):
     )
     """What each camera's pixels count, one factor per camera; none at all: all 1."""
     camera_cap: float = Field(default=0.0, ge=0, le=100, description=_UP_TO_100)
-    """If positive, cameras whose energy exceeds this share of a middling camera's foreground pull little."""
+    """If positive, cameras whose energy exceeds this share of the median camera's foreground pull little."""
 
     @field_validator("arm_grid", "leg_grid", "camera_weights", mode="before")
     @classmethod

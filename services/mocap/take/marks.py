@@ -1,7 +1,8 @@
 """Marks: which parts of the body should not be trusted in a frame, and how sure the tracker was of each."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, Protocol, Self, TypeAlias, get_args
 
 import numpy as np
 
@@ -18,6 +19,20 @@ MARK_COLUMNS = (DISTRUSTED, *_CONFIDENCE_COLUMNS)
 _SEPARATOR = ";"
 
 
+class Judged(Protocol):
+    """A frame whose solver has judged the parts of the body, or some of them."""
+
+    @property
+    def confidence(self) -> Mapping[Part, float]:
+        """From 0 to 1."""
+        ...
+
+    @property
+    def distrusted(self) -> Sequence[Part]:
+        """Parts whose pose is likely to be wrong."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Marks:
     """Of N frames."""
@@ -26,6 +41,13 @@ class Marks:
     """(N, 6) from 0 to 1; NaN where a part was not judged."""
     distrusted: Mask
     """(N, 6) parts that should not be trusted."""
+
+    @classmethod
+    def of(cls, frames: Sequence[Judged]) -> Self:
+        """The marks of some frames; parts that were not judged are neither sure nor distrusted."""
+        confidence = [[frame.confidence.get(part, np.nan) for part in PARTS] for frame in frames]
+        distrusted: Mask = np.array([[part in frame.distrusted for part in PARTS] for frame in frames], bool)
+        return cls(np.array(confidence, np.float64), distrusted)
 
     @property
     def distrusted_frames(self) -> int:

@@ -108,6 +108,10 @@ class TakeSettings(BaseModel):
         """How many frames a camera is ahead: frame n + offset of its files shows the take's frame n."""
         return self.offsets.get(camera, 0)
 
+    def beginning_at(self, frame: int) -> "TakeSettings":
+        """What holds where tracking begins at a frame: what is said of the first pose is about frame 0."""
+        return self.model_copy(update={"facing": None, "initial_pose": {}}) if frame else self
+
     def with_initial_pose(self, pose: Floats) -> Floats:
         """A copy of the (35,) pose, with the parameters of `[initial_pose]` in their places."""
         pose = pose.copy()

@@ -85,7 +85,7 @@ def _names(images: list[PurePosixPath]) -> list[str]:
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:
-    """The words of the lines that are no comments, of every so manieth line."""
+    """The words of the lines that are no comments, of every nth line."""
     lines = [line for line in text_of(path).splitlines() if not line.startswith("#")]
     while lines and not lines[-1].strip():
         lines.pop()
