@@ -1,7 +1,7 @@
 """Who solves which limb task, without a socket: registration, hand-out, loss, delay, duplicates."""
 
 import logging
-from collections import Counter, deque
+from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -21,9 +21,10 @@ Key: TypeAlias = tuple[str, str, int, int, str, int, int]
 """Take, run, frame, pass, limb, shard and shards: what a result is recognised by."""
 
 SILENCE_S = 10.0
-"""An idle worker that has not beaten for so long is forgotten."""
+"""An idle worker that has not beaten for so long is forgotten until it is heard again."""
 PROBE_S = 0.2
 """How often a busy worker's connection is tried; libzmq reports one that is gone at once."""
+_MOST_MISSING = 64
 
 
 def key_of(message: LimbTask | LimbResult | LimbRefusal) -> Key:
@@ -72,6 +73,9 @@ class Dispatcher:
     def __init__(self, send: Callable[[Identity, Message], bool], now: Callable[[], float]) -> None:
         self._send, self._now = send, now
         self._workers: dict[Identity, _Worker] = {}
+        self._missing: OrderedDict[Identity, _Worker] = OrderedDict()
+        """Workers that were forgotten, the latest last: one that only was held up goes on as if nothing had
+        been. One whose connection was lost comes with another identity."""
         self._open: dict[Key, _Open] = {}
         self._queue: deque[Key] = deque()
         self._results: list[LimbResult] = []
@@ -121,8 +125,13 @@ class Dispatcher:
         if hello is not None:
             for old in [i for i, w in self._workers.items() if i == identity or w.name == hello.name]:
                 self._forget(old, "registered anew")
+            for old in [i for i, w in self._missing.items() if i == identity or w.name == hello.name]:
+                del self._missing[old]
             self._workers[identity] = _Worker(hello.name, hello.backend or "unknown", self._now())
             self._assign()
+        elif identity in self._missing:
+            self._workers[identity] = self._missing.pop(identity)
+            log.info("%s is back", self._workers[identity].name)
         if identity not in self._workers:
             return False
         worker, now = self._workers[identity], self._now()
@@ -215,6 +224,9 @@ class Dispatcher:
         worker = self._workers.pop(identity)
         log.warning("forgot %s: %s", worker.name, reason)
         self._release(worker)
+        self._missing[identity] = worker
+        if len(self._missing) > _MOST_MISSING:
+            self._missing.popitem(last=False)
 
     def _release(self, worker: _Worker) -> None:
         """Part a worker from its task; one that is not solved goes to somebody else."""

@@ -238,14 +238,24 @@ def test_a_hedged_tasks_duration_is_that_of_who_solved_it(floor: Floor) -> None:
     assert floor.dispatcher.deadline_s == pytest.approx(0.5 + (1 + 4 / 2) * (FIRST_DEADLINE_S + 2.0))
 
 
-def test_an_idle_worker_that_is_silent_is_forgotten(floor: Floor) -> None:
+def test_an_idle_worker_that_is_silent_is_forgotten_until_it_is_heard_again(floor: Floor) -> None:
     floor.workers(2)
     floor.now_s += SILENCE_S
     assert floor.dispatcher.heard(b"w1")
     floor.later(0.1)
-    assert floor.dispatcher.n_workers == 1
+    assert list(floor.dispatcher.workers) == ["w1"]
+    assert floor.dispatcher.heard(b"w0") and not floor.dispatcher.heard(b"w2")
+    floor.dispatcher.submit(pass_tasks())
+    assert [len(floor.inbox[worker]) for worker in (b"w0", b"w1")] == [1, 1]
+
+
+def test_a_worker_that_registers_anew_is_not_there_twice(floor: Floor) -> None:
+    floor.workers(1)
+    floor.later(SILENCE_S + 0.1)
+    assert floor.dispatcher.n_workers == 0
+    floor.register(b"other connection", "w0")
     assert not floor.dispatcher.heard(b"w0")
-    assert floor.dispatcher.heard(b"w1")
+    assert floor.dispatcher.n_workers == 1
 
 
 def test_a_worker_that_solves_may_be_silent(floor: Floor) -> None:
