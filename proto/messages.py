@@ -88,10 +88,9 @@ class Beat(Message):
     type: ClassVar[str] = "beat"
 
 
-class LimbTask(Message):
-    """One limb of one pass over one frame, self-contained but for the two blobs that it names."""
+class OfLimbTask(Message):
+    """What a limb task, its result and its refusal have in common: what tells that task from all others."""
 
-    type: ClassVar[str] = "limb_task"
     take: Name
     """The take's name, from take.toml."""
     run: Run
@@ -106,6 +105,17 @@ class LimbTask(Message):
     """Which part of the limb's grid to search, less than shards: every shards-th point from this one on."""
     shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
     """Into how many parts the limb's grid is divided."""
+
+    @property
+    def task_key(self) -> dict[str, Any]:
+        """These fields, to make an answer with."""
+        return {name: getattr(self, name) for name in OfLimbTask.model_fields}
+
+
+class LimbTask(OfLimbTask):
+    """One limb of one pass over one frame, self-contained but for the two blobs that it names."""
+
+    type: ClassVar[str] = "limb_task"
     actor: Hash
     """Names the blob of kind actor."""
     rig: Hash
@@ -125,24 +135,10 @@ class LimbTask(Message):
     """As in the silhouettes, in the layout of window: Q = P, or 0 where nothing is unsure."""
 
 
-class LimbResult(Message):
+class LimbResult(OfLimbTask):
     """A solved limb task."""
 
     type: ClassVar[str] = "limb_result"
-    take: Name
-    """As in the task."""
-    run: Run
-    """As in the task."""
-    frame: Count
-    """As in the task."""
-    pass_index: Count
-    """As in the task."""
-    limb: Limb
-    """As in the task."""
-    shard: Count
-    """As in the task."""
-    shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
-    """As in the task."""
     energy_px: Scalar
     """What the differing pixels in the limb's window cost by the search settings; the extremity is not yet
     turned."""
@@ -156,24 +152,10 @@ class LimbResult(Message):
     """The limb's parameters, in radians and within the joint limits: ball, hinge, then hand or foot."""
 
 
-class LimbRefusal(Message):
+class LimbRefusal(OfLimbTask):
     """A worker cannot solve a task that it was given."""
 
     type: ClassVar[str] = "limb_refusal"
-    take: Name
-    """As in the task."""
-    run: Run
-    """As in the task."""
-    frame: Count
-    """As in the task."""
-    pass_index: Count
-    """As in the task."""
-    limb: Limb
-    """As in the task."""
-    shard: Count
-    """As in the task."""
-    shards: Annotated[int, Field(ge=1, le=MAX_SHARDS)]
-    """As in the task."""
     reason: Annotated[str, Field(max_length=1000)]
     """Why, for a log."""
 

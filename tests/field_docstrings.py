@@ -4,12 +4,14 @@ import ast
 import inspect
 import textwrap
 
+from pydantic import BaseModel
+
 
 def docstrings_of(described: type) -> dict[str, str]:
-    """Field -> the docstring under it, on one line."""
+    """Field -> the docstring under it, on one line; with those of the class that it extends."""
+    found = docstrings_of(described.__base__) if described.__base__ not in (None, object, BaseModel) else {}
     (node,) = ast.parse(textwrap.dedent(inspect.getsource(described))).body
     assert isinstance(node, ast.ClassDef)
-    found = {}
     for statement, after in zip(node.body, node.body[1:], strict=False):
         if (
             isinstance(statement, ast.AnnAssign)

@@ -4,11 +4,11 @@ import logging
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
+from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message, OfLimbTask
 from services.coordinator.deadline import Deadline
 from services.coordinator.metrics import note_turnaround
 from services.mocap.body.skeleton import LOWER, UPPER
@@ -17,7 +17,7 @@ from services.mocap.search.chains import LIMBS, LimbName
 log = logging.getLogger(__name__)
 
 Identity: TypeAlias = bytes
-Key: TypeAlias = tuple[str, str, int, int, str, int, int]
+Key: TypeAlias = tuple[Any, ...]
 """Take, run, frame, pass, limb, shard and shards: what a result is recognised by."""
 
 SILENCE_S = 10.0
@@ -27,16 +27,17 @@ PROBE_S = 0.2
 _MOST_MISSING = 64
 
 
-def key_of(message: LimbTask | LimbResult | LimbRefusal) -> Key:
+def key_of(message: OfLimbTask) -> Key:
     """What a limb task, its result and its refusal have in common."""
-    where = (message.frame, message.pass_index, message.limb)
-    return (message.take, message.run, *where, message.shard, message.shards)
+    return tuple(message.task_key.values())
 
 
-def in_words(key: Key) -> str:
+def in_words(task: OfLimbTask) -> str:
     """A task for a line of the log."""
-    take, _, frame, pass_index, limb, shard, shards = key
-    return f"the task take={take} frame={frame} pass={pass_index} limb={limb} shard={shard}/{shards}"
+    return (
+        f"the task take={task.take} frame={task.frame} pass={task.pass_index} limb={task.limb} "
+        f"shard={task.shard}/{task.shards}"
+    )
 
 
 def is_sound(result: LimbResult) -> bool:
@@ -80,6 +81,8 @@ class Dispatcher:
         self._queue: deque[Key] = deque()
         self._results: list[LimbResult] = []
         self._probed_s = 0.0
+        self._latest = (-1, 0)
+        """Frame and number of the last pass."""
         self._deadline = Deadline()
         self.retries = 0
         self.dropped = 0
@@ -111,6 +114,15 @@ class Dispatcher:
     def pending(self) -> bool:
         """Whether a submitted task still lacks its result."""
         return bool(self._open)
+
+    def next_pass(self, frame: int) -> int:
+        """The number of the next pass over a frame, from 0 on.
+
+        A coordinator that solves a frame again, after another one's death, counts alike.
+        """
+        last_frame, number = self._latest
+        self._latest = (frame, number + 1 if frame == last_frame else 0)
+        return self._latest[1]
 
     def submit(self, tasks: list[LimbTask]) -> None:
         """Take over new tasks; those of an earlier submission that are still open are given up."""
@@ -160,7 +172,7 @@ class Dispatcher:
             self.dropped += isinstance(message, LimbResult)
             reason = message.reason if isinstance(message, LimbRefusal) else "its result makes no sense"
             name = worker.name if worker else "a stranger"
-            log.warning("%s failed at %s: %s", name, in_words(key), reason)
+            log.warning("%s failed at %s: %s", name, in_words(message), reason)
         if holder is not None:
             self._release(holder)
         self._assign()
@@ -204,7 +216,7 @@ class Dispatcher:
         for key, opened in self._open.items():
             late = opened.given_to and now - opened.given_s > self.deadline_s
             if late and key not in self._queue:
-                log.warning("%s is late after %.1f s", in_words(key), now - opened.given_s)
+                log.warning("%s is late after %.1f s", in_words(opened.task), now - opened.given_s)
                 self._again(key)
         self._assign()
 

@@ -54,16 +54,21 @@ class RemoteLimbs:
             self._jobs = {job.limb: job for job in jobs}
             settings = {id(job.settings): job.settings for job in jobs}  # mostly one for all
             wishes = {which: chosen.to_wire() for which, chosen in settings.items()}
+            number = self._dispatcher.next_pass(self.frame)
             self._dispatcher.submit(
-                [self._task(job, k, wishes[id(job.settings)]) for job in jobs for k in range(self._shards)]
+                [
+                    self._task(job, number, k, wishes[id(job.settings)])
+                    for job in jobs
+                    for k in range(self._shards)
+                ]
             )
 
-    def _task(self, job: LimbJob, shard: int, search: Settings) -> LimbTask:
+    def _task(self, job: LimbJob, pass_index: int, shard: int, search: Settings) -> LimbTask:
         return LimbTask(
             take=self._take,
             run=self._run,
             frame=self.frame,
-            pass_index=job.pass_index,
+            pass_index=pass_index,
             limb=job.limb,
             shard=shard,
             shards=self._shards,
@@ -103,7 +108,7 @@ class RemoteLimbs:
         with self._overhead.fitting():
             found = solve_limb(self._model, job.limb, job.window, job.pose, job.settings, shard)
         return LimbResult(
-            **task.model_dump(include={"take", "run", "frame", "pass_index", "limb", "shard", "shards"}),
+            **task.task_key,
             energy_px=found.energy_px,
             evaluations=found.evaluations,
             seconds=time.perf_counter() - began_s,

@@ -85,7 +85,6 @@ class LimbSolver:
 
     def solve(self, task: LimbTask) -> LimbResult | LimbRefusal:
         """Solve a task none of whose content is missing; one that makes no sense is refused."""
-        key = task.model_dump(include={"take", "run", "frame", "pass_index", "limb", "shard", "shards"})
         began = time.perf_counter()
         try:
             model = self._model(task)
@@ -96,9 +95,9 @@ class LimbSolver:
             window = Picture.of_region(model.rig, region, task.window, unsure)
             found = solve_limb(model, task.limb, window, task.pose, settings, (task.shard, task.shards))
         except ValueError as error:
-            return LimbRefusal(**key, reason=str(error)[:1000])
+            return LimbRefusal(**task.task_key, reason=str(error)[:1000])
         return LimbResult(
-            **key,
+            **task.task_key,
             energy_px=found.energy_px,
             evaluations=found.evaluations,
             seconds=time.perf_counter() - began,

@@ -68,6 +68,12 @@ def test_a_worker_that_comes_late_joins_in(floor: Floor) -> None:
     assert floor.dispatcher.n_workers == 1
 
 
+def test_passes_are_numbered_within_a_frame_and_alike_when_it_is_solved_again(floor: Floor) -> None:
+    numbers = [floor.dispatcher.next_pass(frame) for frame in (7, 7, 7, 8, 8)]
+    assert numbers == [0, 1, 2, 0, 1]
+    assert [Floor().dispatcher.next_pass(8), floor.dispatcher.next_pass(9)] == [0, 0]
+
+
 def test_a_second_result_is_dropped(floor: Floor) -> None:
     workers = floor.workers(4)
     floor.dispatcher.submit(pass_tasks())

@@ -91,7 +91,6 @@ def solve_by_contours(
     starts: Floats,
     settings: SearchSettings,
     limbs: LimbPool,
-    first_pass: int,
     trust: PartConfidence,
 ) -> FrameSolution:
     """Find the pose of one frame, beginning at the best of the start poses (N, 35) within the limits.
@@ -114,7 +113,7 @@ def solve_by_contours(
         found.passes, before = found.passes + 1, best
         begun = _as_expected(search, best, expected, doubtful) if k else best
         wider = settings.widened() if k else settings
-        other = _search_parts(search, begun, doubtful, wider, limbs, first_pass + k, found, clock)
+        other = _search_parts(search, begun, doubtful, wider, limbs, found, clock)
         best = min(before, other, key=lambda seen: seen.energy)
         left = search.differences(best)
         searched.update(doubtful)
@@ -148,13 +147,12 @@ def _search_parts(
     parts: list[Part],
     settings: SearchSettings,
     limbs: LimbPool,
-    pass_index: int,
     found: FrameSolution,
     clock: Clock,
 ) -> _Seen:
     """Search parts by XOR about a start, then align the whole body again."""
     names = [name for name in LIMBS if name in parts]
-    limbs.start(limb_jobs(search.model, search.whole, start.pose, settings, pass_index, names))
+    limbs.start(limb_jobs(search.model, search.whole, start.pose, settings, names))
     pose = start.pose
     if "head" in parts:
         head = solve_head(search.model, search.whole, pose, settings)

@@ -32,8 +32,6 @@ log = logging.getLogger(__name__)
 
 _LOWEST_HULL, _HIGHEST_HULL = 0.4, 1.5
 """Height of the visual hull over the actor's, from crouching to arms raised."""
-_FITTED_PASS = 9000
-"""Number of the first pass with a fitted actor, beyond those that find_first_pose and fit_height use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +84,7 @@ def solve_first_frame(
     log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
     model = model_of(actor, rig, engine)
     limbs, wide = pool(model, actor), settings.widened()
-    fitted = solve_frame(model, picture, pose[None], wide, limbs, first_pass=_FITTED_PASS)
+    fitted = solve_frame(model, picture, pose[None], wide, limbs)
     return FirstFrame(actor, model, fitted)
 
 

@@ -60,19 +60,15 @@ def find_first_pose(
     starts = _starts(model, hull, facing_rad)
     energy = whole_body_energy(model, picture.halved(), starts[0], settings.cost, settings.detail_px)
     starts = _best_of_each_heading(starts, energy(starts))[:_CANDIDATES]
-    # Pass numbers tell the candidates' limb tasks apart.
-    found = [
-        _first_look(model, picture, start, settings, limbs, first_pass=100 * k)
-        for k, start in enumerate(starts)
-    ]
+    found = [_first_look(model, picture, start, settings, limbs) for start in starts]
     found.sort(key=_energy_px)
-    best = _finished(model, picture, found[0].pose[None], settings, limbs, first_pass=1000)
+    best = _finished(model, picture, found[0].pose[None], settings, limbs)
     if facing_rad is not None:
         return FirstPose(best, None)
     # The other way round is tried as hard: from where it seemed best, and from the mirror image of the best.
     away = [other.pose for other in found if _turned_away(other.pose, best.pose)][:1]
     opposites = np.array([*away, _turned_round(best.pose)])
-    opposite = _finished(model, picture, opposites, settings, limbs, first_pass=3000)
+    opposite = _finished(model, picture, opposites, settings, limbs)
     if not _turned_away(opposite.pose, best.pose):
         return FirstPose(min(best, opposite, key=_energy_px), None)
     best, opposite = sorted((best, opposite), key=_energy_px)
@@ -84,24 +80,24 @@ def _energy_px(solution: FrameSolution) -> float:
 
 
 def _finished(
-    model: Model, picture: Picture, starts: Floats, settings: SearchSettings, limbs: LimbPool, first_pass: int
+    model: Model, picture: Picture, starts: Floats, settings: SearchSettings, limbs: LimbPool
 ) -> FrameSolution:
-    return solve_frame(model, picture, starts, settings.widened(), limbs, first_pass)
+    return solve_frame(model, picture, starts, settings.widened(), limbs)
 
 
 def _first_look(
-    model: Model, picture: Picture, start: Floats, settings: SearchSettings, limbs: LimbPool, first_pass: int
+    model: Model, picture: Picture, start: Floats, settings: SearchSettings, limbs: LimbPool
 ) -> FrameSolution:
     """One pass from a start pose (35,), its limbs searched first, far and wide.
 
     The hull tells where the trunk is, to a hand's breadth; limbs that point elsewhere would drag it away.
     """
-    limbs.start(limb_jobs(model, picture, start, settings.widened(), first_pass))
+    limbs.start(limb_jobs(model, picture, start, settings.widened()))
     pose = start
     for _, limb in limbs.finish():
         pose = limb.applied_to(pose)
     one_pass = settings.model_copy(update={"max_passes": 1})
-    return solve_frame(model, picture, np.stack([start, pose]), one_pass, limbs, first_pass + 1)
+    return solve_frame(model, picture, np.stack([start, pose]), one_pass, limbs)
 
 
 def _turned_round(pose: Floats) -> Floats:

@@ -20,19 +20,18 @@ def solve_frame(
     starts: Floats,
     settings: SearchSettings,
     limbs: LimbPool,
-    first_pass: int = 0,
     trust: PartConfidence | None = None,
 ) -> FrameSolution:
     """Find the pose of one frame, beginning at the best of the start poses (N, 35).
 
-    Starts are moved within the joint limits first. first_pass: the number of the first pass, where a frame is
-    solved more than once. trust: what is known of the frames before; none for a frame on its own.
+    Starts are moved within the joint limits first. trust: what is known of the frames before; none for a
+    frame on its own.
     """
     starts = clip_to_limits(starts)
     if settings.method == "paper":
-        return solve_by_passes(model, whole, starts, settings, limbs, first_pass)
+        return solve_by_passes(model, whole, starts, settings, limbs)
     trust = trust or PartConfidence(model.rig, settings.doubt_px)
-    return solve_by_contours(model, whole, starts, settings, limbs, first_pass, trust)
+    return solve_by_contours(model, whole, starts, settings, limbs, trust)
 
 
 def extrapolated(poses: list[Floats]) -> Floats:

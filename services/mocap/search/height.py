@@ -1,7 +1,6 @@
 """The actor's height, where nobody gave it, by trying: the one whose body fits the first frame best."""
 
 from collections.abc import Callable
-from itertools import count
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOF_INDEX
@@ -23,8 +22,6 @@ _LARGEST_STEPS = 5.0
 _TOLERANCE_STEPS = 0.15
 _MOST_TRIES = 5
 """After the best height is bracketed."""
-_FIRST_PASS = 6000
-"""Number of the first try's pass, which tells its limb tasks from those of the first pose."""
 
 
 def fit_height(
@@ -43,7 +40,7 @@ def fit_height(
     engine the model's backend; settings: those of the frames to come.
     """
     # No level of detail: a body's meshes take longer to thin than to be searched with once.
-    once, passes = settings.model_copy(update={"max_passes": 1, "detail_px": 0.0}), count(_FIRST_PASS)
+    once = settings.model_copy(update={"max_passes": 1, "detail_px": 0.0})
 
     def energy_px(steps: float) -> float:
         scale = 1.0 + _STEP * steps
@@ -53,7 +50,7 @@ def fit_height(
         start = pose.copy()
         start[DOF_INDEX["root_z"]] += (scale - 1.0) * body.pelvis_height_m  # the feet stay on the ground
         limbs = pool(model, actor)
-        found = solve_frame(model, picture, start[None], once, limbs, first_pass=next(passes))
+        found = solve_frame(model, picture, start[None], once, limbs)
         model.backend.close()
         return found.energy_px
 

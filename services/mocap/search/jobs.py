@@ -18,7 +18,6 @@ from services.mocap.types import Floats
 class LimbJob:
     """One limb of one pass, ready to be solved anywhere."""
 
-    pass_index: int
     limb: LimbName
     window: Picture
     pose: Floats
@@ -61,11 +60,7 @@ def limb_jobs(
     whole: Picture,
     pose: Floats,
     settings: SearchSettings,
-    pass_index: int,
     limbs: Iterable[LimbName] = tuple(LIMBS),
 ) -> list[LimbJob]:
     """Limbs of a pass, each with its part of the input and the cost's margin around it."""
-    return [
-        LimbJob(pass_index, name, limb_picture(model, name, whole, pose, settings), pose, settings)
-        for name in limbs
-    ]
+    return [LimbJob(name, limb_picture(model, name, whole, pose, settings), pose, settings) for name in limbs]

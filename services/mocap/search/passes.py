@@ -12,13 +12,13 @@ from services.mocap.types import Floats
 
 
 def solve_by_passes(
-    model: Model, whole: Picture, starts: Floats, settings: SearchSettings, limbs: LimbPool, first_pass: int
+    model: Model, whole: Picture, starts: Floats, settings: SearchSettings, limbs: LimbPool
 ) -> FrameSolution:
     """Find the pose of one frame, beginning at the best of the start poses (N, 35) within the limits.
 
     The paper, section 3: torso, then every limb with its hand or foot and the head, repeated until converged.
     The result is the best pose seen at the end of a pass, by the cost and the level of detail of the search;
-    starts count as seen. first_pass: see solve_frame.
+    starts count as seen.
     """
     whole = settings.cost.priced(whole)
     energy = whole_body_energy(model, whole, starts[0], settings.cost, settings.detail_px)
@@ -27,9 +27,9 @@ def solve_by_passes(
         starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts)
     )
     coarse, pose = settings.cost.priced(whole.halved()) if settings.windows else whole, best.pose
-    for pass_index in range(first_pass, first_pass + settings.max_passes):
+    for _ in range(settings.max_passes):
         before = best.energy_px
-        pose = _one_pass(model, whole, coarse, pose, settings, limbs, pass_index, best)
+        pose = _one_pass(model, whole, coarse, pose, settings, limbs, best)
         energy_px = float(energy(pose[None])[0])
         best.passes, best.evaluations = best.passes + 1, best.evaluations + 1
         if energy_px < best.energy_px:
@@ -56,7 +56,6 @@ def _one_pass(
     pose: Floats,
     settings: SearchSettings,
     limbs: LimbPool,
-    pass_index: int,
     account: FrameSolution,
 ) -> Floats:
     """Torso, then limbs and head at the same time; returns the new pose and books times and evaluations."""
@@ -64,7 +63,7 @@ def _one_pass(
     torso = solve_torso(model, coarse, pose, settings)
     pose = torso.applied_to(pose)
     clock.book("torso")
-    limbs.start(limb_jobs(model, whole, pose, settings, pass_index))
+    limbs.start(limb_jobs(model, whole, pose, settings))
     head = solve_head(model, whole, pose, settings)
     pose = head.applied_to(pose)
     clock.book("head")

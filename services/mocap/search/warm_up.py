@@ -23,8 +23,6 @@ _QUICK = {
     "descent_rounds": 1,
     "search_limbs": "always",
 }
-REHEARSAL_PASS = 9900
-"""Number of a rehearsal's pass, beyond those of a frame that is solved in earnest."""
 
 
 def warm_up(engine: Engine) -> None:
@@ -48,7 +46,7 @@ def rehearse(model: Model, limbs: LimbPool, settings: SearchSettings) -> None:
     nobody = Picture.whole(rig, np.zeros((n_planes(rig.n_cameras), *rig.shape_px), np.uint8))
     look_up(rig, np.zeros(rig.shape_px, bool), 0, np.zeros((1, 3)))
     quick = settings.model_copy(update=_QUICK)
-    solve_frame(model, nobody, np.zeros((1, N_DOF)), quick, limbs, REHEARSAL_PASS)
+    solve_frame(model, nobody, np.zeros((1, N_DOF)), quick, limbs)
 
 
 if __name__ == "__main__":
