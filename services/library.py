@@ -5,7 +5,7 @@ The poses are those that `xormocap track` finds with one to seven workers; READM
 
 from collections.abc import Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +124,8 @@ def write_result(
     if output.smooth != "none":
         smooth = smoothed(poses, take.settings.fps, output, distrusted_values(marks))
     write_tracked(folder, table, actor, take.settings.up, smooth)
-    result = load_result(folder)
+    read = load_result(folder)
+    motion = replace(read.motion, name=take.settings.name, fps=take.settings.fps)
+    result = replace(read, motion=motion)
     write_formats(folder, result, formats)
     return result
