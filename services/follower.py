@@ -37,7 +37,7 @@ class Follower(ABC):
         """The take that is tracked."""
         self.heard_s = 0.0
         """When a message came last (time.monotonic)."""
-        self._contents: BlobStore | None = None
+        self._blobs: BlobStore | None = None
         """Its content, as long as some of it is missing."""
 
     @abstractmethod
@@ -81,7 +81,7 @@ class Follower(ABC):
         if isinstance(message, TakeInfo):
             if message != self.info:
                 log.info("take %s, frames %d to %d", message.take, message.first_frame, message.end_frame - 1)
-                self.info, self._contents, self._asked_s = message, BlobStore(message), 0.0
+                self.info, self._blobs, self._asked_s = message, BlobStore(message), 0.0
                 self.begin(message)
         elif isinstance(message, Blob):
             self._add(message)
@@ -89,12 +89,12 @@ class Follower(ABC):
             self.hear(message)
 
     def _add(self, blob: Blob) -> None:
-        if self._contents is None:
+        if self._blobs is None:
             return
-        self._contents.add(blob)
-        read = None if self._contents.missing() else self._contents.read()
+        self._blobs.add(blob)
+        read = None if self._blobs.missing() else self._blobs.read()
         if read is not None:
-            self._contents = None
+            self._blobs = None
             self.learn(*read)
 
     def _ask(self) -> None:
@@ -103,7 +103,7 @@ class Follower(ABC):
         if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
             return
         self._asked_s = time.monotonic()
-        for content in self._contents.missing() if self._contents is not None else []:
+        for content in self._blobs.missing() if self._blobs is not None else []:
             send(self._tasks.socket, BlobRequest(hash=content))
         for request in self.lacking():
             send(self._tasks.socket, request)

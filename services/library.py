@@ -1,36 +1,44 @@
 """Fit and track a recorded take from Python: in this process, without a socket, frame by frame.
 
-The poses are those that `xormocap track` finds with one to seven workers; README.md has an example.
+README.md has an example. With the same actor and first pose, poses are those of `xormocap track` with one to
+seven workers.
 """
 
+import json
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from services.mocap.body.actor import Actor
+from services.mocap.body.actor import Actor as Actor
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.engine import open_engine
-from services.mocap.energy.settings import EngineSettings
+from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.energy.engine import check_cost, open_engine
+from services.mocap.energy.settings import EngineSettings as EngineSettings
 from services.mocap.errors import UserError
 from services.mocap.export.formats import DEFAULT_FORMATS, FormatName, write_formats
-from services.mocap.motion.settings import OutputSettings
+from services.mocap.motion.settings import OutputSettings as OutputSettings
 from services.mocap.motion.smoothing import smoothed
+from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
 from services.mocap.result.writing import write_tracked
 from services.mocap.search.chains import distrusted_values
 from services.mocap.search.first_frame import solve_first_frame
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
-from services.mocap.search.settings import SearchSettings
+from services.mocap.search.overrides import check_weights
+from services.mocap.search.settings import SearchSettings as SearchSettings
 from services.mocap.search.tracker import Tracker
+from services.mocap.take.actor_file import take_actor as take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.folder import open_take as open_take
 from services.mocap.take.marks import Marks
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import Floats
+from services.recorder.result_folder import results_into
 from services.runs.fit import TakeFit, fit_take, init_frames
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
@@ -55,16 +63,23 @@ class TrackedFrame:
 def fit(
     take: Take, segmenter: str = AUTO, search: SearchSettings = _SEARCH, engine: EngineSettings = _ENGINE
 ) -> TakeFit:
-    """Fit the actor to a take's first frames, as `xormocap fit` does; its `actor` is the body.
+    """Fit the actor to a take's first frames, as `xormocap fit` does, but write nothing.
 
-    Raises TakeError where nobody is to be seen, or more than one person.
+    What is wrong with the take, but no reason to give up, is warned of. Raises TakeError where nobody is to
+    be seen, or more than one person, and UserError for settings that do not suit the take.
     """
-    return fit_take(take, init_frames(take), engine, search, lambda _stage, _share: None, segmenter=segmenter)
+    _check(take, search, engine)
+    found = fit_take(
+        take, init_frames(take), engine, search, lambda _stage, _share: None, segmenter=segmenter
+    )
+    for sentence in found.warnings:
+        warnings.warn(sentence, stacklevel=2)
+    return found
 
 
 def track(
     take: Take,
-    actor: Actor,
+    actor: Actor | TakeFit,
     frames: range | None = None,
     first_pose: Floats | None = None,
     segmenter: str = AUTO,
@@ -73,29 +88,54 @@ def track(
 ) -> Iterator[TrackedFrame]:
     """Find an actor's pose in each frame, in order; by default in all frames.
 
-    first_pose: (35,) of the first of these frames, where it is known. Raises TakeError where nobody is to be
-    seen in the first frame, and UserError for frames that the take does not have, or a segmenter or backend
-    that cannot run here.
+    first_pose: (35,) of the first of these frames, where it is known; a fit knows those of its own frames.
+    Raises UserError for frames that the take does not have, and settings or a segmenter that do not suit it
+    or cannot run here. The first frame raises TakeError where nobody is to be seen in it.
     """
+    _check(take, search, engine)
     numbers = frames if frames is not None else range(take.settings.frames)
     if not 0 <= numbers.start < numbers.stop <= take.settings.frames or numbers.step != 1:
         raise UserError(f"{numbers}: expected frames within 0:{take.settings.frames}, those of {take.folder}")
-    rig, names = Rig.of(take.cameras), [camera.name for camera in take.cameras]
-    height_px, width_px = rig.shape_px
-    silhouettes = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
-    shown = (
-        packed(trimaps, width_px, height_px) for trimaps in silhouettes.trimaps(numbers.start, numbers.stop)
-    )
+    if isinstance(actor, TakeFit):
+        if first_pose is None and numbers.start in actor.frames:
+            first_pose = actor.fit.poses[list(actor.frames).index(numbers.start)]
+        actor = actor.actor
+    return _tracked(take, actor, numbers, first_pose, _seen(take, numbers, segmenter), search, engine)
+
+
+def _check(take: Take, search: SearchSettings, engine: EngineSettings) -> None:
+    check_weights(search, len(take.cameras))
+    check_cost(engine, search.cost)
+
+
+def _seen(take: Take, numbers: range, segmenter: str) -> Iterator[TriPlanes]:
+    """What is seen (P, H, W) in each frame."""
+    made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+    height_px, width_px = Rig.of(take.cameras).shape_px
+    return (packed(trimaps, width_px, height_px) for trimaps in made.trimaps(numbers.start, numbers.stop))
+
+
+def _tracked(
+    take: Take,
+    actor: Actor,
+    numbers: range,
+    first_pose: Floats | None,
+    seen: Iterator[TriPlanes],
+    search: SearchSettings,
+    engine: EngineSettings,
+) -> Iterator[TrackedFrame]:
+    rig, names, fps = Rig.of(take.cameras), [camera.name for camera in take.cameras], take.settings.fps
+    hints = take.settings.beginning_at(numbers.start)
     with open_engine(engine) as opened:
         first = solve_first_frame(
-            next(shown), rig, actor, take.settings.beginning_at(numbers.start),
-            lambda model, _: LocalLimbs(model), opened, search, first_pose, names,
+            next(seen), rig, actor, hints, lambda model, _: LocalLimbs(model), opened, search, first_pose,
+            names,
         )  # fmt: skip
         with closing(first.model.backend):
-            yield TrackedFrame(numbers.start, numbers.start / take.settings.fps, first.solution)
+            yield TrackedFrame(numbers.start, numbers.start / fps, first.solution)
             tracker = Tracker(first.model, search, LocalLimbs(first.model), first.solution.pose[None])
-            for number, seen in zip(numbers[1:], shown, strict=False):
-                yield TrackedFrame(number, number / take.settings.fps, tracker.solve(seen))
+            for number, planes in zip(numbers[1:], seen, strict=True):
+                yield TrackedFrame(number, number / fps, tracker.solve(planes))
 
 
 def write_result(
@@ -108,24 +148,31 @@ def write_result(
 ) -> Result:
     """Write consecutive frames to a folder: poses.csv, joints.csv, actor.toml and files of some formats.
 
-    output: how joints.csv and these files are smoothed.
-    Raises UserError for a format that cannot be written here, and OSError.
+    Results that are there already are replaced as a whole. output: how joints.csv and the formats' files are
+    smoothed. Raises UserError for frames that do not follow each other, a format that cannot be written here,
+    or a folder that holds other things than results.
     """
     solved = list(tracked)
-    folder.mkdir(parents=True, exist_ok=True)
     frames = np.array([frame.number for frame in solved], np.int32)
-    times_s = np.array([frame.time_s for frame in solved])
+    if not solved or np.any(np.diff(frames) != 1):
+        raise UserError(
+            f"{folder}: expected frames that follow each other, found {frames.tolist() or 'none'}"
+        )
     poses = np.array([frame.solution.pose for frame in solved])
-    energies_px = np.array([frame.solution.energy_px for frame in solved])
-    priors = np.array([frame.solution.prior for frame in solved])
-    marks = Marks.of([frame.solution for frame in solved])
-    table = PoseTable(frames, times_s, poses, energies_px, marks=marks, extra={"prior": priors})
-    smooth = None
+    table = PoseTable(
+        frames,
+        np.array([frame.time_s for frame in solved]),
+        poses,
+        np.array([frame.solution.energy_px for frame in solved]),
+        extra={"prior": np.array([frame.solution.prior for frame in solved])},
+        marks=(marks := Marks.of([frame.solution for frame in solved])),
+    )
+    settings, smooth = take.settings, None
     if output.smooth != "none":
-        smooth = smoothed(poses, take.settings.fps, output, distrusted_values(marks))
-    write_tracked(folder, table, actor, take.settings.up, smooth)
-    read = load_result(folder)
-    motion = replace(read.motion, name=take.settings.name, fps=take.settings.fps)
-    result = replace(read, motion=motion)
-    write_formats(folder, result, formats)
-    return result
+        smooth = smoothed(poses, settings.fps, output, distrusted_values(marks))
+    known = {"name": settings.name, "folder": str(take.folder), "frames": len(solved), "fps": settings.fps}
+    with results_into(folder, complete=True) as part:
+        write_tracked(part, table, actor, settings.up, smooth)
+        (part / RUN_JSON).write_text(json.dumps({"take": known}, indent=2) + "\n")
+        write_formats(part, load_result(part), formats)
+    return load_result(folder)

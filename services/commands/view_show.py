@@ -26,7 +26,7 @@ def finished_show(folder: Path, take: Path | None) -> Show:
     """
     result = load_result(folder)
     opened, remark = _take_of(result, take)
-    name, fps, history, body = result.motion.name, result.fps, _reel(result), result.motion.body
+    name, fps, history, body = result.motion.name, result.fps, _history(result), result.motion.body
     if opened is None:
         return Show(name, fps, history, body, None, (), None, is_live=False, remark=remark)
     rig = Rig.of(opened.cameras)
@@ -35,7 +35,7 @@ def finished_show(folder: Path, take: Path | None) -> Show:
     return Show(name, fps, history, body, rig, names, artist, is_live=False)
 
 
-def _reel(result: Result) -> FrameHistory:
+def _history(result: Result) -> FrameHistory:
     finished = FinishedFrames(result)
     history = FrameHistory(finished.frames, capacity=len(finished.frames))
     for solved in map(finished.solved, finished.frames):

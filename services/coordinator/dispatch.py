@@ -4,7 +4,7 @@ import logging
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from services.mocap.search.chains import LIMBS, LimbName
 log = logging.getLogger(__name__)
 
 Identity: TypeAlias = bytes
-Key: TypeAlias = tuple[Any, ...]
+Key: TypeAlias = tuple[str, str, int, int, str, int, int]
 """Take, run, frame, pass, limb, shard and shards: what a result is recognised by."""
 
 SILENCE_S = 10.0
@@ -29,7 +29,8 @@ _MOST_MISSING = 64
 
 def key_of(message: OfLimbTask) -> Key:
     """What a limb task, its result and its refusal have in common."""
-    return tuple(message.task_key.values())
+    where = (message.frame, message.pass_index, message.limb)
+    return (message.take, message.run, *where, message.shard, message.shards)
 
 
 def in_words(task: OfLimbTask) -> str:
@@ -75,8 +76,8 @@ class Dispatcher:
         self._send, self._now = send, now
         self._workers: dict[Identity, _Worker] = {}
         self._missing: OrderedDict[Identity, _Worker] = OrderedDict()
-        """Workers that were forgotten, the latest last: one that only was held up goes on as if nothing had
-        been. One whose connection was lost comes with another identity."""
+        """Workers that were forgotten, the latest last: one that was only held up goes on as if nothing had
+        happened. One that lost its connection comes back with another identity."""
         self._open: dict[Key, _Open] = {}
         self._queue: deque[Key] = deque()
         self._results: list[LimbResult] = []
@@ -116,9 +117,9 @@ class Dispatcher:
         return bool(self._open)
 
     def next_pass(self, frame: int) -> int:
-        """The number of the next pass over a frame, from 0 on.
+        """The number of the next pass over a frame, from 0 on; frames must not go back.
 
-        A coordinator that solves a frame again, after another one's death, counts alike.
+        A coordinator that solves a frame again, after another one's death, numbers its passes the same way.
         """
         last_frame, number = self._latest
         self._latest = (frame, number + 1 if frame == last_frame else 0)

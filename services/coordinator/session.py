@@ -191,21 +191,21 @@ class Session:
             about(frame=self._plan.frames.start)
             self._published_s = time.perf_counter()
             try:
-                opening = self._opening(first)
+                solved = self._solve_first(first)
             except TakeError as problem:
                 if not self._is_live:
                     raise
                 self._say_nobody(str(problem))
                 continue
             self._incoming.catch_up()
-            tracker = self._tracker(opening.model, opening.actor, opening.solution.pose[None])
-            self._publish(self._plan.frames.start, first, opening.solution, tracker)
+            tracker = self._tracker(solved.model, solved.actor, solved.solution.pose[None])
+            self._publish(self._plan.frames.start, first, solved.solution, tracker)
             if self._unsure is not None and self._plan.fitted_pose is None:  # else the fit has said so
-                self._unsure.tell_first(first.seen, opening.solution.pose)
+                self._unsure.tell_first(first.seen, solved.solution.pose)
             return tracker
         return None
 
-    def _opening(self, first: Frame) -> FirstFrame:
+    def _solve_first(self, first: Frame) -> FirstFrame:
         return solve_first_frame(
             first.seen,
             self._rig,

@@ -6,6 +6,7 @@ A take whose world is y-up is turned to z-up when it is read and back when resul
 
 For notebooks: `from services.mocap import load_result, open_take, draw_frame`, and the names of what their
 arrays hold: DOF_NAMES, JOINT_NAMES, SEGMENT_NAMES, REFERENCE_JOINTS, PARTS.
+To fit and track: services.library.
 """
 
 from importlib import import_module

@@ -69,12 +69,11 @@ def write_results(
     live = live_columns(info, recorded)
     times_s = increasing(times_s)
     shown = smoothed(poses, info.fps, output, distrusted_values(marks), times_s if live else None)
-    joints_world_m = reference_joints(shown, body.offsets_m)
     is_whole = collection.complete if live else len(recorded) == info.end_frame - info.first_frame
     with results_into(out, complete=is_whole) as part:
         table = PoseTable(frames, times_s, poses, energies_px, marks=marks, extra={"prior": priors, **live})
         smooth = shown if output.smooth != "none" else None
-        write_tracked(part, table, actor, take.settings.up, smooth)
+        joints_world_m = write_tracked(part, table, actor, take.settings.up, smooth)
         write_timings_csv(part / TIMINGS, frames, [message.seconds for message in recorded])
         energies = _energies_of(recorded, [camera.name for camera in take.cameras])
         if energies is not None:

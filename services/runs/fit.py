@@ -59,7 +59,7 @@ class TakeFit:
     """(F, P, H, W) of these cameras."""
     start: Actor
     """The body that the fit began with …"""
-    first_pose: Floats
+    start_pose: Floats
     """… and its pose (35,) in the first frame."""
     actor: Actor
     """As it is written to actor.toml."""
@@ -131,7 +131,7 @@ def concluded(
         cameras=cameras,
         seen=seen,
         start=start[0],
-        first_pose=start[1],
+        start_pose=start[1],
         actor=actor,
         fit=fit,
         measures=measures,

@@ -75,7 +75,7 @@ def _overlay(take: Take, found: TakeFit) -> Bytes:
         (
             f"before: {_start_in_words(found)}",
             found.start,
-            found.first_pose,
+            found.start_pose,
             found.fit.before,
         ),
         ("after: fitted body", found.actor, found.fit.poses[0], found.fit.after),

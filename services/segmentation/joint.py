@@ -36,9 +36,11 @@ _BIAS = np.float32(-0.3)
 _TELLING = -0.5
 """Prior odds by the other cameras above which they are believed to see the actor along a pixel's ray."""
 _HARDLY_AGAINST = -2.2
-"""A pixel's own evidence and what the others see in it, above which they leave it open."""
+"""Log odds of a pixel, its own evidence plus the other cameras' word, above which it is unsure and not surely
+background."""
 _ALONE = -1.7
-"""What stands in for the others' word there, where there is none: own evidence has to leave a pixel open."""
+"""Counts there as the others' word where too few see a place to have one: such a pixel is unsure only if its
+own evidence is."""
 _SLIGHTLY_AGAINST = -0.5
 """Own evidence below which a pixel is the actor's by its neighbours alone."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6

@@ -1,4 +1,4 @@
-"""What there is to learn a camera's background from, and the words about what is wrong with it."""
+"""What there is to learn a camera's background from, and warnings about it."""
 
 import logging
 from collections.abc import Iterable

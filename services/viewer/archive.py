@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 
 class Archive:
-    """See history.Older. For any thread."""
+    """See frame_history.Older. For any thread."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class Archive:
         try:
             record = self._journal.pose(frame)
             self._problem = f"{self._journal.path} does not hold it"
-            return None if record is None else shot_of(_pose(record))
+            return None if record is None else solved_frame_of(_pose(record))
         except FileNotFoundError:  # not yet, or no longer, since all is among the results
             self._problem = f"there is no journal at {self._journal.path}"
             return self._finished.solved(frame) if self.is_over else None
@@ -82,7 +82,7 @@ def _pose(record: Record) -> Pose:
     return Pose.model_validate(record.fields | arrays)
 
 
-def shot_of(message: Pose) -> SolvedFrame:
+def solved_frame_of(message: Pose) -> SolvedFrame:
     """A frame as it was published."""
     return SolvedFrame(
         frame=message.frame,

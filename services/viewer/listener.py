@@ -19,7 +19,7 @@ from services.mocap.export.model_painter import ModelPainter
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake
-from services.viewer.archive import CHUNK_FRAMES, Archive, shot_of
+from services.viewer.archive import CHUNK_FRAMES, Archive, solved_frame_of
 from services.viewer.frame_history import RING_FRAMES, FrameHistory
 from services.viewer.live_pictures import LivePictures
 from services.viewer.pictures import TakePictures
@@ -83,7 +83,7 @@ class Listener(Follower):
     def hear(self, message: Message) -> None:
         """Take in what a page may show."""
         if isinstance(message, Pose) and self._history is not None:
-            self._history.put(replace(shot_of(message), arrived_s=time.monotonic()))
+            self._history.put(replace(solved_frame_of(message), arrived_s=time.monotonic()))
         elif isinstance(message, Silhouettes) and self._pictures is not None:
             self._pictures.add(message)
         elif isinstance(message, TakeEnd) and self._history is not None and self._archive is not None:

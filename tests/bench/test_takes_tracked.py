@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ from typer.testing import CliRunner
 
 from bench import accuracy, command, table2, takes
 from bench.__main__ import app
+from bench.__main__ import app as bench_app
 from bench.command import Run
 from bench.degradations import trimaps_of
 from services.mocap.body.actor import Actor
@@ -106,7 +105,7 @@ def tracked(monkeypatch: pytest.MonkeyPatch, truth: Floats) -> list[tuple[Any, .
     return calls
 
 
-def test_accuracy_tells_of_a_take_and_what_hardships_make_of_it(take: Path, tracked, tmp_path: Path) -> None:
+def test_accuracy_tells_of_a_take_and_its_degradations(take: Path, tracked, tmp_path: Path) -> None:
     written = tmp_path / "rows.json"
     done = CliRunner().invoke(app, ["accuracy", str(take), "--noise", "--track", "--set max_passes=1",
                                     "--json", str(written)])  # fmt: skip
@@ -203,7 +202,7 @@ def test_the_commands_own_sentence_comes_through(tmp_path: Path) -> None:
 
 
 def test_the_help_names_both_tables() -> None:
-    done = subprocess.run([sys.executable, "-m", "bench", "--help"], capture_output=True, text=True)
-    assert done.returncode == 0
-    assert "table2" in done.stdout
-    assert "accuracy" in done.stdout
+    told = CliRunner().invoke(bench_app, ["--help"])
+    assert told.exit_code == 0
+    assert "table2" in told.stdout
+    assert "accuracy" in told.stdout

@@ -13,7 +13,6 @@ from services.mocap.types import Floats
 
 LIMB_NAMES: tuple[LimbName, ...] = get_args(LimbName)
 _RUN = "0" * 32
-_KEY = {"take", "run", "frame", "pass_index", "limb", "shard", "shards"}
 
 
 def limb_task(limb: LimbName = "left_arm", frame: int = 0, shard: int = 0, shards: int = 1) -> LimbTask:
@@ -33,13 +32,13 @@ def pass_tasks(frame: int = 0, shards: int = 1) -> list[LimbTask]:
 def result_of(task: LimbTask, energy_px: float = 1.0, values: Floats | None = None) -> LimbResult:
     """What a worker answers; the limb's rest pose unless values are given."""
     found = np.zeros(len(LIMBS[task.limb].dofs)) if values is None else values
-    key = task.model_dump(include=_KEY)
+    key = task.task_key
     return LimbResult(**key, energy_px=energy_px, evaluations=10, seconds=0.1, backend="cpu", values=found)
 
 
 def refusal_of(task: LimbTask) -> LimbRefusal:
     """What a worker answers that cannot solve a task."""
-    return LimbRefusal(**task.model_dump(include=_KEY), reason="no such rig")
+    return LimbRefusal(**task.task_key, reason="no such rig")
 
 
 @dataclass

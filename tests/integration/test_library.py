@@ -1,40 +1,77 @@
 """Tracking from Python, in one process: the very poses of the services."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from services.library import open_take, track, write_result
+from services.library import OutputSettings, SearchSettings, fit, open_take, take_actor, track, write_result
 from services.mocap.errors import UserError
-from services.mocap.search.settings import SearchSettings
-from services.mocap.take.actor_file import read_actor
-from services.mocap.types import Floats
+from services.mocap.result.result import load_result
+from services.mocap.take.folder import Take
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_one_process_finds_and_writes_what_the_services_do(
-    tracked: Path, synthetic_take: Path, tmp_path: Path
-) -> None:
-    take, actor = open_take(synthetic_take), read_actor(tracked / "actor.toml")
+@pytest.fixture
+def take(synthetic_take: Path) -> Take:
+    return open_take(synthetic_take)
+
+
+def test_one_process_finds_and_writes_what_the_services_do(tracked: Path, take: Take, tmp_path: Path) -> None:
+    actor = take_actor(take)
+    assert actor is not None
     frames = track(take, actor, range(14, 20), search=SearchSettings(search_limbs="always"))
     result = write_result(tmp_path / "result", take, actor, frames, formats=("bvh", "trc"))
     for name in ("poses.csv", "poses_smooth.csv", "joints.csv", "actor.toml", "motion.bvh", "motion.trc"):
         assert (tmp_path / "result" / name).read_bytes() == (tracked / name).read_bytes(), name
     assert result.frames.tolist() == list(range(14, 20))
+    assert (result.fps, result.motion.name, result.take_folder) == (take.settings.fps, "walk", take.folder)
 
 
-def _first_pose(synthetic_take: Path, first_pose: Floats | None) -> Floats:
-    take = open_take(synthetic_take)
-    tracked = track(take, read_actor(synthetic_take / "actor.toml"), range(3, 4), first_pose)
-    return next(tracked).solution.pose
+def test_a_result_is_replaced_as_a_whole(take: Take, tmp_path: Path) -> None:
+    actor = take_actor(take)
+    assert actor is not None
+    frames = list(track(take, actor, range(14, 17)))
+    write_result(tmp_path / "result", take, actor, frames)
+    assert (tmp_path / "result" / "report.html").exists()
+    write_result(tmp_path / "result", take, actor, frames[1:], ("bvh",), OutputSettings(smooth="none"))
+    names = {path.name for path in (tmp_path / "result").iterdir()}
+    assert names == {"poses.csv", "joints.csv", "actor.toml", "run.json", "motion.bvh"}
+    for nothing in ([], [frames[0], frames[2]]):
+        with pytest.raises(UserError, match="follow each other"):
+            write_result(tmp_path / "result", take, actor, nothing)
+    assert load_result(tmp_path / "result").frames.tolist() == [15, 16]
 
 
-def test_a_first_pose_may_be_told(synthetic_take: Path) -> None:
-    found = _first_pose(synthetic_take, None)
-    np.testing.assert_allclose(_first_pose(synthetic_take, found), found, atol=0.02)
+def test_the_readmes_example(
+    take: Take, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It tracks the first frames of a take, whose actor it fits."""
+    (example,) = re.findall(
+        r"^## From Python\n\n```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S
+    )
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my-take").symlink_to(take.folder)
+    exec(example.replace("track(take, fitted)", "track(take, fitted, range(3))"))  # noqa: S102
+    assert load_result(Path("my-result")).frames.tolist() == [0, 1, 2]
+    assert capsys.readouterr().out.startswith("0 [")
 
 
-def test_frames_that_are_not_there_are_refused(synthetic_take: Path) -> None:
-    take = open_take(synthetic_take)
+def test_a_fit_knows_the_first_pose(take: Take) -> None:
+    fitted = fit(take)
+    found = next(track(take, fitted, range(1, 2))).solution
+    told = next(track(take, fitted.actor, range(1, 2), fitted.fit.poses[1])).solution
+    np.testing.assert_array_equal(found.pose, told.pose)
+    searched = next(track(take, fitted.actor, range(1, 2))).solution
+    assert found.evaluations < searched.evaluations
+
+
+def test_what_does_not_suit_the_take_is_refused_at_once(take: Take) -> None:
+    actor = take_actor(take)
+    assert actor is not None
     with pytest.raises(UserError, match=r"20, 30.*0:24"):
-        next(track(take, read_actor(synthetic_take / "actor.toml"), range(20, 30)))
+        track(take, actor, range(20, 30))
+    with pytest.raises(UserError, match="camera_weights: expected 5 numbers"):
+        track(take, actor, search=SearchSettings(camera_weights=(1.0, 2.0)))

@@ -154,7 +154,7 @@ def numbers_table() -> str:
         _row("`beat` from a client that has nothing else to say, every", f"{link.BEAT_S:g} s"),
         _row("silence of the coordinator, a client registers anew after", f"{link.LIVENESS_S:g} s"),
         _row(
-            "silence of an idle worker, it gets no task until it is heard again, after",
+            "silence after which an idle worker gets no task until it is heard again",
             f"{dispatch.SILENCE_S:g} s",
         ),
         _row("deadline of the first task", f"{deadline.FIRST_DEADLINE_S:g} s"),

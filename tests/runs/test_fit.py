@@ -98,7 +98,7 @@ def test_warnings_are_kept_for_the_user(found: TakeFit) -> None:
 def test_parts_that_cannot_be_told_from_the_background_are_warned_of(
     found: TakeFit, caplog: pytest.LogCaptureFixture
 ) -> None:
-    start = (found.start, found.first_pose)
+    start = (found.start, found.start_pose)
     concluded(found.frames, found.cameras, found.seen, start, found.fit, {}, [])
     assert "told from the background" not in caplog.text
     masks = np.array([unpack(planes, 3) for planes in found.seen.silhouettes])

@@ -9,7 +9,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from services.mocap.errors import UserError
-from services.viewer import auth_proxy as gate_module
+from services.viewer import auth_proxy as auth_proxy
 from services.viewer.address import Address
 from services.viewer.auth_proxy import AuthProxy
 from services.viewer.request import Head, MalformedHeadError
@@ -33,7 +33,7 @@ class _Page(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def proxy(monkeypatch: pytest.MonkeyPatch) -> Iterator[AuthProxy]:
-    monkeypatch.setattr(gate_module, "_WRONG_S", 0.05)
+    monkeypatch.setattr(auth_proxy, "_WRONG_S", 0.05)
     with ThreadingHTTPServer(("127.0.0.1", 0), _Page) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         with AuthProxy(Address.of("127.0.0.1:0"), TOKEN, server.server_port) as running:

@@ -13,11 +13,11 @@ class Shelf:
     """Where older frames are that are known from the start."""
 
     def __init__(self, *solved_frames: SolvedFrame) -> None:
-        self._shots = {solved.frame: solved for solved in solved_frames}
+        self._frames = {solved.frame: solved for solved in solved_frames}
         self.asked: list[int] = []
 
     def solved(self, frame: int) -> SolvedFrame | None:
-        return self._shots.get(frame)
+        return self._frames.get(frame)
 
     def ask(self, frame: int) -> None:
         self.asked.append(frame)

@@ -14,7 +14,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return now
 
 
-def test_a_rhythm_rests_by_what_making_and_sending_took(clock: list[float]) -> None:
+def test_pacing_rests_by_what_making_and_sending_took(clock: list[float]) -> None:
     grid = SendPacing(0.2, rest=8.0)
     assert grid.is_due()
     clock[0] = 100.01

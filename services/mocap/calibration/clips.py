@@ -37,7 +37,7 @@ class Clip:
         return self.path.suffix.lower() in _VIDEOS
 
     def pictures(self, every: int) -> Iterator[tuple[int, Bytes]]:
-        """Every so manieth picture (H, W, 3) with its number; raises TakeError at one that cannot be read.
+        """Every nth picture (H, W, 3) with its number; raises TakeError at one that cannot be read.
 
         A picture's number is the one at the end of its file's name, where all have one, else its place.
         """

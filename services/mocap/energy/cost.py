@@ -52,6 +52,10 @@ class Cost:
         capped_px = np.minimum(np.array(distances_px) - _BEYOND_CONTOUR_PX, cap_px)
         return replace(picture, prices=np.rint(capped_px * DISTANCE_STEPS).astype(np.int32))
 
+    def weights(self, n_cameras: int) -> Floats:
+        """(C,) what each camera's pixels count."""
+        return np.array(self.camera_weights or (1.0,) * n_cameras, np.float64)
+
     def tally(self, picture: Picture) -> "Tally":
         """Turn a picture, priced if need be, into what a model's covered pixels add to its energy.
 
@@ -65,11 +69,10 @@ class Cost:
             raise ValueError("prices: the picture needs them, since pixels cost their distance")
         on_input, counted = unpack(picture.silhouettes, n_cameras), ~unpack(picture.ignored, n_cameras)
         price = np.where(counted, prices, np.int32(0))
-        weights = np.array(self.camera_weights or (1.0,) * n_cameras, np.float64)
         return Tally(
             gain=np.where(on_input, -price, price),
             blank=np.sum(price, axis=(1, 2), where=on_input, dtype=np.int64),
-            weights=weights / steps,
+            weights=self.weights(n_cameras) / steps,
             cap=self._cap(on_input) * steps,
         )
 

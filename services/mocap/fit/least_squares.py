@@ -26,7 +26,7 @@ _EDGE_PX = 0.2
 _OFF_PX = 0.1
 """Of outlines, to see what that does: little, so that all of them count."""
 _CAMERA_SLACK = 2.0
-"""Cameras whose median residual is this many times that of the median camera count less."""
+"""Cameras whose median residual is this many times the median over the cameras count less."""
 
 
 @dataclass(frozen=True, eq=False)

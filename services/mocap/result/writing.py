@@ -14,11 +14,12 @@ from services.mocap.types import Floats
 
 def write_tracked(
     folder: Path, tracked: PoseTable, actor: Actor, up: Up, smooth: Floats | None = None
-) -> None:
+) -> Floats:
     """Write poses.csv, joints.csv and actor.toml, and its mesh if it has one.
 
     up: the axis of the take's world. smooth: (N, 35) poses after smoothing, where that was asked for; then
-    joints.csv is of these, and poses_smooth.csv has them.
+    joints.csv is of these, and poses_smooth.csv has them. Returns the joints (N, 15, 3) of joints.csv, in the
+    z-up world.
     """
     write_poses_csv(folder / POSES, tracked)
     shown = tracked if smooth is None else replace(tracked, poses=smooth)
@@ -29,3 +30,4 @@ def write_tracked(
     (folder / ACTOR).write_text(actor.to_toml())
     if actor.mesh is not None:
         (folder / MESH_FILE).write_bytes(actor.mesh.content)
+    return joints_world_m

@@ -30,9 +30,6 @@ from services.mocap.types import Floats
 
 log = logging.getLogger(__name__)
 
-_LOWEST_HULL, _HIGHEST_HULL = 0.4, 1.5
-"""Height of the visual hull over the actor's, from crouching to arms raised."""
-
 
 @dataclass(frozen=True, eq=False)
 class FirstFrame:
@@ -74,12 +71,12 @@ def solve_first_frame(
         log.warning("%s", remark)
     settings = settings.without_cameras(look.left_out, rig.n_cameras)
     hull = carve(rig, look.believed(masks), possible)
-    opening = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made, names=names)
+    guess = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made, names=names)
     if actor is not None or hints.actor_height is not None:
-        return opening
-    opening.model.backend.close()
-    pose = opening.solution.pose
-    height_m = fit_height(rig, picture, pose, opening.actor.height, pool, engine, settings)
+        return guess
+    guess.model.backend.close()
+    pose = guess.solution.pose
+    height_m = fit_height(rig, picture, pose, guess.actor.height, pool, engine, settings)
     actor = Actor(height=round(height_m, 3))
     log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
     model = model_of(actor, rig, engine)
@@ -118,7 +115,7 @@ def first_guess(
     told, unsure = told_actor(actor, hints, mesh), _unsure_shares(picture, rig, names)
     with unsure.blamed_first():
         actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=mesh)
-    if not hull.may_be(_LOWEST_HULL * actor.height, _HIGHEST_HULL * actor.height):
+    if not hull.suits(actor.height):
         sentence = (
             f"the visual hull of the first frame is {hull.height_m:.2f} m high for an actor of "
             f"{actor.height:.2f} m: check the scale of the calibration"

@@ -62,13 +62,13 @@ def find_first_pose(
     starts = _best_of_each_heading(starts, energy(starts))[:_CANDIDATES]
     found = [_first_look(model, picture, start, settings, limbs) for start in starts]
     found.sort(key=_energy_px)
-    best = _finished(model, picture, found[0].pose[None], settings, limbs)
+    best = solve_frame(model, picture, found[0].pose[None], settings.widened(), limbs)
     if facing_rad is not None:
         return FirstPose(best, None)
     # The other way round is tried as hard: from where it seemed best, and from the mirror image of the best.
     away = [other.pose for other in found if _turned_away(other.pose, best.pose)][:1]
     opposites = np.array([*away, _turned_round(best.pose)])
-    opposite = _finished(model, picture, opposites, settings, limbs)
+    opposite = solve_frame(model, picture, opposites, settings.widened(), limbs)
     if not _turned_away(opposite.pose, best.pose):
         return FirstPose(min(best, opposite, key=_energy_px), None)
     best, opposite = sorted((best, opposite), key=_energy_px)
@@ -77,12 +77,6 @@ def find_first_pose(
 
 def _energy_px(solution: FrameSolution) -> float:
     return solution.energy_px
-
-
-def _finished(
-    model: Model, picture: Picture, starts: Floats, settings: SearchSettings, limbs: LimbPool
-) -> FrameSolution:
-    return solve_frame(model, picture, starts, settings.widened(), limbs)
 
 
 def _first_look(

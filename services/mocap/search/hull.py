@@ -26,6 +26,8 @@ _ROUNDS = 20
 """Of reweighting, until the meeting point no longer moves; a few do unless a camera is far off."""
 _NEAR_M = 0.05
 """Rays that pass this close to the meeting point all count the same."""
+_CROUCHING, _ARMS_RAISED = 0.4, 1.5
+"""Height of the visual hull over the actor's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,10 @@ class Hull:
     def axis_world_m(self) -> Floats:
         """(2,) x and y of the middle."""
         return np.median(self._firm_m[:, :2], axis=0)
+
+    def suits(self, height_m: float) -> bool:
+        """Whether it may be that of an actor of some height, from crouching to arms raised."""
+        return self.may_be(_CROUCHING * height_m, _ARMS_RAISED * height_m)
 
     def may_be(self, low_m: float, high_m: float) -> bool:
         """Whether the height lies within a range, or may do so for all that is unsure."""

@@ -21,13 +21,18 @@ def search_settings(
     base = PRESETS[preset].model_dump(exclude_defaults=True)
     validated(SearchSettings, said, f"{file}: ", UserError)
     settings = validated(SearchSettings, base | said | dict(map(_parsed, assignments)), "--set ", UserError)
+    check_weights(settings, n_cameras)
+    return settings
+
+
+def check_weights(settings: SearchSettings, n_cameras: int) -> None:
+    """Raise UserError where settings weigh another number of cameras than a take has."""
     n_weights = len(settings.camera_weights)
     if n_weights not in (0, n_cameras):
         raise UserError(
             f"camera_weights: expected {n_cameras} numbers, one for each camera of the take in the order of "
             f"calibration.toml, or none, found {n_weights}"
         )
-    return settings
 
 
 def as_assignments(settings: SearchSettings) -> list[str]:

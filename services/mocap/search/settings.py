@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Literal, TypeAlias
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from services.mocap.energy.cost import Cost
@@ -105,7 +104,7 @@ class SearchSettings(BaseModel):
 
     def weights(self, n_cameras: int) -> Floats:
         """(C,) what each camera's pixels count."""
-        return np.array(self.camera_weights or (1.0,) * n_cameras, np.float64)
+        return self.cost.weights(n_cameras)
 
     def without_cameras(self, left_out: Collection[int], n_cameras: int) -> "SearchSettings":
         """The same with a weight of 0 for some of the cameras."""

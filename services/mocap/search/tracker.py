@@ -22,8 +22,6 @@ log = logging.getLogger(__name__)
 
 _TRACKER = "tracker"
 """Name of its own numbers in a memory."""
-_HULL_HEIGHTS = (0.4, 1.5)
-"""Height of the visual hull over the actor's, from crouching to arms raised."""
 _LONGEST_WAIT = 16
 """Frames between two tries to find a lost actor, at most."""
 
@@ -108,8 +106,7 @@ class Tracker:
             hull = carve(rig, look_first(rig, masks, possible=possible).believed(masks), possible)
         except TakeError:  # nobody there, or more than one person, or at the pictures' edges: cheap to see
             return None
-        low, high = _HULL_HEIGHTS
-        if not hull.may_be(low * model.body.height_m, high * model.body.height_m):
+        if not hull.suits(model.body.height_m):
             return None
         self._tries += 1
         self._wait = min(2**self._tries, _LONGEST_WAIT)

@@ -55,7 +55,7 @@ def fuzz(
     _show_decoder(report)
     fuzzed = None
     if live:
-        with _following("besieging", None):
+        with _following("fuzzing sockets", None):
             fuzzed = socket_fuzz.fuzz_sockets(chosen, live)
         _show_socket_fuzz(fuzzed)
     _write(json_path, {"decoder": report.as_json(), "socket_fuzz": fuzzed and fuzzed.as_json()})

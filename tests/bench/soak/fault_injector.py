@@ -21,7 +21,7 @@ _LOOK_S = 0.05
 
 @dataclass(frozen=True)
 class FaultPlan:
-    """What a fault injector does."""
+    """Which faults are injected, and how often."""
 
     most: Mapping[str, int]
     """Whom it strikes, and how often in one run at most."""
@@ -49,7 +49,7 @@ class FaultInjector:
 
     def __init__(self, dice: Dice, plan: FaultPlan, most: int) -> None:
         """most: faults at most."""
-        self._dice, self._habits, self._most = dice, plan, most
+        self._dice, self._plan, self._most = dice, plan, most
         self._next_frame = plan.first_frame
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._work, name="injector", daemon=True)
@@ -77,21 +77,21 @@ class FaultInjector:
         self._wake(at_once=True)
 
     def _work(self) -> None:
-        next_s = time.monotonic() + self._between(0.0, self._habits.longest_wait_s)
+        next_s = time.monotonic() + self._between(0.0, self._plan.longest_wait_s)
         while not self._ending.wait(_LOOK_S):
             self._wake(at_once=False)
             is_time = time.monotonic() > next_s and self._stopwatch.frame >= self._next_frame
             if len(self.struck) < self._most and is_time and self._strike():
-                next_s = time.monotonic() + self._between(0.0, self._habits.longest_wait_s)
+                next_s = time.monotonic() + self._between(0.0, self._plan.longest_wait_s)
 
     def _between(self, low: float, high: float) -> float:
         return low + (high - low) * self._dice.below(_FINE) / _FINE
 
     def _strike(self) -> bool:
         """Kill somebody or hold them up; False where nobody of the kind is there to whom that may be done."""
-        name = self._dice.pick(list(self._habits.most))
+        name = self._dice.pick(list(self._plan.most))
         pids = [pid for pid in self._launcher.pids(name) if pid not in self._hanging]
-        if self._counts[name] >= self._habits.most[name] or not pids:
+        if self._counts[name] >= self._plan.most[name] or not pids:
             return False
         pid, is_killed = self._dice.pick(pids), self._dice.below(100) < _KILLED_SHARE
         fault = Fault(name, "killed" if is_killed else "held up", self._stopwatch.frame)
@@ -100,9 +100,9 @@ class FaultInjector:
         except ProcessLookupError:  # it has just ended
             return False
         if not is_killed:
-            self._hanging[pid] = time.monotonic() + self._between(*self._habits.hang_s)
+            self._hanging[pid] = time.monotonic() + self._between(*self._plan.hang_s)
         self._counts[name] += 1
-        self._next_frame = fault.frame + self._habits.frames_between
+        self._next_frame = fault.frame + self._plan.frames_between
         self.struck.append(fault)
         self.tell(len(self.struck))
         return True

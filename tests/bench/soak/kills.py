@@ -70,7 +70,7 @@ class _Outcome:
 
 
 def kill_at_random(seed: int, kills: int, frames: int, progress: Callable[[int], None]) -> Report:
-    """Do so many faults, in as many runs over a take of so many frames as that takes.
+    """Inject so many faults, in as many runs over a take of so many frames as that takes.
 
     Then workers only are struck in one more run, for the time that this costs. Raises what `track` raises
     where a run fails altogether.

@@ -48,8 +48,8 @@ def fuzz_limb_worker(folder: Path, hostile: Hostile, seed: int, messages: int) -
 
 def _task_without_content(identity: bytes) -> Frames:
     """A task that names content which the worker cannot have, so that it asks for it."""
-    header = msgpack.unpackb(sample_messages("siege", 0)["limb_task"][0]) | {"actor": "a" * 64}
-    return [identity, msgpack.packb(header), *sample_messages("siege", 0)["limb_task"][1:]]
+    header = msgpack.unpackb(sample_messages("fuzz", 0)["limb_task"][0]) | {"actor": "a" * 64}
+    return [identity, msgpack.packb(header), *sample_messages("fuzz", 0)["limb_task"][1:]]
 
 
 def _await(

@@ -30,7 +30,7 @@ _NO_FRAME = 100_000
 
 @dataclass
 class Report:
-    """What a siege has seen."""
+    """What the fuzzing has seen."""
 
     seed: int
     sent: Counter[str] = field(default_factory=Counter)
@@ -63,12 +63,12 @@ def fuzz_sockets(seed: int, messages: int) -> Report:
     report, began_s = Report(seed), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="xormocap-soak-") as temporary:
         folder = Path(temporary)
-        stage = make_take(folder / "siege", _FRAMES, _CAMERAS)
-        enemy = Hostile(Dice(seed, 1), "siege", _NO_FRAME)
+        stage = make_take(folder / "fuzz", _FRAMES, _CAMERAS)
+        enemy = Hostile(Dice(seed, 1), "fuzz", _NO_FRAME)
         report.growth_mib["limb_worker"] = fuzz_limb_worker(folder, enemy, seed, messages)
         report.sent["limb_worker"] += messages
         quiet = _track(stage, folder / "quiet", None, report, 0)
-        fired = _track(stage, folder / "fire", Hostile(Dice(seed, 2), "siege", _NO_FRAME), report, messages)
+        fired = _track(stage, folder / "fire", Hostile(Dice(seed, 2), "fuzz", _NO_FRAME), report, messages)
     if quiet != fired:
         raise BrokenServiceError(f"--seed {seed}: poses under fire differ from those of a quiet run")
     report.seconds = round(time.monotonic() - began_s, 1)

@@ -67,16 +67,16 @@ def _mean_error_mm(found: Floats, actor: Actor) -> float:
 
 def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
-        opening = solve_first_frame(_seen(), RIG, None, _hints(), _pool, CPU, SearchSettings())
-    assert abs(opening.actor.height - HEIGHT_M) < 0.02
-    assert _mean_error_mm(opening.solution.pose, opening.actor) < 25
+        found = solve_first_frame(_seen(), RIG, None, _hints(), _pool, CPU, SearchSettings())
+    assert abs(found.actor.height - HEIGHT_M) < 0.02
+    assert _mean_error_mm(found.solution.pose, found.actor) < 25
     assert "no actor_height in take.toml" in caplog.text
 
 
 def test_the_height_of_take_toml_is_kept() -> None:
     hints = _hints(actor_height=1.78, initial_pose={"root_heading_rad": 2.0})
-    opening = solve_first_frame(_seen(), RIG, None, hints, _pool, CPU, SearchSettings())
-    assert opening.actor == Actor(height=1.78)
+    found = solve_first_frame(_seen(), RIG, None, hints, _pool, CPU, SearchSettings())
+    assert found.actor == Actor(height=1.78)
 
 
 def test_an_actor_outweighs_the_height_of_take_toml() -> None:
@@ -93,10 +93,10 @@ def test_a_pose_that_was_fitted_is_not_searched_far_and_wide() -> None:
         _hints(facing=300.0),
         SearchSettings(max_passes=1),
     )  # what it says has had its say in the fit
-    opening = solve_first_frame(_seen(), RIG, actor, hints, _pool, CPU, once, near)
-    assert opening.actor == actor
-    assert opening.solution.passes == 0
-    assert _mean_error_mm(opening.solution.pose, actor) < 10
+    found = solve_first_frame(_seen(), RIG, actor, hints, _pool, CPU, once, near)
+    assert found.actor == actor
+    assert found.solution.passes == 0
+    assert _mean_error_mm(found.solution.pose, actor) < 10
 
 
 @pytest.mark.parametrize("turned_deg", [0, 180])

@@ -88,7 +88,7 @@ def test_nobody_is_in_doubt_for_unsure_pixels(model: Model, truth: Floats, half_
         Picture.whole(model.rig, half_leg.silhouettes, half_leg.unsure),
         PartConfidence(model.rig, 30.0),
     )
-    found = solve_by_contours(model, picture, truth[None], SETTINGS, LocalLimbs(model), 0, trust)
+    found = solve_by_contours(model, picture, truth[None], SETTINGS, LocalLimbs(model), trust)
     assert found.passes == 0
     assert found.distrusted == []
     assert found.part_px["left_leg"] < 30
