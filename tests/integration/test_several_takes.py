@@ -21,7 +21,7 @@ from services.runs.launcher import Launcher, free_endpoint
 
 pytestmark = pytest.mark.timeout(560)
 
-_FRAMES = 10
+_FRAMES = 20
 
 
 @pytest.fixture(scope="module")
