@@ -66,7 +66,8 @@ def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by
     docker("network", "disconnect", stack.network, workers[2])
     docker("kill", stack.one("recorder"))
     stack.until_solved(6)
-    wait_until(lambda: stack.logs("coordinator").count("forgot limb_worker") == 3, stack.logs)
+    forgotten = [f"forgot limb_worker@{worker[:12]}:" for worker in workers[:3]]
+    wait_until(lambda: all(words in stack.logs("coordinator") for words in forgotten), stack.logs)
 
     docker("start", stack.one("recorder"))  # an engine restarts what died, not what somebody killed
     docker("kill", stack.one("segmentation"))

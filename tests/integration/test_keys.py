@@ -134,7 +134,7 @@ def test_a_worker_that_is_revoked_in_mid_take_gets_no_further_task(
     run.start_worker()
     revoked = run.start_worker(own)
     pid = run.launcher.pids("limb_worker")[-1]
-    run.until(lambda: coordinator().count("says hello") == 3)
+    run.until(lambda: coordinator().count("says hello") >= 3)
     time.sleep(0.5)  # by now both solve limbs of the first frame, which takes a second or two
     assert "the actor faces" not in coordinator()
     (tmp_path / "keys" / "coordinator" / "clients" / "second-worker.key").unlink()
