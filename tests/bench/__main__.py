@@ -5,7 +5,7 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -16,17 +16,16 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import accuracy as accuracies
-from bench import actor_tables, settings_sweep
+from bench import actor_tables, first_view, page_cost, settings_sweep
 from bench import actors as actor_fits
 from bench import segmentation as silhouettes
 from bench import table2 as frame_times
 from bench.candidates import Candidates, Name
-from bench.line import Line
 from bench.machine import Machine, this_machine
-from bench.parts import Part, Plan, measured
 from bench.people import Variety
 from bench.problems import Setup
 from bench.table1 import Row, as_table, measure
+from bench.takes import take_folder
 from services.mocap.errors import UserError
 from services.mocap.search.settings import Preset
 
@@ -243,6 +242,13 @@ def segmentation(
     _finish(console, [silhouettes.as_table(rows)], json_path, machine, rows)
 
 
+class Part(StrEnum):
+    """One measurement of the page."""
+
+    FIRST = "first"
+    COST = "cost"
+
+
 @app.command()
 def page(
     take: Annotated[str, typer.Argument(metavar="[TAKE]", help="A take's folder, or a motion.")] = "basic",
@@ -250,26 +256,36 @@ def page(
         list[Part] | None,
         typer.Option("--part", help="What to measure; may be repeated; else all. Cost takes 8 minutes."),
     ] = None,
-    rounds: Annotated[int, typer.Option(min=1, help="How often every way of the cost is gone.")] = 5,
-    rate: Annotated[float, typer.Option(min=1.0, help="Of the slow browser's line, KB/s.")] = 125.0,
-    latency: Annotated[float, typer.Option(min=0.0, help="Of that line, one way, milliseconds.")] = 50.0,
-    seconds: Annotated[float, typer.Option(min=10.0, help="How long the slow browser looks.")] = 60.0,
+    rounds: Annotated[int, typer.Option(min=1, help="How often the cost of each way is measured.")] = 5,
     screenshot: Annotated[
         Path | None, typer.Option(callback=_writable, help="Write the first view here, as PNG.")
     ] = None,
     json_path: JsonOption = None,
 ) -> None:
-    """The page: how soon it is there, how late behind a slow line, and what watching costs tracking."""
+    """The page: how soon it shows everything, and what watching costs tracking."""
     console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
     machine, rows, tables = this_machine(), list[Any](), list[Table]()
     console.print(str(machine), highlight=False)
-    plan = Plan(take, Line(1e3 * rate, 1e-3 * latency), seconds, rounds, screenshot)
     with console.status("the page") as status:
         for part in parts or list(Part):
-            for table, found in _going_on(measured(part, plan, status.update), f"{take}, {part}", console):
+            measured = _page_part(part, take, rounds, screenshot, status.update)
+            for table, found in _going_on(measured, f"{take}, {part}", console):
                 tables.append(table)
                 rows += found
     _finish(console, tables, json_path, machine, rows)
+
+
+def _page_part(
+    part: Part, take: str, rounds: int, screenshot: Path | None, tell: Callable[[str], None]
+) -> Iterator[tuple[Table, list[Any]]]:
+    folder = take_folder(take)
+    if part is Part.FIRST:
+        tell("opening the page while all starts, about a minute")
+        row = first_view.measure(folder, screenshot)
+        yield first_view.as_table(row), [row]
+    else:
+        ways = page_cost.measure(folder, rounds, tell)
+        yield page_cost.as_table(ways), ways
 
 
 def _going_on(measured: Iterator[Found], take: str, console: Console) -> Iterator[Found]:

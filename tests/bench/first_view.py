@@ -14,7 +14,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from bench.chromium import open_chromium
-from bench.page import job_of
+from bench.page_cost import job_of
 from services.mocap.errors import UserError
 from services.mocap.take.folder import open_take
 from services.runs.launcher import free_port
