@@ -12,9 +12,11 @@ from pythonosc.udp_client import UDPClient
 from proto.keys import ClientKeys
 from proto.streams import DEFAULT_ENDPOINT
 from services.bridge.puppeteer import Puppeteer
+from services.health import beat
 from services.mocap.errors import UserError
 from services.mocap.motion.settings import CUTOFFS_HZ
-from services.process import KeysOption, StopRequest, keys_of_client, run_service
+from services.options import KeysOption, keys_of_client
+from services.process import StopRequest, run_service
 
 DEFAULT_LISTENER = "127.0.0.1:39539"
 """Where tools listen for VMC by default, on this machine."""
@@ -65,6 +67,7 @@ def serve(
     log.info("coordinator at %s; sending VMC to %s", endpoint, listener)
     try:
         while not stop:
+            beat()
             puppeteer.listen(_LOOK_S)
     finally:
         puppeteer.close()

@@ -21,7 +21,7 @@ from proto.sockets import receive, wait
 from proto.streams import DEFAULT_ENDPOINT, AddressError
 from services.commands.consoles import stdout
 from services.mocap.errors import UserError
-from services.process import KeysOption, keys_of_client
+from services.options import KeysOption, keys_of_client
 
 _LOOK_S = 0.25
 _PATIENCE_S = 30.0

@@ -7,7 +7,6 @@ from math import ceil
 
 import numpy as np
 
-from proto.clock import clock_name
 from proto.messages import Credit, LivePace, LiveSilhouettes, LiveSources, Silhouettes
 from services.coordinator.incoming import Frame, LiveFigures
 from services.coordinator.live_shots import Shots
@@ -16,6 +15,7 @@ from services.coordinator.pace import Pace
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import fit_together
 from services.mocap.take.live import LiveTake
+from services.process import clock_name
 
 _GAINING = 1.5
 """How much faster than the cameras it is, at least, while it catches up. Shots are left out only where that

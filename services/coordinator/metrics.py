@@ -7,7 +7,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from proto.messages import Pose, Telemetry
-from services.process import TIME_BUCKETS_S
+from services.metrics import TIME_BUCKETS_S
 
 _ENERGY_BUCKETS_PX = (100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000)
 

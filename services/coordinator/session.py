@@ -17,6 +17,8 @@ from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import LostFramesError, Switchboard
 from services.coordinator.unsure import UnsureParts
+from services.health import beat
+from services.logs import about
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
@@ -29,7 +31,7 @@ from services.mocap.search.tracker import Tracker
 from services.mocap.search.warm_up import rehearse
 from services.mocap.take.live import LiveTake
 from services.mocap.types import Floats
-from services.process import StopRequest, about
+from services.process import StopRequest
 
 log = logging.getLogger(__name__)
 
@@ -127,6 +129,7 @@ class Session:
         """Wait until clients are there, until the time is up or a stop is asked for."""
         deadline_s = time.monotonic() + timeout_s
         while not condition() and time.monotonic() < deadline_s and not self._stop:
+            beat()
             self._board.pump(_LOOK_S)
 
     def _end(self) -> None:
@@ -250,6 +253,7 @@ class Session:
         if self._is_live:
             self._board.pump(0.0)  # what has come meanwhile is newer than what is here
         while not self._stop and not incoming.has_ended:
+            beat()
             found = incoming.take_next() if self._is_kept_up_with() else None
             credit = incoming.credit()
             if credit is not None:
@@ -300,6 +304,7 @@ class Session:
     def _await_recorders(self) -> None:
         """Wait until all expected recorders have all frames, or none has asked for any for a while."""
         while not self._board.recorded_up_to(self._solved_end, self._recorders):
+            beat()
             if time.monotonic() - self._board.recorders_heard_s > _CONFIRM_S:
                 if self._recorders and self._board.n_unrecorded:
                     raise LostFramesError(f"a recorder has not got {self._board.n_unrecorded} frames on disk")

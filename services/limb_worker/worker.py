@@ -11,8 +11,9 @@ from proto.sockets import wait
 from services.limb_worker.metrics import HELD, WAITING, note_answer
 from services.limb_worker.solver import LimbSolver, UnusableBlobError
 from services.limb_worker.turns import Turns
+from services.logs import about
+from services.metrics import DROPPED
 from services.mocap.energy.engine import Engine
-from services.process import DROPPED, about
 
 _LOOK_S = 0.2
 """How long to wait for messages before looking after beats and a request to stop."""

@@ -9,14 +9,16 @@ from pathlib import Path
 
 import zmq
 
-from proto.clock import clock_name
 from proto.framing import MalformedMessage
 from proto.keys import ClientKeys
 from proto.link import Line
 from proto.messages import LivePace, LiveSilhouettes, LiveSources, TakeEnd
 from proto.sockets import receive, send
+from services.health import beat
+from services.logs import about
+from services.metrics import DROPPED
 from services.mocap.take.live import LiveTake
-from services.process import DROPPED, StopRequest, about
+from services.process import StopRequest, clock_name
 from services.segmentation.live.clock import CoordinatorClock
 from services.segmentation.live.empty_stage import see_empty_stage
 from services.segmentation.live.group import Group, Silhouetter
@@ -150,6 +152,7 @@ def serve_live(
 def _serve(talk: Talk, group: Group, silhouetter: Silhouetter, stop: StopRequest) -> None:
     end_s = float("inf")
     while not stop and time.monotonic() < end_s:
+        beat()
         talk.hear()
         if talk.clock.run:
             group.begin()
