@@ -13,14 +13,10 @@ from zmq.utils.monitor import recv_monitor_message
 from proto.keys import ClientKeys
 from proto.messages import Beat, Hello, Message
 from proto.sockets import connect, make_socket, receive, send
-from proto.streams import STREAMS, StreamName, stream_endpoint
+from proto.streams import FROM_CLIENTS, STREAMS, TO_CLIENTS, StreamName, stream_endpoint
 
 log = logging.getLogger(__name__)
 
-BEAT_S = 1.0
-LIVENESS_S = 60.0
-"""Silence after which the coordinator counts as lost; outlasts its longest step between two looks, also with
-the slowest search on a busy machine. One that died, was stopped or is cut off libzmq's pings notice."""
 _FIRST_RETRY_S, _LAST_RETRY_S = 1.0, 32.0
 _SAY_FAILED_S, _SAY_SILENT_S = 3.0, 15.0
 """How long handshakes must have failed, or nobody answered, before that is told."""
@@ -178,13 +174,13 @@ class Link:
         if is_anew:
             self._register()
         now = time.monotonic()
-        patience_s = LIVENESS_S if self._answered else self._retry_s
+        patience_s = TO_CLIENTS.silence_s if self._answered else self._retry_s
         if now - self._heard > patience_s:
             self._retry_s = min(self._retry_s * 2, _LAST_RETRY_S)
             self._line.reopen()  # the old socket's unsent hello would reach a coordinator that comes back
             self._register()
             is_anew = True
-        elif now - self._sent > BEAT_S:
+        elif now - self._sent > FROM_CLIENTS.every_s:
             self.send(Beat())
         return is_anew
 

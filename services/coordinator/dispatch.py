@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message, OfLimbTask
+from proto.streams import FROM_CLIENTS
 from services.coordinator.deadline import Deadline
 from services.coordinator.metrics import note_turnaround
 from services.mocap.body.skeleton import LOWER, UPPER
@@ -20,8 +21,6 @@ Identity: TypeAlias = bytes
 Key: TypeAlias = tuple[str, str, int, int, str, int, int]
 """Take, run, frame, pass, limb, shard and shards: what a result is recognised by."""
 
-SILENCE_S = 10.0
-"""An idle worker that has not beaten for so long is forgotten until it is heard again."""
 PROBE_S = 0.2
 """How often a busy worker's connection is tried; libzmq reports one that is gone at once."""
 _MOST_MISSING = 64
@@ -149,7 +148,7 @@ class Dispatcher:
             return False
         worker, now = self._workers[identity], self._now()
         worker.heard_s = now
-        if worker.task is not None and now - worker.given_s > max(SILENCE_S, self.deadline_s):
+        if worker.task is not None and now - worker.given_s > max(FROM_CLIENTS.silence_s, self.deadline_s):
             self._release(worker)  # task or result got lost: a worker says nothing while it solves
         return True
 
@@ -230,7 +229,7 @@ class Dispatcher:
         for identity, worker in list(self._workers.items()):
             if not self._send(identity, Beat()):
                 self._forget(identity, "connection lost")
-            elif worker.task is None and now - worker.heard_s > SILENCE_S:
+            elif worker.task is None and now - worker.heard_s > FROM_CLIENTS.silence_s:
                 self._forget(identity, "silent")
 
     def _forget(self, identity: Identity, reason: str) -> None:

@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 from proto.messages import LiveSources
+from proto.streams import FROM_LIVE_CAMERAS
 
 _COMPLETE_S = 10.0
 """How long after the first group of cameras others are waited for."""
-_SILENT_S = 5.0
-"""A segmentation that says nothing for so long has left."""
 
 
 @dataclass
@@ -48,7 +47,7 @@ class SourceWords:
 
     def have_ended(self, now_s: float) -> bool:
         """Whether all sources of those that still speak are files that are over."""
-        here = [word for word in self._words.values() if now_s - word.heard_s < _SILENT_S]
+        here = [word for word in self._words.values() if now_s - word.heard_s < FROM_LIVE_CAMERAS.silence_s]
         return bool(here) and all(word.message.ended for word in here)
 
     def drops(self) -> dict[int, tuple[int, int, int]]:

@@ -29,14 +29,12 @@ from proto.messages import (
     TakeInfo,
     Telemetry,
 )
-from proto.streams import StreamName
+from proto.streams import PUBLISHED, StreamName
 from services.coordinator.dispatch import Dispatcher, Identity
 from services.coordinator.ports import Ports
 
 log = logging.getLogger(__name__)
 
-_PUBLISH_S = 0.5
-"""How often the state of the take is published again, for those who joined late."""
 _SEEN_FRAMES = 32
 """Frames whose silhouettes are kept for viewers; what arrives is a few frames ahead of what is solved."""
 _MOST_AT_ONCE = 64
@@ -203,7 +201,7 @@ class Switchboard:
 
     def pump(self, timeout_s: float) -> None:
         """Wait up to timeout_s for a message, then act on all that have come."""
-        if time.monotonic() - self._repeated_s > _PUBLISH_S:
+        if time.monotonic() - self._repeated_s > PUBLISHED.every_s:
             self._repeat()
         ready = self._ports.wait(timeout_s)
         for _ in range(_MOST_AT_ONCE):
