@@ -61,11 +61,13 @@ class Session:
         self._rig, self._plan_name = Rig.of(plan.take.cameras), plan.name
         self._camera_names = [camera.name for camera in plan.take.cameras]
         self._outgoing = OutgoingMessages(plan, self._plan_name, self._rig, engine)
-        self._incoming = _incoming(plan, self._rig)
         self._is_live = isinstance(plan.take, LiveTake)
-        self._board = Switchboard(
-            endpoint, self._incoming.add, self._incoming.answer, admission, is_live=self._is_live
-        )
+        if isinstance(plan.take, LiveTake):
+            self._incoming: Incoming = LiveFrames(plan.take, self._rig)
+        else:
+            told = plan.take.settings
+            self._incoming = RecordedFrames(told.name, self._rig, plan.frames, told.fps)
+        self._board = Switchboard(endpoint, self._incoming, admission, is_live=self._is_live)
         self._stage: Literal["waiting for clients", "first frame", "tracking", "ended"] = (
             "waiting for clients"
         )
@@ -133,21 +135,31 @@ class Session:
             self._board.pump(_LOOK_S)
 
     def _end(self) -> None:
-        """Say that no pose will follow, and wait until recorders have them all."""
+        """Say that no pose will follow, and wait until all expected recorders have all frames.
+
+        Not for ever: only while one of them asks for some now and then.
+        """
         self._stage = "ended"
         about(frame=None)
         if self._unsure is not None:
             self._unsure.conclude()
-        run, first = self._outgoing.run, self._plan.frames.start
-        end = TakeEnd(
-            take=self._outgoing.take,
-            run=run,
-            first_frame=first,
-            end_frame=self._solved_end,
-            end_shot=self._incoming.end_shot,
+        self._board.end(
+            TakeEnd(
+                take=self._outgoing.take,
+                run=self._outgoing.run,
+                first_frame=self._plan.frames.start,
+                end_frame=self._solved_end,
+                end_shot=self._incoming.end_shot,
+            )
         )
-        self._board.end(end)
-        self._await_recorders()
+        while not self._board.recorded_up_to(self._solved_end, self._recorders):
+            beat()
+            if time.monotonic() - self._board.recorders_heard_s > _CONFIRM_S:
+                if self._recorders and self._board.n_unrecorded:
+                    raise LostFramesError(f"a recorder has not got {self._board.n_unrecorded} frames on disk")
+                log.error("a recorder has not confirmed all frames")
+                break
+            self._board.pump(_LOOK_S)
         log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._incoming.dropped})
 
     def _rehearse(self) -> None:
@@ -198,7 +210,9 @@ class Session:
             except TakeError as problem:
                 if not self._is_live:
                     raise
-                self._say_nobody(str(problem))
+                if str(problem) != self._told:  # once for each reason
+                    self._told = str(problem)
+                    log.info("not yet: %s", problem)
                 continue
             self._incoming.catch_up()
             tracker = self._tracker(solved.model, solved.actor, solved.solution.pose[None])
@@ -221,12 +235,6 @@ class Session:
             self._camera_names,
             self._made,
         )
-
-    def _say_nobody(self, why: str) -> None:
-        """Tell once, for each reason, why live input cannot be tracked yet."""
-        if why != self._told:
-            self._told = why
-            log.info("not yet: %s", why)
 
     def _go_on(self, held: Recording) -> Tracker:
         """Go on where the recorders' poses end, as if this coordinator had solved them itself."""
@@ -300,22 +308,3 @@ class Session:
             self._unsure.note(frame.seen, solution.pose)
         note_pose(pose)
         self._solved_end, self._stage = number + 1, "tracking"
-
-    def _await_recorders(self) -> None:
-        """Wait until all expected recorders have all frames, or none has asked for any for a while."""
-        while not self._board.recorded_up_to(self._solved_end, self._recorders):
-            beat()
-            if time.monotonic() - self._board.recorders_heard_s > _CONFIRM_S:
-                if self._recorders and self._board.n_unrecorded:
-                    raise LostFramesError(f"a recorder has not got {self._board.n_unrecorded} frames on disk")
-                log.error("a recorder has not confirmed all frames")
-                return
-            self._board.pump(_LOOK_S)
-
-
-def _incoming(plan: Plan, rig: Rig) -> Incoming:
-    """What chooses the frames of a plan."""
-    take = plan.take
-    if isinstance(take, LiveTake):
-        return LiveFrames(take, rig)
-    return RecordedFrames(take.settings.name, rig, plan.frames, take.settings.fps)

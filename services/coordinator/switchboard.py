@@ -15,7 +15,6 @@ from proto.messages import (
     Hello,
     LimbRefusal,
     LimbResult,
-    LivePace,
     LiveSilhouettes,
     LiveSources,
     Message,
@@ -31,6 +30,7 @@ from proto.messages import (
 )
 from proto.streams import PUBLISHED, StreamName
 from services.coordinator.dispatch import Dispatcher, Identity
+from services.coordinator.incoming import Incoming
 from services.coordinator.ports import Ports
 
 log = logging.getLogger(__name__)
@@ -64,14 +64,12 @@ class Switchboard:
     def __init__(
         self,
         endpoint: str,
-        on_silhouettes: Callable[[Silhouettes | LiveSilhouettes], None],
-        on_sources: Callable[[LiveSources], LivePace | None],
+        incoming: Incoming,
         admission: Admission | None = None,
         *,
         is_live: bool = False,
     ) -> None:
-        self._ports = Ports(endpoint, admission, is_live=is_live)
-        self._on_silhouettes, self._on_sources = on_silhouettes, on_sources
+        self._ports, self._incoming = Ports(endpoint, admission, is_live=is_live), incoming
         self.dispatcher = Dispatcher(self._ports.send, time.monotonic)
         self._blobs: dict[str, Blob] = {}
         self._recorders: dict[Identity, _Recorder] = {}
@@ -170,13 +168,18 @@ class Switchboard:
     def give_credit(self, credit: Credit) -> None:
         """Let segmentation go on."""
         self._credit = credit
-        self._publish_credit()
+        self._ports.publish(credit)
 
     def publish(self, pose: Pose) -> None:
         """Send a solved frame to all who listen, and keep it until all recorders have it on disk."""
         self._poses[pose.frame] = pose
         self._ports.publish(pose)
-        self._forget_oldest()
+        while len(self._poses) > _KEPT_POSES:
+            oldest = next(iter(self._poses))
+            if self._expected and oldest >= self._recorded_end:
+                break  # a recorder is to get it yet
+            del self._poses[oldest]
+            self._forgotten_end = oldest + 1
 
     def end(self, message: TakeEnd) -> None:
         """Say that no pose will follow."""
@@ -185,15 +188,10 @@ class Switchboard:
         for identity in self._recorders:
             self._ports.send(identity, message)
 
-    def _publish_credit(self) -> None:
-        if self._credit is not None:
-            self._ports.publish(self._credit)
-
     def _repeat(self) -> None:
         """Publish once more what those who joined late have missed."""
         self._repeated_s = time.monotonic()
-        self._publish_credit()
-        for message in (self._take_info, self._end):
+        for message in (self._credit, self._take_info, self._end):
             if message is not None:
                 self._ports.publish(message)
         if self.telemetry is not None:
@@ -218,22 +216,18 @@ class Switchboard:
         if stream == "tasks":
             self._act(identity, message)
         elif isinstance(message, Silhouettes):
-            self._keep_for_viewers(message)
-            self._on_silhouettes(message)
+            credit = self._credit
+            if credit is not None and credit.next_frame <= message.frame < credit.end_frame:
+                self.keep(message)
+            self._incoming.add(message)
         elif isinstance(message, LiveSilhouettes):
-            self._on_silhouettes(message)
+            self._incoming.add(message)
         else:
             self._ports.drop(message)
         return True
 
-    def _keep_for_viewers(self, message: Silhouettes) -> None:
-        """Keep silhouettes of the last frames that were asked for."""
-        credit = self._credit
-        if credit is not None and credit.next_frame <= message.frame < credit.end_frame:
-            self.keep(message)
-
     def keep(self, message: Silhouettes) -> None:
-        """Keep silhouettes for viewers."""
+        """Keep silhouettes for viewers: those of the last frames."""
         self._seen.setdefault(message.frame, {})[tuple(message.cameras)] = message
         while len(self._seen) > _SEEN_FRAMES:
             self._seen.popitem(last=False)
@@ -252,7 +246,7 @@ class Switchboard:
         elif isinstance(message, Recording | PoseRequest | Recorded):
             self._hear_recorder(identity, message)
         elif isinstance(message, LiveSources):
-            answer = self._on_sources(message)
+            answer = self._incoming.answer(message)
             if answer is not None:
                 self._ports.send(identity, answer)
         else:
@@ -265,7 +259,9 @@ class Switchboard:
         if isinstance(message, Recording):
             if identity in self._recorders:  # else late, from a connection that is gone: hello comes first
                 self._recorders[identity].recording = message
-                self._note_recorded()
+                ours = [one.end_frame if one.run == self._run else 0 for one in self._recordings()]
+                if len(ours) >= max(1, self._expected):
+                    self._recorded_end = max(self._recorded_end, min(ours))
         elif message.run != self._run:
             self._foreign += 1
         elif isinstance(message, PoseRequest):
@@ -274,21 +270,6 @@ class Switchboard:
             if identity not in self._recorders:  # its connection was made anew, and it has not registered yet
                 self._add_recorder(identity, "a recorder")
             self._recorders[identity].end_frame = message.end_frame
-
-    def _note_recorded(self) -> None:
-        """Note which poses all recorders have on disk."""
-        ours = [one.end_frame if one.run == self._run else 0 for one in self._recordings()]
-        if len(ours) >= max(1, self._expected):
-            self._recorded_end = max(self._recorded_end, min(ours))
-
-    def _forget_oldest(self) -> None:
-        """Let go of the oldest poses where there are many, but of none that a recorder is to get yet."""
-        while len(self._poses) > _KEPT_POSES:
-            oldest = next(iter(self._poses))
-            if self._expected and oldest >= self._recorded_end:
-                break
-            del self._poses[oldest]
-            self._forgotten_end = oldest + 1
 
     def _welcome(self, identity: Identity, hello: Hello) -> None:
         log.info("%s says hello", hello.name)
@@ -303,7 +284,7 @@ class Switchboard:
             self._ports.send(identity, self._end)
 
     def _add_recorder(self, identity: Identity, name: str) -> None:
-        """Note a recorder, and forget those that are gone, lest there be ever more."""
+        """Note a recorder, and forget those that are gone, so that they do not become more and more."""
         here = {i: known for i, known in self._recorders.items() if self._ports.send(i, Beat())}
         self._recorders = {**here, identity: _Recorder(name)}
 
