@@ -57,8 +57,10 @@ class LiveFrames(Incoming):
             return None
         now_s = self._now()
         self._words.note(sources, now_s)
-        if self._run and not self._pace.has_begun:
-            self._begin_pace(now_s)
+        if self._run and not self._pace.has_begun and self._words.are_complete(now_s):
+            self._pace.begin(self._words.latest_s, now_s)
+            # As if they had come, so that they are waited for.
+            self._came_s[self._words.cameras] = self._pace.due_s(0)
         shot, shot_s = self._pace.anchor
         return LivePace(
             take=sources.take,
@@ -70,13 +72,6 @@ class LiveFrames(Incoming):
             shot_s=shot_s,
             period_s=self._pace.period_s,
         )
-
-    def _begin_pace(self, now_s: float) -> None:
-        """Begin to count shots, once all cameras have been heard of or that takes too long."""
-        if self._words.are_complete(now_s):
-            self._pace.begin(self._words.latest_s, now_s)
-            # As if they had come, so that they are waited for.
-            self._came_s[self._words.cameras] = self._pace.due_s(0)
 
     def add(self, message: Silhouettes | LiveSilhouettes) -> None:
         """See Incoming.add."""
