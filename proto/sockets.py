@@ -163,18 +163,14 @@ def take(socket: "zmq.Socket[bytes]") -> Envelope | None:
         first = socket.recv(flags=zmq.DONTWAIT, copy=False)
     except zmq.Again:
         return None
-    frames, key = [first.bytes], _sender_key(first)
+    frames = [first.bytes]
     while socket.getsockopt(zmq.RCVMORE):
         frames.append(socket.recv())
-    return Envelope(frames, key)
-
-
-def _sender_key(frame: zmq.Frame) -> bytes | None:
     try:
-        user = frame.get("User-Id")
+        key = str(first.get("User-Id")).encode() or None
     except zmq.ZMQError:  # the property is only there where a Doorkeeper has set it
-        return None
-    return str(user).encode() or None
+        key = None
+    return Envelope(frames, key)
 
 
 def receive(socket: "zmq.Socket[bytes]") -> Message | None:

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from proto.messages import Credit, LivePace, LiveSilhouettes, LiveSources, Silhouettes
 from services.mocap.camera.rig import Rig
@@ -38,6 +39,8 @@ class LiveFigures:
 
 class Incoming(ABC):
     """Takes in silhouettes and says which frame is next; what is only of live input does nothing here."""
+
+    is_live: ClassVar[bool] = False
 
     def __init__(self, rig: Rig) -> None:
         self._rig, self._run = rig, ""

@@ -37,6 +37,8 @@ class LiveFrames(Incoming):
     now: a clock that only goes on, time.monotonic's unless told otherwise.
     """
 
+    is_live = True
+
     def __init__(self, take: LiveTake, rig: Rig, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__(rig)
         self._take, self._now = take, now

@@ -61,13 +61,12 @@ class Session:
         self._rig, self._plan_name = Rig.of(plan.take.cameras), plan.name
         self._camera_names = [camera.name for camera in plan.take.cameras]
         self._outgoing = OutgoingMessages(plan, self._plan_name, self._rig, engine)
-        self._is_live = isinstance(plan.take, LiveTake)
         if isinstance(plan.take, LiveTake):
             self._incoming: Incoming = LiveFrames(plan.take, self._rig)
         else:
             told = plan.take.settings
             self._incoming = RecordedFrames(told.name, self._rig, plan.frames, told.fps)
-        self._board = Switchboard(endpoint, self._incoming, admission, is_live=self._is_live)
+        self._board = Switchboard(endpoint, self._incoming, admission)
         self._stage: Literal["waiting for clients", "first frame", "tracking", "ended"] = (
             "waiting for clients"
         )
@@ -175,7 +174,7 @@ class Session:
             model.backend.close()
 
     def _track(self, held: Recording | None) -> None:
-        if self._is_live:
+        if self._incoming.is_live:
             self._rehearse()
         self._stage = "first frame" if held is None else "tracking"
         self._incoming.begin(self._outgoing.run, self._solved_end)
@@ -201,14 +200,14 @@ class Session:
     def _open(self) -> Tracker | None:
         """Find the actor in the first frame; None when a stop was asked for before it came."""
         while (first := self._next_frame()) is not None:
-            if self._is_live and set(first.absent) - set(self._incoming.waiting_for()):
+            if self._incoming.is_live and set(first.absent) - set(self._incoming.waiting_for()):
                 continue  # cameras that are only late will have the next one
             about(frame=self._plan.frames.start)
             self._published_s = time.perf_counter()
             try:
                 solved = self._solve_first(first)
             except TakeError as problem:
-                if not self._is_live:
+                if not self._incoming.is_live:
                     raise
                 if str(problem) != self._told:  # once for each reason
                     self._told = str(problem)
@@ -258,7 +257,7 @@ class Session:
     def _next_frame(self) -> Frame | None:
         """The next frame; None when a stop was asked for or live input has ended."""
         looks, incoming = 0, self._incoming
-        if self._is_live:
+        if self._incoming.is_live:
             self._board.pump(0.0)  # what has come meanwhile is newer than what is here
         while not self._stop and not incoming.has_ended:
             beat()

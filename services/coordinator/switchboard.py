@@ -61,15 +61,9 @@ class _Recorder:
 class Switchboard:
     """Owns the ports; every call returns quickly except for the wait that `pump` is told."""
 
-    def __init__(
-        self,
-        endpoint: str,
-        incoming: Incoming,
-        admission: Admission | None = None,
-        *,
-        is_live: bool = False,
-    ) -> None:
-        self._ports, self._incoming = Ports(endpoint, admission, is_live=is_live), incoming
+    def __init__(self, endpoint: str, incoming: Incoming, admission: Admission | None = None) -> None:
+        self._ports = Ports(endpoint, admission, is_live=incoming.is_live)
+        self._incoming = incoming
         self.dispatcher = Dispatcher(self._ports.send, time.monotonic)
         self._blobs: dict[str, Blob] = {}
         self._recorders: dict[Identity, _Recorder] = {}
