@@ -9,7 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 VARIABLE = "XORMOCAP_HEALTH"
@@ -37,9 +37,10 @@ def heartbeat(service: str) -> Iterator[None]:
 
 
 def beat() -> None:
-    """Tell that the service's loop has come round."""
+    """Tell that the service's loop has come round; where that cannot be told, the service goes on."""
     if path := os.environ.get(VARIABLE):
-        Path(path).touch()
+        with suppress(OSError):
+            Path(path).touch()
 
 
 def health() -> None:
