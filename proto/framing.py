@@ -67,12 +67,9 @@ def decode(frames: list[bytes]) -> Message:
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise MalformedMessage(f"{name}.{_in_short(where)}: {first['msg']}") from None
-
-
-def _in_short(text: str) -> str:
-    """A sender's own words for a log: on one line, and not for ever."""
-    return repr(text)[1:-1][:_LONGEST_NAME]
+        # A sender's own words: for a log on one line, and not too long.
+        where = repr(where)[1:-1][:_LONGEST_NAME]
+        raise MalformedMessage(f"{name}.{where}: {first['msg']}") from None
 
 
 def _decode_header(frames: list[bytes]) -> dict[str, Any]:

@@ -13,14 +13,10 @@ from zmq.utils.monitor import recv_monitor_message
 from proto.keys import ClientKeys
 from proto.messages import Beat, Hello, Message
 from proto.sockets import connect, make_socket, receive, send
-from proto.streams import STREAMS, StreamName, stream_endpoint
+from proto.streams import FROM_CLIENTS, STREAMS, TO_CLIENTS, StreamName, stream_endpoint
 
 log = logging.getLogger(__name__)
 
-BEAT_S = 1.0
-LIVENESS_S = 60.0
-"""Silence after which the coordinator counts as lost; outlasts its longest step between two looks, also with
-the slowest search on a busy machine. One that died, was stopped or is cut off libzmq's pings notice."""
 _FIRST_RETRY_S, _LAST_RETRY_S = 1.0, 32.0
 _SAY_FAILED_S, _SAY_SILENT_S = 3.0, 15.0
 """How long handshakes must have failed, or nobody answered, before that is told."""
@@ -125,8 +121,8 @@ class Line:
         self.socket.close(linger=linger_ms)
 
 
-class Link:
-    """A DEALER on the tasks stream that keeps itself registered with the coordinator."""
+class Link(Line):
+    """A client's socket of the tasks stream that keeps itself registered with the coordinator."""
 
     def __init__(
         self,
@@ -137,15 +133,10 @@ class Link:
         also: Callable[[], Message] | None = None,
     ) -> None:
         """Also: what is said after every hello."""
+        super().__init__(context, endpoint, "tasks", keys)
         self._hello, self._also = hello, also
-        self._line = Line(context, endpoint, "tasks", keys)
-        self._retry_s = _FIRST_RETRY_S
+        self._hello_again_s = _FIRST_RETRY_S
         self._register()
-
-    @property
-    def socket(self) -> "zmq.Socket[bytes]":
-        """The present socket, to wait for messages."""
-        return self._line.socket
 
     def _register(self) -> None:
         """Say hello to whoever is there now."""
@@ -164,7 +155,7 @@ class Link:
         """The next waiting message, beats left out; raises MalformedMessage."""
         while (message := receive(self.socket)) is not None:
             self._heard = time.monotonic()
-            self._answered, self._retry_s = True, _FIRST_RETRY_S
+            self._answered, self._hello_again_s = True, _FIRST_RETRY_S
             if not isinstance(message, Beat):
                 return message
         return None
@@ -174,20 +165,16 @@ class Link:
 
         True where it has registered anew: a coordinator has then forgotten what it gave before.
         """
-        is_anew = self._line.tick()
+        is_anew = super().tick()
         if is_anew:
             self._register()
         now = time.monotonic()
-        patience_s = LIVENESS_S if self._answered else self._retry_s
+        patience_s = TO_CLIENTS.silence_s if self._answered else self._hello_again_s
         if now - self._heard > patience_s:
-            self._retry_s = min(self._retry_s * 2, _LAST_RETRY_S)
-            self._line.reopen()  # the old socket's unsent hello would reach a coordinator that comes back
+            self._hello_again_s = min(self._hello_again_s * 2, _LAST_RETRY_S)
+            self.reopen()  # the old socket's unsent hello would reach a coordinator that comes back
             self._register()
             is_anew = True
-        elif now - self._sent > BEAT_S:
+        elif now - self._sent > FROM_CLIENTS.every_s:
             self.send(Beat())
         return is_anew
-
-    def close(self) -> None:
-        """Close the socket, letting what was sent go out."""
-        self._line.close()

@@ -51,11 +51,35 @@ class Array:
     """A number is that size; a letter any size, the same wherever it stands in the message."""
 
 
+MESSAGES: dict[str, type["Message"]] = {}
+"""All messages by their type, in the order of PROTOCOL.md; each class that names its type adds itself."""
+
+
 class Message(BaseModel):
     """What all messages have in common."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, arbitrary_types_allowed=True)
     type: ClassVar[str]
+
+    def __init_subclass__(cls, type: str | None = None, **options: Any) -> None:  # noqa: A002
+        super().__init_subclass__(**options)
+        if type is not None:
+            cls.type = type
+            MESSAGES[type] = cls
+
+
+class OfTake(Message):
+    """What belongs to a take."""
+
+    take: Name
+    """The take's name, from take.toml or the live configuration."""
+
+
+class OfRun(OfTake):
+    """What belongs to a run."""
+
+    run: Run
+    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
 
 
 _Unsure: TypeAlias = Annotated[NDArray[np.uint8], Array("uint8", ("Q", "H", "W"))]
@@ -70,10 +94,9 @@ def _no_planes_like(field: str) -> Callable[[dict[str, Any]], NDArray[np.uint8]]
     return none_of_them
 
 
-class Hello(Message):
+class Hello(Message, type="hello"):
     """A client of the coordinator says that it is there and ready (again)."""
 
-    type: ClassVar[str] = "hello"
     role: Literal["limb_worker", "recorder"]
     """What the coordinator may expect of it."""
     name: Name
@@ -82,19 +105,13 @@ class Hello(Message):
     """The energy backend that a limb worker begins with; empty for a recorder."""
 
 
-class Beat(Message):
+class Beat(Message, type="beat"):
     """I am here; sent either way when there is nothing else to say."""
 
-    type: ClassVar[str] = "beat"
 
-
-class OfLimbTask(Message):
+class OfLimbTask(OfRun):
     """What a limb task, its result and its refusal have in common: what tells that task from all others."""
 
-    take: Name
-    """The take's name, from take.toml."""
-    run: Run
-    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     frame: Count
     """The frame's number in the take."""
     pass_index: Count
@@ -112,10 +129,9 @@ class OfLimbTask(Message):
         return {name: getattr(self, name) for name in OfLimbTask.model_fields}
 
 
-class LimbTask(OfLimbTask):
+class LimbTask(OfLimbTask, type="limb_task"):
     """One limb of one pass over one frame, self-contained but for the two blobs that it names."""
 
-    type: ClassVar[str] = "limb_task"
     actor: Hash
     """Names the blob of kind actor."""
     rig: Hash
@@ -135,10 +151,9 @@ class LimbTask(OfLimbTask):
     """As in the silhouettes, in the layout of window: Q = P, or 0 where nothing is unsure."""
 
 
-class LimbResult(OfLimbTask):
+class LimbResult(OfLimbTask, type="limb_result"):
     """A solved limb task."""
 
-    type: ClassVar[str] = "limb_result"
     energy_px: Scalar
     """What the differing pixels in the limb's window cost by the search settings; the extremity is not yet
     turned."""
@@ -152,26 +167,23 @@ class LimbResult(OfLimbTask):
     """The limb's parameters, in radians and within the joint limits: ball, hinge, then hand or foot."""
 
 
-class LimbRefusal(OfLimbTask):
+class LimbRefusal(OfLimbTask, type="limb_refusal"):
     """A worker cannot solve a task that it was given."""
 
-    type: ClassVar[str] = "limb_refusal"
     reason: Annotated[str, Field(max_length=1000)]
     """Why, for a log."""
 
 
-class BlobRequest(Message):
+class BlobRequest(Message, type="blob_request"):
     """A client lacks the content that a message named."""
 
-    type: ClassVar[str] = "blob_request"
     hash: Hash
     """SHA-256 of the content that is asked for."""
 
 
-class Blob(Message):
+class Blob(Message, type="blob"):
     """Content by its SHA-256."""
 
-    type: ClassVar[str] = "blob"
     hash: Hash
     """SHA-256 of the content's bytes, in lower-case hexadecimal."""
     kind: Literal["actor", "rig", "mesh"]
@@ -180,14 +192,9 @@ class Blob(Message):
     """UTF-8 text: actor.toml, or the rig as JSON; or an own mesh: the bytes of actor_mesh.npz."""
 
 
-class Silhouettes(Message):
+class Silhouettes(OfRun, type="silhouettes"):
     """Undistorted silhouettes of some cameras in one frame."""
 
-    type: ClassVar[str] = "silhouettes"
-    take: Name
-    """The take's name, from take.toml."""
-    run: Run
-    """As in the credit."""
     frame: Count
     """The frame's number in the take."""
     cameras: Annotated[list[Count], Field(min_length=1, max_length=256)]
@@ -199,28 +206,18 @@ class Silhouettes(Message):
     there is none; a bit that is set in both means unsure."""
 
 
-class Credit(Message):
+class Credit(OfRun, type="credit"):
     """How far segmentation may go: frames from next_frame on, up to but not including end_frame."""
 
-    type: ClassVar[str] = "credit"
-    take: Name
-    """The take's name, from take.toml."""
-    run: Run
-    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     next_frame: Count
     """The first frame of which a camera is still lacking; those before it are no longer wanted."""
     end_frame: Count
     """One past the last frame that may be sent."""
 
 
-class TakeInfo(Message):
+class TakeInfo(OfRun, type="take_info"):
     """What a recorder must know to write a take's results."""
 
-    type: ClassVar[str] = "take_info"
-    take: Name
-    """The take's name, from take.toml."""
-    run: Run
-    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     fps: Annotated[float, Field(gt=0, lt=10000)]
     """Frames per second of the recording."""
     first_frame: Count
@@ -245,14 +242,9 @@ class TakeInfo(Message):
     """The search settings by name."""
 
 
-class Pose(Message):
+class Pose(OfRun, type="pose"):
     """A solved frame."""
 
-    type: ClassVar[str] = "pose"
-    take: Name
-    """The take's name, from take.toml."""
-    run: Run
-    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     frame: Count
     """The frame's number in the take."""
     time_s: Scalar
@@ -304,10 +296,9 @@ class Pose(Message):
     k = 0."""
 
 
-class PoseRequest(Message):
+class PoseRequest(Message, type="pose_request"):
     """A recorder missed frames: send them again."""
 
-    type: ClassVar[str] = "pose_request"
     run: Run
     """The run whose frames these are."""
     first_frame: Count
@@ -316,20 +307,16 @@ class PoseRequest(Message):
     """One past the last frame that is missing."""
 
 
-class SilhouettesRequest(Message):
+class SilhouettesRequest(Message, type="silhouettes_request"):
     """A viewer wants to see what was compared with the model: all silhouettes of a frame, solved just now."""
 
-    type: ClassVar[str] = "silhouettes_request"
     frame: Count
     """The frame's number in the take."""
 
 
-class Recording(Message):
+class Recording(OfTake, type="recording"):
     """What a recorder has on disk of a take; said after its hello, even if it is nothing, and as it grows."""
 
-    type: ClassVar[str] = "recording"
-    take: Name
-    """The take's name, from take.toml."""
     run: Annotated[str, Field(pattern=r"^([0-9a-f]{32})?$")]
     """The run that it has poses of; empty where it has none."""
     plan: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]
@@ -350,12 +337,9 @@ class Recording(Message):
     """UTF-8 text: actor.toml of the run; empty where it is not known yet."""
 
 
-class Telemetry(Message):
+class Telemetry(OfTake, type="telemetry"):
     """How a coordinator is doing; published about twice a second, also before a take has begun."""
 
-    type: ClassVar[str] = "telemetry"
-    take: Name
-    """The take's name, from take.toml."""
     run: Annotated[str, Field(pattern=r"^([0-9a-f]{32})?$")]
     """The run; empty as long as it waits for clients."""
     stage: Literal["waiting for clients", "first frame", "tracking", "ended"]
@@ -396,14 +380,9 @@ class Telemetry(Message):
     """Live: cameras that have no picture just now."""
 
 
-class TakeEnd(Message):
+class TakeEnd(OfRun, type="take_end"):
     """No pose will follow."""
 
-    type: ClassVar[str] = "take_end"
-    take: Name
-    """The take's name, from take.toml."""
-    run: Run
-    """The coordinator's run that this belongs to, a random name; it outlives a coordinator that dies."""
     first_frame: Count
     """The first frame that was asked for."""
     end_frame: Count
@@ -412,14 +391,9 @@ class TakeEnd(Message):
     """Live: one past the last shot that belongs to a recording of the cameras; else 0."""
 
 
-class LiveSilhouettes(Message):
+class LiveSilhouettes(OfRun, type="live_silhouettes"):
     """Live: undistorted silhouettes of some cameras in one shot."""
 
-    type: ClassVar[str] = "live_silhouettes"
-    take: Name
-    """The take's name, from the live configuration."""
-    run: Run
-    """As in the live pace."""
     shot: Count
     """Which shot it is, as the live pace counts them."""
     cameras: Annotated[list[Count], Field(min_length=1, max_length=MAX_CAMERAS)]
@@ -434,12 +408,9 @@ class LiveSilhouettes(Message):
     there is none; a bit that is set in both means unsure."""
 
 
-class LiveSources(Message):
+class LiveSources(OfTake, type="live_sources"):
     """Live: a segmentation says how its cameras are doing, and asks for the pace; about twice a second."""
 
-    type: ClassVar[str] = "live_sources"
-    take: Name
-    """The take's name, from the live configuration."""
     asked_s: Moment
     """When this was sent, on the sender's clock."""
     cameras: Annotated[list[Count], Field(min_length=1, max_length=MAX_CAMERAS)]
@@ -459,12 +430,9 @@ class LiveSources(Message):
     """Whether no picture will ever follow, since all sources are files that are over."""
 
 
-class LivePace(Message):
+class LivePace(OfTake, type="live_pace"):
     """Live: the coordinator's answer to live_sources: which shot is when, and what its clock says."""
 
-    type: ClassVar[str] = "live_pace"
-    take: Name
-    """The take's name, from the live configuration."""
     run: Annotated[str, Field(pattern=r"^([0-9a-f]{32})?$")]
     """The run; empty as long as it has not begun, and then there is no shot yet."""
     asked_s: Moment
@@ -481,41 +449,13 @@ class LivePace(Message):
     """From one shot to the next."""
 
 
-class Recorded(Message):
+class Recorded(Message, type="recorded"):
     """A recorder has every frame before end_frame."""
 
-    type: ClassVar[str] = "recorded"
     run: Run
     """The run whose frames these are."""
     end_frame: Count
     """One past the last frame that it has."""
-
-
-MESSAGES: dict[str, type[Message]] = {
-    message.type: message
-    for message in (
-        Hello,
-        Beat,
-        LimbTask,
-        LimbResult,
-        LimbRefusal,
-        BlobRequest,
-        Blob,
-        Silhouettes,
-        Credit,
-        TakeInfo,
-        Pose,
-        PoseRequest,
-        SilhouettesRequest,
-        Recording,
-        Telemetry,
-        TakeEnd,
-        LiveSilhouettes,
-        LiveSources,
-        LivePace,
-        Recorded,
-    )
-}
 
 
 @cache

@@ -83,7 +83,7 @@ def bind(socket: "zmq.Socket[bytes]", endpoint: str, keys: ServerKeys | None = N
         socket.setsockopt(zmq.CURVE_SECRETKEY, keys.secret)
         socket.setsockopt(zmq.ZAP_DOMAIN, ZAP_DOMAIN)
         socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
-    elif not _is_loopback(_host(endpoint)):
+    elif not _is_loopback(endpoint):
         raise OpenBindError(
             f"{endpoint}: listening beyond this machine without keys would let anyone in: make keys with "
             "xormocap keys new DIR and give --keys DIR, or bind to tcp://127.0.0.1:PORT"
@@ -101,13 +101,13 @@ def connect(socket: "zmq.Socket[bytes]", endpoint: str, keys: ClientKeys | None 
 
     Raises OpenConnectError.
     """
-    if _is_loopback(_host(endpoint)):
+    if _is_loopback(endpoint):
         socket.setsockopt(zmq.RECONNECT_IVL_MAX, 0)
     if keys is not None:
         socket.setsockopt(zmq.CURVE_PUBLICKEY, keys.public)
         socket.setsockopt(zmq.CURVE_SECRETKEY, keys.secret)
         socket.setsockopt(zmq.CURVE_SERVERKEY, keys.server)
-    elif not _is_loopback(_host(endpoint)):
+    elif not _is_loopback(endpoint):
         raise OpenConnectError(
             f"{endpoint}: connecting beyond this machine needs keys: give --keys DIR, the folder that "
             "xormocap keys made for this service where the coordinator runs"
@@ -132,22 +132,17 @@ def cut_all(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
     raise AddressError(f"{endpoint}: cannot listen there any longer: choose another address")
 
 
-def _host(endpoint: str) -> str:
-    return urlsplit(endpoint.replace("*", "0")).hostname or ""
-
-
 def _allow_ipv6(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
     """Switch to IPv6 for an address in brackets; for a name it would hide hosts that have IPv4 only."""
     socket.setsockopt(zmq.IPV6, "[" in endpoint)
 
 
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
+def _is_loopback(endpoint: str) -> bool:
+    host = urlsplit(endpoint.replace("*", "0")).hostname or ""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
-        return False
+        return host == "localhost"
 
 
 def send(socket: "zmq.Socket[bytes]", message: Message, to: bytes | None = None) -> bool:
@@ -168,18 +163,14 @@ def take(socket: "zmq.Socket[bytes]") -> Envelope | None:
         first = socket.recv(flags=zmq.DONTWAIT, copy=False)
     except zmq.Again:
         return None
-    frames, key = [first.bytes], _sender_key(first)
+    frames = [first.bytes]
     while socket.getsockopt(zmq.RCVMORE):
         frames.append(socket.recv())
-    return Envelope(frames, key)
-
-
-def _sender_key(frame: zmq.Frame) -> bytes | None:
     try:
-        user = frame.get("User-Id")
+        key = str(first.get("User-Id")).encode() or None
     except zmq.ZMQError:  # the property is only there where a Doorkeeper has set it
-        return None
-    return str(user).encode() or None
+        key = None
+    return Envelope(frames, key)
 
 
 def receive(socket: "zmq.Socket[bytes]") -> Message | None:

@@ -1,8 +1,9 @@
-"""The message streams between the services, in one table, and where they listen.
+"""The message streams between the services in one table: where they listen, what they carry and how often.
 
 Every stream ends at the coordinator, which listens on three ports in a row; the first one names them all.
 """
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Literal
@@ -15,6 +16,17 @@ StreamName = Literal["tasks", "silhouettes", "poses"]
 
 
 @dataclass(frozen=True)
+class Flow:
+    """Messages that go one way over a stream."""
+
+    types: tuple[str, ...]
+    every_s: float = math.inf
+    """How often one of them is sent at least, if only a beat or what was said before."""
+    silence_s: float = math.inf
+    """Time without any of them after which the sender counts as gone."""
+
+
+@dataclass(frozen=True)
 class Stream:
     """One listening socket of the coordinator and who talks to it."""
 
@@ -22,37 +34,44 @@ class Stream:
     coordinator: int
     client: int
     """Kinds of socket (zmq constants)."""
-    carries: tuple[str, ...]
-    """Message types, towards the coordinator and from it."""
+    incoming: tuple[Flow, ...] = ()
+    """Towards the coordinator."""
+    outgoing: tuple[Flow, ...] = ()
 
+    @property
+    def carries(self) -> list[str]:
+        """All message types, each once."""
+        return list(dict.fromkeys(name for flow in self.incoming + self.outgoing for name in flow.types))
+
+
+FROM_CLIENTS = Flow(
+    (
+        *("hello", "beat", "limb_result", "limb_refusal", "blob_request", "pose_request"),
+        *("silhouettes_request", "recording", "recorded"),
+    ),
+    every_s=1.0,
+    silence_s=10.0,
+)
+"""An idle worker that is silent gets no task until it is heard again."""
+TO_CLIENTS = Flow(
+    ("beat", "limb_task", "blob", "take_info", "pose", "silhouettes", "take_end"), every_s=1.0, silence_s=60.0
+)
+"""The silence outlasts the coordinator's longest step between two looks, also with the slowest search on a
+busy machine. One that died, was stopped or is cut off libzmq's pings notice."""
+FROM_LIVE_CAMERAS = Flow(("live_sources",), every_s=0.5, silence_s=5.0)
+PUBLISHED = Flow(("credit", "take_info", "pose", "telemetry", "take_end"), every_s=0.5, silence_s=2.0)
+"""What is still true is published again for those who joined late, and how the take is doing."""
 
 STREAMS: dict[StreamName, Stream] = {
     "tasks": Stream(
         0,
         zmq.ROUTER,
         zmq.DEALER,
-        (
-            "hello",
-            "beat",
-            "limb_task",
-            "limb_result",
-            "limb_refusal",
-            "blob_request",
-            "blob",
-            "take_info",
-            "pose_request",
-            "pose",
-            "silhouettes_request",
-            "silhouettes",
-            "recording",
-            "take_end",
-            "live_sources",
-            "live_pace",
-            "recorded",
-        ),
+        incoming=(FROM_CLIENTS, FROM_LIVE_CAMERAS),
+        outgoing=(TO_CLIENTS, Flow(("live_pace",))),
     ),
-    "silhouettes": Stream(1, zmq.PULL, zmq.PUSH, ("silhouettes", "live_silhouettes")),
-    "poses": Stream(2, zmq.PUB, zmq.SUB, ("credit", "take_info", "pose", "telemetry", "take_end")),
+    "silhouettes": Stream(1, zmq.PULL, zmq.PUSH, incoming=(Flow(("silhouettes", "live_silhouettes")),)),
+    "poses": Stream(2, zmq.PUB, zmq.SUB, outgoing=(PUBLISHED,)),
 }
 
 

@@ -13,7 +13,7 @@ from proto.keys import ClientKeys
 from proto.link import Line
 from proto.messages import Blob, BlobRequest, Message, TakeInfo
 from proto.sockets import receive, send, wait
-from services.blob_store import BlobStore
+from services.blob_store import BlobStore, DamagedBlobError, UnusableBlobError
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 
@@ -81,7 +81,7 @@ class Follower(ABC):
         if isinstance(message, TakeInfo):
             if message != self.info:
                 log.info("take %s, frames %d to %d", message.take, message.first_frame, message.end_frame - 1)
-                self.info, self._blobs, self._asked_s = message, BlobStore(message), 0.0
+                self.info, self._blobs, self._asked_s = message, BlobStore(), 0.0
                 self.begin(message)
         elif isinstance(message, Blob):
             self._add(message)
@@ -89,13 +89,21 @@ class Follower(ABC):
             self.hear(message)
 
     def _add(self, blob: Blob) -> None:
-        if self._blobs is None:
+        if self._blobs is None or self.info is None or blob.hash not in self._blobs.missing(self.info):
             return
-        self._blobs.add(blob)
-        read = None if self._blobs.missing() else self._blobs.read()
-        if read is not None:
+        try:
+            self._blobs.add(blob)
+            if self._blobs.missing(self.info):
+                return
+            actor, rig = self._blobs.actor(self.info), self._blobs.rig(self.info)
+        except DamagedBlobError as error:  # it is asked for again
+            log.warning("damaged content: %s", error)
+        except (UnusableBlobError, ValueError) as error:
+            log.warning("the take cannot be shown: %s", error)
             self._blobs = None
-            self.learn(*read)
+        else:
+            self._blobs = None
+            self.learn(actor, rig)
 
     def _ask(self) -> None:
         while not self._requests.empty():
@@ -103,7 +111,7 @@ class Follower(ABC):
         if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
             return
         self._asked_s = time.monotonic()
-        for content in self._blobs.missing() if self._blobs is not None else []:
+        for content in self._blobs.missing(self.info) if self._blobs and self.info else []:
             send(self._tasks.socket, BlobRequest(hash=content))
         for request in self.lacking():
             send(self._tasks.socket, request)

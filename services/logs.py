@@ -45,17 +45,19 @@ class SparingLog(logging.Filter):
         return count < self._most
 
 
-class _Facts(logging.Filter):
-    """Gives each record what the process is at."""
+class _AsText(logging.Formatter):
+    """Lines that tell the service and what it is at."""
 
-    def filter(self, record: logging.LogRecord) -> bool:
-        record.facts = dict(_about)
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        """The line but for an exception's."""
         told = " ".join(f"{name}={fact}" for name, fact in _about.items())
         record.about = f"[{told}] " if told else ""
-        return True
+        return super().formatMessage(record)
 
 
 class _AsJson(logging.Formatter):
+    """The same as JSON objects."""
+
     def __init__(self, service: str) -> None:
         super().__init__()
         self._service = service
@@ -67,7 +69,7 @@ class _AsJson(logging.Formatter):
             "service": self._service,
             "pid": os.getpid(),
             "level": record.levelname,
-            **record.__dict__.get("facts", {}),
+            **_about,
             "message": record.getMessage(),
         }
         if record.exc_info:
@@ -80,7 +82,6 @@ def begin(service: str) -> None:
     handler = logging.StreamHandler(sys.stderr)
     text = f"%(asctime)s {service} %(about)s%(levelname)s %(message)s"
     is_json = os.environ.get(VARIABLE, "text") == "json"
-    handler.setFormatter(_AsJson(service) if is_json else logging.Formatter(text))
+    handler.setFormatter(_AsJson(service) if is_json else _AsText(text))
     handler.addFilter(SparingLog())
-    handler.addFilter(_Facts())
     logging.basicConfig(level=logging.INFO, handlers=[handler])

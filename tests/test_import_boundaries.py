@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SHARED = ("services.process", "services.follower", "services.blob_store")
+SHARED = (
+    *("services.process", "services.options", "services.health", "services.logs", "services.metrics"),
+    *("services.follower", "services.blob_store"),
+)
 """What services share: the entry of all, and what those share that only follow a coordinator; beside the
 services, not in one."""
 NO_SERVICES = ("commands", "runs")

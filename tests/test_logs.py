@@ -1,10 +1,16 @@
 """Lines of a log say what they are about."""
 
 import json
+import logging
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
+
+import pytest
+
+from services.logs import SparingLog
 
 ROOT = Path(__file__).resolve().parents[1]
 _PROGRAM = """
@@ -45,3 +51,18 @@ def test_as_json() -> None:
     assert within.pop("pid") > 0
     facts = {"take": "walk", "frame": 3, "pass": 1, "limb": "left_arm"}
     assert within == {"service": "limb_worker", "level": "WARNING", **facts, "message": "within 1"}
+
+
+def test_a_log_is_not_filled_by_one_line_of_the_program(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.handler.addFilter(sparing := SparingLog(most=3, period_s=0.05))
+    log = logging.getLogger("test")
+    for _ in range(2):
+        for k in range(1000):
+            log.warning("dropped %d", k)
+        log.warning("something else")
+        time.sleep(0.06)
+    caplog.handler.removeFilter(sparing)
+    assert caplog.messages.count("something else") == 2
+    shown = [message for message in caplog.messages if message.startswith("dropped")]
+    assert 6 <= len(shown) < 100
+    assert any("that were not shown)" in message for message in shown)

@@ -9,12 +9,13 @@ import typer
 from pythonosc.osc_bundle import OscBundle
 from pythonosc.udp_client import UDPClient
 
-from proto.keys import ClientKeys
 from proto.streams import DEFAULT_ENDPOINT
 from services.bridge.puppeteer import Puppeteer
+from services.health import beat
 from services.mocap.errors import UserError
 from services.mocap.motion.settings import CUTOFFS_HZ
-from services.process import KeysOption, StopRequest, keys_of_client, run_service
+from services.options import KeysOption, keys_of_client
+from services.process import StopRequest, run_service
 
 DEFAULT_LISTENER = "127.0.0.1:39539"
 """Where tools listen for VMC by default, on this machine."""
@@ -51,25 +52,6 @@ def open_sender(host: str, port: int) -> Callable[[OscBundle], None]:
     return send
 
 
-def serve(
-    endpoint: str,
-    listener: str,
-    take: str | None,
-    cutoff_hz: float | None,
-    keys: ClientKeys | None,
-    stop: StopRequest,
-) -> None:
-    """Send what a coordinator tracks until a stop is asked for."""
-    send = open_sender(*address_of(listener))
-    puppeteer = Puppeteer(endpoint, keys, send, take=take, cutoff_hz=cutoff_hz)
-    log.info("coordinator at %s; sending VMC to %s", endpoint, listener)
-    try:
-        while not stop:
-            puppeteer.listen(_LOOK_S)
-    finally:
-        puppeteer.close()
-
-
 def bridge(
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     vmc: Annotated[
@@ -89,7 +71,15 @@ def bridge(
     """Send poses, while they are tracked, to animation tools that listen to the VMC protocol."""
 
     def work(stop: StopRequest) -> None:
-        serve(connect, vmc, take, cutoff_hz or None, keys_of_client(keys, "viewer"), stop)
+        own_keys, send = keys_of_client(keys, "viewer"), open_sender(*address_of(vmc))
+        puppeteer = Puppeteer(connect, own_keys, send, take=take, cutoff_hz=cutoff_hz or None)
+        log.info("coordinator at %s; sending VMC to %s", connect, vmc)
+        try:
+            while not stop:
+                beat()
+                puppeteer.listen(_LOOK_S)
+        finally:
+            puppeteer.close()
 
     run_service("bridge", work)
 

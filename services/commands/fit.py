@@ -15,7 +15,7 @@ from services.mocap.take.actor_file import check_place, write_actor
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR
-from services.process import (
+from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
     BackendOption,

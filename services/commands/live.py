@@ -19,7 +19,7 @@ from services.mocap.motion.settings import Smoother
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.live import LiveTake, open_live
-from services.process import (
+from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
     BackendOption,

@@ -18,16 +18,14 @@ from proto.keys import ClientKeys, KeysError
 from proto.link import Line
 from proto.messages import OPEN_END, Pose, TakeEnd, Telemetry
 from proto.sockets import receive, wait
-from proto.streams import DEFAULT_ENDPOINT, AddressError
+from proto.streams import DEFAULT_ENDPOINT, PUBLISHED, AddressError
 from services.commands.consoles import stdout
 from services.mocap.errors import UserError
-from services.process import KeysOption, keys_of_client
+from services.options import KeysOption, keys_of_client
 
 _LOOK_S = 0.25
 _PATIENCE_S = 30.0
 """How long --once waits for a word; a coordinator that finds a first pose says nothing for some seconds."""
-_SILENCE_S = 2.0
-"""From here on the table says for how long nothing was heard."""
 _RATE_FRAMES = 30
 _IN_MS = "{:.1f}".format
 
@@ -91,7 +89,7 @@ def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> Re
         done += f" of {told.end_frame - told.first_frame}"
     speed = "" if frames_per_s is None else f", {frames_per_s:.1f} frames per second"
     head = Text(f"{told.take}: {told.stage}, {done} frames{speed}")
-    if silent_s > _SILENCE_S:
+    if silent_s > PUBLISHED.silence_s:
         head.append(f"; nothing heard for {silent_s:.0f} s", style="yellow")
     live: list[RenderableType] = [] if not told.drops else [Text(), _cameras(told)]
     return Group(head, Text(), _services(told), *live, Text(), _numbers(told))
@@ -178,7 +176,7 @@ def _first_word(watch: Watch, endpoint: str) -> Telemetry:
 def _live(watch: Watch, told: Telemetry) -> None:
     """Renew the table until the run has ended and its coordinator has left."""
     with Live(as_table(told, None, 0.0), auto_refresh=False) as live:
-        while told.stage != "ended" or watch.silent_s < _SILENCE_S:
+        while told.stage != "ended" or watch.silent_s < PUBLISHED.silence_s:
             watch.look()
             told = watch.latest or told
             live.update(as_table(told, watch.frames_per_s, watch.silent_s), refresh=True)

@@ -21,7 +21,7 @@ from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.frame_range import frame_range
-from services.process import (
+from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_OUTPUT,
     DEFAULT_SEGMENTER,

@@ -27,7 +27,7 @@ from services.mocap.take.folder import Take
 from services.mocap.take.frame_range import frame_range
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.live import open_source
-from services.process import (
+from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
     BackendOption,
@@ -38,13 +38,10 @@ from services.process import (
     SegmenterOption,
     SetOption,
     SettingsOption,
-    StopRequest,
     ThreadsOption,
     engine_settings,
-    give_way,
-    on_hangup,
-    run_service,
 )
+from services.process import StopRequest, give_way, run_service
 
 _CLIENTS_S = 60.0
 """How long to wait for the expected workers and recorder before going on with those that are there."""
@@ -79,8 +76,9 @@ def main(
         if admission is None:
             signal.signal(signal.SIGHUP, _default_hangup)
         else:
-            on_hangup(admission.ask_again)
-            admission.ask_again()  # the list may have changed just before
+            hung_up = admission.ask_again
+            signal.signal(signal.SIGHUP, lambda *_: hung_up())
+            hung_up()  # the list may have changed just before
         opened = open_source(take)
         engine_choice = engine_settings(backend, threads)
         search = search_settings(changes or [], settings, len(opened.cameras), preset)

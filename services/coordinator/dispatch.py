@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message, OfLimbTask
+from proto.streams import FROM_CLIENTS
 from services.coordinator.deadline import Deadline
 from services.coordinator.metrics import note_turnaround
 from services.mocap.body.skeleton import LOWER, UPPER
@@ -17,11 +18,9 @@ from services.mocap.search.chains import LIMBS, LimbName
 log = logging.getLogger(__name__)
 
 Identity: TypeAlias = bytes
-Key: TypeAlias = tuple[str, str, int, int, str, int, int]
-"""Take, run, frame, pass, limb, shard and shards: what a result is recognised by."""
+Key: TypeAlias = tuple[str | int, ...]
+"""What a result is recognised by."""
 
-SILENCE_S = 10.0
-"""An idle worker that has not beaten for so long is forgotten until it is heard again."""
 PROBE_S = 0.2
 """How often a busy worker's connection is tried; libzmq reports one that is gone at once."""
 _MOST_MISSING = 64
@@ -29,8 +28,7 @@ _MOST_MISSING = 64
 
 def key_of(message: OfLimbTask) -> Key:
     """What a limb task, its result and its refusal have in common."""
-    where = (message.frame, message.pass_index, message.limb)
-    return (message.take, message.run, *where, message.shard, message.shards)
+    return tuple(message.task_key.values())
 
 
 def in_words(task: OfLimbTask) -> str:
@@ -88,7 +86,8 @@ class Dispatcher:
         self.retries = 0
         self.dropped = 0
         self.helped: Counter[str] = Counter()
-        """Results of workers that counted, by their energy backend; at most MAX_BACKENDS of those."""
+        """Results of workers that counted, by their energy backend; at most as many of
+        those as a message may hold."""
 
     @property
     def workers(self) -> dict[str, str]:
@@ -149,7 +148,7 @@ class Dispatcher:
             return False
         worker, now = self._workers[identity], self._now()
         worker.heard_s = now
-        if worker.task is not None and now - worker.given_s > max(SILENCE_S, self.deadline_s):
+        if worker.task is not None and now - worker.given_s > max(FROM_CLIENTS.silence_s, self.deadline_s):
             self._release(worker)  # task or result got lost: a worker says nothing while it solves
         return True
 
@@ -167,7 +166,8 @@ class Dispatcher:
         elif isinstance(message, LimbResult) and is_sound(message):
             if holder is not None:
                 self._deadline.note(self._now() - holder.given_s)
-            self._note_help(message.backend)
+            if message.backend in self.helped or len(self.helped) < MAX_BACKENDS:
+                self.helped[message.backend] += 1
             self._close(key, message)
         else:
             self.dropped += isinstance(message, LimbResult)
@@ -177,11 +177,6 @@ class Dispatcher:
         if holder is not None:
             self._release(holder)
         self._assign()
-
-    def _note_help(self, backend: str) -> None:
-        """Count a worker's result; more names than a message may hold are not kept apart."""
-        if backend in self.helped or len(self.helped) < MAX_BACKENDS:
-            self.helped[backend] += 1
 
     def solved_here(self, result: LimbResult) -> None:
         """Take in the result of a task that take_waiting handed out."""
@@ -230,7 +225,7 @@ class Dispatcher:
         for identity, worker in list(self._workers.items()):
             if not self._send(identity, Beat()):
                 self._forget(identity, "connection lost")
-            elif worker.task is None and now - worker.heard_s > SILENCE_S:
+            elif worker.task is None and now - worker.heard_s > FROM_CLIENTS.silence_s:
                 self._forget(identity, "silent")
 
     def _forget(self, identity: Identity, reason: str) -> None:

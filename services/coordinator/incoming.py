@@ -1,12 +1,12 @@
 """Which frame is solved next: of a recorded take every one, paced by credit; of live input the newest."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 from proto.messages import Credit, LivePace, LiveSilhouettes, LiveSources, Silhouettes
-from services.coordinator.assembly import FrameAssembler
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.energy.bitplanes import TriPlanes, fit_together, joined
 
 _AHEAD_FRAMES = 8
 """How far segmentation may be ahead of the fit."""
@@ -32,168 +32,139 @@ class Frame:
 class LiveFigures:
     """How live input is doing; all empty for a recorded take."""
 
-    latency_s: dict[str, float]
-    drops: dict[str, list[int]]
-    absent: list[str]
+    latency_s: dict[str, float] = field(default_factory=dict)
+    drops: dict[str, list[int]] = field(default_factory=dict)
+    absent: list[str] = field(default_factory=list)
 
 
-class Incoming(Protocol):
-    """Takes in silhouettes, and says which frame is next."""
+class Incoming(ABC):
+    """Takes in silhouettes and says which frame is next; what is only of live input does nothing here."""
 
-    @property
-    def dropped(self) -> int:
+    is_live: ClassVar[bool] = False
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig, self._run = rig, ""
+        self.next_frame = 0
+        """The frame that is handed out next."""
+        self.dropped = 0
         """Messages that belonged to another take, run or frame, or made no sense."""
-        ...
 
     def begin(self, run: str, first_frame: int) -> None:
         """From now on this run counts, from a frame on."""
-        ...
+        self._run, self.next_frame = run, first_frame
 
+    @abstractmethod
     def add(self, message: Silhouettes | LiveSilhouettes) -> None:
         """Take in some cameras' silhouettes; what is not wanted is counted and dropped."""
-        ...
 
-    def answer(self, sources: LiveSources) -> LivePace | None:
-        """What to say to a segmentation's word about its cameras; None: nothing."""
-        ...
+    def _fits(self, message: Silhouettes | LiveSilhouettes) -> bool:
+        """Whether cameras and planes of a message suit each other and the rig."""
+        cameras = message.cameras
+        known = len(set(cameras)) == len(cameras) and max(cameras) < self._rig.n_cameras
+        return known and fit_together(message.planes, message.unsure, len(cameras), self._rig.shape_px)
+
+    @abstractmethod
+    def take_next(self) -> Frame | None:
+        """The next frame, if it is there."""
+
+    @abstractmethod
+    def waiting_for(self) -> list[int]:
+        """Cameras that the next frame still lacks."""
+
+    @property
+    @abstractmethod
+    def n_ready(self) -> int:
+        """Whole frames that wait to be solved."""
 
     def credit(self) -> Credit | None:
         """How far segmentation may go; None where nobody asks."""
-        ...
+        return None
 
-    def take_next(self) -> Frame | None:
-        """The next frame, if it is there."""
-        ...
+    def answer(self, sources: LiveSources) -> LivePace | None:  # noqa: ARG002
+        """What to say to a segmentation's word about its cameras; None: nothing."""
+        self.dropped += 1
+        return None
 
-    def catch_up(self) -> None:
+    def catch_up(self) -> None:  # noqa: B027  (nothing to do for recorded takes)
         """The actor was found just now, which took long: frames since then should lead up to the newest."""
-        ...
 
-    def waiting_for(self) -> list[int]:
-        """Cameras that the next frame still lacks."""
-        ...
-
-    def note_latency(self, frame: Frame) -> float:
+    def note_latency(self, frame: Frame) -> float:  # noqa: ARG002
         """A frame's pose goes out now; returns how long after the shutter, 0 for recorded ones."""
-        ...
-
-    @property
-    def next_frame(self) -> int:
-        """The frame that is handed out next."""
-        ...
-
-    @property
-    def n_ready(self) -> int:
-        """Whole frames that wait to be solved."""
-        ...
+        return 0.0
 
     @property
     def has_ended(self) -> bool:
         """Whether no frame will follow those that were handed out."""
-        ...
-
-    @property
-    def end_shot(self) -> int:
-        """One past the last shot that belongs to a recording of the cameras; 0 for recorded takes."""
-        ...
-
-    def memory(self) -> dict[str, list[int]]:
-        """What another one needs to go on after this one (recall)."""
-        ...
-
-    def recall(self, memory: dict[str, list[int]]) -> None:
-        """Go on with what another one knew; raises ValueError where that makes no sense."""
-        ...
-
-    def figures(self) -> LiveFigures:
-        """How live input is doing."""
-        ...
-
-
-class RecordedFrames:
-    """Every frame of a recorded take, in order."""
-
-    def __init__(self, take: str, rig: Rig, frames: range, fps: float) -> None:
-        self._take, self._rig, self._range, self._fps = take, rig, frames, fps
-        self._frames = FrameAssembler(take, "", rig, frames.start, frames.stop)
-        self._run = ""
-
-    def begin(self, run: str, first_frame: int) -> None:
-        """See Incoming.begin."""
-        early, self._run = self._frames, run
-        self._frames = FrameAssembler(self._take, run, self._rig, first_frame, self._range.stop)
-        self._frames.dropped = early.dropped
-
-    @property
-    def dropped(self) -> int:
-        """See Incoming.dropped."""
-        return self._frames.dropped
-
-    def add(self, message: Silhouettes | LiveSilhouettes) -> None:
-        """See Incoming.add."""
-        if isinstance(message, Silhouettes):
-            self._frames.add(message, self._credit_end)
-        else:
-            self._frames.dropped += 1
-
-    def answer(self, sources: LiveSources) -> LivePace | None:  # noqa: ARG002
-        """See Incoming.answer: there are no live cameras."""
-        self._frames.dropped += 1
-        return None
-
-    @property
-    def _credit_end(self) -> int:
-        return min(self._frames.next_frame + _AHEAD_FRAMES, self._range.stop)
-
-    def credit(self) -> Credit:
-        """See Incoming.credit."""
-        first = self._frames.first_lacking()
-        return Credit(take=self._take, run=self._run, next_frame=first, end_frame=self._credit_end)
-
-    def take_next(self) -> Frame | None:
-        """See Incoming.take_next."""
-        frame = self._frames.next_frame
-        seen = self._frames.take_next()
-        return None if seen is None else Frame(seen, frame / self._fps, frame)
-
-    def catch_up(self) -> None:
-        """See Incoming.catch_up: no frame is left out anyway."""
-
-    def waiting_for(self) -> list[int]:
-        """See Incoming.waiting_for."""
-        return self._frames.waiting_for()
-
-    def note_latency(self, frame: Frame) -> float:  # noqa: ARG002
-        """See Incoming.note_latency."""
-        return 0.0
-
-    @property
-    def next_frame(self) -> int:
-        """See Incoming.next_frame."""
-        return self._frames.next_frame
-
-    @property
-    def n_ready(self) -> int:
-        """See Incoming.n_ready."""
-        return self._frames.n_ready
-
-    @property
-    def has_ended(self) -> bool:
-        """See Incoming.has_ended."""
         return False
 
     @property
     def end_shot(self) -> int:
-        """See Incoming.end_shot."""
+        """One past the last shot that belongs to a recording of the cameras; 0 for recorded takes."""
         return 0
 
     def memory(self) -> dict[str, list[int]]:
-        """See Incoming.memory: where a run goes on says all."""
+        """What another one needs to go on after this one (recall)."""
         return {}
 
-    def recall(self, memory: dict[str, list[int]]) -> None:
-        """See Incoming.recall."""
+    def recall(self, memory: dict[str, list[int]]) -> None:  # noqa: B027
+        """Go on with what another one knew; raises ValueError where that makes no sense."""
 
     def figures(self) -> LiveFigures:
-        """See Incoming.figures."""
-        return LiveFigures({}, {}, [])
+        """How live input is doing."""
+        return LiveFigures()
+
+
+class RecordedFrames(Incoming):
+    """Every frame of a recorded take, in order, put together from what several segmentations send."""
+
+    def __init__(self, take: str, rig: Rig, frames: range, fps: float) -> None:
+        super().__init__(rig)
+        self._take, self._end, self._fps = take, frames.stop, fps
+        self.next_frame = frames.start
+        self._partial: dict[int, dict[int, tuple[TriPlanes, int]]] = {}
+        """Planes of each camera that has come, and its place in them, by frame."""
+
+    @property
+    def _credit_end(self) -> int:
+        """Frames from this one on were not asked for, so that memory stays bounded."""
+        return min(self.next_frame + _AHEAD_FRAMES, self._end)
+
+    def add(self, message: Silhouettes | LiveSilhouettes) -> None:
+        """See Incoming.add."""
+        if (
+            not isinstance(message, Silhouettes)
+            or (message.take, message.run) != (self._take, self._run)
+            or message.frame not in range(self.next_frame, self._credit_end)
+            or not self._fits(message)
+        ):
+            self.dropped += 1
+            return
+        planes = TriPlanes.of_sent(message.planes, message.unsure)
+        places = {camera: (planes, k) for k, camera in enumerate(message.cameras)}
+        self._partial.setdefault(message.frame, {}).update(places)
+
+    def credit(self) -> Credit:
+        """See Incoming.credit."""
+        first = self.next_frame + self.n_ready
+        return Credit(take=self._take, run=self._run, next_frame=first, end_frame=self._credit_end)
+
+    def take_next(self) -> Frame | None:
+        """See Incoming.take_next."""
+        if not self.n_ready:
+            return None
+        frame, places = self.next_frame, self._partial.pop(self.next_frame)
+        self.next_frame += 1
+        return Frame(joined([places[c] for c in range(self._rig.n_cameras)]), frame / self._fps, frame)
+
+    @property
+    def n_ready(self) -> int:
+        """See Incoming.n_ready."""
+        frame = self.next_frame
+        while len(self._partial.get(frame, {})) == self._rig.n_cameras:
+            frame += 1
+        return frame - self.next_frame
+
+    def waiting_for(self) -> list[int]:
+        """See Incoming.waiting_for."""
+        have = self._partial.get(self.next_frame, {})
+        return [c for c in range(self._rig.n_cameras) if c not in have]

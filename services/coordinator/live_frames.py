@@ -7,15 +7,14 @@ from math import ceil
 
 import numpy as np
 
-from proto.clock import clock_name
-from proto.messages import Credit, LivePace, LiveSilhouettes, LiveSources, Silhouettes
-from services.coordinator.incoming import Frame, LiveFigures
+from proto.messages import LivePace, LiveSilhouettes, LiveSources, Silhouettes
+from services.coordinator.incoming import Frame, Incoming, LiveFigures
 from services.coordinator.live_shots import Shots
 from services.coordinator.live_sources import SourceWords
 from services.coordinator.pace import Pace
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import fit_together
 from services.mocap.take.live import LiveTake
+from services.process import clock_name
 
 _GAINING = 1.5
 """How much faster than the cameras it is, at least, while it catches up. Shots are left out only where that
@@ -32,16 +31,18 @@ _END_SHOTS = 4
 """From the end of tracking to that of recordings, so that all who record hear of it before it has come."""
 
 
-class LiveFrames:
+class LiveFrames(Incoming):
     """The newest shot that is whole: that has all cameras that are there, or is older than the grace.
 
-    See Incoming. now: a clock that only goes on, time.monotonic's unless told otherwise.
+    now: a clock that only goes on, time.monotonic's unless told otherwise.
     """
 
+    is_live = True
+
     def __init__(self, take: LiveTake, rig: Rig, now: Callable[[], float] = time.monotonic) -> None:
-        self._take, self._rig, self._now = take, rig, now
+        super().__init__(rig)
+        self._take, self._now = take, now
         self._names = [camera.name for camera in take.cameras]
-        self._run, self._next = "", 0
         self._shots, self._words = Shots(rig.n_cameras), SourceWords(rig.n_cameras)
         self._last_shot = self._highest = -1
         self._came_s = np.full(rig.n_cameras, -np.inf)
@@ -50,12 +51,6 @@ class LiveFrames:
         self._latencies_s: deque[float] = deque(maxlen=_REMEMBERED)
         self._looked_s = self._returned_s = now()
         self._away_s, self._is_behind, self._is_solved_meanwhile = 0.0, False, False
-        self.dropped = 0
-        """See Incoming."""
-
-    def begin(self, run: str, first_frame: int) -> None:
-        """See Incoming.begin."""
-        self._run, self._next = run, first_frame
 
     def answer(self, sources: LiveSources) -> LivePace | None:
         """See Incoming.answer."""
@@ -64,8 +59,10 @@ class LiveFrames:
             return None
         now_s = self._now()
         self._words.note(sources, now_s)
-        if self._run and not self._pace.has_begun:
-            self._begin_pace(now_s)
+        if self._run and not self._pace.has_begun and self._words.are_complete(now_s):
+            self._pace.begin(self._words.latest_s, now_s)
+            # As if they had come, so that they are waited for.
+            self._came_s[self._words.cameras] = self._pace.due_s(0)
         shot, shot_s = self._pace.anchor
         return LivePace(
             take=sources.take,
@@ -78,16 +75,14 @@ class LiveFrames:
             period_s=self._pace.period_s,
         )
 
-    def _begin_pace(self, now_s: float) -> None:
-        """Begin to count shots, once all cameras have been heard of or that takes too long."""
-        if self._words.are_complete(now_s):
-            self._pace.begin(self._words.latest_s, now_s)
-            # As if they had come, so that they are waited for.
-            self._came_s[self._words.cameras] = self._pace.due_s(0)
-
     def add(self, message: Silhouettes | LiveSilhouettes) -> None:
         """See Incoming.add."""
-        if not isinstance(message, LiveSilhouettes) or not self._fits(message):
+        if (
+            not isinstance(message, LiveSilhouettes)
+            or (message.take, message.run) != (self._take.settings.name, self._run)
+            or len(message.times_s) != len(message.cameras)
+            or not self._fits(message)
+        ):
             self.dropped += 1
             return
         now_s = self._now()
@@ -98,18 +93,6 @@ class LiveFrames:
             self._shots.passed[message.cameras] += 1
             return
         self._shots.add(message, now_s)
-
-    def _fits(self, message: LiveSilhouettes) -> bool:
-        cameras, n_cameras = message.cameras, self._rig.n_cameras
-        ids = (message.take, message.run) == (self._take.settings.name, self._run)
-        known = len(set(cameras)) == len(cameras) == len(message.times_s) and max(cameras) < n_cameras
-        return (
-            ids and known and fit_together(message.planes, message.unsure, len(cameras), self._rig.shape_px)
-        )
-
-    def credit(self) -> Credit | None:
-        """See Incoming.credit: live cameras do not wait."""
-        return None
 
     def take_next(self) -> Frame | None:
         """See Incoming.take_next."""
@@ -153,7 +136,7 @@ class LiveFrames:
     def _hand_out(self, number: int) -> Frame:
         shot = self._shots.take(number)
         self._last_shot, self._is_solved_meanwhile = number, True
-        self._next += 1
+        self.next_frame += 1
         seen = shot.seen(self._rig.n_cameras, self._rig.shape_px)
         shutter_s = float(np.median(list(shot.times_s.values())))
         absent = tuple(c for c in range(self._rig.n_cameras) if c not in shot.times_s)
@@ -170,11 +153,6 @@ class LiveFrames:
             return 0.0
         self._latencies_s.append(max(self._now() - frame.shutter_s, 0.0))
         return self._latencies_s[-1]
-
-    @property
-    def next_frame(self) -> int:
-        """See Incoming.next_frame."""
-        return self._next
 
     @property
     def n_ready(self) -> int:

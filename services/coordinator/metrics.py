@@ -7,7 +7,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from proto.messages import Pose, Telemetry
-from services.process import TIME_BUCKETS_S
+from services.metrics import TIME_BUCKETS_S
 
 _ENERGY_BUCKETS_PX = (100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000)
 
@@ -56,17 +56,13 @@ class Gauges(Collector):
             if why != "retries":
                 dropped.add_metric([why], count)
         yield dropped
-        yield from _of_live(told)
+        if told.drops:
+            yield from _of_live(told)
 
 
 def _of_live(told: Telemetry) -> Iterator[Metric]:
-    """What there is of live input only."""
-    if not told.drops:
-        return
     lost = CounterMetricFamily(
-        "xormocap_live_drops",
-        "What was not solved of a camera.",
-        labels=["camera", "where"],
+        "xormocap_live_drops", "What was not solved of a camera.", labels=["camera", "where"]
     )
     for camera, counts in told.drops.items():
         for where, count in zip(("source", "segmentation", "tracking"), counts, strict=True):

@@ -128,12 +128,11 @@ class OutgoingMessages:
 
     def silhouettes(self, number: int, frame: Frame) -> Silhouettes:
         """What a frame was solved from, for viewers."""
-        cameras = list(range(self._rig.n_cameras))
         return Silhouettes(
             take=self.take,
             run=self.run,
             frame=number,
-            cameras=cameras,
+            cameras=list(range(self._rig.n_cameras)),
             planes=frame.seen.silhouettes,
             unsure=frame.seen.sent_unsure,
         )

@@ -4,7 +4,6 @@ import hashlib
 import json
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 
 from proto.messages import PROTOCOL_VERSION
 from services.mocap.body.actor import Actor
@@ -34,7 +33,11 @@ class Plan:
         """The SHA-256 of what poses depend on; files count by their sizes and times of writing."""
         from_videos = looks_at_videos(self.segmenter, self.take.source == "silhouettes")
         files = [*self.take.inputs(from_videos), *files_of_segmenter(self.segmenter)]
-        inputs = {self._known_as(path): (path.stat().st_size, path.stat().st_mtime_ns) for path in files}
+        inputs = {}
+        for path in files:
+            inside = path.is_relative_to(self.take.folder)
+            known_as = path.relative_to(self.take.folder) if inside else path.absolute()
+            inputs[known_as.as_posix()] = (path.stat().st_size, path.stat().st_mtime_ns)
         content = {
             "versions": [version("xormocap"), PROTOCOL_VERSION],
             "take": self.take.settings.model_dump(mode="json"),
@@ -47,8 +50,3 @@ class Plan:
             "fitted_pose": None if self.fitted_pose is None else self.fitted_pose.tolist(),
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-    def _known_as(self, path: Path) -> str:
-        """A file's place in the take folder, or else on this machine."""
-        inside = path.is_relative_to(self.take.folder)
-        return (path.relative_to(self.take.folder) if inside else path.absolute()).as_posix()

@@ -17,6 +17,8 @@ from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import LostFramesError, Switchboard
 from services.coordinator.unsure import UnsureParts
+from services.health import beat
+from services.logs import about
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
@@ -29,7 +31,7 @@ from services.mocap.search.tracker import Tracker
 from services.mocap.search.warm_up import rehearse
 from services.mocap.take.live import LiveTake
 from services.mocap.types import Floats
-from services.process import StopRequest, about
+from services.process import StopRequest
 
 log = logging.getLogger(__name__)
 
@@ -59,11 +61,12 @@ class Session:
         self._rig, self._plan_name = Rig.of(plan.take.cameras), plan.name
         self._camera_names = [camera.name for camera in plan.take.cameras]
         self._outgoing = OutgoingMessages(plan, self._plan_name, self._rig, engine)
-        self._incoming = _incoming(plan, self._rig)
-        self._is_live = isinstance(plan.take, LiveTake)
-        self._board = Switchboard(
-            endpoint, self._incoming.add, self._incoming.answer, admission, is_live=self._is_live
-        )
+        if isinstance(plan.take, LiveTake):
+            self._incoming: Incoming = LiveFrames(plan.take, self._rig)
+        else:
+            told = plan.take.settings
+            self._incoming = RecordedFrames(told.name, self._rig, plan.frames, told.fps)
+        self._board = Switchboard(endpoint, self._incoming, admission)
         self._stage: Literal["waiting for clients", "first frame", "tracking", "ended"] = (
             "waiting for clients"
         )
@@ -127,24 +130,35 @@ class Session:
         """Wait until clients are there, until the time is up or a stop is asked for."""
         deadline_s = time.monotonic() + timeout_s
         while not condition() and time.monotonic() < deadline_s and not self._stop:
+            beat()
             self._board.pump(_LOOK_S)
 
     def _end(self) -> None:
-        """Say that no pose will follow, and wait until recorders have them all."""
+        """Say that no pose will follow, and wait until all expected recorders have all frames.
+
+        Not for ever: only while one of them asks for some now and then.
+        """
         self._stage = "ended"
         about(frame=None)
         if self._unsure is not None:
             self._unsure.conclude()
-        run, first = self._outgoing.run, self._plan.frames.start
-        end = TakeEnd(
-            take=self._outgoing.take,
-            run=run,
-            first_frame=first,
-            end_frame=self._solved_end,
-            end_shot=self._incoming.end_shot,
+        self._board.end(
+            TakeEnd(
+                take=self._outgoing.take,
+                run=self._outgoing.run,
+                first_frame=self._plan.frames.start,
+                end_frame=self._solved_end,
+                end_shot=self._incoming.end_shot,
+            )
         )
-        self._board.end(end)
-        self._await_recorders()
+        while not self._board.recorded_up_to(self._solved_end, self._recorders):
+            beat()
+            if time.monotonic() - self._board.recorders_heard_s > _CONFIRM_S:
+                if self._recorders and self._board.n_unrecorded:
+                    raise LostFramesError(f"a recorder has not got {self._board.n_unrecorded} frames on disk")
+                log.error("a recorder has not confirmed all frames")
+                break
+            self._board.pump(_LOOK_S)
         log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._incoming.dropped})
 
     def _rehearse(self) -> None:
@@ -160,7 +174,7 @@ class Session:
             model.backend.close()
 
     def _track(self, held: Recording | None) -> None:
-        if self._is_live:
+        if self._incoming.is_live:
             self._rehearse()
         self._stage = "first frame" if held is None else "tracking"
         self._incoming.begin(self._outgoing.run, self._solved_end)
@@ -186,16 +200,18 @@ class Session:
     def _open(self) -> Tracker | None:
         """Find the actor in the first frame; None when a stop was asked for before it came."""
         while (first := self._next_frame()) is not None:
-            if self._is_live and set(first.absent) - set(self._incoming.waiting_for()):
+            if self._incoming.is_live and set(first.absent) - set(self._incoming.waiting_for()):
                 continue  # cameras that are only late will have the next one
             about(frame=self._plan.frames.start)
             self._published_s = time.perf_counter()
             try:
                 solved = self._solve_first(first)
             except TakeError as problem:
-                if not self._is_live:
+                if not self._incoming.is_live:
                     raise
-                self._say_nobody(str(problem))
+                if str(problem) != self._told:  # once for each reason
+                    self._told = str(problem)
+                    log.info("not yet: %s", problem)
                 continue
             self._incoming.catch_up()
             tracker = self._tracker(solved.model, solved.actor, solved.solution.pose[None])
@@ -219,12 +235,6 @@ class Session:
             self._made,
         )
 
-    def _say_nobody(self, why: str) -> None:
-        """Tell once, for each reason, why live input cannot be tracked yet."""
-        if why != self._told:
-            self._told = why
-            log.info("not yet: %s", why)
-
     def _go_on(self, held: Recording) -> Tracker:
         """Go on where the recorders' poses end, as if this coordinator had solved them itself."""
         log.warning("going on with run %s at frame %d", held.run[:8], held.end_frame)
@@ -247,9 +257,10 @@ class Session:
     def _next_frame(self) -> Frame | None:
         """The next frame; None when a stop was asked for or live input has ended."""
         looks, incoming = 0, self._incoming
-        if self._is_live:
+        if self._incoming.is_live:
             self._board.pump(0.0)  # what has come meanwhile is newer than what is here
         while not self._stop and not incoming.has_ended:
+            beat()
             found = incoming.take_next() if self._is_kept_up_with() else None
             credit = incoming.credit()
             if credit is not None:
@@ -296,21 +307,3 @@ class Session:
             self._unsure.note(frame.seen, solution.pose)
         note_pose(pose)
         self._solved_end, self._stage = number + 1, "tracking"
-
-    def _await_recorders(self) -> None:
-        """Wait until all expected recorders have all frames, or none has asked for any for a while."""
-        while not self._board.recorded_up_to(self._solved_end, self._recorders):
-            if time.monotonic() - self._board.recorders_heard_s > _CONFIRM_S:
-                if self._recorders and self._board.n_unrecorded:
-                    raise LostFramesError(f"a recorder has not got {self._board.n_unrecorded} frames on disk")
-                log.error("a recorder has not confirmed all frames")
-                return
-            self._board.pump(_LOOK_S)
-
-
-def _incoming(plan: Plan, rig: Rig) -> Incoming:
-    """What chooses the frames of a plan."""
-    take = plan.take
-    if isinstance(take, LiveTake):
-        return LiveFrames(take, rig)
-    return RecordedFrames(take.settings.name, rig, plan.frames, take.settings.fps)

@@ -15,7 +15,6 @@ from proto.messages import (
     Hello,
     LimbRefusal,
     LimbResult,
-    LivePace,
     LiveSilhouettes,
     LiveSources,
     Message,
@@ -29,14 +28,13 @@ from proto.messages import (
     TakeInfo,
     Telemetry,
 )
-from proto.streams import StreamName
+from proto.streams import PUBLISHED, StreamName
 from services.coordinator.dispatch import Dispatcher, Identity
+from services.coordinator.incoming import Incoming
 from services.coordinator.ports import Ports
 
 log = logging.getLogger(__name__)
 
-_PUBLISH_S = 0.5
-"""How often the state of the take is published again, for those who joined late."""
 _SEEN_FRAMES = 32
 """Frames whose silhouettes are kept for viewers; what arrives is a few frames ahead of what is solved."""
 _MOST_AT_ONCE = 64
@@ -63,17 +61,9 @@ class _Recorder:
 class Switchboard:
     """Owns the ports; every call returns quickly except for the wait that `pump` is told."""
 
-    def __init__(
-        self,
-        endpoint: str,
-        on_silhouettes: Callable[[Silhouettes | LiveSilhouettes], None],
-        on_sources: Callable[[LiveSources], LivePace | None],
-        admission: Admission | None = None,
-        *,
-        is_live: bool = False,
-    ) -> None:
-        self._ports = Ports(endpoint, admission, is_live=is_live)
-        self._on_silhouettes, self._on_sources = on_silhouettes, on_sources
+    def __init__(self, endpoint: str, incoming: Incoming, admission: Admission | None = None) -> None:
+        self._ports = Ports(endpoint, admission, is_live=incoming.is_live)
+        self._incoming = incoming
         self.dispatcher = Dispatcher(self._ports.send, time.monotonic)
         self._blobs: dict[str, Blob] = {}
         self._recorders: dict[Identity, _Recorder] = {}
@@ -172,13 +162,18 @@ class Switchboard:
     def give_credit(self, credit: Credit) -> None:
         """Let segmentation go on."""
         self._credit = credit
-        self._publish_credit()
+        self._ports.publish(credit)
 
     def publish(self, pose: Pose) -> None:
         """Send a solved frame to all who listen, and keep it until all recorders have it on disk."""
         self._poses[pose.frame] = pose
         self._ports.publish(pose)
-        self._forget_oldest()
+        while len(self._poses) > _KEPT_POSES:
+            oldest = next(iter(self._poses))
+            if self._expected and oldest >= self._recorded_end:
+                break  # a recorder is to get it yet
+            del self._poses[oldest]
+            self._forgotten_end = oldest + 1
 
     def end(self, message: TakeEnd) -> None:
         """Say that no pose will follow."""
@@ -187,15 +182,10 @@ class Switchboard:
         for identity in self._recorders:
             self._ports.send(identity, message)
 
-    def _publish_credit(self) -> None:
-        if self._credit is not None:
-            self._ports.publish(self._credit)
-
     def _repeat(self) -> None:
         """Publish once more what those who joined late have missed."""
         self._repeated_s = time.monotonic()
-        self._publish_credit()
-        for message in (self._take_info, self._end):
+        for message in (self._credit, self._take_info, self._end):
             if message is not None:
                 self._ports.publish(message)
         if self.telemetry is not None:
@@ -203,7 +193,7 @@ class Switchboard:
 
     def pump(self, timeout_s: float) -> None:
         """Wait up to timeout_s for a message, then act on all that have come."""
-        if time.monotonic() - self._repeated_s > _PUBLISH_S:
+        if time.monotonic() - self._repeated_s > PUBLISHED.every_s:
             self._repeat()
         ready = self._ports.wait(timeout_s)
         for _ in range(_MOST_AT_ONCE):
@@ -220,22 +210,18 @@ class Switchboard:
         if stream == "tasks":
             self._act(identity, message)
         elif isinstance(message, Silhouettes):
-            self._keep_for_viewers(message)
-            self._on_silhouettes(message)
+            credit = self._credit
+            if credit is not None and credit.next_frame <= message.frame < credit.end_frame:
+                self.keep(message)
+            self._incoming.add(message)
         elif isinstance(message, LiveSilhouettes):
-            self._on_silhouettes(message)
+            self._incoming.add(message)
         else:
             self._ports.drop(message)
         return True
 
-    def _keep_for_viewers(self, message: Silhouettes) -> None:
-        """Keep silhouettes of the last frames that were asked for."""
-        credit = self._credit
-        if credit is not None and credit.next_frame <= message.frame < credit.end_frame:
-            self.keep(message)
-
     def keep(self, message: Silhouettes) -> None:
-        """Keep silhouettes for viewers."""
+        """Keep silhouettes for viewers: those of the last frames."""
         self._seen.setdefault(message.frame, {})[tuple(message.cameras)] = message
         while len(self._seen) > _SEEN_FRAMES:
             self._seen.popitem(last=False)
@@ -254,7 +240,7 @@ class Switchboard:
         elif isinstance(message, Recording | PoseRequest | Recorded):
             self._hear_recorder(identity, message)
         elif isinstance(message, LiveSources):
-            answer = self._on_sources(message)
+            answer = self._incoming.answer(message)
             if answer is not None:
                 self._ports.send(identity, answer)
         else:
@@ -267,7 +253,9 @@ class Switchboard:
         if isinstance(message, Recording):
             if identity in self._recorders:  # else late, from a connection that is gone: hello comes first
                 self._recorders[identity].recording = message
-                self._note_recorded()
+                ours = [one.end_frame if one.run == self._run else 0 for one in self._recordings()]
+                if len(ours) >= max(1, self._expected):
+                    self._recorded_end = max(self._recorded_end, min(ours))
         elif message.run != self._run:
             self._foreign += 1
         elif isinstance(message, PoseRequest):
@@ -276,21 +264,6 @@ class Switchboard:
             if identity not in self._recorders:  # its connection was made anew, and it has not registered yet
                 self._add_recorder(identity, "a recorder")
             self._recorders[identity].end_frame = message.end_frame
-
-    def _note_recorded(self) -> None:
-        """Note which poses all recorders have on disk."""
-        ours = [one.end_frame if one.run == self._run else 0 for one in self._recordings()]
-        if len(ours) >= max(1, self._expected):
-            self._recorded_end = max(self._recorded_end, min(ours))
-
-    def _forget_oldest(self) -> None:
-        """Let go of the oldest poses where there are many, but of none that a recorder is to get yet."""
-        while len(self._poses) > _KEPT_POSES:
-            oldest = next(iter(self._poses))
-            if self._expected and oldest >= self._recorded_end:
-                break
-            del self._poses[oldest]
-            self._forgotten_end = oldest + 1
 
     def _welcome(self, identity: Identity, hello: Hello) -> None:
         log.info("%s says hello", hello.name)
@@ -305,7 +278,7 @@ class Switchboard:
             self._ports.send(identity, self._end)
 
     def _add_recorder(self, identity: Identity, name: str) -> None:
-        """Note a recorder, and forget those that are gone, lest there be ever more."""
+        """Note a recorder, and forget those that are gone, so that they do not become more and more."""
         here = {i: known for i, known in self._recorders.items() if self._ports.send(i, Beat())}
         self._recorders = {**here, identity: _Recorder(name)}
 

@@ -12,24 +12,22 @@ from proto.keys import ClientKeys
 from proto.link import Link
 from proto.messages import Hello
 from proto.streams import DEFAULT_ENDPOINT
+from services.health import beat
 from services.limb_worker.worker import Worker
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.errors import UserError
 from services.mocap.search.warm_up import warm_up
-from services.process import (
+from services.options import (
     DEFAULT_ENGINE,
     KEYS_VARIABLE,
     BackendOption,
     MetricsOption,
     NiceOption,
-    StopRequest,
     ThreadsOption,
-    client_name,
     engine_settings,
-    give_way,
     keys_of_client,
-    run_service,
 )
+from services.process import StopRequest, client_name, give_way, run_service
 
 log = logging.getLogger(__name__)
 
@@ -46,6 +44,7 @@ def serve(
     worker = Worker(links, engine)
     log.info("ready, coordinator at %s", ", ".join(endpoints))
     while not stop:
+        beat()
         worker.listen()
         worker.work()
         worker.tick()

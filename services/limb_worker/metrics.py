@@ -3,7 +3,7 @@
 from prometheus_client import Counter, Gauge, Histogram
 
 from proto.messages import LimbRefusal, LimbResult
-from services.process import TIME_BUCKETS_S
+from services.metrics import TIME_BUCKETS_S
 
 _SECONDS = Histogram(
     "xormocap_task_seconds", "Time that solving a limb task took.", ["limb"], buckets=TIME_BUCKETS_S

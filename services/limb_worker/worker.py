@@ -8,11 +8,13 @@ from proto.framing import MalformedMessage
 from proto.link import Link
 from proto.messages import Blob, BlobRequest, LimbRefusal, LimbTask, Message
 from proto.sockets import wait
+from services.blob_store import UnusableBlobError
 from services.limb_worker.metrics import HELD, WAITING, note_answer
-from services.limb_worker.solver import LimbSolver, UnusableBlobError
+from services.limb_worker.solver import LimbSolver
 from services.limb_worker.turns import Turns
+from services.logs import about
+from services.metrics import DROPPED
 from services.mocap.energy.engine import Engine
-from services.process import DROPPED, about
 
 _LOOK_S = 0.2
 """How long to wait for messages before looking after beats and a request to stop."""
@@ -41,7 +43,7 @@ class Worker:
                 log.warning("dropped a malformed message: %s", error)
 
     def _is_ready(self) -> bool:
-        return any(not self._solver.missing(task) for _, task in self._turns)
+        return any(not self._solver.blobs.missing(task) for _, task in self._turns)
 
     def _act(self, number: int, message: Message) -> None:
         """Act on one message of a coordinator."""
@@ -50,7 +52,7 @@ class Worker:
             self._ask_for(number, message)
         elif isinstance(message, Blob):
             try:
-                self._solver.store(message)
+                self._solver.blobs.add(message)
             except UnusableBlobError as error:
                 log.warning("unusable content: %s", error)
             if message.kind == "actor":  # it may name a mesh
@@ -58,13 +60,13 @@ class Worker:
                     self._ask_for(giver, task)
 
     def _ask_for(self, number: int, task: LimbTask) -> None:
-        for content in self._solver.missing(task):
+        for content in self._solver.blobs.missing(task):
             self._links[number].send(BlobRequest(hash=content))
 
     def work(self) -> None:
         """Solve the task whose turn it is, if any is ready."""
-        taken = self._turns.take(lambda task: not self._solver.missing(task))
-        WAITING.set(sum(bool(self._solver.missing(task)) for _, task in self._turns))
+        taken = self._turns.take(lambda task: not self._solver.blobs.missing(task))
+        WAITING.set(sum(bool(self._solver.blobs.missing(task)) for _, task in self._turns))
         HELD.set(len(self._turns))
         if taken is None:
             return

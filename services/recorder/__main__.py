@@ -14,23 +14,22 @@ from proto.link import Line, Link
 from proto.messages import Blob, BlobRequest, Hello, Message, Pose, PoseRequest, Recorded, TakeEnd, TakeInfo
 from proto.sockets import receive, wait
 from proto.streams import DEFAULT_ENDPOINT
+from services.health import beat
+from services.logs import about
+from services.metrics import DROPPED
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import partial_of
 from services.mocap.take.live import open_source
-from services.process import (
+from services.options import (
     DEFAULT_OUTPUT,
-    DROPPED,
     CutoffOption,
     KeysOption,
     MetricsOption,
     SmoothOption,
-    StopRequest,
-    about,
-    client_name,
     keys_of_client,
     output_settings,
-    run_service,
 )
+from services.process import StopRequest, client_name, run_service
 from services.recorder.collection import Collection
 from services.recorder.metrics import ASKED, FOREIGN, FRAMES, SYNC
 from services.recorder.result_folder import check_out, clear_leftovers
@@ -172,6 +171,7 @@ def _listen(listener: Listener, stop: StopRequest) -> None:
     """
     collection, began_s, stopped_s = listener.collection, time.monotonic(), None
     while not (collection.complete and (collection.is_live or time.monotonic() - began_s > _ALONE_S)):
+        beat()
         if stop:
             stopped_s = stopped_s or time.monotonic()
             if time.monotonic() - stopped_s > _GRACE_S:

@@ -1,15 +1,16 @@
 """The poses of one take as they come in, without a socket: what is there, and what is missing."""
 
-import hashlib
-from contextlib import suppress
+import logging
 
 import numpy as np
 
 from proto.messages import Blob, Pose, Recording, TakeEnd, TakeInfo
-from services.mocap.body.actor import Actor, mesh_named_in
-from services.mocap.body.body_mesh import OwnMesh
+from services.blob_store import BlobStore, UnusableBlobError
+from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
 from services.recorder.store import Store
+
+log = logging.getLogger(__name__)
 
 _REMEMBERED = 2
 """Poses that a tracker needs to go on."""
@@ -28,8 +29,7 @@ class Collection:
         self._held_end = 0
         self.is_live = False
         """Whether a coordinator has described this run, and not only the journal of a recorder before."""
-        self._blobs: dict[str, str] = {}
-        self._meshes: dict[str, bytes] = {}
+        self._blobs = BlobStore()
         self.foreign = 0
         """Messages of other runs, which were dropped."""
         for message in store.described:
@@ -59,7 +59,7 @@ class Collection:
 
     def _begin_anew(self) -> None:
         self.info, self._end, self._held_end = None, None, 0
-        self._blobs, self._meshes = {}, {}
+        self._blobs = BlobStore()
         self._store.forget()
 
     def _take_in(self, message: Pose | TakeEnd) -> None:
@@ -85,34 +85,24 @@ class Collection:
 
     def _add_blob(self, blob: Blob) -> bool:
         """Keep content that is wanted and whole; what is not is asked for again."""
-        content = blob.content.tobytes()
-        if blob.hash not in self.missing_blobs() or hashlib.sha256(content).hexdigest() != blob.hash:
+        if blob.hash not in self.missing_blobs():
             return False
-        if blob.kind == "mesh":
-            self._meshes[blob.hash] = content
-        else:
-            with suppress(UnicodeDecodeError):
-                self._blobs[blob.hash] = content.decode()
-        return blob.hash in self._meshes or blob.hash in self._blobs
-
-    def blob(self, content_hash: str) -> str:
-        """Content that has arrived."""
-        return self._blobs[content_hash]
+        try:
+            self._blobs.add(blob)
+        except UnusableBlobError as error:
+            log.warning("unusable content: %s", error)
+            return False
+        return True
 
     def missing_blobs(self) -> list[str]:
         """Hashes of the content still needed."""
-        if self.info is None:
-            return []
-        missing = [name for name in (self.info.actor, self.info.rig) if name not in self._blobs]
-        mesh = None if self.info.actor in missing else mesh_named_in(self._blobs[self.info.actor])
-        return missing if mesh is None or mesh in self._meshes else [*missing, mesh]
+        return [] if self.info is None else self._blobs.missing(self.info)
 
     def actor(self) -> Actor:
         """The actor of the take, whose content has arrived."""
         if self.info is None:
             raise ValueError("the take has not been announced")
-        text = self._blobs[self.info.actor]
-        return Actor.from_toml(text, lambda named: OwnMesh.from_bytes(self._meshes[named.sha256]))
+        return self._blobs.actor(self.info)
 
     def missing_frames(self) -> tuple[int, int] | None:
         """The first gap in the frames, as a range; up to the latest pose or, once known, the take's end."""
@@ -151,7 +141,7 @@ class Collection:
         last = self._store.pose(end - 1) if self.n_recorded else None
         remembered = range(max(end - _REMEMBERED, end - self.n_recorded), end)
         poses = np.array([self._store.pose(frame).pose for frame in remembered], np.float64)
-        actor = "" if info is None else self._blobs.get(info.actor, "")
+        actor = "" if info is None else self._blobs.actor_text(info)
         return Recording(
             take=take,
             run=info.run if info else "",

@@ -2,7 +2,7 @@
 
 from prometheus_client import Counter, Gauge, Histogram
 
-from services.process import TIME_BUCKETS_S
+from services.metrics import TIME_BUCKETS_S
 
 FRAMES = Gauge("xormocap_recorded_frames", "Frames on disk from the first on, without a gap.")
 FOREIGN = Gauge("xormocap_messages_foreign", "Messages of other runs that were dropped.")

@@ -18,7 +18,7 @@ from services.mocap.result.layout import LOGS, RUN_JSON, partial_of
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import begin_recording, finish_recording
-from services.process import engine_arguments, output_arguments, search_arguments
+from services.options import engine_arguments, output_arguments, search_arguments
 from services.runs.failures import ServiceFailedError
 from services.runs.launcher import SERVICES, Launcher, free_endpoint, kinds_of_run
 from services.runs.live_watch import LiveProgress, LiveWatch

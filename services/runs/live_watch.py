@@ -10,7 +10,7 @@ from proto.framing import MalformedMessage
 from proto.link import Line
 from proto.messages import Pose, Telemetry
 from proto.sockets import receive, wait
-from services.process import keys_of_client
+from services.options import keys_of_client
 
 _LOOK_S = 0.2
 _RATE_S = 5.0

@@ -23,7 +23,7 @@ from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
-from services.process import (
+from services.options import (
     DEFAULT_OUTPUT,
     DEFAULT_SEGMENTER,
     engine_arguments,

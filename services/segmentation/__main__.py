@@ -16,22 +16,16 @@ from proto.link import Line
 from proto.messages import Credit, Silhouettes, TakeEnd
 from proto.sockets import receive, send, wait
 from proto.streams import DEFAULT_ENDPOINT
+from services.health import beat
+from services.logs import about
+from services.metrics import DROPPED
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.errors import UserError, nearest
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
-from services.process import (
-    DEFAULT_SEGMENTER,
-    DROPPED,
-    KeysOption,
-    MetricsOption,
-    SegmenterOption,
-    StopRequest,
-    about,
-    keys_of_client,
-    run_service,
-)
+from services.options import DEFAULT_SEGMENTER, KeysOption, MetricsOption, SegmenterOption, keys_of_client
+from services.process import StopRequest, run_service
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.live.serving import serve_live
 from services.segmentation.metrics import CREDIT, FRAMES, SECONDS
@@ -146,7 +140,7 @@ def serve(
     try:
         _send_all(take, feed, sender, silhouettes, poses, stop)
         while not stop and feed.check_a_plate():
-            pass  # of a take that was over before all had been looked at
+            beat()  # of a take that was over before all had been looked at
     finally:
         silhouettes.close()
         poses.close()
@@ -159,6 +153,7 @@ def _send_all(
     """Follow the coordinator's credit until it says that the take is over; between frames look at plates."""
     credit: Credit | None = None
     while not stop:
+        beat()
         try:
             while (message := receive(poses.socket)) is not None:
                 if isinstance(message, TakeEnd) and message.take == take.settings.name:

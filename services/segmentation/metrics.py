@@ -2,7 +2,7 @@
 
 from prometheus_client import Counter, Gauge, Histogram
 
-from services.process import TIME_BUCKETS_S
+from services.metrics import TIME_BUCKETS_S
 
 FRAMES = Counter("xormocap_silhouettes_sent", "Frames sent; those sent again count again.")
 SECONDS = Histogram(

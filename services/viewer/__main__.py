@@ -10,8 +10,10 @@ import typer
 
 from proto.keys import ClientKeys
 from proto.streams import DEFAULT_ENDPOINT
+from services.health import beat
 from services.mocap.take.live import open_source
-from services.process import KeysOption, MetricsOption, StopRequest, give_way, keys_of_client, run_service
+from services.options import KeysOption, MetricsOption, keys_of_client
+from services.process import StopRequest, give_way, run_service
 from services.viewer.address import DEFAULT_ADDRESS, Address, TokenOption, token_of
 from services.viewer.listener import Listener
 from services.viewer.metrics import watch_browsers
@@ -43,6 +45,7 @@ def serve(
         log.info("coordinator at %s; look at %s", endpoint, url)
         try:
             while not stop:
+                beat()
                 listener.listen(_LOOK_S)
                 if server.n_browsers and preparing is None:
                     preparing = threading.Thread(target=listener.prepare, daemon=True)

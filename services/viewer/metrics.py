@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from prometheus_client import Counter, Gauge, Histogram
 
-from services.process import TIME_BUCKETS_S
+from services.metrics import TIME_BUCKETS_S
 
 FRAMES = Counter(
     "xormocap_frames_shown", "Poses that came in to be shown; those asked for again count again."

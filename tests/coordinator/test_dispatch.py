@@ -5,8 +5,9 @@ import pytest
 from floor import LIMB_NAMES, Floor, limb_task, limbs_of, pass_tasks, refusal_of, result_of
 
 from proto.messages import MAX_BACKENDS, LimbRefusal, LimbResult
+from proto.streams import FROM_CLIENTS
 from services.coordinator.deadline import FIRST_DEADLINE_S
-from services.coordinator.dispatch import PROBE_S, SILENCE_S, key_of
+from services.coordinator.dispatch import PROBE_S, key_of
 from services.mocap.body.skeleton import UPPER
 from services.mocap.search.chains import LIMBS, LimbName
 
@@ -246,7 +247,7 @@ def test_a_hedged_tasks_duration_is_that_of_who_solved_it(floor: Floor) -> None:
 
 def test_an_idle_worker_that_is_silent_is_forgotten_until_it_is_heard_again(floor: Floor) -> None:
     floor.workers(2)
-    floor.now_s += SILENCE_S
+    floor.now_s += FROM_CLIENTS.silence_s
     assert floor.dispatcher.heard(b"w1")
     floor.later(0.1)
     assert list(floor.dispatcher.workers) == ["w1"]
@@ -257,7 +258,7 @@ def test_an_idle_worker_that_is_silent_is_forgotten_until_it_is_heard_again(floo
 
 def test_a_worker_that_registers_anew_is_not_there_twice(floor: Floor) -> None:
     floor.workers(1)
-    floor.later(SILENCE_S + 0.1)
+    floor.later(FROM_CLIENTS.silence_s + 0.1)
     assert floor.dispatcher.n_workers == 0
     floor.register(b"other connection", "w0")
     assert not floor.dispatcher.heard(b"w0")
@@ -267,7 +268,7 @@ def test_a_worker_that_registers_anew_is_not_there_twice(floor: Floor) -> None:
 def test_a_worker_that_solves_may_be_silent(floor: Floor) -> None:
     floor.workers(1)
     floor.dispatcher.submit([limb_task()])
-    floor.later(3 * SILENCE_S)
+    floor.later(3 * FROM_CLIENTS.silence_s)
     assert floor.dispatcher.n_workers == 1
 
 

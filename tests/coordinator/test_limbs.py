@@ -40,7 +40,7 @@ class Workshop(Floor):
         for kind, owner in (("actor", ACTOR), ("rig", RIG)):
             text = owner.to_toml() if isinstance(owner, Actor) else owner.to_json()
             content = np.frombuffer(text.encode(), np.uint8)
-            self.solver.store(Blob(hash=owner.content_hash, kind=kind, content=content))  # type: ignore[arg-type]
+            self.solver.blobs.add(Blob(hash=owner.content_hash, kind=kind, content=content))  # type: ignore[arg-type]
 
     def pump(self, _: float) -> None:
         """Let every worker answer the tasks that it was given."""

@@ -4,12 +4,15 @@ import logging
 import time
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 import zmq
 
 from proto.link import Link
 from proto.messages import Hello, Recorded
+from services.coordinator.incoming import RecordedFrames
 from services.coordinator.switchboard import Switchboard
+from services.mocap.camera.rig import Rig
 from services.runs.launcher import free_endpoint
 
 RUN = "0123456789abcdef" * 2
@@ -25,7 +28,8 @@ def endpoint() -> str:
 @pytest.fixture
 def board(endpoint: str) -> Iterator[Switchboard]:
     """A coordinator whose take has begun, with one recorder to come."""
-    board = Switchboard(endpoint, on_silhouettes=lambda _: None, on_sources=lambda _: None)
+    rig = Rig(np.ones((1, 3, 4)), np.array([[4, 4]], np.int32))
+    board = Switchboard(endpoint, RecordedFrames("walk", rig, range(END_FRAME), 25.0))
     board.begin(RUN, first_frame=0, recorders=1)
     yield board
     board.close()

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from proto.messages import Blob, LimbTask, TakeInfo
-from services.limb_worker.solver import LimbSolver, UnusableBlobError
+from services.blob_store import UnusableBlobError
+from services.limb_worker.solver import LimbSolver
 from services.mocap.body.actor import Actor
 from services.mocap.body.body_mesh import OwnMesh, generic_mesh
+from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import open_engine
 from services.mocap.energy.settings import EngineSettings
 from services.recorder.collection import Collection
@@ -35,24 +37,24 @@ def task() -> LimbTask:
 @pytest.mark.parametrize("first", [ACTOR_BLOB, MESH_BLOB], ids=["actor first", "mesh first"])
 def test_a_worker_asks_for_the_mesh_that_an_actor_names(task: LimbTask, first: Blob) -> None:
     solver = LimbSolver(open_engine(EngineSettings(backend="cpu")))
-    assert solver.missing(task) == [ACTOR.content_hash, task.rig]
-    solver.store(first)
+    assert solver.blobs.missing(task) == [ACTOR.content_hash, task.rig]
+    solver.blobs.add(first)
     wanted = MESH.content_hash if first is ACTOR_BLOB else ACTOR.content_hash
-    assert solver.missing(task) == [wanted, task.rig]
-    solver.store(MESH_BLOB if first is ACTOR_BLOB else ACTOR_BLOB)
-    assert solver.missing(task) == [task.rig]
+    assert solver.blobs.missing(task) == [wanted, task.rig]
+    solver.blobs.add(MESH_BLOB if first is ACTOR_BLOB else ACTOR_BLOB)
+    assert solver.blobs.missing(task) == [task.rig]
 
 
 def test_a_damaged_mesh_is_not_kept(task: LimbTask) -> None:
     solver = LimbSolver(open_engine(EngineSettings(backend="cpu")))
-    solver.store(ACTOR_BLOB)
+    solver.blobs.add(ACTOR_BLOB)
     with pytest.raises(UnusableBlobError, match="it is not a file that xormocap wrote"):
-        solver.store(blob("mesh", MESH.content[:-100]))
-    assert solver.missing(task)[0] == MESH.content_hash
+        solver.blobs.add(blob("mesh", MESH.content[:-100]))
+    assert solver.blobs.missing(task)[0] == MESH.content_hash
 
 
 def test_a_recorder_is_not_done_without_the_mesh(tmp_path: Path) -> None:
-    rig = blob("rig", b"{}")
+    rig = blob("rig", Rig(np.ones((1, 3, 4)), np.array([[4, 4]], np.int32)).to_json().encode())
     collection = Collection(Store.in_folder(tmp_path))
     info = {"actor": ACTOR.content_hash, "rig": rig.hash, "plan": "0" * 64, "backend": "cpu"}
     info |= {"first_frame": 0, "end_frame": 2, "fps": 25.0, "shards": 1, "threads": 1, "search": {}}

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from proto.framing import decode, encode
 from proto.messages import Blob, LimbRefusal, LimbResult, LimbTask
-from services.limb_worker.solver import LimbSolver, UnusableBlobError
+from services.blob_store import UnusableBlobError
+from services.limb_worker.solver import LimbSolver
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.camera.rig import Rig
@@ -72,7 +73,7 @@ class Stage:
     def solver(self) -> LimbSolver:
         solver = LimbSolver(CPU)
         for content in self.blobs():
-            solver.store(content)
+            solver.blobs.add(content)
         return solver
 
 
@@ -186,11 +187,11 @@ def test_solving_changes_nothing_in_the_task(stage: Stage, ready: LimbSolver) ->
 def test_missing_content_is_named_until_it_is_stored(stage: Stage) -> None:
     solver, task = LimbSolver(CPU), stage.task()
     actor, rig = stage.blobs()
-    assert solver.missing(task) == [actor.hash, rig.hash]
-    solver.store(rig)
-    assert solver.missing(task) == [actor.hash]
-    solver.store(actor)
-    assert solver.missing(task) == []
+    assert solver.blobs.missing(task) == [actor.hash, rig.hash]
+    solver.blobs.add(rig)
+    assert solver.blobs.missing(task) == [actor.hash]
+    solver.blobs.add(actor)
+    assert solver.blobs.missing(task) == []
     solved(solver, task)
 
 
@@ -218,8 +219,8 @@ _NESTED = "x = " + "[" * 5000 + "]" * 5000
 def test_content_that_makes_no_sense_is_not_stored(stage: Stage, bad: Blob) -> None:
     solver = LimbSolver(CPU)
     with pytest.raises(UnusableBlobError, match=f"^{bad.kind} {bad.hash[:8]}: "):
-        solver.store(bad)
-    assert bad.hash in solver.missing(stage.task(actor=bad.hash, rig=bad.hash))
+        solver.blobs.add(bad)
+    assert bad.hash in solver.blobs.missing(stage.task(actor=bad.hash, rig=bad.hash))
 
 
 def test_damaged_content_is_not_stored(stage: Stage) -> None:
@@ -228,8 +229,8 @@ def test_damaged_content_is_not_stored(stage: Stage) -> None:
         content = good.content.copy()
         content[-2] ^= 1
         with pytest.raises(UnusableBlobError, match="damaged"):
-            solver.store(good.model_copy(update={"content": content}))
-    assert len(solver.missing(stage.task())) == 2
+            solver.blobs.add(good.model_copy(update={"content": content}))
+    assert len(solver.blobs.missing(stage.task())) == 2
 
 
 def test_content_of_the_other_kind_is_not_taken(stage: Stage) -> None:
@@ -237,20 +238,20 @@ def test_content_of_the_other_kind_is_not_taken(stage: Stage) -> None:
     solver = LimbSolver(CPU)
     for swapped in (actor.model_copy(update={"kind": "rig"}), rig.model_copy(update={"kind": "actor"})):
         with pytest.raises(UnusableBlobError):
-            solver.store(swapped)
+            solver.blobs.add(swapped)
 
 
 def test_old_content_is_forgotten_and_asked_for_again(stage: Stage) -> None:
     solver, task = stage.solver(), stage.task()
     actor, _ = stage.blobs()
     for n in range(3):
-        solver.store(blob("actor", Actor(height=1.6 + 0.01 * n).to_toml()))
-    assert solver.missing(task) == []
-    solver.store(actor)
+        solver.blobs.add(blob("actor", Actor(height=1.6 + 0.01 * n).to_toml()))
+    assert solver.blobs.missing(task) == []
+    solver.blobs.add(actor)
     for n in range(4):
-        solver.store(blob("actor", Actor(height=1.7 + 0.01 * n).to_toml()))
-    assert solver.missing(task) == [actor.hash]
-    solver.store(actor)
+        solver.blobs.add(blob("actor", Actor(height=1.7 + 0.01 * n).to_toml()))
+    assert solver.blobs.missing(task) == [actor.hash]
+    solver.blobs.add(actor)
     solved(solver, task)
 
 
@@ -275,7 +276,7 @@ def test_a_forgotten_models_backend_is_closed(stage: Stage, monkeypatch: pytest.
     solver = stage.solver()
     for n in range(6):
         other = blob("actor", Actor(height=1.7 + 0.01 * n).to_toml())
-        solver.store(other)
+        solver.blobs.add(other)
         solved(solver, stage.task(actor=other.hash, search=quick))
     assert made == [f"{1.7 + 0.01 * n:.2f} m" for n in range(6)]
     assert closed == made[:2]

@@ -7,10 +7,10 @@ import zmq
 from wire_model import field_schema
 
 from field_docstrings import docstrings_of
-from proto import framing, link, sockets
+from proto import framing, sockets
 from proto.messages import MESSAGES, Message, arrays_of
-from proto.streams import STREAMS
-from services.coordinator import deadline, dispatch
+from proto.streams import FROM_CLIENTS, FROM_LIVE_CAMERAS, PUBLISHED, STREAMS, TO_CLIENTS, Flow
+from services.coordinator import deadline
 from services.mocap.body.skeleton import DOFS
 from services.mocap.search.chains import LIMBS
 
@@ -98,6 +98,10 @@ def _socket_name(kind: int) -> str:
     return str(zmq.SocketType(kind).name)
 
 
+def _types(flows: tuple[Flow, ...]) -> str:
+    return ", ".join(f"`{name}`" for flow in flows for name in flow.types) or "nothing"
+
+
 def streams_table() -> str:
     """Ports, socket kinds and message types."""
     rows = [
@@ -106,11 +110,16 @@ def streams_table() -> str:
             f"first port + {stream.port_offset}",
             _socket_name(stream.coordinator),
             _socket_name(stream.client),
-            ", ".join(f"`{carried}`" for carried in stream.carries),
+            _types(stream.incoming),
+            _types(stream.outgoing),
         )
         for name, stream in STREAMS.items()
     ]
-    return _table(("stream", "port", "coordinator binds", "client connects", "messages"), rows)
+    head = (
+        *("stream", "port", "coordinator binds", "client connects"),
+        *("towards the coordinator", "from the coordinator"),
+    )
+    return _table(head, rows)
 
 
 def _degrees(limit_rad: float) -> str:
@@ -151,12 +160,18 @@ def numbers_table() -> str:
         _row("silhouettes queued by the coordinator, per peer", sockets.QUEUE_MESSAGES),
         _row("ZMTP ping, every", f"{sockets.PING_INTERVAL_MS} ms"),
         _row("ZMTP ping unanswered, connection closed after", f"{sockets.PING_TIMEOUT_MS} ms"),
-        _row("`beat` from a client that has nothing else to say, every", f"{link.BEAT_S:g} s"),
-        _row("silence of the coordinator, a client registers anew after", f"{link.LIVENESS_S:g} s"),
+        _row("`beat` from a client that has nothing else to say, every", f"{FROM_CLIENTS.every_s:g} s"),
+        _row("silence of the coordinator, a client registers anew after", f"{TO_CLIENTS.silence_s:g} s"),
         _row(
             "silence after which an idle worker gets no task until it is heard again",
-            f"{dispatch.SILENCE_S:g} s",
+            f"{FROM_CLIENTS.silence_s:g} s",
         ),
+        _row(
+            "what `poses` repeats for those who join late, every",
+            f"{PUBLISHED.every_s:g} s",
+        ),
+        _row("`live_sources` from a segmentation, every", f"{FROM_LIVE_CAMERAS.every_s:g} s"),
+        _row("silence after which a live segmentation counts as gone", f"{FROM_LIVE_CAMERAS.silence_s:g} s"),
         _row("deadline of the first task", f"{deadline.FIRST_DEADLINE_S:g} s"),
         _row(
             "deadline of others",

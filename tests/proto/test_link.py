@@ -1,6 +1,7 @@
 """A client keeps itself registered, whoever goes away and comes back."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from proto.framing import MalformedMessage
 from proto.link import Link
 from proto.messages import Beat, Blob, Hello, Message, TakeEnd
 from proto.sockets import bind, make_socket, receive_from, send, wait
+from proto.streams import FROM_CLIENTS, TO_CLIENTS
 
 _HELLO = Hello(role="limb_worker", name="limb_worker@test:1", backend="cpu")
 _PATIENCE_S = 10.0
@@ -18,8 +20,8 @@ Context = zmq.Context[zmq.Socket[bytes]]
 
 @pytest.fixture(autouse=True)
 def short_times(monkeypatch: pytest.MonkeyPatch, short_retries: None) -> None:  # noqa: ARG001
-    monkeypatch.setattr("proto.link.BEAT_S", 0.05)
-    monkeypatch.setattr("proto.link.LIVENESS_S", 0.4)
+    monkeypatch.setattr("proto.link.FROM_CLIENTS", replace(FROM_CLIENTS, every_s=0.05))
+    monkeypatch.setattr("proto.link.TO_CLIENTS", replace(TO_CLIENTS, silence_s=0.4))
 
 
 class Coordinator:

@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 
 from proto.framing import encode
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
+from services.mocap.camera.rig import Rig
 from services.mocap.take.journal import JOURNAL, Journal, Record
 from services.recorder.collection import Collection
 from services.recorder.store import Store
 
 RUN, OTHER = "0" * 32, "1" * 32
-_ACTOR, _RIG = "height = 1.8\n", '{"rig": "größe"}'
+_ACTOR = "height = 1.8 # größe\n"
+_RIG = Rig(np.ones((1, 3, 4)), np.array([[4, 4]], np.int32)).to_json()
 
 
 _TEMPORARY = tempfile.TemporaryDirectory()
@@ -111,7 +113,8 @@ def test_content_is_asked_for_until_it_is_here() -> None:
     assert some.missing_blobs() == [hash_of(_ACTOR)]
     some.add(blob(_ACTOR))
     assert some.missing_blobs() == []
-    assert (some.blob(hash_of(_ACTOR)), some.blob(hash_of(_RIG))) == (_ACTOR, _RIG)
+    assert some.actor().height == 1.8
+    assert some.recording("walk").actor.tobytes() == _ACTOR.encode()
 
 
 @pytest.mark.parametrize(
@@ -127,20 +130,25 @@ def test_damaged_content_is_asked_for_again(damaged: Blob) -> None:
     assert hash_of(_ACTOR) in some.missing_blobs()
     some.add(blob(_ACTOR))
     some.add(damaged)
-    assert some.blob(hash_of(_ACTOR)) == _ACTOR
+    assert hash_of(_ACTOR) not in some.missing_blobs()
+    assert some.actor().height == 1.8
 
 
-def test_content_that_is_no_text_is_refused() -> None:
-    binary = np.array([0xFF, 0xFE], np.uint8)
-    name = hashlib.sha256(binary.tobytes()).hexdigest()
-    some = collection(info(actor=name), Blob(hash=name, kind="actor", content=binary))
+@pytest.mark.parametrize("binary", [b"\xff\xfe", b"height = ", b"weight = 1.8\n"])
+def test_content_that_is_no_actor_is_refused(binary: bytes) -> None:
+    name = hashlib.sha256(binary).hexdigest()
+    content = np.frombuffer(binary, np.uint8)
+    some = collection(info(actor=name), Blob(hash=name, kind="actor", content=content))
     assert name in some.missing_blobs()
 
 
 def test_content_that_nobody_named_is_not_kept() -> None:
-    some = collection(info(), blob("something else"))
-    with pytest.raises(KeyError):
-        some.blob(hash_of("something else"))
+    folder = store()
+    Collection(folder).add(info())
+    some = Collection(folder)
+    some.add(blob("height = 1.9\n"))
+    assert some.missing_blobs() == [hash_of(_ACTOR), hash_of(_RIG)]
+    assert folder.described == [info()]
 
 
 def test_the_first_of_repeated_messages_counts() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
+from services.health import beat
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.take.layout import background_video_path
@@ -79,9 +80,11 @@ def _wait(take: LiveTake, feeds: dict[int, Feed], seen: dict[int, list[Bytes]], 
     """Wait until all streams have begun, and then for as long as the stage is said to be empty."""
     deadline_s = time.monotonic() + _OPENING_S
     while not stop and time.monotonic() < deadline_s and not all(seen[c] for c in feeds):
+        beat()
         time.sleep(0.05)
     end_s = time.monotonic() + (take.live.empty_stage_s if feeds else 0.0)
     while not stop and time.monotonic() < end_s:
+        beat()
         time.sleep(0.05)
     for feed in feeds.values():
         if feed.problem is not None:

@@ -9,14 +9,17 @@ from pathlib import Path
 
 import zmq
 
-from proto.clock import clock_name
 from proto.framing import MalformedMessage
 from proto.keys import ClientKeys
 from proto.link import Line
 from proto.messages import LivePace, LiveSilhouettes, LiveSources, TakeEnd
 from proto.sockets import receive, send
+from proto.streams import FROM_LIVE_CAMERAS
+from services.health import beat
+from services.logs import about
+from services.metrics import DROPPED
 from services.mocap.take.live import LiveTake
-from services.process import DROPPED, StopRequest, about
+from services.process import StopRequest, clock_name
 from services.segmentation.live.clock import CoordinatorClock
 from services.segmentation.live.empty_stage import see_empty_stage
 from services.segmentation.live.group import Group, Silhouetter
@@ -25,8 +28,8 @@ from services.segmentation.live.sources import check_file
 from services.segmentation.metrics import FRAMES, SECONDS
 
 _LOOK_S = 0.05
-_ASK_S, _ASK_SOON_S = 0.5, 0.1
-"""How often the pace is asked for, and as long as there is none."""
+_ASK_SOON_S = 0.1
+"""How often the pace is asked for as long as there is none."""
 _CATCH_UP_S = 2.0
 """How long the last pictures of a recording may take to come."""
 
@@ -69,7 +72,7 @@ class Talk:
     def tell(self, group: Group) -> None:
         """Say how the cameras are doing, when it is time."""
         now_s = time.monotonic()
-        if now_s - self._asked_s < (_ASK_S if self.clock.run else _ASK_SOON_S):
+        if now_s - self._asked_s < (FROM_LIVE_CAMERAS.every_s if self.clock.run else _ASK_SOON_S):
             return
         self._asked_s = now_s
         shots, clock = group.shots, self.clock
@@ -150,6 +153,7 @@ def serve_live(
 def _serve(talk: Talk, group: Group, silhouetter: Silhouetter, stop: StopRequest) -> None:
     end_s = float("inf")
     while not stop and time.monotonic() < end_s:
+        beat()
         talk.hear()
         if talk.clock.run:
             group.begin()
