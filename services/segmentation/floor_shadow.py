@@ -12,9 +12,9 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Floats, Ints
-from services.segmentation.deviation import CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW, UNCHANGED
+from services.segmentation.cleanup import Part
+from services.segmentation.comparison import CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW, UNCHANGED
 from services.segmentation.lenses import Lenses, Pixels, raw_pixel, rays_of
-from services.segmentation.patches import Part
 from services.segmentation.pixels import Levels
 
 SUPPORTED = np.float32(1.0)
@@ -53,7 +53,16 @@ class Floor:
     @classmethod
     def at(cls, height_m: float, cameras: Sequence[Camera]) -> "Floor":
         """The floor at a height over the world's origin."""
-        return cls(height_m, [_places(camera, height_m) for camera in cameras])
+        places_m: list[Levels] = []
+        for camera in cameras:
+            centre_m, rays = rays_of(camera)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                along = (height_m - centre_m[2]) / rays[..., 2]
+                places = centre_m[:2] + along[..., None] * rays[..., :2]
+            is_far = np.linalg.norm(places - centre_m[:2], axis=-1) > _FARTHEST_M
+            places[~(along > 0) | is_far] = np.nan
+            places_m.append(places.astype(np.float32))
+        return cls(height_m, places_m)
 
     def shadow_prior(
         self, camera: int, part: Part | None, lenses: Lenses, ratios: Levels, states: Bytes, there: Ints
@@ -61,8 +70,8 @@ class Floor:
         """(H, W) logarithm of the odds of shadow to light where a camera's picture may show shadow.
 
         part: all of the picture in which it may; None where it does nowhere.
-        ratios (C, H, W): as shadow_ratios writes them; states (C, H, W): what pixels show; there: the cameras
-        that have a picture. Elsewhere it is UNKNOWN.
+        ratios, states (C, H, W): of all Comparisons; there: the cameras that have a picture. Elsewhere it is
+        UNKNOWN.
         """
         width, height = lenses.sizes_px[camera]
         prior = np.full((height, width), UNKNOWN, np.float32)
@@ -118,17 +127,6 @@ def _agreement(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Byt
             supported += int((prior[shadowed] >= SUPPORTED).sum())
             candidates += int(shadowed.sum())
     return supported / max(candidates, 1)
-
-
-def _places(camera: Camera, height_m: float) -> Levels:
-    centre_m, rays = rays_of(camera)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along = (height_m - centre_m[2]) / rays[..., 2]
-        places = centre_m[:2] + along[..., None] * rays[..., :2]
-    far = np.linalg.norm(places - centre_m[:2], axis=-1) > _FARTHEST_M
-    places[~(along > 0) | far] = np.nan
-    on_floor: Levels = places.astype(np.float32)
-    return on_floor
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

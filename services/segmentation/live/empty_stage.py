@@ -5,9 +5,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 
-from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.take.layout import background_video_path
 from services.mocap.take.live import LiveTake
@@ -15,7 +13,7 @@ from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes
 from services.process import StopRequest
-from services.segmentation.live.feed import Feed
+from services.segmentation.live.group import Feed
 from services.segmentation.live.sources import StreamSource
 
 _PICTURES = 30
@@ -43,11 +41,14 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
         for feed in feeds.values():
             feed.join()
     for c, pictures in seen.items():
+        camera = take.cameras[c]
         if len(pictures) < _FEWEST:
-            raise UserError(
-                f"{take.cameras[c].name}: gave no pictures of the empty stage: is its source there?"
-            )
-        _write(folder, take.cameras[c], pictures, take.live.fps)
+            raise UserError(f"{camera.name}: gave no pictures of the empty stage: is its source there?")
+        path = background_video_path(folder, camera.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with video_writer(path, camera.width_px, camera.height_px, take.live.fps) as writer:
+            for picture in pictures:
+                writer.write(picture)
     log.info("the empty stage was seen by %d cameras", len(seen))
     return replace(take, background_folder=background_video_path(folder, "any").parent)
 
@@ -60,7 +61,6 @@ def _of_file(take: LiveTake, camera: int) -> list[Bytes]:
 
 
 def _feed(take: LiveTake, c: int, pictures: list[Bytes]) -> Feed:
-    camera = take.cameras[c]
     apart_s, last_s = take.live.empty_stage_s / _PICTURES, -1.0
 
     def keep(image: Bytes, taken_s: float) -> None:
@@ -69,10 +69,8 @@ def _feed(take: LiveTake, c: int, pictures: list[Bytes]) -> Feed:
             last_s = taken_s
             pictures.append(image)
 
-    def begin(_: Event) -> StreamSource:
-        return StreamSource(take.sources[c], camera, take.live.fps)
-
-    return Feed(camera, begin, keep)
+    camera = take.cameras[c]
+    return Feed(camera, lambda _: StreamSource(take.sources[c], camera, take.live.fps), keep)
 
 
 def _wait(take: LiveTake, feeds: dict[int, Feed], seen: dict[int, list[Bytes]], stop: StopRequest) -> None:
@@ -86,11 +84,3 @@ def _wait(take: LiveTake, feeds: dict[int, Feed], seen: dict[int, list[Bytes]], 
     for feed in feeds.values():
         if feed.problem is not None:
             raise feed.problem
-
-
-def _write(folder: Path, camera: Camera, pictures: list[Bytes], fps: float) -> None:
-    path = background_video_path(folder, camera.name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with video_writer(path, camera.width_px, camera.height_px, fps) as writer:
-        for picture in pictures:
-            writer.write(picture)
