@@ -138,29 +138,6 @@ class Sender:
         return True
 
 
-def serve(
-    take_folder: Path,
-    cameras: str,
-    endpoint: str,
-    stop: StopRequest,
-    keys: ClientKeys | None = None,
-    segmenter: str = DEFAULT_SEGMENTER,
-    record: Path | None = None,
-) -> None:
-    """Send silhouettes until the take ends or a stop is asked for. record: where live pictures are kept."""
-    take = open_source(take_folder)
-    about(take=take.settings.name)
-    chosen = _choose(take, cameras)
-    if isinstance(take, LiveTake):
-        serve_live(take, chosen, endpoint, stop, keys, segmenter, record)
-        return
-    sender = Sender(take, chosen, segmenter, endpoint, keys)
-    try:
-        sender.run(stop)
-    finally:
-        sender.close()
-
-
 def _choose(take: Take, names: str) -> list[int]:
     """Camera indices from names with commas between; none given: all."""
     known = [camera.name for camera in take.cameras]
@@ -183,7 +160,17 @@ def main(
     """Make and send the silhouettes of a take's cameras."""
 
     def work(stop: StopRequest) -> None:
-        serve(take, cameras, connect, stop, keys_of_client(keys, "segmentation"), segmenter, record)
+        source, own_keys = open_source(take), keys_of_client(keys, "segmentation")
+        about(take=source.settings.name)
+        chosen = _choose(source, cameras)
+        if isinstance(source, LiveTake):
+            serve_live(source, chosen, connect, stop, own_keys, segmenter, record)
+            return
+        sender = Sender(source, chosen, segmenter, connect, own_keys)
+        try:
+            sender.run(stop)
+        finally:
+            sender.close()
 
     run_service("segmentation", work, metrics)
 

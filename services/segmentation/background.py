@@ -21,17 +21,17 @@ from services.segmentation.take_plate import LOOKS, SAMPLES, TakePlate, find_gho
 log = logging.getLogger(__name__)
 
 _UNSURE = 0.1
-"""Of the part where anything moves; with more in doubt the actor is likely to be part of the plate."""
+"""Share of the part where anything moves; with more in doubt the plate is likely to contain the actor."""
 _LOOK_WIDTH_PX = 160
 _MOST_DECODED = 48
-"""Frames that quick looks decode, in all."""
+"""Frames that quick looks decode, in total."""
 
 
 class KeptLooks:
     """Small copies of some of the pictures that go by, evenly spread, however many there will be."""
 
     def __init__(self, fewest: int) -> None:
-        """Fewest: how many are kept at least of so many or more; never more than twice as many."""
+        """fewest: at least so many are kept, if so many go by; always fewer than twice as many."""
         self._fewest, self._every = fewest, 1
         self._kept: list[Bytes] = []
 
@@ -81,8 +81,7 @@ class CameraBackground:
         total, count = np.zeros(1), 0
         for picture in self.take.background(self.camera):
             total, count = total + picture, count + 1
-        mean: Bytes = np.rint(total / max(count, 1)).astype(np.uint8)
-        return mean
+        return np.asarray(np.rint(total / max(count, 1)).astype(np.uint8))
 
     def plate(self) -> Plate:
         """The camera's plate, moved to where its pictures are if the camera was touched since."""

@@ -21,7 +21,7 @@ from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHI
 from services.segmentation.plate import Plate, check_size
 
 _SHADOW_SIGMAS = np.float32(3)
-"""Of noise, that may add to a shadow's turn of colour."""
+"""How many deviations of noise may add to the turn of a shadow's colour."""
 _FOREGROUND = 255
 """In OpenCV's masks; shadow has 127."""
 _LEAST_LOOKS = 30

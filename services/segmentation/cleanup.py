@@ -78,6 +78,12 @@ def box_of(mask: Mask | Bytes, margin_px: int) -> Part | None:
     )
 
 
+def opened(mask: Mask | Bytes, size_px: int) -> Bytes:
+    """A mask (H, W) without what squares of a size do not fit into, as zeros and ones."""
+    square = np.ones((size_px, size_px), np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square), np.uint8)
+
+
 def drop_specks(mask: Bytes, least_px: float) -> None:
     """Clear the 8-connected patches of a mask (H, W) below an area."""
     drop_unconfirmed(mask, mask, least_px)

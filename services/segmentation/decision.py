@@ -47,13 +47,13 @@ _CLOTH_NOISE2 = np.float32(1.3)
 """κ: noise of an even cloth, squared, over that of the stage: it has folds and a weave."""
 _CLOTH_COST = np.float32(-1.5 * log(1.3))
 _TEMPER = np.float32(0.8)
-"""Of each pixel's evidence: neighbours' noise is not independent once a codec has been at it."""
+"""T: a codec makes neighbours' noise alike, so that each pixel's evidence counts less."""
 _MOST = np.float32(4.0)
 _HALF, _TWO, _ONE = np.float32(0.5), np.float32(2.0), np.float32(1.0)
 _PRICE = 3.0
-"""For two neighbours of unlike labels where the picture shows no edge."""
+"""c, for two neighbours of unlike labels where the picture shows no edge."""
 _LEAST_SHARE = 0.15
-"""Of that price, where it shows one."""
+"""Share of that price that is left where it shows one."""
 _EDGE_SIGMAS2 = 8.0
 
 

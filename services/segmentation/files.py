@@ -25,9 +25,9 @@ UNSURE_SHEET = "unsure.png"
 """Beside the silhouettes: where the actor cannot be told from the background, if anywhere."""
 _THIRDS = ("upper", "middle", "lower")
 _UNTOLD_SHARE = 0.4
-"""Of what may be the actor in a third: as much as both shanks and feet are of the lower one."""
+"""Share of what may be the actor in a third; both shanks and feet are that much of the lower one."""
 _MANY_FRAMES = 0.25
-"""Of those that show somebody; for less than that somebody may walk by a dark door."""
+"""Share of the frames that show somebody; a walk past a dark door takes fewer."""
 
 
 def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmenter: str = AUTO) -> None:

@@ -24,20 +24,22 @@ SUPPORTED_EDGE = np.float32(-1.0)
 UNSUPPORTED = np.float32(-5.0)
 """Where others see the place and none of them sees a shadow there."""
 REFUTED = np.float32(-3.0)
-"""More, for each camera that sees it in light, less those that see the shadow beyond the first."""
+"""Added for each camera that sees the place in light; each that sees the shadow, but the first, cancels
+one."""
 UNKNOWN = np.float32(-3.0)
 """Where no other camera sees the place, or nobody knows where the floor is."""
 _ON_ITS_OWN = np.float32(-1.0)
 """Where there is no other camera at all: shadow is told by colour and texture alone."""
 _AGREED = 0.1
-"""Of the pixels that may show shadow, that others have to support for the floor to be known."""
+"""Share of the possible shadow pixels that other cameras must support for the floor to be known."""
 _SURELY_AGREED = 0.35
-"""With less at the world's origin other heights are tried, of which none counts with less."""
+"""Below this at the world's origin, other heights are tried; one of them counts only from this on."""
 _BETTER = 2.5
-"""So much better has another height to be: a plane through grey clothes agrees with itself to some degree."""
+"""How many times better another height must be: a plane through grey clothes agrees with itself to some
+degree."""
 _HEIGHTS_M, _FINER_M = np.arange(-0.8, 0.81, 0.1), np.array([-0.05, -0.025, 0.025, 0.05])
 _BLOCKS_ACROSS = 160
-"""So many make up a picture's width; about each of them other cameras are asked once."""
+"""Blocks across a picture's width; other cameras are asked once per block."""
 _SAME_RATIO = np.float32(0.1)
 _FARTHEST_M = 30.0
 

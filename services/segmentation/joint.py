@@ -26,6 +26,7 @@ from services.segmentation.cleanup import (
     cleanup_in_place,
     drop_specks,
     drop_unconfirmed,
+    opened,
 )
 from services.segmentation.comparison import LEAST_CHANGE, PERHAPS_SHADOW, UNSEEN, Comparison
 from services.segmentation.decision import actor_evidence, beliefs, prices
@@ -49,13 +50,12 @@ _HARDLY_AGAINST = -2.2
 """Log odds of a pixel, its own evidence plus the other cameras' word, above which it is unsure and not surely
 background."""
 _NO_WORD = -1.7
-"""Counts there as the others' word where too few see a place to have one: such a pixel is unsure only if its
-own evidence is."""
+"""In place of the others' word where too few see a place: the pixel is then unsure only if its own evidence
+is."""
 _SLIGHTLY_AGAINST = -0.5
 """Own evidence below which a pixel is the actor's by its neighbours alone."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
-"""About what may be the actor, for messages to spread; and about what is, for edges to be settled."""
-_SQUARE = np.ones((3, 3), np.uint8)
+"""Around what may be the actor, so that messages can spread; around what is, so that edges can be settled."""
 
 
 class JointMatte:
@@ -195,9 +195,7 @@ class JointMatte:
     def _likely_part(self, change: Levels, classes: Bytes) -> Part | None:
         """The part of the picture that may show the actor; None where nothing does."""
         changed = ((change > LEAST_CHANGE) & (classes != MORE_MISS)).view(np.uint8)
-        likely = np.asarray(
-            cv2.morphologyEx(changed | (classes == INSIDE), cv2.MORPH_OPEN, _SQUARE), np.uint8
-        )
+        likely = opened(changed | (classes == INSIDE), 3)
         # With few cameras there is much in which all others see a change, where this one sees none.
         drop_unconfirmed(likely, changed, self._settings.speck_area_ppm * 1e-6 * changed.size)
         return box_of(likely, _MARGIN_PX)
@@ -217,7 +215,7 @@ class JointMatte:
         trimap = actor * np.uint8(ACTOR)
         against = (own < _SLIGHTLY_AGAINST) & (prior <= _TELLING)
         doubtful = np.where(actor > 0, against, own + prior > _HARDLY_AGAINST)
-        doubt = np.asarray(cv2.morphologyEx(doubtful.view(np.uint8), cv2.MORPH_OPEN, _SQUARE), np.uint8)
+        doubt = opened(doubtful, 3)
         drop_specks(doubt, settings.speck_area_ppm * 1e-6 * height * width)
         trimap[doubt > 0] = UNSURE
         if actor.any():  # what the others leave room for far from the actor is nobody

@@ -14,13 +14,13 @@ from services.segmentation.joint import JointMatte
 from services.segmentation.silhouettes import pictures_of
 
 _MOMENTS = 12
-"""That are learnt from, at least where a take has so many frames."""
+"""Moments to learn from, if a take has so many frames."""
 _MOST_RUNS = 4
 _MOST_DECODED = 48
-"""Frames of each camera, in all."""
+"""Frames decoded per camera, in total."""
 _FLOOR_MOMENTS = 4
 _LIVE_EVERY = 5
-"""Of how many live shots one is learnt from, at first."""
+"""At first, one of so many live shots is learnt from."""
 _LIVE_CONCLUSIONS = 6
 """Shots that are learnt from between two conclusions."""
 _SLOWER_AFTER, _SLOWER = 60, 10

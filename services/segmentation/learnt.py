@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.types import Bytes, Floats, Mask
-from services.segmentation.cleanup import drop_specks
+from services.segmentation.cleanup import drop_specks, opened
 from services.segmentation.pixels import Levels
 from services.segmentation.plate import Plate
 from services.segmentation.voxels import ALONE, CLASS_PRIOR, MORE_MISS, N_CLASSES, NEAR
@@ -19,9 +19,9 @@ _BIN_VOLUME = float(8**3)
 _BROAD = 1.0 / 220.0**3
 """Density of a colour that was never seen, per cubic level: nearly all are possible."""
 _BROAD_SHARE = 0.1
-"""Of the actor's pixels, that may have any colour: what the actor turns to the cameras later."""
+"""Share of the actor's pixels that may have any colour: sides of the actor that were not seen yet."""
 _OWN_SHARE = 0.5
-"""Of the other pixels, that have colours as this camera saw them; the rest as all cameras did."""
+"""Share of the other pixels that follow this camera's histogram; the rest follow that of all cameras."""
 _LEAST_PIXELS = 200
 _COUNTED_PIXELS = 300.0
 """The usual odds by what other cameras say count as much as so many pixels of the take's own."""
@@ -29,7 +29,7 @@ _TELLING_COLOUR = -8.0
 """A pixel as in the plate tells that the actor is not there only where that colour is so much rarer with the
 actor: logarithm of the density over that of the plate's own colours."""
 _MOST_PRIOR = 1.0
-"""Others' word is the same for many pixels that lie together, so that it may not count as much for each."""
+"""What the others say is the same for many pixels that lie together, so it may not count as much for each."""
 _UNSUPPORTED_SHARES, _LEAST_PRIORS = (0.02, 0.15), (-5.0, -2.0)
 """The more of what surely changed no other camera confirms, the less it means: cameras are badly calibrated,
 or do not see the same places."""
@@ -37,8 +37,7 @@ _FEWEST_MOMENTS, _STILL, _UNCONFIRMED = 6, 0.9, 0.5
 """Something was moved where nearly all of so many moments show a change that in half of them no other camera
 confirms."""
 _LEAST_MOVED = 0.003
-"""Of the picture: shoes of somebody who stands still are smaller, and no voxel reaches down to them."""
-_SQUARE, _LARGE_SQUARE = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)
+"""Share of the picture: shoes of somebody who stands still are smaller, and no voxel reaches down to them."""
 
 
 @dataclass(eq=False)
@@ -71,15 +70,13 @@ class ActorColours:
         for histogram, weight in known:
             share = (1 - _BROAD_SHARE) * weight / total
             density += share * _smoothed(histogram.counts) / (histogram.n_pixels * _BIN_VOLUME)
-        log_density: Levels = np.log(density).astype(np.float32)
-        return log_density
+        return np.asarray(np.log(density).astype(np.float32))
 
 
 def _bins_of(pixels: Bytes) -> NDArray[np.int64]:
     """The bins (N,) of pixels' colours (N, 3), the three axes flattened."""
     blue, green, red = (pixels >> BIN_SHIFT).T.astype(np.int64)
-    bins: NDArray[np.int64] = (blue * BINS + green) * BINS + red
-    return bins
+    return np.asarray((blue * BINS + green) * BINS + red)
 
 
 def _smoothed(counts: Floats) -> Floats:
@@ -124,7 +121,8 @@ class Learnt:
         self._unsupported += changed & (classes == MORE_MISS)
         self._moments += 1
         seen_by_others = (classes <= NEAR) | (classes == ALONE)
-        self.colours.add(image_bgr[cv2.erode((changed & seen_by_others).view(np.uint8), _SQUARE) > 0])
+        sure = cv2.erode((changed & seen_by_others).view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        self.colours.add(image_bgr[sure])
 
     def conclude(self, of_all: ActorColours) -> None:
         """Draw conclusions from what was taken in so far; of_all: the colours of all cameras together.
@@ -146,8 +144,6 @@ class Learnt:
         if self._moments >= _FEWEST_MOMENTS:
             still = self._changed >= _STILL * self._moments
             still &= self._unsupported >= _UNCONFIRMED * self._moments
-            opened = np.asarray(
-                cv2.morphologyEx(still.view(np.uint8), cv2.MORPH_OPEN, _LARGE_SQUARE), np.uint8
-            )
-            drop_specks(opened, _LEAST_MOVED * opened.size)
-            self.moved = np.asarray(cv2.dilate(opened, _LARGE_SQUARE) > 0)
+            moved = opened(still, 5)
+            drop_specks(moved, _LEAST_MOVED * moved.size)
+            self.moved = np.asarray(cv2.dilate(moved, np.ones((5, 5), np.uint8)) > 0)

@@ -20,7 +20,7 @@ _CAST_REACHES = (0.25, 0.1)
 _RATIO_BINS = 2048
 _TILES_ACROSS = 20
 _SAMPLED_ROWS, _SAMPLED_COLUMNS = 4, 8
-"""Of a tile, that are looked at."""
+"""Of a tile: so many are sampled."""
 _BINS = 64
 _LEAST_RATIO, _MOST_RATIO = 0.8, 1.25
 """Of brightness to the plate's at the same exposure; what lies outside is no drift of the light."""
@@ -35,7 +35,7 @@ _NEAR_TILES, _FAR_TILES = 1.2, 4.0
 _LEAST_TILES = 5
 _LEAST_WEIGHT = np.float32(1e-3)
 _FAR_WEIGHT = 0.02
-"""Of tiles far away, where near ones say nothing."""
+"""Weight of the wide average, for tiles whose neighbours say nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,7 @@ class Gauge:
     def evened(self, image_bgr: Bytes, limit: float) -> Bytes:
         """A copy of an image (H, W, 3) in the reference's exposure and white balance."""
         factors = 1 / self.gains(image_bgr, limit)
-        evened: Bytes = np.rint(image_bgr * factors).clip(0, 255).astype(np.uint8)
-        return evened
+        return np.asarray(np.rint(image_bgr * factors).clip(0, 255).astype(np.uint8))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -169,8 +169,7 @@ def _whitening(covariance: Levels) -> Levels:
     l4 = (rg - l3 * l1) / l2
     l5 = np.sqrt(rr - l3 * l3 - l4 * l4)
     w1, w4 = -l1 / (l0 * l2), -l4 / (l2 * l5)
-    inverse: Levels = np.stack([1 / l0, w1, 1 / l2, -(l3 / l0 + l4 * w1) / l5, w4, 1 / l5])
-    return inverse
+    return np.asarray(np.stack([1 / l0, w1, 1 / l2, -(l3 / l0 + l4 * w1) / l5, w4, 1 / l5]))
 
 
 def _turn_noise(mean: Levels, covariance: Levels) -> Levels:
@@ -178,8 +177,7 @@ def _turn_noise(mean: Levels, covariance: Levels) -> Levels:
     b, g, r = mean / np.maximum(np.linalg.norm(mean, axis=0), 1)
     bb, gb, gg, rb, rg, rr = covariance
     along = b * b * bb + g * g * gg + r * r * rr + 2 * (b * g * gb + b * r * rb + g * r * rg)
-    noise: Levels = np.sqrt(np.maximum(bb + gg + rr - along, 0) / 2)
-    return noise
+    return np.asarray(np.sqrt(np.maximum(bb + gg + rr - along, 0) / 2))
 
 
 def _slack(mean: Levels, covariance: Levels) -> Levels:
@@ -189,8 +187,7 @@ def _slack(mean: Levels, covariance: Levels) -> Levels:
     across, down = (cv2.Sobel(grey, cv2.CV_32F, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1)))
     slope2 = across**2 + down**2
     noise2 = (covariance[BB] + covariance[GG] + covariance[RR]) / 3
-    slack: Levels = noise2 / (noise2 + _SHIFT_PX**2 * slope2)
-    return slack
+    return np.asarray(noise2 / (noise2 + _SHIFT_PX**2 * slope2))
 
 
 def check_size(image: Bytes, shape: tuple[int, ...], what: str, like: str) -> None:

@@ -18,7 +18,7 @@ from services.segmentation.voxels import MISS, MORE_MISS, VoxelGrid
 _LEAST_OTHERS = 3
 """One of the others may miss what is there, and two have to agree on where it is."""
 _SUPPORTED = 0.25
-"""Of a blob's area, that the others leave room for; the actor's parts have most of theirs."""
+"""Share of a blob's area that the others must leave room for; the actor's parts have most of theirs."""
 
 
 class Matte(Protocol):

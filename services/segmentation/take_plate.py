@@ -25,14 +25,14 @@ _SIGMAS = 4.0
 _MAD_SIGMA = 1.4826
 """Deviation of normal noise over the median of its size."""
 _STILL = 0.9
-"""Of the pictures, that have to agree where nothing moves."""
+"""Share of the pictures that must agree where nothing moves."""
 _ROWS_AT_ONCE = 64
 _DIFFERENT_LEVELS = 16.0
 """In one channel at least; less may be a codec's or a light's doing."""
 _LEAST_SHARE = 0.002
-"""Of the picture; what is smaller than 154 pixels of 320x240 is no person."""
+"""Share of the picture; what is smaller than 154 pixels of 320x240 is no person."""
 _SEEN_EMPTY = 0.5
-"""Of the take's pictures, that show the same where something of the plate is gone."""
+"""Share of the take's pictures that show the same where something of the plate is gone."""
 _EDGE_RATIO = 1.3
 """How much stronger the outline of what is gone is in the plate than in the take."""
 
@@ -153,8 +153,7 @@ def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
 def _edges(picture: Bytes) -> Levels:
     """How steep the brightness of a picture (H, W, 3) is: (H, W)."""
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    steepness: Levels = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
-    return steepness
+    return np.asarray(np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)))
 
 
 def _patches(mask: Mask) -> list[Mask]:

@@ -17,21 +17,23 @@ from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
 from services.segmentation.pixels import Levels
 
-COARSE_M, FINE_M = 0.12, 0.04
+_COARSE_M, _FINE_M = 0.12, 0.04
+"""Sizes of voxels."""
 _PER_COARSE = 3
-_FINE_M: Floats = FINE_M * np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(
-    -1, 3
+_FINE_OFFSETS_M: Floats = np.ascontiguousarray(
+    _FINE_M * (np.indices((3, 3, 3)).reshape(3, -1).T - 1.0), np.float64
 )
 """(27, 3) centres of a coarse voxel's fine ones, from its own."""
 _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M = 1.5, 6.0
-"""About where the cameras look; as far as they are away from there, within these limits."""
+"""Limits of half the side of the voxels' square; between them, the cameras' median distance from its
+middle."""
 _HEIGHT_M = 2.9
 _OVER_FLOOR_M = 0.04
 """Voxels begin so far over the floor: what lies on it is shadow."""
 _OVERLAP = 1.2
-"""Of a voxel's size: so far it is drawn."""
+"""A voxel is drawn so many times its size."""
 _LEAST_OTHERS, _MANY_OTHERS = 2, 4
-"""Fewer see nothing in common; so many make each one's word count as in a rig of many."""
+"""Fewer others tell nothing; where fewer than so many see a voxel, what each of them misses weighs more."""
 _MOST_MISSES, _FEW, _MOST_OF_FEW = 1.5, 5, 0.75
 """Voxels that more of the others miss are not looked into; fewer misses suffice where few others see one."""
 MISS = 16
@@ -70,8 +72,8 @@ class VoxelGrid:
         middle = _meeting_point(cameras)
         away_m = np.median([np.linalg.norm((camera.centre_world_m - middle)[:2]) for camera in cameras])
         half_m = float(np.clip(away_m, _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M))
-        across = np.arange(-half_m, half_m + COARSE_M / 2, COARSE_M)
-        up = floor_m + _OVER_FLOOR_M + np.arange(COARSE_M / 2, _HEIGHT_M, COARSE_M)
+        across = np.arange(-half_m, half_m + _COARSE_M / 2, _COARSE_M)
+        up = floor_m + _OVER_FLOOR_M + np.arange(_COARSE_M / 2, _HEIGHT_M, _COARSE_M)
         grid = np.stack(np.meshgrid(middle[0] + across, middle[1] + across, up, indexing="ij"), axis=-1)
         points_m = grid.reshape(-1, 3)
         pixels = np.empty((len(cameras), len(points_m), 2), np.int16)
@@ -80,8 +82,8 @@ class VoxelGrid:
         points_m, pixels = points_m[seen], np.ascontiguousarray(pixels[:, seen])
         reach_px, covered = np.empty(len(cameras), np.int32), list[Mask]()
         for c, camera in enumerate(cameras):
-            depth_m = max(float(np.linalg.norm(camera.centre_world_m - middle)), COARSE_M)
-            reach_px[c] = 1 + 2 * round(COARSE_M * camera.K[0, 0] / depth_m / 2)
+            depth_m = max(float(np.linalg.norm(camera.centre_world_m - middle)), _COARSE_M)
+            reach_px[c] = 1 + 2 * round(_COARSE_M * camera.K[0, 0] / depth_m / 2)
             drawn = np.zeros((camera.height_px, camera.width_px), np.uint8)
             on = pixels[c][pixels[c][:, 0] >= 0]
             drawn[on[:, 1], on[:, 0]] = 1
@@ -103,7 +105,7 @@ class VoxelGrid:
         # A projection is linear before its division: that of a fine voxel is a sum of two.
         P, coarse_m = lenses.P_px_world, self.coarse_m[_promising(self.coarse_px, coarse, there)]
         of_coarse = np.einsum("crk,nk->ncr", P[..., :3], coarse_m) + P[..., 3]
-        of_fine = np.einsum("crk,mk->mcr", P[..., :3], _FINE_M)
+        of_fine = np.einsum("crk,mk->mcr", P[..., :3], _FINE_OFFSETS_M)
         _fewest_misses(of_coarse, of_fine, lenses.sizes_px, lenses.raw_px, there, wide, narrow, fewest)
         classes = []
         for c in there:
@@ -145,8 +147,7 @@ def _meeting_point(cameras: Sequence[Camera]) -> Floats:
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     total = across.sum(axis=0) + 1e-6 * np.eye(3)
     target = np.einsum("cij,cj->i", across, centres) + 1e-6 * centres.mean(axis=0)
-    point: Floats = np.linalg.solve(total, target)
-    return point
+    return np.asarray(np.linalg.solve(total, target))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""A camera's silhouettes, frame by frame, wherever reading starts."""
+"""Silhouettes of cameras, packed, and frame by frame wherever reading starts."""
 
 from itertools import islice
 from pathlib import Path

@@ -17,7 +17,7 @@ from services.segmentation.live.group import Feed
 from services.segmentation.live.sources import StreamSource
 
 _PICTURES = 30
-"""Of each camera, at most; more teach a background hardly anything."""
+"""Per camera, at most; more hardly improve the background."""
 _OPENING_S = 20.0
 """How long sources may take until they give their first picture."""
 _FEWEST = 3
@@ -54,6 +54,7 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
 
 
 def _of_file(take: LiveTake, camera: int) -> list[Bytes]:
+    """Pictures of a file's first seconds."""
     wanted = max(_FEWEST, round(take.live.empty_stage_s * take.live.fps))
     with VideoReader(Path(str(take.sources[camera].source))) as reader:
         pictures = [picture for _, picture in zip(range(wanted), reader, strict=False)]

@@ -11,10 +11,10 @@ from services.mocap.types import Bytes
 _SAMPLES = 32
 """Round trips of which the quickest counts; about a quarter of a minute."""
 _BACKLOG = 3
-"""From so many whole shots on that wait, all but the newest are dropped."""
+"""When so many whole shots wait, all but the newest are dropped."""
 _KEPT = 8
 _THERE_SHOTS, _THERE_S = 3.0, 0.3
-"""A camera that has given no picture for both together is not waited for."""
+"""A camera that gave no picture for the sum of both is not waited for."""
 
 
 class CoordinatorClock:
