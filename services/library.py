@@ -42,7 +42,7 @@ from services.recorder.result_folder import results_into
 from services.runs.fit import TakeFit, fit_take, init_frames
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
-from services.segmentation.source import packed
+from services.segmentation.silhouettes import packed
 
 _ENGINE = EngineSettings()
 _SEARCH = SearchSettings()

@@ -9,7 +9,7 @@ from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.export.model_painter import ModelPainter
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
-from services.segmentation.source import packed
+from services.segmentation.silhouettes import packed
 
 
 class Playback(Player):

@@ -11,7 +11,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Trimap
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
-from services.segmentation.source import Segmenter
+from services.segmentation.silhouettes import Segmenter
 from services.viewer.finished import FinishedFrames
 from services.viewer.frame_history import FrameHistory
 from services.viewer.pictures import TakePictures

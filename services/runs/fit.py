@@ -34,7 +34,7 @@ from services.mocap.take.settings import TakeSettings
 from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
-from services.segmentation.source import Segmenter
+from services.segmentation.silhouettes import Segmenter
 
 log = logging.getLogger(__name__)
 

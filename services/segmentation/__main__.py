@@ -20,17 +20,17 @@ from services.health import beat
 from services.logs import about
 from services.metrics import DROPPED
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.errors import UserError, nearest
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
+from services.mocap.types import Trimap
 from services.options import DEFAULT_SEGMENTER, KeysOption, MetricsOption, SegmenterOption, keys_of_client
 from services.process import StopRequest, run_service
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.live.serving import serve_live
 from services.segmentation.metrics import CREDIT, FRAMES, SECONDS
 from services.segmentation.segmenters import PlateCheck, make_segmenter
-from services.segmentation.source import packed
+from services.segmentation.silhouettes import packed
 
 _LOOK_S = 0.2
 _RESEND_S = 3.0
@@ -39,66 +39,85 @@ _RESEND_S = 3.0
 log = logging.getLogger(__name__)
 
 
-class Feed:
-    """The packed silhouettes of a group of cameras, from any frame on."""
+class Sender:
+    """Sends the silhouettes of some cameras of a recorded take as far as the coordinator's credit goes."""
 
     def __init__(
-        self, take: Take, cameras: list[int], settings: SegmentationSettings, segmenter: str
+        self, take: Take, cameras: list[int], segmenter: str, endpoint: str, keys: ClientKeys | None
     ) -> None:
+        self._take, self._cameras = take, cameras
         self._height, self._width = Rig.of(take.cameras).shape_px
-        self._checks: deque[PlateCheck] = deque()
+        self._checks = deque[PlateCheck]()
         chosen = [take.cameras[c] for c in cameras]
-        self._segmenter = make_segmenter(take, chosen, settings, segmenter, self._checks.append)
-        self._end = take.settings.frames
-
-    def check_a_plate(self) -> bool:
-        """Warn of a camera's clean plate if it is not clean; False once all have been looked at."""
-        if self._checks:
-            self._checks.popleft()()
-        return bool(self._checks)
-
-    def planes(self, start: int) -> Iterator[TriPlanes]:
-        """Planes (P, H, W) of frames start to the take's end."""
-        for trimaps in self._segmenter.trimaps(start, self._end):
-            yield packed(trimaps, self._width, self._height)
-
-
-class Sender:
-    """Sends frames as far as the coordinator's credit goes."""
-
-    def __init__(self, take: Take, cameras: list[int], feed: Feed, line: Line) -> None:
-        self._take, self._cameras, self._feed, self._line = take, cameras, feed, line
+        self._segmenter = make_segmenter(take, chosen, SegmentationSettings(), segmenter, self._checks.append)
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._silhouettes = Line(self._context, endpoint, "silhouettes", keys)
+        self._poses = Line(self._context, endpoint, "poses", keys)
+        self._credit: Credit | None = None
         self._run, self._next = "", 0
-        self._planes: Iterator[TriPlanes] | None = None
+        self._trimaps: Iterator[list[Trimap]] | None = None
         self._unsent: Silhouettes | None = None
         self._advanced_s = time.monotonic()
+        log.info("ready: %s from %s", ", ".join(camera.name for camera in chosen), take.source)
 
-    @property
-    def next_frame(self) -> int:
-        """The frame that is sent next."""
-        return self._next
+    def run(self, stop: StopRequest) -> None:
+        """Follow the credit until the coordinator says that the take is over; between frames check plates."""
+        while not stop and not self._hear():
+            beat()
+            if not self._send_next():
+                self._check_a_plate()
+                wait([self._poses.socket], 0.0 if self._checks else _LOOK_S)
+            if any([self._silhouettes.tick(), self._poses.tick()]):
+                self._trimaps = None  # what was sent to another connection may be lost with it
+        while not stop and self._checks:  # a take that is over before all plates were checked
+            beat()
+            self._check_a_plate()
 
-    def begin_anew(self) -> None:
-        """Go to where the next credit says: what was sent to another connection may be lost with it."""
-        self._planes = None
+    def close(self) -> None:
+        """Close the connections, letting what was sent go out."""
+        self._silhouettes.close()
+        self._poses.close()
+        self._context.term()
 
-    def follow(self, credit: Credit) -> None:
+    def _check_a_plate(self) -> None:
+        if self._checks:
+            self._checks.popleft()()
+
+    def _hear(self) -> bool:
+        """Take in what the coordinator has said; True once the take is over."""
+        name = self._take.settings.name
+        try:
+            while (message := receive(self._poses.socket)) is not None:
+                if isinstance(message, TakeEnd) and message.take == name:
+                    return True
+                if isinstance(message, Credit) and message.take == name:
+                    CREDIT.set(max(message.end_frame - self._next, 0))
+                    self._follow(message)
+        except MalformedMessage as error:
+            DROPPED.inc()
+            log.warning("dropped a malformed message: %s", error)
+        return False
+
+    def _follow(self, credit: Credit) -> None:
         """Go to where the coordinator is, should it be behind (it restarted), far ahead, or another run's."""
+        self._credit = credit
         stalled = credit.next_frame < self._next and time.monotonic() - self._advanced_s > _RESEND_S
         is_other = credit.run != self._run
-        if self._planes is None or stalled or is_other or credit.next_frame > self._next:
+        if self._trimaps is None or stalled or is_other or credit.next_frame > self._next:
             self._run, self._next, self._unsent = credit.run, credit.next_frame, None
-            self._planes = self._feed.planes(self._next)
+            self._trimaps = self._segmenter.trimaps(self._next, self._take.settings.frames)
             self._advanced_s = time.monotonic()
 
-    def send_next(self, credit: Credit) -> bool:
+    def _send_next(self) -> bool:
         """Send one frame if credit allows; False when there is nothing to do just now."""
+        if self._credit is None:
+            return False
         if self._unsent is None:
-            if self._planes is None or self._next >= credit.end_frame:
+            if self._trimaps is None or self._next >= self._credit.end_frame:
                 return False
             about(frame=self._next)
             with SECONDS.time():
-                planes = next(self._planes)
+                planes = packed(next(self._trimaps), self._width, self._height)
             self._unsent = Silhouettes(
                 take=self._take.settings.name,
                 run=self._run,
@@ -107,69 +126,12 @@ class Sender:
                 planes=planes.silhouettes,
                 unsure=planes.sent_unsure,
             )
-        if not send(self._line.socket, self._unsent):
+        if not send(self._silhouettes.socket, self._unsent):
             return False
         FRAMES.inc()
         self._next, self._unsent = self._next + 1, None
         self._advanced_s = time.monotonic()
         return True
-
-
-def serve(
-    take_folder: Path,
-    cameras: str,
-    endpoint: str,
-    stop: StopRequest,
-    keys: ClientKeys | None = None,
-    segmenter: str = DEFAULT_SEGMENTER,
-    record: Path | None = None,
-) -> None:
-    """Send silhouettes until the take ends or a stop is asked for. record: where live pictures are kept."""
-    take = open_source(take_folder)
-    about(take=take.settings.name)
-    chosen = _choose(take, cameras)
-    if isinstance(take, LiveTake):
-        serve_live(take, chosen, endpoint, stop, keys, segmenter, record)
-        return
-    feed = Feed(take, chosen, SegmentationSettings(), segmenter)
-    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    silhouettes = Line(context, endpoint, "silhouettes", keys)
-    poses = Line(context, endpoint, "poses", keys)
-    sender = Sender(take, chosen, feed, silhouettes)
-    log.info("ready: %s from %s", ", ".join(take.cameras[c].name for c in chosen), take.source)
-    try:
-        _send_all(take, feed, sender, silhouettes, poses, stop)
-        while not stop and feed.check_a_plate():
-            beat()  # of a take that was over before all had been looked at
-    finally:
-        silhouettes.close()
-        poses.close()
-        context.term()
-
-
-def _send_all(
-    take: Take, feed: Feed, sender: Sender, silhouettes: Line, poses: Line, stop: StopRequest
-) -> None:
-    """Follow the coordinator's credit until it says that the take is over; between frames look at plates."""
-    credit: Credit | None = None
-    while not stop:
-        beat()
-        try:
-            while (message := receive(poses.socket)) is not None:
-                if isinstance(message, TakeEnd) and message.take == take.settings.name:
-                    return
-                if isinstance(message, Credit) and message.take == take.settings.name:
-                    credit = message
-                    CREDIT.set(max(credit.end_frame - sender.next_frame, 0))
-                    sender.follow(credit)
-        except MalformedMessage as error:
-            DROPPED.inc()
-            log.warning("dropped a malformed message: %s", error)
-        if credit is None or not sender.send_next(credit):
-            wait([poses.socket], 0.0 if feed.check_a_plate() else _LOOK_S)
-        is_cut = [silhouettes.tick(), poses.tick()]
-        if any(is_cut):
-            sender.begin_anew()
 
 
 def _choose(take: Take, names: str) -> list[int]:
@@ -194,7 +156,17 @@ def main(
     """Make and send the silhouettes of a take's cameras."""
 
     def work(stop: StopRequest) -> None:
-        serve(take, cameras, connect, stop, keys_of_client(keys, "segmentation"), segmenter, record)
+        source, own_keys = open_source(take), keys_of_client(keys, "segmentation")
+        about(take=source.settings.name)
+        chosen = _choose(source, cameras)
+        if isinstance(source, LiveTake):
+            serve_live(source, chosen, connect, stop, own_keys, segmenter, record)
+            return
+        sender = Sender(source, chosen, segmenter, connect, own_keys)
+        try:
+            sender.run(stop)
+        finally:
+            sender.close()
 
     run_service("segmentation", work, metrics)
 

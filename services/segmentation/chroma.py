@@ -14,15 +14,15 @@ from services.segmentation.pixels import Levels
 _TURN = np.tan(np.radians(25.0))
 """How far the screen's colour may turn, folds and mixed light included."""
 _SATURATION = 0.5
-"""Of the screen's own; colours that are paler are the actor's."""
+"""Share of the screen's own saturation; paler colours are the actor's."""
 _DARKEST = 0.06
 """Brightness, 0 to 1, below which a colour no longer says anything."""
 _LEAST_COLOUR = 0.25
 """A grey has 0, pure green 0.9: what is paler is no screen."""
 _BORDER = 0.06
-"""Of the picture's width, along its edges: where the screen is looked for."""
+"""Share of the picture's width: how close to the edges the screen is looked for."""
 _LEAST_SHARE = 0.4
-"""Of the border, that has to show the screen."""
+"""Share of the border that must show the screen."""
 _HUE_BINS = 72
 _HUE_REACH = 4
 """Bins to each side of the most frequent hue that are still the screen's: 20 degrees."""
@@ -80,8 +80,7 @@ class ChromaKey:
         cr, cb = (np.float32(part / length) for part in self.key)
         along = chroma[..., 0] * cr + chroma[..., 1] * cb
         across = np.abs(chroma[..., 0] * cb - chroma[..., 1] * cr)
-        is_screen: Mask = (along >= np.float32(_SATURATION * length)) & (across <= np.float32(_TURN) * along)
-        return is_screen
+        return np.asarray((along >= np.float32(_SATURATION * length)) & (across <= np.float32(_TURN) * along))
 
 
 def _chroma(pictures: Bytes) -> tuple[Levels, Levels]:

@@ -1,11 +1,15 @@
 """Which pixels of a silhouette's rim belong to the actor: those of which the actor covers more than half.
 
 A statistical test takes every pixel that differs at all, which makes silhouettes half a pixel too fat all
-round. A rim pixel mixes actor and background, and the colours on both sides of it tell in which shares.
+round. A rim pixel z mixes actor and background, z = α a + (1 - α) b, and the colours nearby tell a and b:
+
+    a = Σ p z / Σ p                    the actor's colour; purity p = (depth in the mask)⁴
+    b = μ (Σ μ·z + 1) / (Σ |μ|² + 1)   the background μ as it should be, as dark as it is beyond the rim
+    α = (z - b)·(a - b) / |a - b|²     the actor's share, if z is near the line from a to b
+
 Rows go through the passes one after the other, so that what neighbourhoods are summed over stays in cache.
 """
 
-from math import ceil
 from typing import TypeAlias
 
 import cv2
@@ -15,41 +19,50 @@ import numpy as np
 from services.mocap.types import Bytes, Floats
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
-_MIN_CONTRAST_LEVELS = 15.0  # below it, noise decides on which side of the middle a mixed pixel falls
+_MIN_CONTRAST_LEVELS = 15.0
+"""Of |a - b|; below it, noise decides on which side of the middle a mixed pixel falls."""
 _MIN_PURITY = 1e-3
-_LEAST_OUTSIDE_PX = 2.0  # so far out of the mask, at least, there may be some actor: thin limbs before noise
+_LEAST_OUTSIDE_PX = 2.0
+"""So far out of the mask, at least, there may be some actor: thin limbs before noise."""
 _RIM_PER_RADIUS = 1.5
-_TOO_FAT_PX = 0.5  # masks take in pixels that the actor only touches: so much deeper in them lies the rim
-_EVEN_LEVELS = 8.0  # brightness that varies by less than this shows no edge
+_TOO_FAT_PX = 0.5
+"""Masks take in pixels that the actor only touches: so much deeper in them lies the rim."""
+_EVEN_LEVELS = 8.0
+"""Brightness that varies by less than this shows no edge."""
+_SCALE = np.float32(1 / MEAN_STEPS)
 _N_SUMS = 6
+_PURITY, _LIGHT, _SEEN = 3, 4, 5
+"""What neighbourhoods are summed over: p z, one channel after the other, p, |μ|² and μ·z."""
 
 _Sums: TypeAlias = tuple[float, float, float, float, float, float]
 
 
 def settle_edges(
-    part: Bytes,
-    corner_px: tuple[int, int],
-    channels: Bytes,
-    mean: Steps,
-    gains: Levels,
-    rim_px: float,
-    misfit: float,
+    part: Bytes, corner_px: tuple[int, int], channels: Bytes, expected: Steps, rim_px: float, misfit: float
 ) -> None:
     """Give each pixel of a mask's rim to whom more than half of it belongs, in place.
 
     part (h, w): the part of the mask that is set, and a margin; corner_px: its first row and column.
-    channels: the picture (3, H, W); mean (3, H, W), gains (3,): the background in steps, and how much
-    brighter the picture is. Where no mix of the colours on both sides explains a pixel, off their line by
-    more than misfit, or the two sides look alike, the mask counts. Shares are evened out along the edges that
-    the picture shows (a guided filter), so that noise and codecs leave no ragged outline.
+    channels, expected (3, H, W): the picture, and the background as it should be in the picture's light, in
+    steps. The mask counts where the two sides look alike, or where no mix of their colours explains a pixel:
+    it is off the line from a to b by more than misfit |a - b|. Shares are evened out along the edges that the
+    picture shows (a guided filter), so that noise and codecs leave no ragged outline.
     """
     if rim_px <= 0 or part.size == 0:
         return
-    farthest_px = rim_px + _TOO_FAT_PX + 1
-    inside2, outside2 = _depths2(part, ceil(farthest_px), np.float32(farthest_px**2))
-    levels, rim, misfit_1 = gains / np.float32(MEAN_STEPS), np.float32(rim_px), np.float32(misfit)
+    inside2, outside2 = _depths2(part, (rim_px + _TOO_FAT_PX + 1) ** 2)
     share, on_rim = part.astype(np.float32), np.zeros_like(part)
-    _mix(share, on_rim, corner_px, inside2, outside2, channels, mean, levels, rim, misfit_1)
+    _mix(
+        share,
+        on_rim,
+        corner_px,
+        inside2,
+        outside2,
+        channels,
+        expected,
+        np.float32(rim_px),
+        np.float32(misfit),
+    )
     height, width = part.shape
     (top, left), radius_px = corner_px, max(1, round(rim_px / _RIM_PER_RADIUS))
     picture = cv2.merge([plane[top : top + height, left : left + width] for plane in channels])
@@ -59,46 +72,19 @@ def settle_edges(
     part[:] = np.where(near_rim > 0, evened > 0.5, part)
 
 
-@numba.njit(cache=True, nogil=True)
-def _depths2(mask: Bytes, reach: int, most: np.float32) -> tuple[Levels, Levels]:
+def _depths2(mask: Bytes, most: float) -> tuple[Levels, Levels]:
     """Squared distances (H, W) of the pixels set to those not set, and the reverse; `most` if farther."""
-    height, width = mask.shape
-    along = _depths2_along_rows(mask, reach, most)
-    depths = along.copy()
-    for side in range(2):
-        for y in range(height):
-            for other in range(max(y - reach, 0), min(y + reach + 1, height)):
-                step2 = np.float32((other - y) ** 2)
-                for x in range(width):
-                    depths[side, y, x] = min(depths[side, y, x], along[side, other, x] + step2)
-    return depths[0], depths[1]
-
-
-@numba.njit(cache=True, nogil=True)
-def _depths2_along_rows(mask: Bytes, reach: int, most: np.float32) -> Levels:
-    """Squared distances (2, H, W) in each row, to what is not set and to what is."""
-    height, width = mask.shape
-    along = np.empty((2, height, width), np.float32)
-    for y in range(height):
-        for x in range(width):
-            along[0, y, x] = most * mask[y, x]
-            along[1, y, x] = most - along[0, y, x]
-        for x in range(1, width):
-            if mask[y, x] == mask[y, x - 1]:
-                continue
-            to_left, to_right = mask[y, x], mask[y, x - 1]  # left of a step 1 it is far from 1, and so on
-            for k in range(1, reach + 1):
-                if x - k >= 0:
-                    along[to_left, y, x - k] = min(along[to_left, y, x - k], k * k)
-                if x + k <= width:
-                    along[to_right, y, x + k - 1] = min(along[to_right, y, x + k - 1], k * k)
-    return along
+    depths2 = []
+    for side in (mask, 1 - mask):
+        depth = np.minimum(cv2.distanceTransform(side, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32(most))
+        depths2.append(np.minimum(np.rint(depth * depth), np.float32(most)))  # of pixels: whole numbers
+    return depths2[0], depths2[1]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _mix(
     share: Levels, on_rim: Bytes, corner_px: tuple[int, int], inside2: Levels, outside2: Levels,
-    channels: Bytes, mean: Steps, levels: Levels, rim_px: np.float32, misfit: np.float32,
+    channels: Bytes, expected: Steps, rim_px: np.float32, misfit: np.float32,
 ) -> None:  # fmt: skip
     """Mark a mask's rim (h, w), and put in the actor's share in its pixels, by sums over neighbourhoods.
 
@@ -115,7 +101,7 @@ def _mix(
     for ahead in range(height + reach):
         coming, leaving = ring[ahead % (size + 1)], ring[(ahead + 1) % (size + 1)]
         if ahead < height:
-            _weigh(inside2[ahead], outside2[ahead], channels, mean, top + ahead, left, levels, rim2, coming)
+            _weigh(inside2[ahead], outside2[ahead], channels, expected, top + ahead, left, rim2, coming)
         else:
             coming[:] = 0
         for k in range(_N_SUMS):
@@ -128,69 +114,63 @@ def _mix(
             if inside2[y, x] > deep2 or outside2[y, x] > near2:
                 continue
             near = _sums_near(columns, max(x - reach, 0), min(x + reach + 1, width))
-            if near[3] > _MIN_PURITY:
+            if near[_PURITY] > _MIN_PURITY:
                 on_rim[y, x] = 1
-                share[y, x] = _share(share[y, x], channels, mean, top + y, left + x, levels, near, misfit)
+                share[y, x] = _share(share[y, x], channels, expected, top + y, left + x, near, misfit)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _sums_near(columns: Floats, begin: int, end: int) -> _Sums:
     """The sums of some columns (6, w), all six at a time: one alone would wait for itself."""
-    blue = green = red = purity = lit = seen = 0.0
+    blue = green = red = purity = light = seen = 0.0
     for x in range(begin, end):
         blue += columns[0, x]
         green += columns[1, x]
         red += columns[2, x]
-        purity += columns[3, x]
-        lit += columns[4, x]
-        seen += columns[5, x]
-    return blue, green, red, purity, lit, seen
+        purity += columns[_PURITY, x]
+        light += columns[_LIGHT, x]
+        seen += columns[_SEEN, x]
+    return blue, green, red, purity, light, seen
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _weigh(
-    inside2: Levels, outside2: Levels, channels: Bytes, mean: Steps, y: int, left: int, levels: Levels,
-    rim2: np.float32, values: Levels,
+    inside2: Levels, outside2: Levels, channels: Bytes, expected: Steps, y: int, left: int, rim2: np.float32,
+    values: Levels,
 ) -> None:  # fmt: skip
-    """What neighbourhoods are summed over (6, w), for one row (w,) of the part.
-
-    The actor's colour times its purity, the purity; beyond the rim, light of the background as it should
-    be and as it is seen.
-    """
+    """Write what neighbourhoods are summed over (6, w) for one row (w,); light beyond the rim only."""
     # Loops that write one row each: the compiler then takes many pixels at a time.
-    white = np.float32(255)
     for x in range(inside2.size):
         # The deeper in the body, the purer its colour; where a limb is thin, its middle line must do.
-        values[3, x] = inside2[x] * inside2[x]
-        values[4, x] = 0
-        values[5, x] = 0
+        values[_PURITY, x] = inside2[x] * inside2[x]
+        values[_LIGHT, x] = 0
+        values[_SEEN, x] = 0
     for c in range(3):
-        seen, plate = channels[c, y, left : left + inside2.size], mean[c, y, left : left + inside2.size]
+        seen, plate = channels[c, y, left : left + inside2.size], expected[c, y, left : left + inside2.size]
         for x in range(inside2.size):
-            values[c, x] = values[3, x] * seen[x]
+            values[c, x] = values[_PURITY, x] * seen[x]
         for x in range(inside2.size):
-            expected = min(levels[c] * plate[x], white)
-            values[4, x] += expected * expected
+            light = _SCALE * plate[x]
+            values[_LIGHT, x] += light * light
         for x in range(inside2.size):
-            values[5, x] += min(levels[c] * plate[x], white) * seen[x]
+            values[_SEEN, x] += _SCALE * plate[x] * seen[x]
     for x in range(inside2.size):
         beyond = np.float32(outside2[x] > rim2)
-        values[4, x] *= beyond
-        values[5, x] *= beyond
+        values[_LIGHT, x] *= beyond
+        values[_SEEN, x] *= beyond
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _share(
-    was: np.float32, channels: Bytes, mean: Steps, y: int, x: int, levels: Levels, near: _Sums,
-    misfit: np.float32,
-) -> np.float32:  # fmt: skip
+    was: np.float32, channels: Bytes, expected: Steps, y: int, x: int, near: _Sums, misfit: np.float32
+) -> np.float32:
     """The actor's share in a pixel, 0 to 1; what it was where no mix explains its colour."""
     # Beside the feet the floor lies in shadow: as dark at the rim as nearby beyond it.
-    one, white = np.float32(1), np.float32(255)
-    shade, share = np.float32((near[5] + 1) / (near[4] + 1)), np.float32(1 / near[3])
+    one = np.float32(1)
+    shade, share = np.float32((near[_SEEN] + 1) / (near[_LIGHT] + 1)), np.float32(1 / near[_PURITY])
     length2 = along = offset2 = np.float32(0)
     for c in range(3):
-        behind = min(levels[c] * mean[c, y, x], white) * shade
+        behind = _SCALE * expected[c, y, x] * shade
         span, offset = np.float32(near[c]) * share - behind, np.float32(channels[c, y, x]) - behind
         length2 += span * span
         along += offset * span

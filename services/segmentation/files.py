@@ -1,25 +1,33 @@
-"""Silhouettes of a whole take as PNG files: what `xormocap segment` writes."""
+"""Silhouettes of a whole take as PNG files, and where they leave the actor open: `xormocap segment`."""
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
 from services.mocap.export.fit_sheet import Seen
 from services.mocap.export.unsure_sheet import draw_unsure_sheet
+from services.mocap.search.unsure_shares import REMEDY, UNTOLD, may_be_actor, without_rims
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.writer import write_picture
-from services.mocap.types import Bytes
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Trimap
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenter
-from services.segmentation.unsure_thirds import UnsureThirds, thirds_in_words
 
 log = logging.getLogger(__name__)
 
 UNSURE_SHEET = "unsure.png"
 """Beside the silhouettes: where the actor cannot be told from the background, if anywhere."""
+_THIRDS = ("upper", "middle", "lower")
+_UNTOLD_SHARE = 0.4
+"""Share of what may be the actor in a third; both shanks and feet are that much of the lower one."""
+_MANY_FRAMES = 0.25
+"""Share of the frames that show somebody; a walk past a dark door takes fewer."""
 
 
 def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmenter: str = AUTO) -> None:
@@ -45,6 +53,52 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
         if sentence:
             write_picture(part / UNSURE_SHEET, _unsure_sheet(take, thirds))
             log.warning("%s; %s shows where", sentence, out / UNSURE_SHEET)
+
+
+@dataclass(eq=False)
+class UnsureThirds:
+    """What one camera's silhouettes leave open in the upper, middle and lower third, frame by frame."""
+
+    frames: int = 0
+    """That show somebody."""
+    untold: Ints = field(default_factory=lambda: np.zeros(3, np.int32))
+    """(3,) in how many of them most of the upper, middle and lower third is unsure."""
+    worst_frame: int = 0
+    worst_trimap: Trimap | None = None
+    """(H, W) of that frame; None where there is none."""
+    _worst_px: int = 0
+
+    def add(self, frame: int, trimap: Trimap) -> None:
+        """Take in the trimap (H, W) of a frame."""
+        actor = may_be_actor(trimap == ACTOR, trimap != BACKGROUND)
+        if not actor.any():
+            return
+        self.frames += 1
+        rows = np.flatnonzero(actor.any(axis=1))
+        thirds = np.linspace(rows[0], rows[-1] + 1, 4).round().astype(np.int64)[:3]
+        blobs = actor & without_rims(trimap == UNSURE)
+        unsure_px, actor_px = (np.add.reduceat(mask.sum(axis=1), thirds) for mask in (blobs, actor))
+        is_untold = unsure_px > _UNTOLD_SHARE * actor_px
+        self.untold += is_untold
+        untold_px = int(unsure_px[is_untold].sum())
+        if untold_px > self._worst_px:
+            self._worst_px, self.worst_frame, self.worst_trimap = untold_px, frame, trimap.copy()
+
+    @property
+    def named(self) -> list[str]:
+        """The thirds that are so in many frames."""
+        many = max(_MANY_FRAMES * self.frames, 0.5)
+        return [third for third, untold in zip(_THIRDS, self.untold, strict=True) if untold > many]
+
+
+def thirds_in_words(names: Sequence[str], thirds: Sequence[UnsureThirds]) -> str:
+    """The sentence for the user, by the cameras' names; "" where all can be told."""
+    parts = []
+    for third in _THIRDS:
+        where = [name for name, of_camera in zip(names, thirds, strict=True) if third in of_camera.named]
+        if where:
+            parts.append(f"the {third} third of the actor in {', '.join(where)}")
+    return f"silhouettes: {'; '.join(parts)} {UNTOLD}: {REMEDY}" if parts else ""
 
 
 def _unsure_sheet(take: Take, thirds: Sequence[UnsureThirds]) -> Bytes:

@@ -12,9 +12,9 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Floats, Ints
-from services.segmentation.deviation import CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW, UNCHANGED
+from services.segmentation.cleanup import Part
+from services.segmentation.comparison import CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW, UNCHANGED
 from services.segmentation.lenses import Lenses, Pixels, raw_pixel, rays_of
-from services.segmentation.patches import Part
 from services.segmentation.pixels import Levels
 
 SUPPORTED = np.float32(1.0)
@@ -24,20 +24,22 @@ SUPPORTED_EDGE = np.float32(-1.0)
 UNSUPPORTED = np.float32(-5.0)
 """Where others see the place and none of them sees a shadow there."""
 REFUTED = np.float32(-3.0)
-"""More, for each camera that sees it in light, less those that see the shadow beyond the first."""
+"""Added for each camera that sees the place in light; each that sees the shadow, but the first, cancels
+one."""
 UNKNOWN = np.float32(-3.0)
 """Where no other camera sees the place, or nobody knows where the floor is."""
 _ON_ITS_OWN = np.float32(-1.0)
 """Where there is no other camera at all: shadow is told by colour and texture alone."""
 _AGREED = 0.1
-"""Of the pixels that may show shadow, that others have to support for the floor to be known."""
+"""Share of the possible shadow pixels that other cameras must support for the floor to be known."""
 _SURELY_AGREED = 0.35
-"""With less at the world's origin other heights are tried, of which none counts with less."""
+"""Below this at the world's origin, other heights are tried; one of them counts only from this on."""
 _BETTER = 2.5
-"""So much better has another height to be: a plane through grey clothes agrees with itself to some degree."""
+"""How many times better another height must be: a plane through grey clothes agrees with itself to some
+degree."""
 _HEIGHTS_M, _FINER_M = np.arange(-0.8, 0.81, 0.1), np.array([-0.05, -0.025, 0.025, 0.05])
 _BLOCKS_ACROSS = 160
-"""So many make up a picture's width; about each of them other cameras are asked once."""
+"""Blocks across a picture's width; other cameras are asked once per block."""
 _SAME_RATIO = np.float32(0.1)
 _FARTHEST_M = 30.0
 
@@ -53,7 +55,16 @@ class Floor:
     @classmethod
     def at(cls, height_m: float, cameras: Sequence[Camera]) -> "Floor":
         """The floor at a height over the world's origin."""
-        return cls(height_m, [_places(camera, height_m) for camera in cameras])
+        places_m: list[Levels] = []
+        for camera in cameras:
+            centre_m, rays = rays_of(camera)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                along = (height_m - centre_m[2]) / rays[..., 2]
+                places = centre_m[:2] + along[..., None] * rays[..., :2]
+            is_far = np.linalg.norm(places - centre_m[:2], axis=-1) > _FARTHEST_M
+            places[~(along > 0) | is_far] = np.nan
+            places_m.append(places.astype(np.float32))
+        return cls(height_m, places_m)
 
     def shadow_prior(
         self, camera: int, part: Part | None, lenses: Lenses, ratios: Levels, states: Bytes, there: Ints
@@ -61,8 +72,8 @@ class Floor:
         """(H, W) logarithm of the odds of shadow to light where a camera's picture may show shadow.
 
         part: all of the picture in which it may; None where it does nowhere.
-        ratios (C, H, W): as shadow_ratios writes them; states (C, H, W): what pixels show; there: the cameras
-        that have a picture. Elsewhere it is UNKNOWN.
+        ratios, states (C, H, W): of all Comparisons; there: the cameras that have a picture. Elsewhere it is
+        UNKNOWN.
         """
         width, height = lenses.sizes_px[camera]
         prior = np.full((height, width), UNKNOWN, np.float32)
@@ -118,17 +129,6 @@ def _agreement(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Byt
             supported += int((prior[shadowed] >= SUPPORTED).sum())
             candidates += int(shadowed.sum())
     return supported / max(candidates, 1)
-
-
-def _places(camera: Camera, height_m: float) -> Levels:
-    centre_m, rays = rays_of(camera)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along = (height_m - centre_m[2]) / rays[..., 2]
-        places = centre_m[:2] + along[..., None] * rays[..., :2]
-    far = np.linalg.norm(places - centre_m[:2], axis=-1) > _FARTHEST_M
-    places[~(along > 0) | far] = np.nan
-    on_floor: Levels = places.astype(np.float32)
-    return on_floor
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

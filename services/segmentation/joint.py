@@ -1,9 +1,15 @@
-"""Silhouettes of several cameras at once: evidence of each, shadow on the floor, what the others see, a cut.
+"""Silhouettes of several cameras at once: the walk from the pictures of a moment to pixels of three states.
 
-A pixel is the actor's, the stage's in light, or the stage's in shadow. What is likelier is told by the
-actor's colours, by whether other cameras see the same shadow on the floor, by how many of them see a change
-along the pixel's ray, and by the pixel's neighbours. Where all that together tells nothing, the pixel is
-unsure.
+A pixel is the actor's, the stage's in light, or the stage's in shadow. JointMatte.trimaps decides in five
+steps, each of which has a module:
+
+1. `comparison`: what has changed in each picture against its clean plate, and what of that may be shadow;
+2. `floor_shadow`: whether the other cameras see the same shadow on the floor;
+3. `voxels`: how many of the other cameras see a change along the pixel's ray;
+4. `decision`: whether the actor or the stage explains the pixel better, weighed with its neighbours;
+5. `edges`: how much of a pixel at the rim is the actor's.
+
+Where all that together tells nothing, the pixel is unsure. Step 4 uses what was learnt (`learnt`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,19 +19,24 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, UNSURE, Bytes, Ints, Mask, Trimap
-from services.segmentation.cleanup import SegmentationSettings, cleanup_in_place
-from services.segmentation.colours import ActorColours
-from services.segmentation.deviation import PERHAPS_SHADOW, UNSEEN
+from services.segmentation.cleanup import (
+    Part,
+    SegmentationSettings,
+    box_of,
+    cleanup_in_place,
+    drop_specks,
+    drop_unconfirmed,
+    opened,
+)
+from services.segmentation.comparison import LEAST_CHANGE, PERHAPS_SHADOW, UNSEEN, Comparison
+from services.segmentation.decision import actor_evidence, beliefs, prices
 from services.segmentation.edges import settle_edges
 from services.segmentation.floor_shadow import SUPPORTED, Floor, find_floor, unknown_shadow
+from services.segmentation.learnt import ActorColours, Learnt
 from services.segmentation.lenses import Lenses
-from services.segmentation.likelihood import actor_evidence
-from services.segmentation.message_passing import beliefs, prices
-from services.segmentation.patches import Part, box_of, drop_specks, drop_unconfirmed
 from services.segmentation.pixels import Levels
 from services.segmentation.plate import Plate
-from services.segmentation.view import CHANGED, View
-from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, NEAR, Stage
+from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, VoxelGrid
 
 _ROUNDS = 3
 """Of messages; more change hardly anything."""
@@ -38,67 +49,70 @@ _TELLING = -0.5
 _HARDLY_AGAINST = -2.2
 """Log odds of a pixel, its own evidence plus the other cameras' word, above which it is unsure and not surely
 background."""
-_ALONE = -1.7
-"""Counts there as the others' word where too few see a place to have one: such a pixel is unsure only if its
-own evidence is."""
+_NO_WORD = -1.7
+"""In place of the others' word where too few see a place: the pixel is then unsure only if its own evidence
+is."""
 _SLIGHTLY_AGAINST = -0.5
 """Own evidence below which a pixel is the actor's by its neighbours alone."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
-"""About what may be the actor, for messages to spread; and about what is, for edges to be settled."""
-_SQUARE = np.ones((3, 3), np.uint8)
+"""Around what may be the actor, so that messages can spread; around what is, so that edges can be settled."""
 
 
-class JointSegmenter:
+class JointMatte:
     """Cuts the actor out of the pictures that several cameras took at one moment; one camera will do."""
 
     def __init__(
         self, cameras: Sequence[Camera], plates: Sequence[Plate], settings: SegmentationSettings
     ) -> None:
         self._cameras, self._settings = list(cameras), settings
-        self._views = [View(plate) for plate in plates]
+        self._compared = [Comparison(plate) for plate in plates]
+        self._learnt = [Learnt(plate) for plate in plates]
         self._lenses = Lenses.of(cameras)
         self._has_others = len(cameras) > 1
         self._floor = Floor.at(0.0, cameras) if self._has_others else None
-        self._stage = Stage.of(cameras, self._lenses, 0.0) if len(cameras) > 2 else None
+        self._voxels = VoxelGrid.of(cameras, self._lenses, 0.0) if len(cameras) > 2 else None
         width, height = self._lenses.sizes_px.max(axis=0)
         shape = len(self._cameras), int(height), int(width)
         self._ratios: Levels = np.ones(shape, np.float32)
         self._states: Bytes = np.full(shape, UNSEEN, np.uint8)
         self._misses: Bytes = np.full(shape, MISS, np.uint8)
 
-    def trimaps(self, images_bgr: Mapping[int, Bytes]) -> dict[int, Trimap]:
+    def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
         """The actor in raw pictures (H, W, 3) by their camera's place: trimaps (H, W).
 
         Cameras may be missing. Raises UserError where a picture is not of its plate's size.
         """
-        trimaps = {c: self._cut(c, *told) for c, told in self._look(images_bgr).items()}
+        there = self._compare(images_bgr)
+        shadow_priors = self._shadow_priors(there)
+        classes = self._classes(shadow_priors, there)
+        trimaps = {c: self._cut(c, shadow_priors[c], classes[c]) for c in shadow_priors}
         for c, trimap in trimaps.items():
-            trimap[self._views[c].moved] = UNSURE
+            trimap[self._learnt[c].moved] = UNSURE
         return trimaps
 
     @property
     def moved(self) -> list[Mask]:
         """Per camera (H, W): where something stands since its plate was recorded, or no longer does."""
-        return [view.moved for view in self._views]
+        return [learnt.moved for learnt in self._learnt]
 
     def learn(self, images_bgr: Mapping[int, Bytes]) -> None:
         """Take in what is sure of the actor in pictures; `conclude` makes it count."""
-        for c, (shadow_prior, classes) in self._look(images_bgr).items():
-            view = self._views[c]
-            in_shadow = view.state == PERHAPS_SHADOW
+        there = self._compare(images_bgr)
+        shadow_priors = self._shadow_priors(there)
+        classes = self._classes(shadow_priors, there)
+        for c, shadow_prior in shadow_priors.items():
+            compared = self._compared[c]
+            in_shadow = compared.state == PERHAPS_SHADOW
             if self._floor is not None:
                 in_shadow &= shadow_prior >= SUPPORTED
-            changed = (view.change > _SURELY_CHANGED) & ~in_shadow
-            view.count(images_bgr[c], classes, changed, view.change < _SURELY_SAME)
-            seen_by_others = (classes <= NEAR) | (classes == ALONE)
-            sure = cv2.erode((changed & seen_by_others).view(np.uint8), _SQUARE) > 0
-            view.colours.add(images_bgr[c][sure])
+            changed = (compared.change > _SURELY_CHANGED) & ~in_shadow
+            self._learnt[c].add(images_bgr[c], classes[c], changed, compared.change < _SURELY_SAME)
 
     def conclude(self) -> None:
         """Let what was learnt count from now on."""
-        of_all = ActorColours(np.sum([view.colours.counts for view in self._views], axis=0))
-        for view in self._views:
-            view.learn(of_all)
+        of_all = ActorColours(np.sum([learnt.colours.counts for learnt in self._learnt], axis=0))
+        for learnt in self._learnt:
+            learnt.conclude(of_all)
 
     def settle_floor(self, moments: Sequence[Mapping[int, Bytes]]) -> None:
         """Find out how high the floor lies, by the shadows in pictures of some moments."""
@@ -109,111 +123,103 @@ class JointSegmenter:
             there = self._compare(images)
             seen.append((self._ratios.copy(), self._states.copy(), there))
         self._floor = find_floor(self._cameras, self._lenses, seen)
-        if self._stage is not None:
+        if self._voxels is not None:
             height_m = self._floor.height_m if self._floor is not None else 0.0
-            self._stage = Stage.of(self._cameras, self._lenses, height_m)
+            self._voxels = VoxelGrid.of(self._cameras, self._lenses, height_m)
 
     def _compare(self, images_bgr: Mapping[int, Bytes]) -> Ints:
         """Compare pictures with their plates; returns the cameras that have one."""
         self._states[:] = UNSEEN
         for c, image in images_bgr.items():
-            view = self._views[c]
-            view.look(image)
-            height, width = view.plate.shape
-            self._ratios[c, :height, :width], self._states[c, :height, :width] = view.ratio, view.state
+            compared = self._compared[c]
+            compared.look(image)
+            height, width = compared.plate.shape
+            self._ratios[c, :height, :width] = compared.ratio
+            self._states[c, :height, :width] = compared.state
         return np.array(sorted(images_bgr), np.int32)
 
-    def _look(self, images_bgr: Mapping[int, Bytes]) -> dict[int, tuple[Levels, Bytes]]:
-        """Per camera the prior odds of shadow (H, W), and what the others say of each pixel (H, W)."""
-        there = self._compare(images_bgr)
-        shadow_priors = [self._shadow_prior(int(c), there) for c in there]
-        for c, prior in zip(there, shadow_priors, strict=True):
-            view = self._views[c]
-            height, width = view.plate.shape
-            misses = np.clip(MISS / 2 * (1 - view.change), 0, MISS).astype(np.uint8)
-            misses[(view.state == PERHAPS_SHADOW) & (prior >= SUPPORTED)] = MISS // 2
-            misses[view.moved] = MISS // 2
-            self._misses[c, :height, :width] = misses
-        if self._stage is None or len(there) <= 2:
-            classes = [np.full(self._views[c].plate.shape, ALONE, np.uint8) for c in there]
-        else:
-            classes = self._stage.classes(self._lenses, self._misses, there)
-        told = zip(shadow_priors, classes, strict=True)
-        return dict(zip(map(int, there), told, strict=True))
+    def _shadow_priors(self, there: Ints) -> dict[int, Levels]:
+        """By camera (H, W): logarithm of the odds of shadow to light, by what the others see on the floor."""
+        priors = {}
+        for c in map(int, there):
+            if self._floor is None:
+                shape = self._compared[c].plate.shape
+                priors[c] = unknown_shadow(shape, has_others=self._has_others)
+            else:
+                part = self._compared[c].part
+                priors[c] = self._floor.shadow_prior(c, part, self._lenses, self._ratios, self._states, there)
+        return priors
 
-    def _shadow_prior(self, camera: int, there: Ints) -> Levels:
-        if self._floor is None:
-            return unknown_shadow(self._views[camera].plate.shape, has_others=self._has_others)
-        part = self._views[camera].part
-        return self._floor.shadow_prior(camera, part, self._lenses, self._ratios, self._states, there)
+    def _classes(self, shadow_priors: Mapping[int, Levels], there: Ints) -> dict[int, Bytes]:
+        """By camera (H, W): what the others say of each pixel, INSIDE to ALONE."""
+        if self._voxels is None or len(there) <= 2:
+            return {c: np.full(prior.shape, ALONE, np.uint8) for c, prior in shadow_priors.items()}
+        for c, prior in shadow_priors.items():
+            compared = self._compared[c]
+            height, width = compared.plate.shape
+            misses = np.clip(MISS / 2 * (1 - compared.change), 0, MISS).astype(np.uint8)
+            misses[(compared.state == PERHAPS_SHADOW) & (prior >= SUPPORTED)] = MISS // 2
+            misses[self._learnt[c].moved] = MISS // 2
+            self._misses[c, :height, :width] = misses
+        classes = self._voxels.classes(self._misses, there)
+        return dict(zip(shadow_priors, classes, strict=True))
 
     def _cut(self, camera: int, shadow_prior: Levels, classes: Bytes) -> Trimap:
-        view = self._views[camera]
-        plate = view.plate
-        height, width = plate.shape
-        trimap: Trimap = np.zeros((height, width), np.uint8)
-        part = self._likely_part(view.change, classes)
+        """The trimap (H, W) of one camera, by its own evidence, what the others say, and its neighbours."""
+        compared, learnt, plate = self._compared[camera], self._learnt[camera], self._compared[camera].plate
+        trimap: Trimap = np.zeros(plate.shape, np.uint8)
+        part = self._likely_part(compared.change, classes)
         if part is None:
             return trimap
         corner_px, shape = (part[0].start, part[1].start), trimap[part].shape
-        even = np.stack([cv2.blur(plane[part], (5, 5)) for plane in view.channels])
+        even = np.stack([cv2.blur(plane[part], (5, 5)) for plane in compared.channels])
         own = np.empty(shape, np.float32)
         actor_evidence(
-            view.channels, even, view.expected, view.deviation2, view.ratio, plate.turn_noise, plate.slack,
-            plate.log_slack, plate.log_peak, plate.log_span, view.log_colours, shadow_prior, corner_px, own,
+            compared.channels, even, compared.expected, compared.deviation2, compared.ratio, plate.turn_noise,
+            plate.slack, plate.log_slack, plate.log_peak, plate.log_span, learnt.log_colours, shadow_prior,
+            corner_px, own,
         )  # fmt: skip
         own += _BIAS
-        prior = view.class_prior[classes[part]]
+        prior = learnt.class_prior[classes[part]]
         across, down = np.empty(shape, np.float32), np.empty(shape, np.float32)
-        prices(view.channels, view.expected, plate.usual_noise2, corner_px, across, down)
+        prices(compared.channels, compared.expected, plate.usual_noise2, corner_px, across, down)
         belief = beliefs(own + prior, across, down, _ROUNDS)
-        prior[classes[part] == ALONE] = _ALONE
-        self._settle(view, belief, own, prior, part, trimap)
+        prior[classes[part] == ALONE] = _NO_WORD
+        inner = box_of((belief > 0) | (own + prior > _HARDLY_AGAINST), _RIM_MARGIN_PX)
+        if inner is not None:
+            corner_px = part[0].start + inner[0].start, part[1].start + inner[1].start
+            actor = np.ascontiguousarray(belief[inner] > 0).view(np.uint8)
+            trimap[part][inner] = self._settled(compared, actor, own[inner], prior[inner], corner_px)
         return trimap
 
     def _likely_part(self, change: Levels, classes: Bytes) -> Part | None:
         """The part of the picture that may show the actor; None where nothing does."""
-        changed = ((change > CHANGED) & (classes != MORE_MISS)).view(np.uint8)
-        likely = np.asarray(
-            cv2.morphologyEx(changed | (classes == INSIDE), cv2.MORPH_OPEN, _SQUARE), np.uint8
-        )
+        changed = ((change > LEAST_CHANGE) & (classes != MORE_MISS)).view(np.uint8)
+        likely = opened(changed | (classes == INSIDE), 3)
         # With few cameras there is much in which all others see a change, where this one sees none.
         drop_unconfirmed(likely, changed, self._settings.speck_area_ppm * 1e-6 * changed.size)
         return box_of(likely, _MARGIN_PX)
 
-    def _settle(
-        self, view: View, belief: Levels, own: Levels, prior: Levels, part: Part, trimap: Trimap
-    ) -> None:
-        """Write what is believed in a part of a picture to a trimap (H, W): its edges, and what is unsure."""
-        settings, (height, width) = self._settings, trimap.shape
-        inner = box_of((belief > 0) | (own + prior > _HARDLY_AGAINST), _RIM_MARGIN_PX)
-        if inner is None:
-            return
-        actor = np.ascontiguousarray(belief[inner] > 0).view(np.uint8)
-        corner_px = part[0].start + inner[0].start, part[1].start + inner[1].start
+    def _settled(
+        self, compared: Comparison, actor: Bytes, own: Levels, prior: Levels, corner_px: tuple[int, int]
+    ) -> Trimap:
+        """A part of a trimap (h, w): the actor (h, w) as believed, its edges settled, and what is unsure.
+
+        Unsure is what was cut off or kept against what the other cameras (prior) or its own colours (own)
+        say.
+        """
+        settings, (height, width) = self._settings, compared.plate.shape
         rim_px = settings.edge_width_permille * 1e-3 * width
-        settle_edges(
-            actor, corner_px, view.channels, view.expected, _AS_EXPECTED, rim_px, settings.edge_misfit
-        )
+        settle_edges(actor, corner_px, compared.channels, compared.expected, rim_px, settings.edge_misfit)
         cleanup_in_place(actor, height * width, settings)
-        found = actor * np.uint8(ACTOR)
-        doubt = _doubtful(actor > 0, own[inner], prior[inner])
+        trimap = actor * np.uint8(ACTOR)
+        against = (own < _SLIGHTLY_AGAINST) & (prior <= _TELLING)
+        doubtful = np.where(actor > 0, against, own + prior > _HARDLY_AGAINST)
+        doubt = opened(doubtful, 3)
         drop_specks(doubt, settings.speck_area_ppm * 1e-6 * height * width)
-        found[doubt > 0] = UNSURE
+        trimap[doubt > 0] = UNSURE
         if actor.any():  # what the others leave room for far from the actor is nobody
-            body = (found > 0).view(np.uint8)
+            body = (trimap > 0).view(np.uint8)
             drop_unconfirmed(body, actor, 1)
-            found *= body
-        trimap[part][inner] = found
-
-
-_AS_EXPECTED: Levels = np.ones(3, np.float32)
-"""Gains of what is expected: light is in it already."""
-
-
-def _doubtful(actor: Mask, own: Levels, prior: Levels) -> Bytes:
-    """Which pixels (h, w) are unsure: cut off or kept against what the other cameras or their own colours
-    say."""
-    against = (own < _SLIGHTLY_AGAINST) & (prior <= _TELLING)
-    doubt = np.where(actor, against, own + prior > _HARDLY_AGAINST)
-    return np.asarray(cv2.morphologyEx(doubt.view(np.uint8), cv2.MORPH_OPEN, _SQUARE), np.uint8)
+            trimap *= body
+        return trimap

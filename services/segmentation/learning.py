@@ -1,4 +1,4 @@
-"""What a joint segmenter learns: of a recorded take before the first frame, of live pictures as they come."""
+"""What a joint matte learns: of a recorded take before the first frame, of live pictures as they come."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,21 +7,20 @@ from itertools import islice
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.take import layout
 from services.mocap.take.folder import Take
-from services.mocap.take.video import index_video
 from services.mocap.types import Bytes
-from services.segmentation.joint import JointSegmenter
-from services.segmentation.source import pictures_of
+from services.segmentation.background import keyframes
+from services.segmentation.joint import JointMatte
+from services.segmentation.silhouettes import pictures_of
 
 _MOMENTS = 12
-"""That are learnt from, at least where a take has so many frames."""
+"""Moments to learn from, if a take has so many frames."""
 _MOST_RUNS = 4
 _MOST_DECODED = 48
-"""Frames of each camera, in all."""
+"""Frames decoded per camera, in total."""
 _FLOOR_MOMENTS = 4
 _LIVE_EVERY = 5
-"""Of how many live shots one is learnt from, at first."""
+"""At first, one of so many live shots is learnt from."""
 _LIVE_CONCLUSIONS = 6
 """Shots that are learnt from between two conclusions."""
 _SLOWER_AFTER, _SLOWER = 60, 10
@@ -30,7 +29,7 @@ _SLOWER_AFTER, _SLOWER = 60, 10
 log = logging.getLogger(__name__)
 
 
-def learn_from_take(matte: JointSegmenter, take: Take, cameras: Sequence[Camera]) -> None:
+def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) -> None:
     """Look at moments of all of a take's beginning and of later keyframes; the same whoever asks when."""
     floor_moments = list(islice(_moments(take, cameras), 0, None, _MOMENTS // _FLOOR_MOMENTS))
     matte.settle_floor(floor_moments)
@@ -50,22 +49,19 @@ def learn_from_take(matte: JointSegmenter, take: Take, cameras: Sequence[Camera]
 
 def _moments(take: Take, cameras: Sequence[Camera]) -> Iterator[dict[int, Bytes]]:
     """Pictures of all cameras at some moments, of which few frames have to be decoded."""
-    index = index_video(layout.video_path(take.folder, cameras[0].name))
-    first, end = take.settings.offset(cameras[0].name), take.settings.frames
-    begins = [0, *(key - first for key, _ in index.keyframes if first < key < first + end)]
-    step = -(-len(begins) // _MOST_RUNS)
-    begins = begins[::step]
+    begins = sorted({0, *keyframes(take, cameras[0])[1]})
+    begins = begins[:: -(-len(begins) // _MOST_RUNS)]
     longest, each = _MOST_DECODED // len(begins), -(-_MOMENTS // len(begins))
-    for begin, following in zip(begins, [*begins[1:], end], strict=True):
+    for begin, following in zip(begins, [*begins[1:], take.settings.frames], strict=True):
         length = min(longest, following - begin)
         apart = max(length // each, 1)
         yield from islice(pictures_of(take, cameras, begin, begin + length), 0, None, apart)
 
 
 class LiveLearner:
-    """Teaches a segmenter by some of the live pictures that it is given."""
+    """Teaches a matte by some of the live pictures that it is given."""
 
-    def __init__(self, matte: JointSegmenter) -> None:
+    def __init__(self, matte: JointMatte) -> None:
         self._matte = matte
         self._shots = self._learnt = 0
 

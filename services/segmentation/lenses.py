@@ -1,5 +1,4 @@
-"""Where points of the world lie in raw pictures, lens distortion included, and which rays raw pixels see
-along."""
+"""Where points of the world lie in raw pictures, lens distortion included, and where raw pixels look."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,13 +36,13 @@ class Lenses:
         width, height = sizes_px.max(axis=0)
         raw_px = np.full((len(cameras), height, width, 2), NOWHERE, np.int16)
         for c, camera in enumerate(cameras):
-            raw_px[c, : camera.height_px, : camera.width_px] = _raw_pixels(camera)
+            make = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
+            size_px = (camera.width_px, camera.height_px)
+            maps = make(camera.K, camera.distortion, np.eye(3), camera.K, size_px, cv2.CV_32FC1)
+            raw = np.rint(np.stack(maps, axis=-1))
+            raw[~np.all((raw >= 0) & (raw < size_px), axis=-1)] = NOWHERE
+            raw_px[c, : camera.height_px, : camera.width_px] = raw
         return cls(np.array([camera.P_px_world for camera in cameras]), sizes_px, raw_px)
-
-    @property
-    def n_cameras(self) -> int:
-        """How many cameras there are."""
-        return len(self.sizes_px)
 
 
 def rays_of(camera: Camera) -> tuple[Floats, Floats]:
@@ -54,15 +53,6 @@ def rays_of(camera: Camera) -> tuple[Floats, Floats]:
     flat = np.asarray(undo(raw, camera.K, camera.distortion), np.float64).reshape(-1, 2)
     rays = np.column_stack([flat, np.ones(len(flat))]) @ camera.R_camera_world
     return camera.centre_world_m, rays.reshape(camera.height_px, camera.width_px, 3)
-
-
-def _raw_pixels(camera: Camera) -> Pixels:
-    make = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
-    size_px = (camera.width_px, camera.height_px)
-    maps = make(camera.K, camera.distortion, np.eye(3), camera.K, size_px, cv2.CV_32FC1)
-    raw = np.rint(np.stack(maps, axis=-1))
-    raw[~np.all((raw >= 0) & (raw < size_px), axis=-1)] = NOWHERE
-    return raw.astype(np.int16)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

@@ -5,75 +5,29 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
+import numba
 import numpy as np
 
 from services.mocap.errors import UserError
-from services.mocap.types import Bytes, Ints
+from services.mocap.types import Bytes
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.deviation import LEAST_RATIO, MOST_RATIO
-from services.segmentation.pixels import (
-    MEAN_STEPS,
-    WHITENING_STEPS,
-    Levels,
-    Steps,
-    add_products,
-    median_ratio,
-)
+from services.segmentation.light import Gauge
+from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
 
-_PRIOR_FRAMES = 10.0  # a pixel's own covariance counts as much as the picture's mean one after so many
-_GAUGE_PIXELS = 1500  # more would not make the estimate of the exposure better
-_CAST_REACHES = (0.25, 0.1)  # how far a channel may be from the exposure, and its pixels from each other
-_GAUGE_LEVELS = (20.0, 245.0)  # darker pixels are noise, brighter ones may be clipped
-_PAIRS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))  # lower triangle of a (3, 3) matrix
+LIGHT_UNCERTAINTY = 0.012
+"""Share of a pixel's brightness by which its light may be off after all: patches smaller than the light
+field."""
+LEAST_RATIO, MOST_RATIO = np.float32(0.35), np.float32(0.97)
+"""Brightness in shadow over that in light."""
+_PRIOR_FRAMES = 10.0
+"""A pixel's own covariance counts as much as the picture's mean one after so many."""
+_PAIRS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
+"""Channels whose products make up the planes BB to RR."""
 _LOG_GAUSSIAN = np.float32(1.5 * np.log(2 * np.pi))
 _ROOT_TWO_PI = np.float32(np.sqrt(2 * np.pi))
 _SHADOW_SPAN = np.float32(MOST_RATIO - LEAST_RATIO)
-_SHIFT_PX = 0.35  # a plate may lie so far off the pictures, by compression or a camera that was touched
-
-
-@dataclass(frozen=True, eq=False)
-class Gauge:
-    """Pixels spread over the picture at which the exposure of frames is compared."""
-
-    places: Ints
-    """(n,) flat pixel indices."""
-    reference: Levels
-    """(n, 3) their colours in the reference picture."""
-
-    @staticmethod
-    def on(reference: Levels) -> "Gauge":
-        """The gauge for a reference picture (H, W, 3); pixels that are nearly black or white are left out."""
-        pixels = reference.reshape(-1, 3)
-        low, high = _GAUGE_LEVELS
-        usable = np.flatnonzero((pixels.mean(axis=1) > low) & (pixels.max(axis=1) < high))
-        # By lot: a regular step could hit the same few columns in every row.
-        drawn = np.random.default_rng(0).permutation(usable)[:_GAUGE_PIXELS]
-        places = np.sort(drawn).astype(np.int32)
-        return Gauge(places, np.ascontiguousarray(pixels[places]))
-
-    def gains(self, image_bgr: Bytes, limit: float) -> Levels:
-        """(3,) how much brighter than the reference's the channels of an image are: exposure, white balance.
-
-        The exposure lies within 1 ± limit. Medians hold as long as more than half of the picture shows the
-        lit background; what is far from the exposure does not count for a channel's.
-        """
-        gains: Levels = np.ones(3, np.float32)
-        if self.places.size == 0 or limit == 0:
-            return gains
-        pixels = np.ascontiguousarray(image_bgr).reshape(-1, 3)
-        exposure = median_ratio(pixels, 0, 2, self.places, self.reference, 1.0, limit)
-        for c in range(3):
-            gain = exposure
-            for reach in _CAST_REACHES:
-                gain = median_ratio(pixels, c, c, self.places, self.reference, gain, reach)
-            gains[c] = gain
-        return gains
-
-    def evened(self, image_bgr: Bytes, limit: float) -> Bytes:
-        """A copy of an image (H, W, 3) in the reference's exposure and white balance."""
-        factors = 1 / self.gains(image_bgr, limit)
-        evened: Bytes = np.rint(image_bgr * factors).clip(0, 255).astype(np.uint8)
-        return evened
+_SHIFT_PX = 0.35
+"""A plate may lie so far off the pictures, by compression or a camera that was touched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +68,7 @@ class Plate:
         for frame in frames:
             total.add(frame)
         mean, covariance = total.statistics(settings)
-        for diagonal in (0, 2, 5):
+        for diagonal in (BB, GG, RR):
             covariance[diagonal] += (light_uncertainty * mean.mean(axis=0)) ** 2
         whitening, turn_noise = _whitening(covariance), _turn_noise(mean, covariance)
         slack, brightness = _slack(mean, covariance), np.linalg.norm(mean, axis=0)
@@ -126,7 +80,7 @@ class Plate:
             slack=slack,
             log_slack=np.float32(1.5) * np.log(slack),
             log_span=np.log(_ROOT_TWO_PI * turn_noise / (_SHADOW_SPAN * brightness + 1)),
-            log_peak=np.log(whitening[0] * whitening[2] * whitening[5]) - _LOG_GAUSSIAN,
+            log_peak=np.log(whitening[BB] * whitening[GG] * whitening[RR]) - _LOG_GAUSSIAN,
             gauge=Gauge.on(np.moveaxis(mean, 0, 2)),
         )
 
@@ -159,18 +113,24 @@ class _Sums:
         # Differences from the first frame are small, which keeps sums in single precision exact enough.
         scales = np.float32(1) / self._gauge.gains(frame, self._flicker_limit)
         pixels, first = np.ascontiguousarray(frame).reshape(-1, 3), self._first.reshape(-1, 3)
-        add_products(pixels, scales, first, self._sum, self._products)
+        _add_products(pixels, scales, first, self._sum, self._products)
         self._count += 1
 
     def statistics(self, settings: SegmentationSettings) -> tuple[Levels, Levels]:
-        """Mean (3, H, W), and the lower triangle (6, H, W) of a new picture's covariance about it."""
+        """Mean (3, H, W), and the lower triangle (6, H, W) of a new picture's covariance about it.
+
+        With S a pixel's scatter matrix over n frames, C the picture's mean covariance and k _PRIOR_FRAMES,
+        the covariance is (1 + 1/n) (S + k C) / (n - 1 + k) + noise floor.
+        """
         if self._count == 0:
             raise UserError("clean plate: no frames: expected one picture or more of the empty scene")
         shift, extra = self._sum / self._count, self._count - 1
-        outer = np.stack([shift[i] * shift[j] for i, j in _PAIRS])
-        scatter = self._products - self._count * outer
+        scatter = self._products - self._count * np.stack([shift[i] * shift[j] for i, j in _PAIRS])
         one = np.array([float(i == j) for i, j in _PAIRS], np.float32)[:, None]
-        common = _typical(scatter) / extra if extra else one * settings.assumed_noise_levels**2
+        common = one * settings.assumed_noise_levels**2
+        if extra:  # the mean of all pixels but those where something moved in the plate
+            spread = scatter[BB] + scatter[GG] + scatter[RR]
+            common = scatter[:, spread <= 4 * np.median(spread)].mean(axis=1, keepdims=True) / extra
         covariance = (scatter + _PRIOR_FRAMES * common) / (extra + _PRIOR_FRAMES)
         covariance *= 1 + 1 / self._count  # the mean has noise of its own, which adds to the new picture's
         covariance += one * settings.noise_floor_levels**2
@@ -179,11 +139,25 @@ class _Sums:
         return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)
 
 
-def _typical(scatter: Levels) -> Levels:
-    """The mean scatter matrix (6, 1) of pixels (6, N), without those where something moved in the plate."""
-    spread = scatter[0] + scatter[2] + scatter[5]
-    typical: Levels = scatter[:, spread <= 4 * np.median(spread)].mean(axis=1, keepdims=True)
-    return typical
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _add_products(frame: Bytes, scales: Levels, first: Levels, total: Levels, products: Levels) -> None:
+    """Add the difference of a frame (N, 3), its channels scaled (3,), from the first (N, 3) to running sums.
+
+    total (3, N): of the difference; products (6, N): of the lower triangle of its outer product.
+    """
+    for i in range(frame.shape[0]):
+        blue = np.float32(frame[i, 0]) * scales[0] - first[i, 0]
+        green = np.float32(frame[i, 1]) * scales[1] - first[i, 1]
+        red = np.float32(frame[i, 2]) * scales[2] - first[i, 2]
+        total[0, i] += blue
+        total[1, i] += green
+        total[2, i] += red
+        products[BB, i] += blue * blue
+        products[GB, i] += green * blue
+        products[GG, i] += green * green
+        products[RB, i] += red * blue
+        products[RG, i] += red * green
+        products[RR, i] += red * red
 
 
 def _whitening(covariance: Levels) -> Levels:
@@ -195,8 +169,7 @@ def _whitening(covariance: Levels) -> Levels:
     l4 = (rg - l3 * l1) / l2
     l5 = np.sqrt(rr - l3 * l3 - l4 * l4)
     w1, w4 = -l1 / (l0 * l2), -l4 / (l2 * l5)
-    inverse: Levels = np.stack([1 / l0, w1, 1 / l2, -(l3 / l0 + l4 * w1) / l5, w4, 1 / l5])
-    return inverse
+    return np.asarray(np.stack([1 / l0, w1, 1 / l2, -(l3 / l0 + l4 * w1) / l5, w4, 1 / l5]))
 
 
 def _turn_noise(mean: Levels, covariance: Levels) -> Levels:
@@ -204,20 +177,17 @@ def _turn_noise(mean: Levels, covariance: Levels) -> Levels:
     b, g, r = mean / np.maximum(np.linalg.norm(mean, axis=0), 1)
     bb, gb, gg, rb, rg, rr = covariance
     along = b * b * bb + g * g * gg + r * r * rr + 2 * (b * g * gb + b * r * rb + g * r * rg)
-    noise: Levels = np.sqrt(np.maximum(bb + gg + rr - along, 0) / 2)
-    return noise
+    return np.asarray(np.sqrt(np.maximum(bb + gg + rr - along, 0) / 2))
 
 
 def _slack(mean: Levels, covariance: Levels) -> Levels:
     """Noise over noise plus what a shift by `_SHIFT_PX` changes (H, W): 1 on even ground, less at
     outlines."""
     grey = mean.mean(axis=0)
-    slope2 = (cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=1 / 8)) ** 2 + (
-        cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=1 / 8)
-    ) ** 2
-    noise2 = (covariance[0] + covariance[2] + covariance[5]) / 3
-    slack: Levels = noise2 / (noise2 + _SHIFT_PX**2 * slope2)
-    return slack
+    across, down = (cv2.Sobel(grey, cv2.CV_32F, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1)))
+    slope2 = across**2 + down**2
+    noise2 = (covariance[BB] + covariance[GG] + covariance[RR]) / 3
+    return np.asarray(noise2 / (noise2 + _SHIFT_PX**2 * slope2))
 
 
 def check_size(image: Bytes, shape: tuple[int, ...], what: str, like: str) -> None:

@@ -16,7 +16,7 @@ _Level = TypeVar("_Level", np.uint8, np.float32)
 _LEAST_PX, _MOST_PX = 0.25, 6.0
 """Less does no harm; more is another view, for which the calibration is no longer true."""
 _GAIN = 0.97
-"""Of the difference in outlines, at most, that a shift has to leave to be believed."""
+"""A shift counts only if it leaves at most this share of the difference in outlines."""
 _UNTIL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 _SMOOTHING_PX = 5
 _ALIKE_LEVELS = 12.0
@@ -80,5 +80,4 @@ def _grey(picture_bgr: Bytes) -> Levels:
 def _slopes(grey: Levels) -> Levels:
     """How steep brightness (H, W) is, its noise evened out."""
     even = cv2.GaussianBlur(grey, (0, 0), 1.0)
-    steepness: Levels = np.hypot(cv2.Sobel(even, cv2.CV_32F, 1, 0), cv2.Sobel(even, cv2.CV_32F, 0, 1))
-    return steepness
+    return np.asarray(np.hypot(cv2.Sobel(even, cv2.CV_32F, 1, 0), cv2.Sobel(even, cv2.CV_32F, 0, 1)))

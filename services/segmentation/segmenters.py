@@ -3,11 +3,13 @@
 Others come in from outside, as entry points of the group `xormocap.segmenters`.
 """
 
+import re
 from collections.abc import Callable, Sequence
-from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias
+
+import cv2
 
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError, nearest
@@ -15,20 +17,14 @@ from services.mocap.take.folder import Take
 from services.mocap.take.segmenter_name import AUTO as AUTO
 from services.mocap.take.segmenter_name import GROUP as GROUP
 from services.mocap.take.segmenter_name import READY as READY
-from services.segmentation import opencv_models
+from services.segmentation.background import CameraBackground, spread_pictures, warn_of_guesses
+from services.segmentation.baselines import PaperTest, TrainedModel
 from services.segmentation.chroma import ChromaKey
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.foreign import ForeignMatte
-from services.segmentation.joint import JointSegmenter
+from services.segmentation.external import OnnxMatte, PluginMatte
+from services.segmentation.joint import JointMatte
 from services.segmentation.learning import learn_from_take
-from services.segmentation.mattes import Matte, MatteGroup
-from services.segmentation.onnx_matte import OnnxMatte
-from services.segmentation.paper_test import PaperTest
-from services.segmentation.samples import spread_pictures
-from services.segmentation.scene import Scene, check_plate, learn_plate, warn_of_guesses
-from services.segmentation.source import JointMatte, ReadySegmenter, Segmenter, VideoSegmenter
-
-_Made = TypeVar("_Made")
+from services.segmentation.silhouettes import GroupMatte, Matte, Segmenter, SeparateMattes
 
 USUAL = "clean-plate"
 _KEY_PICTURES = 8
@@ -41,32 +37,51 @@ PlateCheck: TypeAlias = Callable[[], None]
 class Kind(NamedTuple):
     """A row of the table."""
 
-    make: Callable[[Scene, str], Matte] | None
-    """Takes the scene and what stands after the colon of `NAME:ARGUMENT`, "" for nothing; None: made of all
-    cameras' plates together."""
-    argument: str
+    make: Callable[[CameraBackground, str], Matte] | None
+    """Takes the background and what stands after the colon of `NAME:ARGUMENT`, "" for nothing; None: made of
+    all cameras' plates together."""
+    argument: str = ""
     """What may stand there, for messages; "" for nothing."""
-    needs_argument: bool
-    needs_plate: bool
+    needs_argument: bool = False
+    needs_plate: bool = False
     """Whether the empty scene has to be known."""
 
 
-def _chroma(scene: Scene, colour: str) -> Matte:
+def _paper(background: CameraBackground, _: str) -> Matte:
+    return PaperTest.learn(background.pictures(), background.settings)
+
+
+def _mog2(background: CameraBackground, _: str) -> Matte:
+    """Gaussian mixtures with a shadow test (Zivkovic 2004)."""
+    model = cv2.createBackgroundSubtractorMOG2(detectShadows=True)
+    return TrainedModel(model, background.pictures(), background.settings)
+
+
+def _bgsegm(background: CameraBackground, _: str) -> Matte:
+    """Gaussian mixtures without one (KaewTraKulPong 2001): the one of bgsegm that can stop learning."""
+    model = cv2.bgsegm.createBackgroundSubtractorMOG()
+    return TrainedModel(model, background.pictures(), background.settings)
+
+
+def _chroma(background: CameraBackground, colour: str) -> Matte:
     if colour:
         red, green, blue = bytes.fromhex(colour)
-        return ChromaKey.of_colour((blue, green, red), scene.settings)
-    return ChromaKey.of_pictures(spread_pictures(scene.take, scene.camera, _KEY_PICTURES), scene.settings)
+        return ChromaKey.of_colour((blue, green, red), background.settings)
+    pictures = spread_pictures(background.take, background.camera, _KEY_PICTURES)
+    return ChromaKey.of_pictures(pictures, background.settings)
+
+
+def _onnx(background: CameraBackground, file: str) -> Matte:
+    return OnnxMatte(Path(file), background.mean_picture(), background.settings)
 
 
 KINDS: dict[str, Kind] = {
-    USUAL: Kind(None, "", False, True),
-    "paper": Kind(lambda scene, _: PaperTest.learn(scene.plate(), scene.settings), "", False, True),
-    "mog2": Kind(lambda scene, _: opencv_models.mog2(scene.plate(), scene.settings), "", False, True),
-    "bgsegm": Kind(lambda scene, _: opencv_models.bgsegm(scene.plate(), scene.settings), "", False, True),
-    "chroma": Kind(_chroma, "RRGGBB", False, False),
-    "onnx": Kind(
-        lambda scene, file: OnnxMatte(Path(file), scene.plate_picture(), scene.settings), "FILE", True, False
-    ),
+    USUAL: Kind(None, needs_plate=True),
+    "paper": Kind(_paper, needs_plate=True),
+    "mog2": Kind(_mog2, needs_plate=True),
+    "bgsegm": Kind(_bgsegm, needs_plate=True),
+    "chroma": Kind(_chroma, "RRGGBB"),
+    "onnx": Kind(_onnx, "FILE", needs_argument=True),
 }
 
 
@@ -82,17 +97,13 @@ def check_segmenter(name: str) -> None:
         raise UserError(
             f"--segmenter {name}: there is no such segmenter: {nearest(kind, known_segmenters())}"
         )
-    expected, needed = (KINDS[kind].argument, KINDS[kind].needs_argument) if kind in KINDS else ("", False)
-    if colon and not expected:
+    row = KINDS.get(kind, Kind(None))
+    if colon and not row.argument:
         raise UserError(f"--segmenter {name}: {kind} takes nothing after its name: leave out :{argument}")
-    if needed and not argument:
-        raise UserError(f"--segmenter {name}: expected {kind}:{expected}")
-    if kind == "chroma" and colon and not _is_colour(argument):
+    if row.needs_argument and not argument:
+        raise UserError(f"--segmenter {name}: expected {kind}:{row.argument}")
+    if kind == "chroma" and colon and not re.fullmatch("[0-9a-fA-F]{6}", argument):
         raise UserError(f"--segmenter {name}: expected chroma:RRGGBB in hexadecimal, such as chroma:00b140")
-
-
-def _is_colour(text: str) -> bool:
-    return len(text) == 6 and all(digit in "0123456789abcdefABCDEF" for digit in text)
 
 
 def chosen_segmenter(take: Take, name: str = AUTO) -> str:
@@ -126,60 +137,56 @@ def make_segmenter(
     """
     chosen = chosen_segmenter(take, name)
     if chosen == READY:
-        return ReadySegmenter(take, cameras)
-    kind, _, argument = chosen.partition(":")
-    scenes = [Scene(take, camera, settings) for camera in cameras]
-    matte = _joint_matte(scenes, kind, argument)
-    if isinstance(matte, JointSegmenter):
+        return Segmenter.of_silhouettes(take, cameras)
+    backgrounds = [CameraBackground(take, camera, settings) for camera in cameras]
+    kind, matte = _group_matte(backgrounds, chosen)
+    if isinstance(matte, JointMatte):
         learn_from_take(matte, take, cameras)
-    if kind in KINDS and KINDS[kind].needs_plate:
-        recorded = [scene for scene in scenes if scene.is_recorded]
-        for scene in recorded:
-            later(partial(check_plate, scene))
-        unsure_shares = {s.camera.name: s.unsure_share for s in scenes if not s.is_recorded}
+    if kind.needs_plate:
+        for background in backgrounds:
+            if background.is_recorded:
+                later(background.check)
+        unsure_shares = {b.camera.name: b.made.unsure_share for b in backgrounds if not b.is_recorded}
         if unsure_shares:
             warn_of_guesses(take, unsure_shares)
-    return VideoSegmenter(take, cameras, matte)
+    return Segmenter.of_videos(take, cameras, matte)
 
 
 def live_matte(
     take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str = AUTO
-) -> JointMatte:
+) -> GroupMatte:
     """What cuts the actor out of live pictures of some cameras, whose empty stage the take knows.
 
     Raises UserError where there is nothing of that name, or it needs more than pictures of the empty stage.
     """
     check_segmenter(name)
     chosen = USUAL if name == AUTO else name
-    kind, _, argument = chosen.partition(":")
-    if kind == READY:
+    if chosen == READY:
         raise UserError(f"--segmenter {name}: live cameras give pictures: leave it out, or choose another")
-    if kind == "chroma" and not argument:
+    if chosen == "chroma":
         raise UserError(f"--segmenter {name}: live, the screen's colour has to be said: chroma:RRGGBB")
-    return _joint_matte([Scene(take, camera, settings) for camera in cameras], kind, argument)
+    return _group_matte([CameraBackground(take, camera, settings) for camera in cameras], chosen)[1]
 
 
-def _joint_matte(scenes: Sequence[Scene], kind: str, argument: str) -> JointSegmenter | MatteGroup:
-    cameras = [scene.camera for scene in scenes]
-    if kind in KINDS and KINDS[kind].make is None:
-        plates = [_with_place(scene, kind, partial(learn_plate, scene)) for scene in scenes]
-        return JointSegmenter(cameras, plates, scenes[0].settings)
-    return MatteGroup(cameras, [_matte(scene, kind, argument) for scene in scenes])
-
-
-def _matte(scene: Scene, kind: str, argument: str) -> Matte:
-    make = KINDS[kind].make if kind in KINDS else None
-    if make is None:
-        return ForeignMatte(kind, scene.camera, scene.plate_picture(), GROUP)
-    if kind == "onnx" or argument:
-        return make(scene, argument)
-    return _with_place(scene, kind, partial(make, scene, argument))
-
-
-def _with_place(scene: Scene, kind: str, make: Callable[[], _Made]) -> _Made:
-    """What is made of a camera's pictures; a UserError says whose they were."""
-    try:
-        return make()
-    except UserError as error:
-        what = "clean plate of " if KINDS[kind].needs_plate else ""
-        raise UserError(f"{scene.take.folder}: {what}{scene.camera.name}: {error}") from None
+def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> tuple[Kind, GroupMatte]:
+    """The row of a segmenter, and what it makes for some cameras; a UserError names the camera."""
+    kind, _, argument = name.partition(":")
+    row, cameras = KINDS.get(kind), [background.camera for background in backgrounds]
+    plates, mattes = [], list[Matte]()
+    for background in backgrounds:
+        try:
+            if row is None:
+                mattes.append(PluginMatte(kind, background.camera, background.mean_picture(), GROUP))
+            elif row.make is None:
+                plates.append(background.plate())
+            else:
+                mattes.append(row.make(background, argument))
+        except UserError as error:
+            if row is None or argument:  # says itself what it is about
+                raise
+            what = "clean plate of " if row.needs_plate else ""
+            where = f"{background.take.folder}: {what}{background.camera.name}"
+            raise UserError(f"{where}: {error}") from None
+    if row is not None and row.make is None:
+        return row, JointMatte(cameras, plates, backgrounds[0].settings)
+    return row or Kind(None), SeparateMattes(cameras, mattes)

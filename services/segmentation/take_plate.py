@@ -1,7 +1,8 @@
-"""A clean plate made of the take itself, for takes without one: what most of the pictures show.
+"""A clean plate made of the take itself, for takes without one; and whether a recorded one is clean.
 
-Where the actor stands in most of them, nothing tells what is behind; how much of the picture that may be is
-part of the answer.
+A plate of the take is what most of the pictures show. Where the actor stands in most of them, nothing tells
+what is behind; how much of the picture that may be is part of the answer. Somebody in a recorded plate (a
+ghost) would be missing from the silhouettes, or stay in all of them.
 """
 
 from dataclasses import dataclass
@@ -10,11 +11,13 @@ import cv2
 import numpy as np
 
 from services.mocap.types import Bytes, Ints, Mask
+from services.segmentation.light import Gauge
 from services.segmentation.pixels import Levels
-from services.segmentation.plate import Gauge
 
 SAMPLES = 48
 """Pictures that a plate is made of, at most."""
+LOOKS = 12
+"""Pictures of a plate, and of a take, in which a ghost is looked for, at least where there are so many."""
 _FLICKER_LIMIT = 0.25
 _LEAST_TOLERANCE = 8.0
 """Levels; pictures that differ by less show the same."""
@@ -22,8 +25,16 @@ _SIGMAS = 4.0
 _MAD_SIGMA = 1.4826
 """Deviation of normal noise over the median of its size."""
 _STILL = 0.9
-"""Of the samples, that have to agree where nothing moves."""
+"""Share of the pictures that must agree where nothing moves."""
 _ROWS_AT_ONCE = 64
+_DIFFERENT_LEVELS = 16.0
+"""In one channel at least; less may be a codec's or a light's doing."""
+_LEAST_SHARE = 0.002
+"""Share of the picture; what is smaller than 154 pixels of 320x240 is no person."""
+_SEEN_EMPTY = 0.5
+"""Share of the take's pictures that show the same where something of the plate is gone."""
+_EDGE_RATIO = 1.3
+"""How much stronger the outline of what is gone is in the plate than in the take."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +58,18 @@ def plate_of_samples(samples: Bytes) -> TakePlate:
     A pixel's background is the median of its samples where half of them agree with it, else the colour that
     most of them share.
     """
-    evened = _evened(samples)
-    background = median_picture(evened)
-    tolerance = _tolerance(evened, background)
-    agree = agreeing(evened, background, tolerance)
+    gauge = Gauge.on(_median_picture(samples).astype(np.float32))
+    evened = np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
+    background = _median_picture(evened)
+    noise = float(np.median([float(np.median(cv2.absdiff(sample, background))) for sample in evened]))
+    tolerance = max(_LEAST_TOLERANCE, _SIGMAS * _MAD_SIGMA * noise)
+    agree = _agreeing(evened, background, tolerance)
     doubtful = agree.mean(axis=0) < 0.5
     if doubtful.any():
-        background[doubtful] = _most_shared(evened[:, doubtful], tolerance)
-        agree[:, doubtful] = agreeing(evened[:, doubtful], background[doubtful], tolerance)
+        looks = evened[:, doubtful]
+        counts = np.array([_agreeing(looks, look, tolerance).sum(axis=0) for look in looks], np.int32)
+        background[doubtful] = looks[counts.argmax(axis=0), np.arange(looks.shape[1])]
+        agree[:, doubtful] = _agreeing(looks, background[doubtful], tolerance)
     support = agree.mean(axis=0).astype(np.float32)
     before = background
     for sample, is_background in zip(evened, agree, strict=True):
@@ -63,13 +78,7 @@ def plate_of_samples(samples: Bytes) -> TakePlate:
     return TakePlate(evened, support)
 
 
-def _evened(samples: Bytes) -> Bytes:
-    """Copies of the samples at the exposure of their median."""
-    gauge = Gauge.on(median_picture(samples).astype(np.float32))
-    return np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
-
-
-def median_picture(samples: Bytes) -> Bytes:
+def _median_picture(samples: Bytes) -> Bytes:
     """The lower median (H, W, 3) over samples (N, H, W, 3), some rows at a time, to spare memory."""
     middle = (len(samples) - 1) // 2
     rows = range(0, samples.shape[1], _ROWS_AT_ONCE)
@@ -77,13 +86,7 @@ def median_picture(samples: Bytes) -> Bytes:
     return np.concatenate(parts)
 
 
-def _tolerance(samples: Bytes, background: Bytes) -> float:
-    """Levels by which two looks at the same background may differ, by the samples' noise."""
-    sizes = [float(np.median(cv2.absdiff(sample, background))) for sample in samples]
-    return max(_LEAST_TOLERANCE, _SIGMAS * _MAD_SIGMA * float(np.median(sizes)))
-
-
-def agreeing(samples: Bytes, background: Bytes, tolerance: float) -> Mask:
+def _agreeing(samples: Bytes, background: Bytes, tolerance: float) -> Mask:
     """Which samples (N, …, 3) show a background (…, 3): (N, …)."""
     agree: Mask = np.empty(samples.shape[:-1], np.bool_)
     for n, sample in enumerate(samples):
@@ -93,9 +96,69 @@ def agreeing(samples: Bytes, background: Bytes, tolerance: float) -> Mask:
     return agree
 
 
-def _most_shared(samples: Bytes, tolerance: float) -> Bytes:
-    """The sample (P, 3) of each pixel that most other samples (N, P, 3) agree with."""
-    counts: Ints = np.array([agreeing(samples, s, tolerance).sum(axis=0) for s in samples], np.int32)
-    best = counts.argmax(axis=0)
-    chosen: Bytes = samples[best, np.arange(samples.shape[1])]
-    return chosen
+@dataclass(frozen=True)
+class Ghost:
+    """What should not be in a clean plate."""
+
+    moves: bool
+    """Whether it moves in the plate; else it stands there and is gone in the take."""
+    share: float
+    """Of the picture, 0 to 1."""
+    centre: tuple[float, float]
+    """Column and row of the middle of its largest part, over the picture's width."""
+
+    def centre_px(self, width_px: int) -> tuple[int, int]:
+        """The same in a picture of a width."""
+        column, row = (round(width_px * part) for part in self.centre)
+        return column, row
+
+
+def find_ghost(plate: Bytes, samples: Bytes) -> Ghost | None:
+    """The largest thing in a plate (N, H, W, 3) that is not the empty scene of samples (M, H, W, 3).
+
+    None where there is none, as far as these pictures tell: whoever stands in the plate and for the whole
+    take in the same place is part of the scene.
+    """
+    moving = _patches(np.asarray(plate_of_samples(plate).support < _STILL))
+    gone = [] if moving else _gone(_median_picture(plate), samples)
+    patches = moving or gone
+    if not patches:
+        return None
+    rows, columns = np.nonzero(patches[0])
+    share = float(np.sum([patch.mean() for patch in patches]))
+    width_px = patches[0].shape[1]
+    return Ghost(bool(moving), share, (float(columns.mean()) / width_px, float(rows.mean()) / width_px))
+
+
+def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
+    """Patches of what stands in a plate (H, W, 3) and in no sample (M, H, W, 3).
+
+    An actor who never leaves a place differs from the plate there as well, but brings the outline along,
+    which a place that somebody has left does not have.
+    """
+    gauge = Gauge.on(plate.astype(np.float32))
+    evened = np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
+    differs: Mask = np.asarray(~_agreeing(evened, plate, _DIFFERENT_LEVELS).any(axis=0))
+    usual = _median_picture(evened)
+    same = _agreeing(evened, usual, _DIFFERENT_LEVELS).mean(axis=0)
+    in_plate, in_take = _edges(plate), np.mean([_edges(sample) for sample in evened], axis=0)
+    gone = []
+    for patch in _patches(differs):
+        rim = cv2.morphologyEx(patch.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
+        if same[patch].mean() >= _SEEN_EMPTY and in_plate[rim].mean() > _EDGE_RATIO * in_take[rim].mean():
+            gone.append(patch)
+    return gone
+
+
+def _edges(picture: Bytes) -> Levels:
+    """How steep the brightness of a picture (H, W, 3) is: (H, W)."""
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    return np.asarray(np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)))
+
+
+def _patches(mask: Mask) -> list[Mask]:
+    """The connected patches of a mask (H, W) that are as large as somebody, the largest first."""
+    _, labels, table, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    areas: Ints = np.asarray(table[1:, cv2.CC_STAT_AREA], np.int32)
+    large = [k for k in np.argsort(-areas, kind="stable") if areas[k] >= _LEAST_SHARE * mask.size]
+    return [np.asarray(labels == 1 + k) for k in large]

@@ -1,6 +1,6 @@
 """What the other cameras say of a pixel: how many of them miss the actor wherever along its ray it may be.
 
-The stage is filled with voxels, coarse ones first, and finer ones where nearly all cameras see a change. The
+The place is filled with voxels, coarse ones first, and finer ones where nearly all cameras see a change. The
 fewer of the others miss what a pixel's ray meets, the likelier the pixel is the actor's (a visual hull that
 each camera is left out of in turn; Laurentini, PAMI 16(2), 1994).
 """
@@ -17,25 +17,29 @@ from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
 from services.segmentation.pixels import Levels
 
-COARSE_M, FINE_M = 0.12, 0.04
+_COARSE_M, _FINE_M = 0.12, 0.04
+"""Sizes of voxels."""
 _PER_COARSE = 3
-_FINE_M: Floats = FINE_M * np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(
-    -1, 3
+_FINE_OFFSETS_M: Floats = np.ascontiguousarray(
+    _FINE_M * (np.indices((3, 3, 3)).reshape(3, -1).T - 1.0), np.float64
 )
 """(27, 3) centres of a coarse voxel's fine ones, from its own."""
 _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M = 1.5, 6.0
-"""About where the cameras look; as far as they are away from there, within these limits."""
+"""Limits of half the side of the voxels' square; between them, the cameras' median distance from its
+middle."""
 _HEIGHT_M = 2.9
 _OVER_FLOOR_M = 0.04
 """Voxels begin so far over the floor: what lies on it is shadow."""
 _OVERLAP = 1.2
-"""Of a voxel's size: so far it is drawn."""
+"""A voxel is drawn so many times its size."""
 _LEAST_OTHERS, _MANY_OTHERS = 2, 4
-"""Fewer see nothing in common; so many make each one's word count as in a rig of many."""
+"""Fewer others tell nothing; where fewer than so many see a voxel, what each of them misses weighs more."""
 _MOST_MISSES, _FEW, _MOST_OF_FEW = 1.5, 5, 0.75
 """Voxels that more of the others miss are not looked into; fewer misses suffice where few others see one."""
 MISS = 16
 """A camera that surely sees no change at a pixel misses by so much; one that surely sees one by 0."""
+_INSIDE_MISSES, _NEAR_MISSES, _DEEP_MISSES = 6, 12, 24
+"""Of all others together, at most, for the classes below: 0.4, 0.75 and 1.5 times MISS."""
 
 INSIDE, DEEP, NEAR, ONE_MISSES, MORE_MISS, ALONE = range(6)
 """What others say of a pixel: well within what all of them see; deep within what all but one see; at the rim
@@ -45,12 +49,14 @@ CLASS_PRIOR: Levels = np.array([1.0, 0.8, -0.5, -1.0, -4.5, 0.0], np.float32)
 nobody can tell, and nothing is learnt of it."""
 N_CLASSES = len(CLASS_PRIOR)
 _NEVER = 255
+_WIDE, _NARROW = range(2)
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """The voxels of a stage."""
+class VoxelGrid:
+    """The voxels that fill the place which the cameras look at."""
 
+    lenses: Lenses
     coarse_m: Floats
     """(N, 3) centres of coarse voxels that enough cameras see."""
     coarse_px: Pixels
@@ -61,47 +67,55 @@ class Stage:
     """Per camera (H, W): whether enough others see along a pixel's ray."""
 
     @classmethod
-    def of(cls, cameras: Sequence[Camera], lenses: Lenses, floor_m: float) -> "Stage":
-        """The stage that most cameras look at, over a floor at a height."""
+    def of(cls, cameras: Sequence[Camera], lenses: Lenses, floor_m: float) -> "VoxelGrid":
+        """The voxels of what most cameras look at, over a floor at a height."""
         middle = _meeting_point(cameras)
         away_m = np.median([np.linalg.norm((camera.centre_world_m - middle)[:2]) for camera in cameras])
         half_m = float(np.clip(away_m, _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M))
-        across = np.arange(-half_m, half_m + COARSE_M / 2, COARSE_M)
-        up = floor_m + _OVER_FLOOR_M + np.arange(COARSE_M / 2, _HEIGHT_M, COARSE_M)
+        across = np.arange(-half_m, half_m + _COARSE_M / 2, _COARSE_M)
+        up = floor_m + _OVER_FLOOR_M + np.arange(_COARSE_M / 2, _HEIGHT_M, _COARSE_M)
         grid = np.stack(np.meshgrid(middle[0] + across, middle[1] + across, up, indexing="ij"), axis=-1)
         points_m = grid.reshape(-1, 3)
-        pixels = np.empty((lenses.n_cameras, len(points_m), 2), np.int16)
+        pixels = np.empty((len(cameras), len(points_m), 2), np.int16)
         _project(lenses.P_px_world, lenses.sizes_px, lenses.raw_px, points_m, pixels)
         seen = (pixels[..., 0] >= 0).sum(axis=0) > _LEAST_OTHERS
-        reach_px = np.array([_size_px(camera, middle, COARSE_M) for camera in cameras], np.int32)
         points_m, pixels = points_m[seen], np.ascontiguousarray(pixels[:, seen])
-        covered = [
-            _covered(pixels[c], int(reach_px[c]), (camera.height_px, camera.width_px))
-            for c, camera in enumerate(cameras)
-        ]
-        return cls(points_m, pixels, reach_px, covered)
+        reach_px, covered = np.empty(len(cameras), np.int32), list[Mask]()
+        for c, camera in enumerate(cameras):
+            depth_m = max(float(np.linalg.norm(camera.centre_world_m - middle)), _COARSE_M)
+            reach_px[c] = 1 + 2 * round(_COARSE_M * camera.K[0, 0] / depth_m / 2)
+            drawn = np.zeros((camera.height_px, camera.width_px), np.uint8)
+            on = pixels[c][pixels[c][:, 0] >= 0]
+            drawn[on[:, 1], on[:, 0]] = 1
+            closing = _square(2 * int(reach_px[c]) + 1)
+            covered.append(np.asarray(cv2.morphologyEx(drawn, cv2.MORPH_CLOSE, closing) > 0))
+        return cls(lenses, points_m, pixels, reach_px, covered)
 
-    def classes(self, lenses: Lenses, misses: Bytes, there: Ints) -> list[Bytes]:
+    def classes(self, misses: Bytes, there: Ints) -> list[Bytes]:
         """What the others say of each pixel, per camera that is there: INSIDE to ALONE (H, W).
 
         misses (C, H, W): by how much each camera misses a change at its pixels, 0 to MISS.
         """
+        lenses = self.lenses
         wide = np.stack([_eroded(of_camera, 3) for of_camera in misses])
         narrow = np.stack([np.asarray(cv2.dilate(of_camera, _square(3)), np.uint8) for of_camera in misses])
         reaches = self.reach_px.tolist()
         coarse = np.stack([_eroded(n, reach + 2) for n, reach in zip(narrow, reaches, strict=True)])
-        fewest = np.full((2, *misses.shape), _NEVER, np.uint8)
+        fewest = np.full((2, *misses.shape), _NEVER, np.uint8)  # by _WIDE and by _NARROW changes
         # A projection is linear before its division: that of a fine voxel is a sum of two.
         P, coarse_m = lenses.P_px_world, self.coarse_m[_promising(self.coarse_px, coarse, there)]
         of_coarse = np.einsum("crk,nk->ncr", P[..., :3], coarse_m) + P[..., 3]
-        of_fine = np.einsum("crk,mk->mcr", P[..., :3], _FINE_M)
+        of_fine = np.einsum("crk,mk->mcr", P[..., :3], _FINE_OFFSETS_M)
         _fewest_misses(of_coarse, of_fine, lenses.sizes_px, lenses.raw_px, there, wide, narrow, fewest)
         classes = []
         for c in there:
             width, height = lenses.sizes_px[c]
             size = 1 + 2 * round(int(self.reach_px[c]) / _PER_COARSE * _OVERLAP / 2)
-            spread = [_eroded(few[c, :height, :width], size) for few in fewest]
-            classes.append(_classified(spread[0], spread[1], self.covered[c], 2 * size + 1))
+            by_wide, by_narrow = (_eroded(few[c, :height, :width], size) for few in fewest)
+            deep = _eroded((by_wide <= _DEEP_MISSES).view(np.uint8), 2 * size + 1)
+            of_camera = np.empty(by_wide.shape, np.uint8)
+            _classify(by_wide, by_narrow, deep, self.covered[c].view(np.uint8), of_camera)
+            classes.append(of_camera)
         return classes
 
 
@@ -114,25 +128,15 @@ def _eroded(plane: Bytes, size_px: int) -> Bytes:
     return np.asarray(cv2.erode(plane, _square(size_px)), np.uint8)
 
 
-def _classified(by_wide: Bytes, by_narrow: Bytes, covered: Mask, depth_px: int) -> Bytes:
-    """The fewest misses of any voxel along a pixel's ray as classes (H, W)."""
-    most = np.array([0.4, 0.75, 1.5]) * MISS
-    deep = _eroded((by_wide <= most[2]).view(np.uint8), depth_px)
-    classes = np.empty(by_wide.shape, np.uint8)
-    _classify(by_wide, by_narrow, deep, covered.view(np.uint8), most.astype(np.uint8), classes)
-    return classes
-
-
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _classify(
-    by_wide: Bytes, by_narrow: Bytes, deep: Bytes, covered: Bytes, most: Bytes, classes: Bytes
-) -> None:
+def _classify(by_wide: Bytes, by_narrow: Bytes, deep: Bytes, covered: Bytes, classes: Bytes) -> None:
+    """Write the fewest misses of any voxel along a pixel's ray as classes (H, W)."""
     for y in range(classes.shape[0]):
         for x in range(classes.shape[1]):
-            near = ONE_MISSES if by_wide[y, x] <= most[2] else MORE_MISS
-            near = NEAR if by_wide[y, x] <= most[1] else near
+            near = ONE_MISSES if by_wide[y, x] <= _DEEP_MISSES else MORE_MISS
+            near = NEAR if by_wide[y, x] <= _NEAR_MISSES else near
             near = DEEP if deep[y, x] else near
-            near = INSIDE if by_narrow[y, x] <= most[0] else near
+            near = INSIDE if by_narrow[y, x] <= _INSIDE_MISSES else near
             classes[y, x] = near if covered[y, x] else ALONE
 
 
@@ -142,24 +146,8 @@ def _meeting_point(cameras: Sequence[Camera]) -> Floats:
     axes = np.array([camera.R_camera_world[2] for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     total = across.sum(axis=0) + 1e-6 * np.eye(3)
-    point: Floats = np.linalg.solve(
-        total, np.einsum("cij,cj->i", across, centres) + 1e-6 * centres.mean(axis=0)
-    )
-    return point
-
-
-def _size_px(camera: Camera, point_m: Floats, size_m: float) -> int:
-    """About how wide something is in a camera's picture, an odd number of pixels."""
-    depth_m = max(float(np.linalg.norm(camera.centre_world_m - point_m)), size_m)
-    return int(1 + 2 * round(size_m * camera.K[0, 0] / depth_m / 2))
-
-
-def _covered(pixels: Pixels, reach_px: int, shape: tuple[int, int]) -> Mask:
-    drawn = np.zeros(shape, np.uint8)
-    on = pixels[pixels[:, 0] >= 0]
-    drawn[on[:, 1], on[:, 0]] = 1
-    size = 2 * reach_px + 1
-    return np.asarray(cv2.morphologyEx(drawn, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8)) > 0)
+    target = np.einsum("cij,cj->i", across, centres) + 1e-6 * centres.mean(axis=0)
+    return np.asarray(np.linalg.solve(total, target))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -231,5 +219,5 @@ def _fewest_misses(
                 if u >= 0:
                     wide_misses = min(share * (by_wide - wide[c, v, u]), _NEVER)
                     narrow_misses = min(share * (by_narrow - narrow[c, v, u]), _NEVER)
-                    fewest[0, c, v, u] = min(fewest[0, c, v, u], int(wide_misses))
-                    fewest[1, c, v, u] = min(fewest[1, c, v, u], int(narrow_misses))
+                    fewest[_WIDE, c, v, u] = min(fewest[_WIDE, c, v, u], int(wide_misses))
+                    fewest[_NARROW, c, v, u] = min(fewest[_NARROW, c, v, u], int(narrow_misses))

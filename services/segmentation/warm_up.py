@@ -5,9 +5,8 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Floats
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.joint import JointSegmenter
-from services.segmentation.plate import Plate
-from services.segmentation.view import LIGHT_UNCERTAINTY
+from services.segmentation.joint import JointMatte
+from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 
 _SIZE_PX = 96
 _AWAY_M = 3.0
@@ -19,7 +18,7 @@ def warm_up() -> None:
     settings = SegmentationSettings()
     empty: Bytes = np.random.default_rng(0).integers(90, 110, (4, _SIZE_PX, _SIZE_PX, 3)).astype(np.uint8)
     plates = [Plate.learn(empty, settings, LIGHT_UNCERTAINTY) for _ in cameras]
-    matte = JointSegmenter(cameras, plates, settings)
+    matte = JointMatte(cameras, plates, settings)
     somebody = empty[0].copy()
     somebody[20:80, 40:60] //= 2
     moment = dict.fromkeys(range(len(cameras)), somebody)
@@ -30,7 +29,7 @@ def warm_up() -> None:
 
 
 def _camera(turn: float) -> Camera:
-    """One that looks at the middle of the stage from some metres away, at a heading in radians."""
+    """One that looks at the middle of the place from some metres away, at a heading in radians."""
     sine, cosine = float(np.sin(turn)), float(np.cos(turn))
     R: Floats = np.array([[-sine, cosine, 0.0], [0.0, 0.0, -1.0], [-cosine, -sine, 0.0]])
     K: Floats = np.array([[90.0, 0.0, 47.5], [0.0, 90.0, 47.5], [0.0, 0.0, 1.0]])

@@ -20,8 +20,8 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import video_writer
 from services.mocap.types import ACTOR, Bytes, Floats, Mask
+from services.segmentation.background import quick_looks, spread_pictures
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.samples import quick_looks, spread_pictures
 from services.segmentation.segmenters import make_segmenter
 
 SmallTake = Callable[..., Path]

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from services import cli
 from services.mocap.types import ACTOR, UNSURE, Trimap
-from services.segmentation.unsure_thirds import UnsureThirds, thirds_in_words
+from services.segmentation.files import UnsureThirds, thirds_in_words
 
 SmallTake = Callable[..., Path]
 

@@ -35,7 +35,7 @@ from services.runs.fit import TakeFit, concluded, fit_take, init_frames
 from services.runs.fit_files import write_fit
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
-from services.segmentation.source import Segmenter
+from services.segmentation.silhouettes import Segmenter
 
 CPU, QUICK = EngineSettings(backend="cpu"), SearchSettings(max_passes=1)
 TALLER_M = 1.76543219

@@ -10,9 +10,8 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, UNSURE, Bytes, Floats, Mask, Trimap
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.joint import JointSegmenter
-from services.segmentation.plate import Plate
-from services.segmentation.view import LIGHT_UNCERTAINTY
+from services.segmentation.joint import JointMatte
+from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 
 SETTINGS = SegmentationSettings()
 LAMP_M = np.array([1.5, -1.0, 5.0])
@@ -204,18 +203,18 @@ def plates(cameras: Sequence[Camera], floor_m: float = 0.0, n: int = 8) -> list[
     ]
 
 
-def joint_of(cameras: Sequence[Camera], pictures: Sequence[Sequence[Bytes]]) -> JointSegmenter:
+def joint_of(cameras: Sequence[Camera], pictures: Sequence[Sequence[Bytes]]) -> JointMatte:
     """A segmenter that knows pictures of the empty room per camera, and has learnt nothing yet."""
     known = [Plate.learn(frames, SETTINGS, LIGHT_UNCERTAINTY) for frames in pictures]
-    return JointSegmenter(cameras, known, SETTINGS)
+    return JointMatte(cameras, known, SETTINGS)
 
 
-def joint(cameras: Sequence[Camera], floor_m: float = 0.0) -> JointSegmenter:
+def joint(cameras: Sequence[Camera], floor_m: float = 0.0) -> JointMatte:
     """The same for the made-up room."""
     return joint_of(cameras, plates(cameras, floor_m))
 
 
-def taught(segmenter: JointSegmenter, moments: Sequence[Mapping[int, Bytes]]) -> JointSegmenter:
+def taught(segmenter: JointMatte, moments: Sequence[Mapping[int, Bytes]]) -> JointMatte:
     """The same segmenter once it has learnt from some moments."""
     segmenter.settle_floor(moments)
     for images in moments:

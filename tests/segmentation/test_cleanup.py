@@ -10,8 +10,7 @@ from pydantic import ValidationError
 
 from services.mocap.types import Mask
 from services.segmentation import edges
-from services.segmentation.cleanup import SegmentationSettings, cleanup
-from services.segmentation.patches import drop_unconfirmed
+from services.segmentation.cleanup import SegmentationSettings, cleanup, drop_unconfirmed
 from services.segmentation.pixels import MEAN_STEPS, Levels
 
 SETTINGS = SegmentationSettings()
@@ -26,7 +25,7 @@ def settle_edges(mask: Mask, picture: Levels, background: Levels, settings: Segm
     channels = np.ascontiguousarray(np.moveaxis(np.rint(picture).clip(0, 255), 2, 0).astype(np.uint8))
     mean = np.ascontiguousarray(np.rint(np.moveaxis(background, 2, 0) * MEAN_STEPS).astype(np.int16))
     rim_px = settings.edge_width_permille * 1e-3 * mask.shape[1]
-    edges.settle_edges(part, (0, 0), channels, mean, np.ones(3, np.float32), rim_px, settings.edge_misfit)
+    edges.settle_edges(part, (0, 0), channels, mean, rim_px, settings.edge_misfit)
     return part > 0
 
 
@@ -97,7 +96,7 @@ def test_patches_are_those_that_opencv_finds(mask: Mask) -> None:
 
 @given(SMALL_MASKS, st.integers(1, 5))
 def test_depths_are_distances_up_to_their_limit(mask: Mask, reach: int) -> None:
-    inside2, outside2 = edges._depths2(mask.astype(np.uint8), reach, np.float32(reach**2))
+    inside2, outside2 = edges._depths2(mask.astype(np.uint8), reach**2)
     for found, here in ((inside2, mask), (outside2, ~mask)):
         rows, columns = np.nonzero(~here)
         y, x = np.indices(mask.shape)

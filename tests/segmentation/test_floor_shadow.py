@@ -8,7 +8,7 @@ from rig_scene import SETTINGS, Blob, Rendered, moment, person, plates, raised, 
 
 from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Ints
-from services.segmentation.deviation import PERHAPS_SHADOW, UNCHANGED, UNSEEN
+from services.segmentation.comparison import PERHAPS_SHADOW, UNCHANGED, UNSEEN, Comparison
 from services.segmentation.floor_shadow import (
     SUPPORTED,
     UNKNOWN,
@@ -19,8 +19,7 @@ from services.segmentation.floor_shadow import (
 )
 from services.segmentation.lenses import Lenses
 from services.segmentation.pixels import Levels
-from services.segmentation.plate import Plate
-from services.segmentation.view import LIGHT_UNCERTAINTY, View
+from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 
 CAMERAS = ring(4)
 LENSES = Lenses.of(CAMERAS)
@@ -30,7 +29,7 @@ Seen = tuple[Levels, Bytes, Ints]
 
 def seen_of(blobs: Sequence[Blob], floor_m: float, seeds: Sequence[int]) -> tuple[list[Seen], list[Rendered]]:
     """Ratios, states and cameras at some moments, and what was really there at the last."""
-    views = [View(Plate.learn(p, SETTINGS, LIGHT_UNCERTAINTY)) for p in plates(CAMERAS, floor_m)]
+    views = [Comparison(Plate.learn(p, SETTINGS, LIGHT_UNCERTAINTY)) for p in plates(CAMERAS, floor_m)]
     seen, rendered = list[Seen](), list[Rendered]()
     for seed in seeds:
         shown = moment(CAMERAS, blobs, seed, floor_m)

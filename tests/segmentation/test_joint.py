@@ -30,8 +30,8 @@ from rig_scene import (
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.types import ACTOR, BACKGROUND, Bytes, Floats, Mask
-from services.segmentation.joint import JointSegmenter
-from services.segmentation.paper_test import PaperTest
+from services.segmentation.baselines import PaperTest
+from services.segmentation.joint import JointMatte
 
 CAMERAS = ring(5)
 STANDING = person(x=0.1, y=-0.2)
@@ -44,7 +44,7 @@ def walk(cameras: Sequence[Camera], clothes: Colour = DARK_GREY, floor_m: float 
     ]
 
 
-def learnt(cameras: Sequence[Camera], clothes: Colour = DARK_GREY, floor_m: float = 0.0) -> JointSegmenter:
+def learnt(cameras: Sequence[Camera], clothes: Colour = DARK_GREY, floor_m: float = 0.0) -> JointMatte:
     return taught(joint(cameras, floor_m), [m.images for m in walk(cameras, clothes, floor_m)])
 
 
@@ -54,7 +54,7 @@ def walked() -> list[Moment]:
 
 
 @pytest.fixture(scope="module")
-def segmenter(walked: list[Moment]) -> JointSegmenter:
+def segmenter(walked: list[Moment]) -> JointMatte:
     """Has seen somebody in dark grey."""
     return taught(joint(CAMERAS), [m.images for m in walked])
 
@@ -73,7 +73,7 @@ def visible(camera: Camera, blobs: Sequence[Blob], k: int) -> Mask:
 
 
 def test_dark_grey_clothes_before_grey_walls_stay_and_the_shadow_goes(
-    segmenter: JointSegmenter, standing: Moment
+    segmenter: JointMatte, standing: Moment
 ) -> None:
     published = [PaperTest.learn(frames, SETTINGS) for frames in plates(CAMERAS)]
     found = segmenter.trimaps(standing.images)
@@ -97,7 +97,7 @@ def test_silhouettes_are_good_before_anything_was_learnt(standing: Moment) -> No
     assert min(iou(found[c], view.actor) for c, view in enumerate(standing.views)) > 0.85
 
 
-def test_what_is_learnt_makes_silhouettes_better(segmenter: JointSegmenter, standing: Moment) -> None:
+def test_what_is_learnt_makes_silhouettes_better(segmenter: JointMatte, standing: Moment) -> None:
     before, after = (s.trimaps(standing.images) for s in (joint(CAMERAS), segmenter))
     true = [view.actor for view in standing.views]
     lost_before, lost_after = (
@@ -132,7 +132,7 @@ def drifting(colours: Floats, seed: int, phase: float) -> Floats:
     return np.asarray(colours * (1 + 0.15 * light)[..., None])
 
 
-def test_an_empty_stage_in_drifting_light_is_all_background(segmenter: JointSegmenter) -> None:
+def test_an_empty_stage_in_drifting_light_is_all_background(segmenter: JointMatte) -> None:
     empty, rng = [render(camera).colours for camera in CAMERAS], np.random.default_rng(5)
     fresh = joint(CAMERAS)
     for frame in range(60):
@@ -141,7 +141,7 @@ def test_an_empty_stage_in_drifting_light_is_all_background(segmenter: JointSegm
             assert not any(trimap.any() for trimap in one.trimaps(images).values())
 
 
-def test_an_arm_of_a_colour_that_was_never_seen_stays(segmenter: JointSegmenter) -> None:
+def test_an_arm_of_a_colour_that_was_never_seen_stays(segmenter: JointMatte) -> None:
     blobs = [*STANDING[:5], replace(STANDING[5], colour=GREEN)]
     found = segmenter.trimaps(moment(CAMERAS, blobs, 50).images)
     for c, camera in enumerate(CAMERAS):
@@ -150,7 +150,7 @@ def test_an_arm_of_a_colour_that_was_never_seen_stays(segmenter: JointSegmenter)
         assert (found[c][arm] == ACTOR).mean() > 0.98
 
 
-def test_a_coat_thrown_through_the_room_is_foreground_everywhere(segmenter: JointSegmenter) -> None:
+def test_a_coat_thrown_through_the_room_is_foreground_everywhere(segmenter: JointMatte) -> None:
     blobs = [*STANDING, Blob((-0.7, 0.6, 1.4), (0.2, 0.2, 0.12), BLUE)]
     seen = moment(CAMERAS, blobs, 51)
     found = segmenter.trimaps(seen.images)
@@ -160,7 +160,7 @@ def test_a_coat_thrown_through_the_room_is_foreground_everywhere(segmenter: Join
 
 
 @pytest.mark.parametrize("colour", [BLUE, (20.0, 20.0, 20.0), (240.0, 240.0, 240.0)])
-def test_what_one_camera_alone_sees_is_dropped(segmenter: JointSegmenter, colour: Colour) -> None:
+def test_what_one_camera_alone_sees_is_dropped(segmenter: JointMatte, colour: Colour) -> None:
     nobody = moment(CAMERAS, [], 52)
     for one in (segmenter, joint(CAMERAS)):
         for c in range(5):
@@ -170,7 +170,7 @@ def test_what_one_camera_alone_sees_is_dropped(segmenter: JointSegmenter, colour
                 assert not any((trimap == ACTOR).any() for trimap in one.trimaps(images).values())
 
 
-def test_a_moment_without_some_cameras(segmenter: JointSegmenter, standing: Moment) -> None:
+def test_a_moment_without_some_cameras(segmenter: JointMatte, standing: Moment) -> None:
     for there in ((0, 1, 2, 3), (0, 2, 4), (1, 4), (3,)):
         found = segmenter.trimaps({c: standing.images[c] for c in there})
         assert tuple(sorted(found)) == there
@@ -197,14 +197,14 @@ def test_cameras_may_be_of_unlike_sizes() -> None:
         assert iou(trimap, seen.views[c].actor) > 0.88
 
 
-def test_a_picture_of_another_size_is_refused(segmenter: JointSegmenter, standing: Moment) -> None:
+def test_a_picture_of_another_size_is_refused(segmenter: JointMatte, standing: Moment) -> None:
     images: dict[int, Bytes] = {**standing.images, 3: np.zeros((120, 160, 3), np.uint8)}
     with pytest.raises(UserError, match=r"^image: expected 240x180 .* clean plate, found 160x120: [^.]*$"):
         segmenter.trimaps(images)
 
 
 def test_trimaps_depend_on_their_own_moment_alone(
-    segmenter: JointSegmenter, standing: Moment, walked: list[Moment]
+    segmenter: JointMatte, standing: Moment, walked: list[Moment]
 ) -> None:
     moments = [m.images for m in walked] + [standing.images]
     moments += [moment(CAMERAS, [], 3).images, {c: standing.images[c] for c in (0, 2, 3)}]
@@ -217,7 +217,7 @@ def test_trimaps_depend_on_their_own_moment_alone(
 
 
 def test_learning_twice_from_the_same_is_the_same(
-    segmenter: JointSegmenter, standing: Moment, walked: list[Moment]
+    segmenter: JointMatte, standing: Moment, walked: list[Moment]
 ) -> None:
     again = taught(joint(CAMERAS), [m.images for m in walked]).trimaps(standing.images)
     for c, trimap in segmenter.trimaps(standing.images).items():

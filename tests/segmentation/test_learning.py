@@ -12,10 +12,10 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.types import ACTOR, Bytes, Mask
 from services.segmentation import learning
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.joint import JointSegmenter
+from services.segmentation.joint import JointMatte
 from services.segmentation.learning import LiveLearner, learn_from_take
 from services.segmentation.segmenters import make_segmenter
-from services.segmentation.source import pictures_of
+from services.segmentation.silhouettes import pictures_of
 
 SmallTake = Callable[..., Path]
 Ball = Callable[[Camera, int], Mask]
@@ -43,7 +43,7 @@ def test_two_segmenters_of_a_take_agree_wherever_they_begin(
             assert ((trimap == ACTOR) & true).sum() > 0.5 * ((trimap == ACTOR) | true).sum()
 
 
-class Pupil(JointSegmenter):
+class Pupil(JointMatte):
     """Notes what it is asked to do."""
 
     def __init__(self) -> None:

@@ -79,7 +79,7 @@ def test_what_is_behind_a_camera_is_nowhere() -> None:
 def test_smaller_pictures_have_nothing_outside() -> None:
     cameras = [ring(2)[0], ring(2, 160, 120)[1]]
     lenses = Lenses.of(cameras)
-    assert lenses.n_cameras == 2
+    assert len(lenses.sizes_px) == 2
     assert lenses.raw_px.shape == (2, 180, 240, 2)
     assert (lenses.raw_px[1, 120:] == NOWHERE).all()
     assert (lenses.raw_px[1, :, 160:] == NOWHERE).all()

@@ -14,11 +14,10 @@ from wall_scene import COLOURS, HEIGHT, WIDTH, disc, exposed, iou, plate_frames,
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.types import ACTOR, Bytes, Mask, Trimap
+from services.segmentation.baselines import PaperTest
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.joint import JointSegmenter
-from services.segmentation.paper_test import PaperTest
-from services.segmentation.plate import Plate
-from services.segmentation.view import LIGHT_UNCERTAINTY
+from services.segmentation.joint import JointMatte
+from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 
 SETTINGS = SegmentationSettings()
 SHADOW = disc(28, (250, 180))
@@ -26,12 +25,12 @@ SHADOW = disc(28, (250, 180))
 Cut = Callable[[Bytes], Trimap]
 
 
-def joint(frames: Sequence[Bytes]) -> JointSegmenter:
+def joint(frames: Sequence[Bytes]) -> JointMatte:
     plate = Plate.learn(frames, SETTINGS, LIGHT_UNCERTAINTY)
     height, width = plate.shape
     K = np.array([[300.0, 0, (width - 1) / 2], [0, 300.0, (height - 1) / 2], [0, 0, 1]])
     camera = Camera("cam01", width, height, K, np.zeros(4), np.eye(3), np.zeros(3))
-    return JointSegmenter([camera], [plate], SETTINGS)
+    return JointMatte([camera], [plate], SETTINGS)
 
 
 def cutter(name: str, frames: Sequence[Bytes]) -> Cut:

@@ -152,7 +152,7 @@ def plug_ins(monkeypatch: pytest.MonkeyPatch) -> None:
         EntryPoint(name, f"{__name__}:{name.title()}", segmenters.GROUP)
         for name in ("stencil", "doubtful", "wrong")
     )
-    for module in ("segmenters", "foreign"):
+    for module in ("segmenters", "external"):
         monkeypatch.setattr(
             f"services.segmentation.{module}.entry_points", lambda **asked: installed.select(**asked)
         )

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from services.mocap.types import Bytes, Mask
-from services.segmentation.ghosts import find_ghost
-from services.segmentation.take_plate import plate_of_samples
+from services.segmentation.take_plate import find_ghost, plate_of_samples
 
 HEIGHT, WIDTH, NOISE = 90, 120, 2.0
 

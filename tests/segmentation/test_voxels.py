@@ -19,12 +19,12 @@ from services.segmentation.voxels import (
     N_CLASSES,
     NEAR,
     ONE_MISSES,
-    Stage,
+    VoxelGrid,
 )
 
 CAMERAS = ring(6)
 LENSES = Lenses.of(CAMERAS)
-STAGE = Stage.of(CAMERAS, LENSES, 0.0)
+GRID = VoxelGrid.of(CAMERAS, LENSES, 0.0)
 ALL: Ints = np.arange(6, dtype=np.int32)
 BALL = Blob((0.1, -0.1, 1.0), (0.35, 0.35, 0.35), BLUE)
 
@@ -47,7 +47,7 @@ def grown(mask: Mask, by_px: int) -> Mask:
 
 
 def test_what_all_see_is_inside_and_what_nobody_sees_is_missed(balls: list[Mask]) -> None:
-    classes = STAGE.classes(LENSES, misses_of(balls), ALL)
+    classes = GRID.classes(misses_of(balls), ALL)
     for ball, found in zip(balls, classes, strict=True):
         assert (found[shrunk(ball, 6)] == INSIDE).all()
         assert np.isin(found[ball], [INSIDE, DEEP, NEAR]).all()
@@ -58,11 +58,11 @@ def test_what_all_see_is_inside_and_what_nobody_sees_is_missed(balls: list[Mask]
 
 def test_a_pixel_is_told_by_the_others_alone(balls: list[Mask]) -> None:
     misses = misses_of(balls)
-    usual = STAGE.classes(LENSES, misses, ALL)
+    usual = GRID.classes(misses, ALL)
     for c, ball in enumerate(balls):
         blind = misses.copy()
         blind[c] = MISS  # this camera sees nothing
-        found = STAGE.classes(LENSES, blind, ALL)
+        found = GRID.classes(blind, ALL)
         assert (found[c][shrunk(ball, 6)] == INSIDE).all()
         for other in range(6):
             if other != c:
@@ -73,14 +73,14 @@ def test_a_pixel_is_told_by_the_others_alone(balls: list[Mask]) -> None:
 def test_what_one_camera_alone_sees_is_missed_by_more(balls: list[Mask]) -> None:
     for c in range(6):
         alone = [balls[c] if k == c else np.zeros_like(balls[k]) for k in range(6)]
-        found = STAGE.classes(LENSES, misses_of(alone), ALL)[c]
+        found = GRID.classes(misses_of(alone), ALL)[c]
         assert np.isin(found, [MORE_MISS, ALONE]).all()
         assert (found[balls[c]] == MORE_MISS).all()
 
 
 def test_outside_of_the_common_view_nobody_can_tell(balls: list[Mask]) -> None:
-    classes = STAGE.classes(LENSES, misses_of(balls), ALL)
-    for covered, found in zip(STAGE.covered, classes, strict=True):
+    classes = GRID.classes(misses_of(balls), ALL)
+    for covered, found in zip(GRID.covered, classes, strict=True):
         np.testing.assert_array_equal(found == ALONE, ~covered)
         assert covered[90, 120]
     (apart, *_) = ring(6)
@@ -95,17 +95,17 @@ def test_outside_of_the_common_view_nobody_can_tell(balls: list[Mask]) -> None:
         apart.R_camera_world @ apart.centre_world_m,
     )
     lenses = Lenses.of(away)
-    stage = Stage.of(away, lenses, 0.0)
-    assert stage.covered[5].mean() < stage.covered[0].mean()
+    grid = VoxelGrid.of(away, lenses, 0.0)
+    assert grid.covered[5].mean() < grid.covered[0].mean()
 
 
 def test_cameras_may_be_missing(balls: list[Mask]) -> None:
     misses = misses_of(balls)
     misses[[1, 4]] = 77  # nonsense, which nobody may look at
     there = np.array([0, 2, 3, 5], np.int32)
-    found = STAGE.classes(LENSES, misses, there)
+    found = GRID.classes(misses, there)
     misses[[1, 4]] = 3
-    again = STAGE.classes(LENSES, misses, there)
+    again = GRID.classes(misses, there)
     assert len(found) == 4
     for k, c in enumerate(there):
         assert (found[k][shrunk(balls[c], 6)] == INSIDE).all()
@@ -113,9 +113,9 @@ def test_cameras_may_be_missing(balls: list[Mask]) -> None:
 
 
 def test_what_lies_on_the_floor_is_no_voxels() -> None:
-    assert STAGE.coarse_m[:, 2].min() > 0.04
-    higher = Stage.of(CAMERAS, LENSES, 0.35)
-    assert higher.coarse_m[:, 2].min() == pytest.approx(STAGE.coarse_m[:, 2].min() + 0.35)
+    assert GRID.coarse_m[:, 2].min() > 0.04
+    higher = VoxelGrid.of(CAMERAS, LENSES, 0.35)
+    assert higher.coarse_m[:, 2].min() == pytest.approx(GRID.coarse_m[:, 2].min() + 0.35)
 
 
 def test_the_more_others_see_it_the_likelier_the_actor() -> None:

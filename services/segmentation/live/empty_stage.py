@@ -5,10 +5,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 
 from services.health import beat
-from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.take.layout import background_video_path
 from services.mocap.take.live import LiveTake
@@ -16,11 +14,11 @@ from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes
 from services.process import StopRequest
-from services.segmentation.live.feed import Feed
+from services.segmentation.live.group import Feed
 from services.segmentation.live.sources import StreamSource
 
 _PICTURES = 30
-"""Of each camera, at most; more teach a background hardly anything."""
+"""Per camera, at most; more hardly improve the background."""
 _OPENING_S = 20.0
 """How long sources may take until they give their first picture."""
 _FEWEST = 3
@@ -44,16 +42,20 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
         for feed in feeds.values():
             feed.join()
     for c, pictures in seen.items():
+        camera = take.cameras[c]
         if len(pictures) < _FEWEST:
-            raise UserError(
-                f"{take.cameras[c].name}: gave no pictures of the empty stage: is its source there?"
-            )
-        _write(folder, take.cameras[c], pictures, take.live.fps)
+            raise UserError(f"{camera.name}: gave no pictures of the empty stage: is its source there?")
+        path = background_video_path(folder, camera.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with video_writer(path, camera.width_px, camera.height_px, take.live.fps) as writer:
+            for picture in pictures:
+                writer.write(picture)
     log.info("the empty stage was seen by %d cameras", len(seen))
     return replace(take, background_folder=background_video_path(folder, "any").parent)
 
 
 def _of_file(take: LiveTake, camera: int) -> list[Bytes]:
+    """Pictures of a file's first seconds."""
     wanted = max(_FEWEST, round(take.live.empty_stage_s * take.live.fps))
     with VideoReader(Path(str(take.sources[camera].source))) as reader:
         pictures = [picture for _, picture in zip(range(wanted), reader, strict=False)]
@@ -61,7 +63,6 @@ def _of_file(take: LiveTake, camera: int) -> list[Bytes]:
 
 
 def _feed(take: LiveTake, c: int, pictures: list[Bytes]) -> Feed:
-    camera = take.cameras[c]
     apart_s, last_s = take.live.empty_stage_s / _PICTURES, -1.0
 
     def keep(image: Bytes, taken_s: float) -> None:
@@ -70,10 +71,8 @@ def _feed(take: LiveTake, c: int, pictures: list[Bytes]) -> Feed:
             last_s = taken_s
             pictures.append(image)
 
-    def begin(_: Event) -> StreamSource:
-        return StreamSource(take.sources[c], camera, take.live.fps)
-
-    return Feed(camera, begin, keep)
+    camera = take.cameras[c]
+    return Feed(camera, lambda _: StreamSource(take.sources[c], camera, take.live.fps), keep)
 
 
 def _wait(take: LiveTake, feeds: dict[int, Feed], seen: dict[int, list[Bytes]], stop: StopRequest) -> None:
@@ -89,11 +88,3 @@ def _wait(take: LiveTake, feeds: dict[int, Feed], seen: dict[int, list[Bytes]], 
     for feed in feeds.values():
         if feed.problem is not None:
             raise feed.problem
-
-
-def _write(folder: Path, camera: Camera, pictures: list[Bytes], fps: float) -> None:
-    path = background_video_path(folder, camera.name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with video_writer(path, camera.width_px, camera.height_px, fps) as writer:
-        for picture in pictures:
-            writer.write(picture)

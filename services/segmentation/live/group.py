@@ -1,53 +1,94 @@
-"""A group of live cameras: their feeds, the shots they make together, and what becomes of those."""
+"""A group of live cameras: a feed of each, and the shots they make together."""
 
+import logging
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.camera.camera import Camera
+from services.mocap.errors import UserError
 from services.mocap.take.live import LiveTake
 from services.mocap.types import Bytes
-from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.joint import JointSegmenter
-from services.segmentation.learning import LiveLearner
-from services.segmentation.live.clock import CoordinatorClock
-from services.segmentation.live.feed import Feed
 from services.segmentation.live.recording import CameraRecording
-from services.segmentation.live.shots import Shot, Shots
-from services.segmentation.live.sources import FileSource, Source, StreamSource
-from services.segmentation.segmenters import live_matte
-from services.segmentation.source import GroupUndistorter, packed
-from services.segmentation.warm_up import warm_up
+from services.segmentation.live.shots import CoordinatorClock, Shots
+from services.segmentation.live.sources import (
+    FileSource,
+    Source,
+    SourceLostError,
+    StreamSource,
+    check_size_of,
+)
+
+_AGAIN_S = 0.25
+"""Between two tries to open a source that is gone."""
+
+log = logging.getLogger(__name__)
 
 
-class Silhouetter:
-    """Makes the silhouettes of a group's shots."""
+class Feed:
+    """Gives a camera's pictures to whoever wants them, from a thread of its own.
 
-    def __init__(self, take: LiveTake, cameras: Sequence[int], segmenter: str) -> None:
-        """Raises UserError where the segmenter cannot work live."""
-        chosen = [take.cameras[c] for c in cameras]
-        self._height_px, self._width_px = Rig.of(take.cameras).shape_px
-        self._matte = live_matte(take, chosen, SegmentationSettings(), segmenter)
-        self._colours = [take.colours.get(camera.name) for camera in chosen]
-        self._undistorter = GroupUndistorter(chosen)
-        self._cameras = chosen
-        self._learner = LiveLearner(self._matte) if isinstance(self._matte, JointSegmenter) else None
-        warm_up()
+    The thread reads the camera's source, and opens it again for as long as it is gone. begin: waits until the
+    source may be opened, and opens it; raises SourceLostError. give: called in the feed's thread with each
+    picture (H, W, 3) and the moment it was taken, by this machine's monotonic clock.
+    """
 
-    def planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
-        """Which cameras of the group have a picture of a shot, and planes (P, H, W) of these."""
-        images = {k: self._corrected(k, taken.image) for k, taken in shot.taken.items()}
-        if self._learner is not None:
-            self._learner.see(images)
-        trimaps = self._undistorter.undistorted(self._matte.trimaps(images))
-        return sorted(images), packed(trimaps, self._width_px, self._height_px)
+    def __init__(
+        self,
+        camera: Camera,
+        begin: Callable[[threading.Event], Source | None],
+        give: Callable[[Bytes, float], None],
+    ) -> None:
+        self._camera, self._begin, self._give = camera, begin, give
+        self._stopped = threading.Event()
+        self._is_lost = False
+        self.has_ended = False
+        """Whether no picture will ever follow."""
+        self.problem: UserError | None = None
+        """Why it cannot go on, which the user has to mend."""
+        self._thread = threading.Thread(target=self._run, name=f"feed-{camera.name}", daemon=True)
+        self._thread.start()
 
-    def _corrected(self, k: int, image: Bytes) -> Bytes:
-        """A picture (h, w, 3) as the camera gave it, in the colours that all cameras are to have."""
-        colour = self._colours[k]
-        return image if colour is None else colour.apply(image)
+    def _run(self) -> None:
+        name = self._camera.name
+        while not self._stopped.is_set() and not self.has_ended:
+            try:
+                self._read_all()
+            except SourceLostError as problem:
+                if not self._is_lost:
+                    self._is_lost = True
+                    log.warning("%s is gone, and looked for until it is back: %s", name, problem)
+                self._stopped.wait(_AGAIN_S)
+            except UserError as problem:
+                self.problem, self.has_ended = problem, True
+
+    def _read_all(self) -> None:
+        """Read a source to its end; raises SourceLostError."""
+        source = self._begin(self._stopped)
+        if source is None:
+            return
+        try:
+            while not self._stopped.is_set():
+                picture = source.read()
+                if picture is None:
+                    self.has_ended = True
+                    return
+                check_size_of(self._camera.name, self._camera, *picture.image.shape[:2])
+                if self._is_lost:
+                    self._is_lost = False
+                    log.info("%s is back", self._camera.name)
+                self._give(picture.image, picture.taken_s)
+        finally:
+            source.close()
+
+    def stop(self) -> None:
+        """Ask it to end; it does so after the picture that it is waiting for."""
+        self._stopped.set()
+
+    def join(self) -> None:
+        """Wait for its end, a moment: a source that hangs does not hold up the others."""
+        self._thread.join(2.0)
 
 
 class Group:
@@ -64,14 +105,10 @@ class Group:
         self._recordings = [
             CameraRecording(record, take.cameras[c], live.fps) for c in cameras if record is not None
         ]
-        self._feeds = [self._feed(k, c) for k, c in enumerate(cameras)]
-
-    def _feed(self, k: int, c: int) -> Feed:
-        return Feed(
-            self._take.cameras[c],
-            lambda stopped: self._open(k, c, stopped),
-            lambda image, taken_s: self._give(k, image, taken_s),
-        )
+        self._feeds = [
+            Feed(take.cameras[c], partial(self._open, k, c), partial(self._give, k))
+            for k, c in enumerate(cameras)
+        ]
 
     def _open(self, k: int, c: int, stopped: threading.Event) -> Source | None:
         """A camera's source; files begin with shot 0, so that each of their pictures has its number."""
@@ -122,6 +159,6 @@ class Group:
             feed.stop()
         for feed in self._feeds:
             feed.join()
-        if self._recordings and end_shot:
+        if end_shot:
             for recording in self._recordings:
                 recording.finish(end_shot)

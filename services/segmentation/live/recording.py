@@ -69,23 +69,17 @@ class CameraRecording:
                 shot, image, time_s = self._waiting.get()
                 if image is not None and not self._times_s:
                     self._last = image  # what came before the first picture looks like it
-                self._repeat(writer, shot)
+                while len(self._times_s) < shot:
+                    self._write(writer, self._last, None)
                 if image is None:
                     break
                 self._write(writer, image, time_s)
-        self._write_stamps()
-
-    def _repeat(self, writer: VideoWriter, until_shot: int) -> None:
-        while len(self._times_s) < until_shot:
-            self._write(writer, self._last, None)
+        path = stamps_path(self._folder, self._camera.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        times = ["" if time_s is None else f"{time_s:.6f}" for time_s in self._times_s]
+        write_columns(path, {"frame": [str(n) for n in range(len(times))], "time_s": times})
 
     def _write(self, writer: VideoWriter, image: Bytes, time_s: float | None) -> None:
         writer.write(image)
         self._times_s.append(time_s)
         self._last = image
-
-    def _write_stamps(self) -> None:
-        path = stamps_path(self._folder, self._camera.name)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        times = ["" if time_s is None else f"{time_s:.6f}" for time_s in self._times_s]
-        write_columns(path, {"frame": [str(n) for n in range(len(times))], "time_s": times})

@@ -18,14 +18,22 @@ from proto.streams import FROM_LIVE_CAMERAS
 from services.health import beat
 from services.logs import about
 from services.metrics import DROPPED
+from services.mocap.camera.rig import Rig
+from services.mocap.camera.undistort import Undistorter
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.take.live import LiveTake
 from services.process import StopRequest, clock_name
-from services.segmentation.live.clock import CoordinatorClock
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.joint import JointMatte
+from services.segmentation.learning import LiveLearner
 from services.segmentation.live.empty_stage import see_empty_stage
-from services.segmentation.live.group import Group, Silhouetter
-from services.segmentation.live.shots import Shot
+from services.segmentation.live.group import Group
+from services.segmentation.live.shots import CoordinatorClock, Shot
 from services.segmentation.live.sources import check_file
 from services.segmentation.metrics import FRAMES, SECONDS
+from services.segmentation.segmenters import live_matte
+from services.segmentation.silhouettes import packed
+from services.segmentation.warm_up import warm_up
 
 _LOOK_S = 0.05
 _ASK_SOON_S = 0.1
@@ -34,6 +42,32 @@ _CATCH_UP_S = 2.0
 """How long the last pictures of a recording may take to come."""
 
 log = logging.getLogger(__name__)
+
+
+class Silhouetter:
+    """Makes the silhouettes of a group's shots."""
+
+    def __init__(self, take: LiveTake, cameras: Sequence[int], segmenter: str) -> None:
+        """Raises UserError where the segmenter cannot work live."""
+        chosen = [take.cameras[c] for c in cameras]
+        self._height_px, self._width_px = Rig.of(take.cameras).shape_px
+        self._matte = live_matte(take, chosen, SegmentationSettings(), segmenter)
+        self._learner = LiveLearner(self._matte) if isinstance(self._matte, JointMatte) else None
+        self._colours = [take.colours.get(camera.name) for camera in chosen]
+        self._undistorters = [Undistorter(camera) for camera in chosen]
+        warm_up()
+
+    def planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
+        """Which cameras of the group have a picture of a shot, and planes (P, H, W) of these."""
+        images = {}
+        for k, taken in shot.taken.items():
+            colour = self._colours[k]  # what makes pictures those that all cameras are to have
+            images[k] = taken.image if colour is None else colour.apply(taken.image)
+        if self._learner is not None:
+            self._learner.see(images)
+        raw, there = self._matte.trimaps(images), sorted(images)
+        trimaps = [self._undistorters[k].trimap(raw[k]) for k in there]
+        return there, packed(trimaps, self._width_px, self._height_px)
 
 
 class Talk:
@@ -109,6 +143,14 @@ class Talk:
         else:
             self.unsent += 1
 
+    def end_shot(self) -> int | None:
+        """One past the last shot of a recording; None where there was none."""
+        if self.end is not None and self.end.end_shot:
+            return self.end.end_shot
+        if not self.clock.run:
+            return None
+        return max(int(self.clock.shot_at(self.clock.there_s(time.monotonic()))), 1)
+
     def close(self) -> None:
         """Close the connections, letting what was sent go out."""
         for line in (self._silhouettes, self._poses, self._tasks):
@@ -147,7 +189,7 @@ def serve_live(
         try:
             _serve(talk, group, silhouetter, stop)
         finally:
-            group.stop(_end_shot(talk))
+            group.stop(talk.end_shot())
 
 
 def _serve(talk: Talk, group: Group, silhouetter: Silhouetter, stop: StopRequest) -> None:
@@ -167,12 +209,3 @@ def _serve(talk: Talk, group: Group, silhouetter: Silhouetter, stop: StopRequest
         shot = group.shots.take(_LOOK_S)
         if shot is not None and talk.end is None:
             talk.send(shot, silhouetter)
-
-
-def _end_shot(talk: Talk) -> int | None:
-    """One past the last shot of a recording; None where there was none."""
-    if talk.end is not None and talk.end.end_shot:
-        return talk.end.end_shot
-    if not talk.clock.run:
-        return None
-    return max(int(talk.clock.shot_at(talk.clock.there_s(time.monotonic()))), 1)

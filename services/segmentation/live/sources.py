@@ -25,9 +25,10 @@ _OPEN_S, _READ_S = 5.0, 1.5
 _SAME_CLOCK_S = 2.0
 """Stamps so near to this machine's monotonic clock are its own, as drivers of cameras give them."""
 _LATE_S, _LATE_PICTURES = 0.4, 2
-"""A file's picture that nobody has read after both together gives way to newer ones, as a camera's does."""
+"""A file's picture that is unread for the sum of both is dropped for newer ones, as a camera would do."""
 _MEET_S = 0.25
-"""About so far apart are the pictures at which files go on then, so that those of several meet again."""
+"""Files that drop pictures go on at multiples of about this time, so that several go on at the same
+moment."""
 _LEAK = 1e-3
 """How much a container's clock may run slow against ours, in seconds a second."""
 

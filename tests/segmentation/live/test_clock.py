@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from proto.messages import LivePace
-from services.segmentation.live.clock import CoordinatorClock
+from services.segmentation.live.shots import CoordinatorClock
 
 _RUN = "a" * 32
 

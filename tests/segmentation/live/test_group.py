@@ -10,10 +10,11 @@ from services.mocap.camera.colour import ColourCorrection, write_colours
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.live import open_live
-from services.segmentation.__main__ import Feed
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.live.group import Silhouetter
+from services.segmentation.live.serving import Silhouetter
 from services.segmentation.live.shots import Shot, Taken
+from services.segmentation.segmenters import make_segmenter
+from services.segmentation.silhouettes import packed
 
 _NO_RED = ColourCorrection(np.diag([0.0, 1.0, 1.0, 0.0])[:3])
 """Before a grey wall a red ball can hardly be seen without it."""
@@ -43,7 +44,9 @@ def _live(folder: Path, raw: Take, segmenter: str) -> TriPlanes:
 
 
 def _recorded(folder: Path, segmenter: str) -> TriPlanes:
-    return next(Feed(open_take(folder), [0, 1, 2], SegmentationSettings(), segmenter).planes(0))
+    take = open_take(folder)
+    made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+    return packed(next(made.trimaps(0, 1)), 64, 48)
 
 
 def test_silhouettes_are_those_of_a_recorded_take(folder: Path) -> None:

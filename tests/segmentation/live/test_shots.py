@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from proto.messages import LivePace
-from services.segmentation.live.clock import CoordinatorClock
-from services.segmentation.live.shots import ShotCounter, Shots
+from services.segmentation.live.shots import CoordinatorClock, ShotCounter, Shots
 
 _PERIOD_S = 0.1
 _IMAGE = np.zeros((2, 3, 3), np.uint8)

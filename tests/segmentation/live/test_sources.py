@@ -15,7 +15,7 @@ from services.mocap.errors import UserError
 from services.mocap.take.live_settings import LiveCamera
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes
-from services.segmentation.live.feed import Feed
+from services.segmentation.live.group import Feed
 from services.segmentation.live.sources import (
     ContainerClock,
     FileSource,

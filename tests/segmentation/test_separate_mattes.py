@@ -8,7 +8,7 @@ import pytest
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.types import ACTOR, UNSURE, Bytes, Mask, Trimap
-from services.segmentation.mattes import MatteGroup
+from services.segmentation.silhouettes import SeparateMattes
 
 Cameras = Callable[[int], list[Camera]]
 Ball = Callable[[Camera, int], Mask]
@@ -26,7 +26,7 @@ def seen(cameras: list[Camera], ball: Ball) -> tuple[list[Camera], list[Mask]]:
 
 
 def kept_trimaps(cameras: list[Camera], trimaps: Sequence[Trimap]) -> list[Trimap]:
-    group = MatteGroup(cameras, [Shown()] * len(cameras))
+    group = SeparateMattes(cameras, [Shown()] * len(cameras))
     found = group.trimaps({c: np.repeat(trimap[..., None], 3, axis=2) for c, trimap in enumerate(trimaps)})
     return [found[c] for c in range(len(cameras))]
 

@@ -1,6 +1,7 @@
-"""Silhouettes by a matting network of the user's, from an ONNX file: `--segmenter onnx:FILE`."""
+"""What users bring to cut the actor out: a matting network in an ONNX file, or a plug-in."""
 
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
-from services.mocap.types import UNSURE, Bytes, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
 from services.segmentation.cleanup import SegmentationSettings, cleanup
 
 _HALF = 0.25, 0.75
@@ -20,7 +22,7 @@ _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
 
 class OnnxMatte:
-    """Runs a network that takes a picture, and the clean plate if it has a second input.
+    """Runs a network that takes a picture, and the clean plate if it has a second input: `onnx:FILE`.
 
     Inputs are (1, 3, h, w) RGB from 0 to 1, at the network's own size where it has one. The first output of
     one channel is the actor's opacity, 0 to 1; half and more is actor. Where patches of it are about half,
@@ -32,7 +34,7 @@ class OnnxMatte:
         self._file, self._settings = file, settings
         self._session = _session(file)
         self._inputs = list(self._session.get_inputs())
-        self._pictures: list[Bytes] = []
+        self._plates: list[Bytes] = []
         if len(self._inputs) not in (1, 2) or any(i.type not in _TYPES for i in self._inputs):
             found = ", ".join(f"{i.name}: {i.type}" for i in self._inputs)
             raise UserError(
@@ -45,21 +47,19 @@ class OnnxMatte:
                     f"{file}: its second input is for the clean plate, but the take has no background/: "
                     "record the empty stage, or take a network that needs none"
                 )
-            self._pictures.append(plate_bgr)
+            self._plates.append(plate_bgr)
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
         """See Matte.trimap. Raises UserError for no such output."""
         feeds = {
             put.name: _as_input(picture, put.shape, _TYPES[put.type])
-            for put, picture in zip(self._inputs, [image_bgr, *self._pictures], strict=True)
+            for put, picture in zip(self._inputs, [image_bgr, *self._plates], strict=True)
         }
         height, width = image_bgr.shape[:2]
         for output in self._session.run(None, feeds):
-            opacity = np.squeeze(output)
+            opacity = np.squeeze(output).astype(np.float32)
             if opacity.ndim == 2:
-                whole = cv2.resize(
-                    opacity.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR
-                )
+                whole = cv2.resize(opacity, (width, height), interpolation=cv2.INTER_LINEAR)
                 trimap = trimap_of(cleanup(whole >= 0.5, self._settings))
                 half = cv2.inRange(whole, *_HALF)
                 trimap[cv2.morphologyEx(half, cv2.MORPH_OPEN, _WIDER_THAN_A_RIM) > 0] = UNSURE
@@ -91,8 +91,48 @@ def _as_input(picture_bgr: Bytes, shape: list[int | str | None], dtype: Any) -> 
         for asked, own in zip(shape[-2:], picture_bgr.shape[:2], strict=True)
     )
     if (height, width) != picture_bgr.shape[:2]:
-        picture_bgr = np.asarray(
-            cv2.resize(picture_bgr, (width, height), interpolation=cv2.INTER_AREA), np.uint8
-        )
+        resized = cv2.resize(picture_bgr, (width, height), interpolation=cv2.INTER_AREA)
+        picture_bgr = np.asarray(resized, np.uint8)
     rgb = picture_bgr[..., ::-1].transpose(2, 0, 1)[None]
     return (np.ascontiguousarray(rgb, np.float32) / 255).astype(dtype)
+
+
+class PluginMatte:
+    """A matte that another package makes for one camera; what it answers is checked before it is believed.
+
+    Its entry point names a class (or function) that is called with the camera and its clean plate (H, W, 3)
+    BGR uint8, or None, and returns an object with `silhouette(image_bgr)`: a mask (H, W) of bool, true on
+    the actor, or a trimap (H, W) of uint8: 0 is background, 128 unsure, 255 actor.
+    """
+
+    def __init__(self, name: str, camera: Camera, plate_bgr: Bytes | None, group: str) -> None:
+        """Raises UserError where the entry point cannot be loaded or made."""
+        self._name, self._shape = name, (camera.height_px, camera.width_px)
+        (entry,) = list(entry_points(group=group, name=name))[:1]
+        try:
+            self._plugin = entry.load()(camera, plate_bgr)
+        except UserError:
+            raise
+        except Exception as problem:
+            raise UserError(
+                f"--segmenter {name}: {entry.value} failed for {camera.name} "
+                f"({type(problem).__name__}: {problem}): ask those who made it"
+            ) from problem
+
+    def trimap(self, image_bgr: Bytes) -> Trimap:
+        """See Matte.trimap. Raises UserError for an answer that is no mask and no trimap."""
+        answer = np.asarray(self._plugin.silhouette(image_bgr))
+        if answer.dtype not in (np.bool_, np.uint8) or answer.shape != self._shape:
+            raise UserError(
+                f"--segmenter {self._name}: expected masks of (height, width) {self._shape} and type bool "
+                f"or uint8, got {answer.shape} of {answer.dtype}: ask those who made it"
+            )
+        if answer.dtype == np.bool_:
+            return trimap_of(np.ascontiguousarray(answer, np.bool_))
+        unknown = ~np.isin(answer, (BACKGROUND, UNSURE, ACTOR), kind="table")
+        if unknown.any():
+            raise UserError(
+                f"--segmenter {self._name}: expected {BACKGROUND} for background, {UNSURE} for unsure and "
+                f"{ACTOR} for the actor in masks of uint8, got {answer[unknown][0]}: ask those who made it"
+            )
+        return np.ascontiguousarray(answer, np.uint8)

@@ -1,4 +1,4 @@
-"""A camera's silhouettes, frame by frame, wherever reading starts."""
+"""Silhouettes of cameras, packed, and frame by frame wherever reading starts."""
 
 from itertools import islice
 from pathlib import Path
@@ -11,7 +11,7 @@ from services.mocap.take.folder import open_take
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
-from services.segmentation.source import packed
+from services.segmentation.silhouettes import packed
 
 
 @pytest.mark.parametrize("n_cameras", [1, 8, 11])

@@ -15,8 +15,8 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes
+from services.segmentation.background import KeptLooks, quick_looks, shrunk
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.samples import KeptLooks, quick_looks, shrunk
 from services.segmentation.segmenters import make_segmenter
 
 SmallTake = Callable[..., Path]

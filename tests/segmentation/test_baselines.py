@@ -6,8 +6,8 @@ import pytest
 from wall_scene import COLOURS, disc, exposed, iou, plate_frames, wall
 
 from services.mocap.types import ACTOR, Bytes, Mask
+from services.segmentation.baselines import PaperTest
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.paper_test import PaperTest
 
 SETTINGS = SegmentationSettings()
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.mocap.types import Bytes
-from services.segmentation.colours import BIN_SHIFT, BINS, ActorColours
+from services.segmentation.learnt import BIN_SHIFT, BINS, ActorColours
 from services.segmentation.pixels import Levels
 
 BIN_VOLUME = float((256 // BINS) ** 3)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from services.mocap.types import Bytes
-from services.segmentation.message_passing import beliefs, prices
+from services.segmentation.decision import beliefs, prices
 from services.segmentation.pixels import MEAN_STEPS, Levels
 
 ROUNDS = 3

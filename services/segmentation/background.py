@@ -1,0 +1,186 @@
+"""What there is to learn a camera's background from: its clean plate, or pictures spread over its video."""
+
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.take import layout
+from services.mocap.take.folder import Take
+from services.mocap.take.video import VideoIndex, index_video
+from services.mocap.types import Bytes
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
+from services.segmentation.plate_shift import plate_shift_px, shifted
+from services.segmentation.take_plate import LOOKS, SAMPLES, TakePlate, find_ghost, plate_of_samples
+
+log = logging.getLogger(__name__)
+
+_UNSURE = 0.1
+"""Share of the part where anything moves; with more in doubt the plate is likely to contain the actor."""
+_LOOK_WIDTH_PX = 160
+_MOST_DECODED = 48
+"""Frames that quick looks decode, in total."""
+
+
+class KeptLooks:
+    """Small copies of some of the pictures that go by, evenly spread, however many there will be."""
+
+    def __init__(self, fewest: int) -> None:
+        """fewest: at least so many are kept, if so many go by; always fewer than twice as many."""
+        self._fewest, self._every = fewest, 1
+        self._kept: list[Bytes] = []
+
+    def of(self, pictures: Iterable[Bytes]) -> Iterator[Bytes]:
+        """The very pictures (H, W, 3), looked at as they go by."""
+        for n, picture in enumerate(pictures):
+            if n % self._every == 0:
+                self._kept.append(shrunk(picture))
+                if len(self._kept) == 2 * self._fewest:
+                    self._kept, self._every = self._kept[::2], 2 * self._every
+            yield picture
+
+    @property
+    def pictures(self) -> Bytes:
+        """(N, h, w, 3)"""
+        return np.array(self._kept)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraBackground:
+    """What there is to learn one camera's background from."""
+
+    take: Take
+    camera: Camera
+    settings: SegmentationSettings
+    looks: KeptLooks = field(default_factory=lambda: KeptLooks(LOOKS))
+    """At the recorded clean plate, once it was learnt."""
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether the take has a clean plate of this camera."""
+        return self.take.has_background(self.camera)
+
+    @cached_property
+    def made(self) -> TakePlate:
+        """What the take itself tells of the empty scene."""
+        return plate_of_samples(spread_pictures(self.take, self.camera, SAMPLES))
+
+    def pictures(self) -> Iterable[Bytes]:
+        """Pictures (H, W, 3) of the empty scene: the clean plate, or what the take itself tells of it."""
+        return self.looks.of(self.take.background(self.camera)) if self.is_recorded else self.made.frames
+
+    def mean_picture(self) -> Bytes | None:
+        """The recorded clean plate as one picture (H, W, 3); None without one."""
+        if not self.is_recorded:
+            return None
+        total, count = np.zeros(1), 0
+        for picture in self.take.background(self.camera):
+            total, count = total + picture, count + 1
+        return np.asarray(np.rint(total / max(count, 1)).astype(np.uint8))
+
+    def plate(self) -> Plate:
+        """The camera's plate, moved to where its pictures are if the camera was touched since."""
+        shift_px = self._shift_px()
+        if shift_px != (0.0, 0.0):
+            log.warning(
+                "%s/background: clean plate of %s lies %.1f px beside the pictures and was moved: the camera "
+                "was touched since, so record the empty stage again, and check the calibration "
+                "(xormocap calibrate --check)",
+                self.take.folder, self.camera.name, float(np.hypot(*shift_px)),
+            )  # fmt: skip
+        return Plate.learn(shifted(self.pictures(), shift_px), self.settings, LIGHT_UNCERTAINTY)
+
+    def _shift_px(self) -> tuple[float, float]:
+        """How far to the right and down a recorded clean plate has to move to lie on the take's first
+        picture."""
+        if not self.is_recorded or not self.take.has_video(self.camera):
+            return 0.0, 0.0
+        with self.take.video(self.camera, 0, 1) as video:
+            first = next(iter(video), None)
+        plate = next(iter(self.take.background(self.camera)), None)
+        if first is None or plate is None or first.shape != plate.shape:
+            return 0.0, 0.0
+        return plate_shift_px(plate, first)
+
+    def check(self) -> None:
+        """Warn of a recorded clean plate, already learnt, that is not clean."""
+        ghost = find_ghost(self.looks.pictures, quick_looks(self.take, self.camera, LOOKS))
+        if ghost is None:
+            return
+        what = "something moves in it" if ghost.moves else "shows something that is in no frame of the take"
+        log.warning(
+            "%s/background: clean plate of %s: %s (%.1f%% of the picture, about column %d, row %d), which "
+            "spoils the silhouettes: record the empty stage with nobody in it",
+            self.take.folder, self.camera.name, what, 100 * ghost.share,
+            *ghost.centre_px(self.camera.width_px),
+        )  # fmt: skip
+
+
+def warn_of_guesses(take: Take, unsure_shares: dict[str, float]) -> None:
+    """Say how far plates made of the take can be trusted, by the worst of the cameras."""
+    worst = max(unsure_shares, key=lambda name: unsure_shares[name])
+    log.warning(
+        "%s/background: is missing: the empty scene was taken from the videos themselves; in %s, the worst, "
+        "%.1f%% of the part where anything moves shows it in fewer than half of %d frames%s: record the "
+        "empty stage",
+        take.folder, worst, 100 * unsure_shares[worst], min(SAMPLES, take.settings.frames),
+        ", so that the actor hardly leaves the place and silhouettes will be wrong there"
+        if unsure_shares[worst] > _UNSURE
+        else " and cannot be trusted",
+    )  # fmt: skip
+
+
+def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
+    """Up to so many raw pictures (N, H, W, 3) of a camera, from the first frame to the last."""
+    index, keys = keyframes(take, camera)
+    if len(keys) >= most:  # these need no other frame to be decoded
+        pictures = []
+        for key in (keys[i] for i in _spread(len(keys), most)):
+            with take.video(camera, key, key + 1, index) as video:
+                pictures += list(video)
+        return np.array(pictures)
+    wanted = set(_spread(take.settings.frames, most))
+    with take.video(camera, 0, take.settings.frames, index) as video:
+        return np.array([picture for frame, picture in enumerate(video) if frame in wanted])
+
+
+def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:
+    """Up to so many small copies (N, h, w, 3) of a camera's raw pictures, of which few need to be decoded.
+
+    Keyframes, and where there are too few of them, frames soon after each.
+    """
+    index, keys = keyframes(take, camera)
+    begins = sorted({0, *keys})
+    runs = [range(*ends) for ends in zip(begins, [*begins[1:], take.settings.frames], strict=True)]
+    runs = [runs[i] for i in _spread(len(runs), most)]
+    each, longest = -(-most // len(runs)), max(1, _MOST_DECODED // len(runs))
+    pictures: list[Bytes] = []
+    for run in runs:
+        wanted = _spread(min(len(run), longest), each)
+        with take.video(camera, run.start, run.start + wanted[-1] + 1, index) as video:
+            pictures += [shrunk(picture) for n, picture in enumerate(video) if n in wanted]
+    return np.array(pictures)
+
+
+def shrunk(picture: Bytes) -> Bytes:
+    """A picture (H, W, 3), or a smaller one of it that shows people no worse."""
+    share = _LOOK_WIDTH_PX / picture.shape[1]
+    if share >= 1:
+        return picture
+    return np.asarray(cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def keyframes(take: Take, camera: Camera) -> tuple[VideoIndex, list[int]]:
+    """A camera's video, and the frames of the take that are decoded without any other."""
+    index, first = index_video(layout.video_path(take.folder, camera.name)), take.settings.offset(camera.name)
+    return index, [key - first for key, _ in index.keyframes if 0 <= key - first < take.settings.frames]
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """Up to `most` of the numbers 0 to count - 1, evenly, the first and the last among them."""
+    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))]

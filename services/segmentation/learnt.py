@@ -1,0 +1,149 @@
+"""What is learnt of a camera: the actor's colours, how far others are believed, and what was moved."""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from services.mocap.types import Bytes, Floats, Mask
+from services.segmentation.cleanup import drop_specks, opened
+from services.segmentation.pixels import Levels
+from services.segmentation.plate import Plate
+from services.segmentation.voxels import ALONE, CLASS_PRIOR, MORE_MISS, N_CLASSES, NEAR
+
+BINS = 32
+"""Of a histogram of colours, per channel; a bin is 8 levels wide."""
+BIN_SHIFT = 3
+_BIN_VOLUME = float(8**3)
+_BROAD = 1.0 / 220.0**3
+"""Density of a colour that was never seen, per cubic level: nearly all are possible."""
+_BROAD_SHARE = 0.1
+"""Share of the actor's pixels that may have any colour: sides of the actor that were not seen yet."""
+_OWN_SHARE = 0.5
+"""Share of the other pixels that follow this camera's histogram; the rest follow that of all cameras."""
+_LEAST_PIXELS = 200
+_COUNTED_PIXELS = 300.0
+"""The usual odds by what other cameras say count as much as so many pixels of the take's own."""
+_TELLING_COLOUR = -8.0
+"""A pixel as in the plate tells that the actor is not there only where that colour is so much rarer with the
+actor: logarithm of the density over that of the plate's own colours."""
+_MOST_PRIOR = 1.0
+"""What the others say is the same for many pixels that lie together, so it may not count as much for each."""
+_UNSUPPORTED_SHARES, _LEAST_PRIORS = (0.02, 0.15), (-5.0, -2.0)
+"""The more of what surely changed no other camera confirms, the less it means: cameras are badly calibrated,
+or do not see the same places."""
+_FEWEST_MOMENTS, _STILL, _UNCONFIRMED = 6, 0.9, 0.5
+"""Something was moved where nearly all of so many moments show a change that in half of them no other camera
+confirms."""
+_LEAST_MOVED = 0.003
+"""Share of the picture: shoes of somebody who stands still are smaller, and no voxel reaches down to them."""
+
+
+@dataclass(eq=False)
+class ActorColours:
+    """A histogram of the actor's colours in one camera."""
+
+    counts: Floats = field(default_factory=lambda: np.zeros((BINS, BINS, BINS)))
+    """(BINS, BINS, BINS) by blue, green and red."""
+
+    def add(self, pixels: Bytes) -> None:
+        """Take in pixels (N, 3) that are surely the actor's."""
+        self.counts += np.bincount(_bins_of(pixels), minlength=BINS**3).reshape(self.counts.shape)
+
+    @property
+    def n_pixels(self) -> int:
+        """How many have been taken in."""
+        return int(self.counts.sum())
+
+    def log_density(self, of_all: "ActorColours") -> Levels:
+        """(BINS, BINS, BINS) logarithm of the density of colours, per cubic level.
+
+        of_all: what all cameras saw together: clothes that one camera sees before a wall of their colour,
+        another sees before something else.
+        """
+        known = [
+            (h, w) for h, w in ((self, _OWN_SHARE), (of_all, 1 - _OWN_SHARE)) if h.n_pixels >= _LEAST_PIXELS
+        ]
+        density = np.full(self.counts.shape, _BROAD * (_BROAD_SHARE if known else 1.0))
+        total = sum(weight for _, weight in known)
+        for histogram, weight in known:
+            share = (1 - _BROAD_SHARE) * weight / total
+            density += share * _smoothed(histogram.counts) / (histogram.n_pixels * _BIN_VOLUME)
+        return np.asarray(np.log(density).astype(np.float32))
+
+
+def _bins_of(pixels: Bytes) -> NDArray[np.int64]:
+    """The bins (N,) of pixels' colours (N, 3), the three axes flattened."""
+    blue, green, red = (pixels >> BIN_SHIFT).T.astype(np.int64)
+    return np.asarray((blue * BINS + green) * BINS + red)
+
+
+def _smoothed(counts: Floats) -> Floats:
+    """Counts (B, B, B) of which each bin gives a quarter to either neighbour along every axis."""
+    for axis in range(3):
+        moved = np.moveaxis(counts, axis, 0)
+        smooth = moved / 2
+        smooth[1:] += moved[:-1] / 4
+        smooth[:-1] += moved[1:] / 4
+        counts = np.moveaxis(smooth, 0, axis)
+    return counts
+
+
+class Learnt:
+    """What was learnt of one camera's pictures; `add` takes in, `conclude` makes it count."""
+
+    def __init__(self, plate: Plate) -> None:
+        self._plate_log_density = float(np.median(plate.log_peak))
+        self.colours = ActorColours()
+        self._n_changed = np.zeros(N_CLASSES)
+        """Pixels that surely changed, by what the other cameras say."""
+        self._n_same = np.zeros((N_CLASSES, BINS**3), np.int64)
+        """Pixels that surely did not, by that and by their colour."""
+        self._changed, self._unsupported = np.zeros((2, *plate.shape), np.uint16)
+        """(H, W) in how many moments a pixel had changed, and in how many of these no other camera saw
+        anything along its ray."""
+        self._moments = 0
+        self.log_colours = self.colours.log_density(self.colours)
+        """(BINS, BINS, BINS) see ActorColours.log_density."""
+        self.class_prior = CLASS_PRIOR
+        """(N_CLASSES,) logarithm of the odds of the actor, by what the other cameras say."""
+        self.moved: Mask = np.zeros(plate.shape, np.bool_)
+        """(H, W) where something stands since the plate was recorded, or no longer does."""
+
+    def add(self, image_bgr: Bytes, classes: Bytes, changed: Mask, same: Mask) -> None:
+        """Take in a picture (H, W, 3), what the others say of its pixels (H, W), and which of them surely
+        changed (H, W), and surely did not."""
+        self._n_changed += np.bincount(classes[changed], minlength=N_CLASSES)
+        bins = classes[same] * np.int64(BINS**3) + _bins_of(image_bgr[same])
+        self._n_same += np.bincount(bins, minlength=self._n_same.size).reshape(self._n_same.shape)
+        self._changed += changed
+        self._unsupported += changed & (classes == MORE_MISS)
+        self._moments += 1
+        seen_by_others = (classes <= NEAR) | (classes == ALONE)
+        sure = cv2.erode((changed & seen_by_others).view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        self.colours.add(image_bgr[sure])
+
+    def conclude(self, of_all: ActorColours) -> None:
+        """Draw conclusions from what was taken in so far; of_all: the colours of all cameras together.
+
+        With n and n' the pixels of a class that changed and did not, p the usual share of the former and k
+        the weight of that, the prior is log((n + k p) / (n' + k (1 - p))), within limits.
+        """
+        self.log_colours = self.colours.log_density(of_all)
+        share = 1.0 / (1.0 + np.exp(-CLASS_PRIOR))
+        # Well within what the others see, a pixel as in the plate may be the actor's if it has such a colour.
+        telling = self.log_colours.ravel() - self._plate_log_density < _TELLING_COLOUR
+        n_same = self._n_same.sum(axis=1)
+        n_same[:NEAR] = self._n_same[:NEAR, telling].sum(axis=1)
+        odds = (self._n_changed + _COUNTED_PIXELS * share) / (n_same + _COUNTED_PIXELS * (1.0 - share))
+        unsupported = self._n_changed[MORE_MISS] / max(float(self._n_changed.sum()), _COUNTED_PIXELS)
+        least = np.interp(unsupported, _UNSUPPORTED_SHARES, _LEAST_PRIORS)
+        prior = np.clip(np.log(odds), least, _MOST_PRIOR)
+        self.class_prior = np.where(CLASS_PRIOR == 0.0, 0.0, prior).astype(np.float32)
+        if self._moments >= _FEWEST_MOMENTS:
+            still = self._changed >= _STILL * self._moments
+            still &= self._unsupported >= _UNCONFIRMED * self._moments
+            moved = opened(still, 5)
+            drop_specks(moved, _LEAST_MOVED * moved.size)
+            self.moved = np.asarray(cv2.dilate(moved, np.ones((5, 5), np.uint8)) > 0)

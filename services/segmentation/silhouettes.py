@@ -1,0 +1,135 @@
+"""What every way to make silhouettes has in common: of one picture, of a moment, of a take frame by frame."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.undistort import Undistorter
+from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, n_planes
+from services.mocap.take.folder import Take
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
+from services.segmentation.lenses import Lenses
+from services.segmentation.voxels import MISS, MORE_MISS, VoxelGrid
+
+_LEAST_OTHERS = 3
+"""One of the others may miss what is there, and two have to agree on where it is."""
+_SUPPORTED = 0.25
+"""Share of a blob's area that the others must leave room for; the actor's parts have most of theirs."""
+
+
+class Matte(Protocol):
+    """Cuts the actor out of one camera's pictures, each by itself."""
+
+    def trimap(self, image_bgr: Bytes, /) -> Trimap:
+        """The actor in a raw picture (H, W, 3) BGR uint8: a trimap (H, W)."""
+        ...
+
+
+class GroupMatte(Protocol):
+    """Cuts the actor out of the pictures that several cameras took at one moment."""
+
+    def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
+        """The actor in raw pictures (H, W, 3) by the camera's place: trimaps (H, W). Cameras may be
+        missing."""
+        ...
+
+
+class SeparateMattes:
+    """A matte for each camera, none of which knows of the others; blobs that only one camera sees go."""
+
+    def __init__(self, cameras: Sequence[Camera], mattes: Sequence[Matte]) -> None:
+        self._mattes = list(mattes)
+        has_enough = len(cameras) > _LEAST_OTHERS
+        self._voxels = VoxelGrid.of(cameras, Lenses.of(cameras), 0.0) if has_enough else None
+
+    def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
+        """See GroupMatte.trimaps: without blobs that no other camera supports.
+
+        Blobs are of what is surely actor; unsure pixels of the others leave room, and stay what they are. A
+        camera whose picture has one blob or none stays as it is, and so does one in which nothing is
+        supported: it may be the calibration that is wrong.
+        """
+        trimaps = {c: self._mattes[c].trimap(image) for c, image in images_bgr.items()}
+        blobs = {
+            c: cv2.connectedComponents((trimap == ACTOR).view(np.uint8)) for c, trimap in trimaps.items()
+        }
+        if self._voxels is None or len(trimaps) <= _LEAST_OTHERS or all(n <= 2 for n, _ in blobs.values()):
+            return trimaps
+        width, height = self._voxels.lenses.sizes_px.max(axis=0)
+        misses = np.full((len(self._mattes), height, width), MISS, np.uint8)
+        for c, trimap in trimaps.items():
+            misses[c, : trimap.shape[0], : trimap.shape[1]] = np.where(trimap == BACKGROUND, MISS, 0)
+        there = np.array(sorted(trimaps), np.int32)
+        for c, classes in zip(map(int, there), self._voxels.classes(misses, there), strict=True):
+            n, labels = blobs[c]
+            areas_px = np.bincount(labels.ravel(), minlength=n)
+            supported = np.bincount(labels[classes != MORE_MISS], minlength=n) >= _SUPPORTED * areas_px
+            if n > 2 and supported[1:].any():
+                trimaps[c][(labels > 0) & ~supported[labels]] = BACKGROUND
+        return trimaps
+
+
+class Segmenter:
+    """The silhouettes of some cameras of a take. A frame is the same wherever reading starts."""
+
+    def __init__(
+        self, cameras: Sequence[Camera], raw_trimaps: Callable[[int, int], Iterator[list[Trimap]]]
+    ) -> None:
+        self.raw_trimaps = raw_trimaps
+        """Takes frames start and stop: trimaps (h, w), one per camera, of start up to and without stop, lens
+        distortion included."""
+        self._undistorters = [Undistorter(camera) for camera in cameras]
+
+    @classmethod
+    def of_videos(cls, take: Take, cameras: Sequence[Camera], matte: GroupMatte) -> "Segmenter":
+        """What a matte makes of the cameras' videos."""
+
+        def raw_trimaps(start: int, stop: int) -> Iterator[list[Trimap]]:
+            for images in pictures_of(take, cameras, start, stop):
+                found = matte.trimaps(images)
+                yield [found[c] for c in range(len(cameras))]
+
+        return cls(cameras, raw_trimaps)
+
+    @classmethod
+    def of_silhouettes(cls, take: Take, cameras: Sequence[Camera]) -> "Segmenter":
+        """The take's own silhouettes."""
+
+        def raw_trimaps(start: int, stop: int) -> Iterator[list[Trimap]]:
+            for trimaps in zip(*(take.trimaps(camera, start, stop) for camera in cameras), strict=True):
+                yield list(trimaps)
+
+        return cls(cameras, raw_trimaps)
+
+    def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
+        """Undistorted trimaps (h, w), one per camera, of frames start up to and without stop."""
+        for raw in self.raw_trimaps(start, stop):
+            yield [u.trimap(trimap) for u, trimap in zip(self._undistorters, raw, strict=True)]
+
+
+def pictures_of(take: Take, cameras: Sequence[Camera], start: int, stop: int) -> Iterator[dict[int, Bytes]]:
+    """Raw pictures (H, W, 3) of some cameras by their place, frame by frame, start up to and without stop."""
+    with ExitStack() as closing:
+        videos = [closing.enter_context(take.video(camera, start, stop)) for camera in cameras]
+        for images in zip(*videos, strict=True):
+            yield dict(enumerate(images))
+
+
+def packed(trimaps: Sequence[Trimap], width_px: int, height_px: int) -> TriPlanes:
+    """Planes (P, height_px, width_px) of trimaps (h, w); smaller ones lie in the upper left.
+
+    One trimap after the other: `pack_trimaps` would first have to stack them.
+    """
+    shape = (n_planes(len(trimaps)), height_px, width_px)
+    planes = TriPlanes(np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
+    for c, trimap in enumerate(trimaps):
+        height, width = trimap.shape
+        for state, whole in ((ACTOR, planes.silhouettes), (UNSURE, planes.unsure)):
+            plane = whole[c // CAMERAS_PER_PLANE, :height, :width]
+            bit = np.left_shift((trimap == state).view(np.uint8), c % CAMERAS_PER_PLANE)
+            np.bitwise_or(plane, bit, out=plane)
+    return planes
