@@ -6,8 +6,8 @@ layout(std430, binding = 3) writeonly buffer Views { double M_px_segment[]; };  
 layout(std430, binding = 4) writeonly buffer Shown { uint shown[]; };  // (I, S)
 layout(std430, binding = 5) writeonly buffer Sums { uvec2 sums[]; };  // (I,) low and high word
 
-// Whether the sphere lies wholly where low or beyond bounds a picture's columns or rows. A closed outline there
-// crosses no row of it, or crosses each as often up as down in the same place, and so covers nothing.
+// Whether the sphere lies completely on the outer side of one edge of the picture. A closed outline there crosses no
+// row of the picture, or crosses each row as often up as down at the same place, and so covers nothing.
 bool beyond(dvec4 at, dvec4 row, dvec4 depth_row, double radius, double size_px) {
     dvec4 before = row + 2.0 * depth_row, after = row - (size_px + 1.0) * depth_row;
     return -dot(before, at) > radius * length(before.xyz) || dot(after, at) > radius * length(after.xyz);
@@ -22,7 +22,7 @@ void main() {
     for (uint i = 0u; i < 3u; ++i)
         for (uint j = 0u; j < 4u; ++j) {
             uint k = p + 4u * i;
-            // In the order of the cpu backend, and without fused multiplication: the same to the last bit.
+            // The same order of operations as in the cpu backend, without fused multiplication: equal to the last bit.
             precise double sum = P_px_world[k] * T_world_segment[t + j]
                 + P_px_world[k + 1u] * T_world_segment[t + 4u + j]
                 + P_px_world[k + 2u] * T_world_segment[t + 8u + j];

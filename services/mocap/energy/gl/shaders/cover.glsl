@@ -1,5 +1,4 @@
-// One invocation per image and pixel row: a bit for every covered pixel; the row is left as it was before
-// anything was drawn.
+// One invocation per image and pixel row: sets a bit for every covered pixel, and clears the row's winding.
 layout(std430, binding = 0) buffer Winding { int winding[]; };  // (I, W, H)
 layout(std430, binding = 1) buffer Spans { ivec2 spans[]; };  // (I, H)
 layout(std430, binding = 2) writeonly buffer Covered { uint covered[]; };  // (I, H, W / 32 rounded up)

@@ -1,8 +1,8 @@
-// One invocation per image and pixel row: what covered pixels gain, added to the image's sum; the row is left
-// as it was before anything was drawn.
+// One invocation per image and pixel row: adds the gain of the covered pixels to the image's sum, and clears the row's
+// winding.
 layout(std430, binding = 0) buffer Winding { int winding[]; };  // (I, W, H)
 layout(std430, binding = 1) buffer Spans { ivec2 spans[]; };  // (I, H)
-layout(std430, binding = 2) readonly buffer Gains { int gain_sums[]; };  // (C, W + 1, H) of the pixels left of it
+layout(std430, binding = 2) readonly buffer Gains { int gain_sums[]; };  // (C, W + 1, H) prefix sums of the gain
 layout(std430, binding = 3) buffer Sums { uvec2 sums[]; };  // (I,) low and high word
 
 void main() {

@@ -1,5 +1,5 @@
-// One invocation per image and edge: an edge between a front and a back face puts +1 or -1 where it crosses a
-// pixel row. The cpu backend's crossing.py says why, and has the same whole-number arithmetic.
+// One invocation per image and edge: an edge between a front and a back face adds +1 or -1 where it crosses a pixel
+// row. The cpu backend's crossing.py explains why, and has the same integer arithmetic.
 layout(std430, binding = 0) readonly buffer Shown { uint shown[]; };  // (I, S)
 layout(std430, binding = 1) readonly buffer Chunks { uvec4 chunks[]; };  // slot, first edge, count, first of uv
 layout(std430, binding = 2) readonly buffer Edges { uvec2 edges[]; };  // (2, E) ends a, b; faces' corners c, d
@@ -33,8 +33,8 @@ void main() {
     int64_t crossing = int64_t(top.x) * way.y + int64_t((first << SUBPIXEL_BITS) - top.y) * way.x;
     for (int row = first; row < last; ++row, crossing += step) {
         if (crossing > divisor * (width_px - 1)) continue;  // right of the picture
-        // The first column whose centre is not left of the crossing. Floats give it or the one before, and where
-        // division is not rounded correctly perhaps another one near by.
+        // The first column whose centre is not left of the crossing. Float division gives this column or the one
+        // before, or a neighbour where division is not rounded correctly.
         int column = crossing > 0 ? int(double(crossing) / double(divisor)) : 0;
         while (divisor * column < crossing) ++column;
         while (column > 0 && divisor * (column - 1) >= crossing) --column;

@@ -1,4 +1,4 @@
-// One invocation per image and vertex: the vertex in steps of 1/256 pixel, as snapping.py has it.
+// One invocation per image and vertex: the vertex in steps of 1/256 pixel, as defined in snapping.py.
 layout(std430, binding = 0) readonly buffer Views { dvec4 M_px_segment[]; };  // (I, S, 3)
 layout(std430, binding = 1) readonly buffer Shown { uint shown[]; };  // (I, S)
 layout(std430, binding = 2) readonly buffer Chunks { uvec4 chunks[]; };  // slot, first vertex, count, first of uv
