@@ -1,4 +1,4 @@
-"""What services share that follow a coordinator without taking part: its takes, its poses, what they mean."""
+"""Clients that listen to what a coordinator publishes, and followers that also ask it for what they lack."""
 
 import logging
 import queue
@@ -10,10 +10,11 @@ import zmq
 
 from proto.framing import MalformedMessage
 from proto.keys import ClientKeys
-from proto.link import Line
+from proto.link import Line, Link
 from proto.messages import Blob, BlobRequest, Message, TakeInfo
-from proto.sockets import receive, send, wait
+from proto.sockets import wait
 from services.blob_store import BlobStore
+from services.metrics import DROPPED
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 
@@ -24,19 +25,59 @@ _MOST_AT_ONCE = 500
 log = logging.getLogger(__name__)
 
 
-class Follower(ABC):
-    """Hears what a coordinator tracks, take after take; it registers nowhere, so that nobody waits for it."""
+class PosesListener(ABC):
+    """Listens to a coordinator's poses stream, on which nobody registers, so that nobody waits for it."""
 
     def __init__(self, endpoint: str, keys: ClientKeys | None) -> None:
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._poses = Line(self._context, endpoint, "poses", keys)
-        self._tasks = Line(self._context, endpoint, "tasks", keys)
+        self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self.lines: list[Line | Link] = [Line(self.context, endpoint, "poses", keys)]
+        """What is listened to, in this order."""
+        self.heard_s = time.monotonic()
+        """When a message came last (time.monotonic)."""
+
+    @abstractmethod
+    def take_in(self, message: Message) -> None:
+        """A message has come."""
+
+    def refuse(self, error: MalformedMessage) -> None:
+        """A message has come that cannot be understood."""
+        DROPPED.inc()
+        log.warning("dropped a malformed message: %s", error)
+
+    def listen(self, timeout_s: float) -> None:
+        """Wait a moment for messages, and take them in."""
+        wait([line.socket for line in self.lines], timeout_s)
+        for line in self.lines:
+            for _ in range(_MOST_AT_ONCE):
+                try:
+                    message = line.receive()
+                except MalformedMessage as error:
+                    self.refuse(error)
+                    continue
+                if message is None:
+                    break
+                self.heard_s = time.monotonic()
+                self.take_in(message)
+            line.tick()
+
+    def close(self) -> None:
+        """Close the sockets, letting what was sent go out."""
+        for line in self.lines:
+            line.close()
+        self.context.term()
+
+
+class Follower(PosesListener):
+    """Follows what a coordinator tracks, take after take, and asks it for what the poses mean."""
+
+    def __init__(self, endpoint: str, keys: ClientKeys | None) -> None:
+        super().__init__(endpoint, keys)
+        self._tasks = Line(self.context, endpoint, "tasks", keys)
+        self.lines.append(self._tasks)
         self._requests: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._asked_s = 0.0
         self.info: TakeInfo | None = None
         """The take that is tracked."""
-        self.heard_s = 0.0
-        """When a message came last (time.monotonic)."""
         self._blobs: BlobStore | None = None
         """Its content, as long as some of it is missing."""
 
@@ -62,54 +103,30 @@ class Follower(ABC):
 
     def listen(self, timeout_s: float) -> None:
         """Wait a moment for messages, take them in, and ask for what is missing."""
-        wait([self._poses.socket, self._tasks.socket], timeout_s)
-        for line in (self._poses, self._tasks):
-            for _ in range(_MOST_AT_ONCE):
-                try:
-                    message = receive(line.socket)
-                except MalformedMessage as error:
-                    log.warning("dropped a malformed message: %s", error)
-                    continue
-                if message is None:
-                    break
-                self._take_in(message)
-            line.tick()
-        self._ask()
+        super().listen(timeout_s)
+        while not self._requests.empty():
+            self._tasks.send(self._requests.get())
+        if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
+            return
+        self._asked_s = time.monotonic()
+        for content in self._blobs.missing() if self._blobs is not None else []:
+            self._tasks.send(BlobRequest(hash=content))
+        for request in self.lacking():
+            self._tasks.send(request)
 
-    def _take_in(self, message: Message) -> None:
-        self.heard_s = time.monotonic()
+    def take_in(self, message: Message) -> None:
+        """Tell takes from what belongs to them."""
         if isinstance(message, TakeInfo):
             if message != self.info:
                 log.info("take %s, frames %d to %d", message.take, message.first_frame, message.end_frame - 1)
                 self.info, self._blobs, self._asked_s = message, BlobStore(message), 0.0
                 self.begin(message)
         elif isinstance(message, Blob):
-            self._add(message)
+            if self._blobs is not None:
+                self._blobs.add(message)
+                found = None if self._blobs.missing() else self._blobs.read()
+                if found is not None:
+                    self._blobs = None
+                    self.learn(*found)
         elif self.info is not None and getattr(message, "take", None) == self.info.take:
             self.hear(message)
-
-    def _add(self, blob: Blob) -> None:
-        if self._blobs is None:
-            return
-        self._blobs.add(blob)
-        read = None if self._blobs.missing() else self._blobs.read()
-        if read is not None:
-            self._blobs = None
-            self.learn(*read)
-
-    def _ask(self) -> None:
-        while not self._requests.empty():
-            send(self._tasks.socket, self._requests.get())
-        if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
-            return
-        self._asked_s = time.monotonic()
-        for content in self._blobs.missing() if self._blobs is not None else []:
-            send(self._tasks.socket, BlobRequest(hash=content))
-        for request in self.lacking():
-            send(self._tasks.socket, request)
-
-    def close(self) -> None:
-        """Close the sockets."""
-        self._tasks.close()
-        self._poses.close()
-        self._context.term()

@@ -28,7 +28,7 @@ from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import whole_body_energy
 from services.mocap.synth.studio import studio_cameras
-from services.runs.failures import ServiceFailedError
+from services.runs import ServiceFailedError
 from services.runs.launcher import free_endpoint
 
 _LIBRARIES = (

@@ -37,7 +37,7 @@ from services.process import (
 from services.recorder.result_folder import check_out
 from services.runs.live import LiveJob, serve_group
 from services.runs.live import live as track_live
-from services.runs.live_watch import LiveProgress, in_words
+from services.runs.progress import Progress, live_in_words
 
 _SMOOTHER: Smoother = "one-euro"
 
@@ -103,8 +103,8 @@ def _track(job: LiveJob) -> dict[str, Any] | None:
     warnings: list[str] = []
     with Live(Text("starting"), console=stderr, refresh_per_second=4) as line:
 
-        def show(progress: LiveProgress) -> None:
-            line.update(Text(in_words(progress)))
+        def show(progress: Progress) -> None:
+            line.update(Text(live_in_words(progress)))
 
         report = track_live(job, show=show, warn=warnings.append)
     warn(warnings)

@@ -3,11 +3,10 @@
 import sys
 import time
 from collections import deque
-from pathlib import Path
-from typing import Annotated, Self
+from contextlib import closing
+from typing import Annotated
 
 import typer
-import zmq
 from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.table import Table
@@ -15,11 +14,10 @@ from rich.text import Text
 
 from proto.framing import MalformedMessage
 from proto.keys import ClientKeys, KeysError
-from proto.link import Line
-from proto.messages import OPEN_END, Pose, TakeEnd, Telemetry
-from proto.sockets import receive, wait
+from proto.messages import OPEN_END, Message, Pose, TakeEnd, Telemetry
 from proto.streams import DEFAULT_ENDPOINT, AddressError
 from services.commands.consoles import stdout
+from services.follower import PosesListener
 from services.mocap.errors import UserError
 from services.process import KeysOption, keys_of_client
 
@@ -32,56 +30,37 @@ _RATE_FRAMES = 30
 _IN_MS = "{:.1f}".format
 
 
-class Watch:
-    """Follows a coordinator; a context manager."""
+class Watch(PosesListener):
+    """Follows what a coordinator tells of itself."""
 
     def __init__(self, endpoint: str, keys: ClientKeys | None) -> None:
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._line = Line(self._context, endpoint, "poses", keys)
+        super().__init__(endpoint, keys)
         self._took_s: deque[float] = deque(maxlen=_RATE_FRAMES)
-        self._heard_s = time.monotonic()
         self.latest: Telemetry | None = None
 
-    def __enter__(self) -> Self:
-        return self
+    def take_in(self, message: Message) -> None:
+        """Remember the newest."""
+        if isinstance(message, Telemetry):
+            self.latest = message
+        elif isinstance(message, TakeEnd) and self.latest is not None:
+            self.latest = self.latest.model_copy(update={"stage": "ended"})
+        elif isinstance(message, Pose):
+            self._took_s.append(message.seconds.get("frame", 0.0))
 
-    def __exit__(self, *_: object) -> None:
-        self._line.close()
-        self._context.term()
-
-    def look(self) -> None:
-        """Wait a moment for news."""
-        wait([self._line.socket], _LOOK_S)
-        try:
-            while (message := receive(self._line.socket)) is not None:
-                self._heard_s = time.monotonic()
-                if isinstance(message, Telemetry):
-                    self.latest = message
-                elif isinstance(message, TakeEnd) and self.latest is not None:
-                    self.latest = self.latest.model_copy(update={"stage": "ended"})
-                elif isinstance(message, Pose):
-                    self._took_s.append(message.seconds.get("frame", 0.0))
-        except MalformedMessage as error:
-            raise UserError(
-                f"what was heard cannot be understood: {error}: is it of another version?"
-            ) from None
-        self._line.tick()
+    def refuse(self, error: MalformedMessage) -> None:
+        """Raises UserError."""
+        raise UserError(f"what was heard cannot be understood: {error}: is it of another version?")
 
     @property
     def silent_s(self) -> float:
         """For how long nothing was heard."""
-        return time.monotonic() - self._heard_s
+        return time.monotonic() - self.heard_s
 
     @property
     def frames_per_s(self) -> float | None:
         """Of the last frames that were heard of; None where there were none."""
         total_s = sum(self._took_s)
         return len(self._took_s) / total_s if total_s > 0 else None
-
-
-def as_json(told: Telemetry) -> str:
-    """One line that a script can read: the fields of the message `telemetry`."""
-    return told.model_dump_json()
 
 
 def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> RenderableType:
@@ -147,20 +126,16 @@ def status(
 ) -> None:
     """Show how the services of a run are doing: a table that lives until the run ends."""
     try:
-        with Watch(connect, _keys(keys)) as watch:
+        with closing(Watch(connect, keys_of_client(keys, "viewer"))) as watch:
             told = _first_word(watch, connect)
             if in_json:
-                sys.stdout.write(as_json(told) + "\n")
+                sys.stdout.write(told.model_dump_json() + "\n")
             elif once:
                 stdout.print(as_table(told, watch.frames_per_s, watch.silent_s))
             else:
                 _live(watch, told)
     except (AddressError, KeysError) as error:
         raise UserError(str(error)) from None
-
-
-def _keys(folder: Path | None) -> ClientKeys | None:
-    return keys_of_client(folder, "viewer")
 
 
 def _first_word(watch: Watch, endpoint: str) -> Telemetry:
@@ -171,7 +146,7 @@ def _first_word(watch: Watch, endpoint: str) -> Telemetry:
             raise UserError(
                 f"{endpoint}: nothing heard: is a coordinator running there, and is this its address?"
             )
-        watch.look()
+        watch.listen(_LOOK_S)
     return watch.latest
 
 
@@ -179,6 +154,6 @@ def _live(watch: Watch, told: Telemetry) -> None:
     """Renew the table until the run has ended and its coordinator has left."""
     with Live(as_table(told, None, 0.0), auto_refresh=False) as live:
         while told.stage != "ended" or watch.silent_s < _SILENCE_S:
-            watch.look()
+            watch.listen(_LOOK_S)
             told = watch.latest or told
             live.update(as_table(told, watch.frames_per_s, watch.silent_s), refresh=True)

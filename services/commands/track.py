@@ -40,7 +40,7 @@ from services.recorder.result_folder import check_out
 from services.runs.fit import fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
-from services.runs.track import Job
+from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 from services.segmentation.segmenters import chosen_segmenter
 
@@ -85,7 +85,7 @@ def track(
         raise UserError("--mesh: is fitted first: leave out --fitted and --no-fit, or leave out --mesh")
     opened = open_take(take)
     engine = engine_settings(backend, threads)
-    job = Job(
+    job = TakeJob(
         take=opened,
         out=out or Path("results") / take.resolve().name,
         frames=frame_range(frames, opened),
@@ -110,7 +110,7 @@ def track(
         view(job.out, take, port)
 
 
-def _fit_and_track(job: Job, mesh: Path | None) -> dict[str, Any]:
+def _fit_and_track(job: TakeJob, mesh: Path | None) -> dict[str, Any]:
     """Track with an actor that is fitted for this run alone; returns run.json."""
     warnings: list[str] = []
     own, take = imported(mesh, warnings), job.take
@@ -125,7 +125,7 @@ def _fit_and_track(job: Job, mesh: Path | None) -> dict[str, Any]:
         return _track(replace(job, fitted=folder), [*warnings, why, *found.warnings])
 
 
-def _refine_and_track(job: Job) -> dict[str, Any]:
+def _refine_and_track(job: TakeJob) -> dict[str, Any]:
     """Track once more, with the body of the results fitted again for this run alone; returns run.json."""
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         folder = Path(temporary)
@@ -140,7 +140,7 @@ def _why_fitted(take: Path, mesh: Path | None) -> str:
     return f"{mesh}: was fitted for this run; xormocap fit {take} --mesh {mesh} keeps it in the take"
 
 
-def _track(job: Job, warnings: list[str]) -> dict[str, Any]:
+def _track(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
     """Track with a progress bar; returns run.json. Prints these warnings and the run's at the end."""
     columns = (
         TextColumn("{task.description}"),

@@ -25,7 +25,7 @@ from services.process import (
     METRICS_VARIABLE,
     PARENT_VARIABLE,
 )
-from services.runs.failures import ServiceFailedError
+from services.runs import ServiceFailedError
 from services.runs.fork_server import Birth, Forked, ForkServer, can_fork
 
 log = logging.getLogger(__name__)
@@ -58,11 +58,6 @@ SERVICES: dict[str, ServiceSpec] = {
     "viewer": ServiceSpec("services.viewer", most_restarts=20),
     "recorder": ServiceSpec("services.recorder", most_restarts=5, stop_s=60.0),  # it may be writing
 }
-
-
-def kinds_of_run(page: str | None) -> list[str]:
-    """The kinds of processes of a run with or without a page."""
-    return [kind for kind in SERVICES if kind != "viewer" or page is not None]
 
 
 _Process: TypeAlias = "subprocess.Popen[bytes] | Forked"
