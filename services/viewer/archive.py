@@ -1,6 +1,8 @@
 """Frames that have left a viewer's memory: from the recorder's journal, results, or the coordinator."""
 
 import logging
+import math
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +18,6 @@ from services.mocap.take.journal_index import JournalIndex
 from services.mocap.take.marks import PARTS
 from services.viewer.finished import FinishedTake
 from services.viewer.frame_history import STAGES, SolvedFrame
-from services.viewer.retry_requests import RetryRequests
 
 CHUNK_FRAMES = 64
 """Poses that the coordinator sends at one request, at most."""
@@ -94,3 +95,36 @@ def solved_frame_of(message: Pose) -> SolvedFrame:
         part_px=np.array([message.part_px.get(part, np.nan) for part in PARTS]),
         seconds=np.array([message.seconds.get(stage, np.nan) for stage in STAGES]),
     )
+
+
+_AGAIN_S = 0.4
+_MOST = 3
+"""Requests for the same frames, before they are let be."""
+
+
+class RetryRequests:
+    """Remembers what was asked for; for any thread."""
+
+    def __init__(self) -> None:
+        self.gone_end = 0
+        """Frames before this one are not to be had."""
+        self._frames, self._times, self._asked_s = range(0), 0, -math.inf
+        self._lock = threading.Lock()
+
+    def asks(self, frames: range, now_s: float, heard_s: float) -> bool:
+        """Whether to ask for some frames now; for others than before, or for the same after a while again.
+
+        heard_s: when the coordinator was heard last; of one that says nothing, nothing follows.
+        """
+        with self._lock:
+            if frames.start < self.gone_end or now_s - self._asked_s < _AGAIN_S:
+                return False
+            if frames != self._frames:
+                self._frames, self._times = frames, 0
+            elif heard_s > self._asked_s:
+                self._times += 1
+            if self._times >= _MOST:
+                self.gone_end = frames.stop
+                return False
+            self._asked_s = now_s
+            return True

@@ -19,11 +19,9 @@ from services.mocap.export.model_painter import ModelPainter
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake
-from services.viewer.archive import CHUNK_FRAMES, Archive, solved_frame_of
-from services.viewer.frame_history import RING_FRAMES, FrameHistory
-from services.viewer.live_pictures import LivePictures
-from services.viewer.pictures import TakePictures
-from services.viewer.retry_requests import RetryRequests
+from services.viewer.archive import CHUNK_FRAMES, Archive, RetryRequests, solved_frame_of
+from services.viewer.frame_history import KEPT_FRAMES, FrameHistory
+from services.viewer.pictures import LivePictures, TakePictures
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 
@@ -64,7 +62,7 @@ class Listener(Follower):
         last_end = info.first_frame + _MOST_FRAMES
         frames, is_open = range(info.first_frame, min(info.end_frame, last_end)), info.end_frame > last_end
         self._archive = Archive(info, frames, self._results, self.ask, lambda: self.heard_s)
-        self._history = FrameHistory(frames, RING_FRAMES, self._archive, is_open=is_open)
+        self._history = FrameHistory(frames, KEPT_FRAMES, self._archive, is_open=is_open)
 
     def prepare(self) -> None:
         """Do ahead what the first pictures would have to wait for; for a thread of its own.

@@ -1,5 +1,7 @@
 """The 3D scene of one browser: body, cameras, floor, trails."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import viser
 
@@ -108,14 +110,14 @@ class Stage:
             if frustum.visible != visible:
                 frustum.visible = visible
 
-    def trail(self, poses: Floats | None) -> None:
-        """Draw where wrists and ankles went in poses (N, 35), in order; None: no trails."""
-        if poses is None or len(poses) < 2:
+    def trail(self, poses: Sequence[Floats]) -> None:
+        """Draw where wrists and ankles went in poses, in order; fewer than two: no trails."""
+        if len(poses) < 2:
             for line in self._trails:
                 if line.visible:
                     line.visible = False
             return
-        joints_m = joint_positions(poses, self._show.body.offsets_m)
+        joints_m = joint_positions(np.array(poses), self._show.body.offsets_m)
         for name, line in zip(TRAILS, self._trails, strict=True):
             way_m = joints_m[:, JOINT_INDEX[name]]
             line.points = np.stack([way_m[:-1], way_m[1:]], axis=1).astype(np.float32)

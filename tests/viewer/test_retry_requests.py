@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 
-from services.viewer.retry_requests import RetryRequests
+from services.viewer.archive import RetryRequests
 
 
 def test_the_same_frames_are_asked_for_a_few_times_and_then_let_be() -> None:
