@@ -1,9 +1,13 @@
-"""Where the commands print: what was asked for to stdout, what is said meanwhile to stderr."""
+"""What commands share: the take as an argument, and where they print."""
 
 from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, TypeAlias
 
+import typer
 from rich.console import Console
 
+TakeFolder: TypeAlias = Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")]
 stdout, stderr = Console(highlight=False), Console(stderr=True, highlight=False)
 
 

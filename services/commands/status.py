@@ -17,7 +17,7 @@ from proto.keys import ClientKeys, KeysError
 from proto.messages import OPEN_END, Message, Pose, TakeEnd, Telemetry
 from proto.streams import DEFAULT_ENDPOINT, AddressError
 from services.commands.consoles import stdout
-from services.follower import PosesListener
+from services.listener import PosesListener
 from services.mocap.errors import UserError
 from services.process import KeysOption, keys_of_client
 

@@ -9,8 +9,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from services.commands.calibrate.check import outlines_of
 from services.commands.consoles import stderr, stdout
-from services.commands.take_outlines import outlines_of
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.epipolar_tangents import touches_of
 from services.mocap.calibration.time_offsets import TimeOffsets, find_offsets

@@ -11,9 +11,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from services.commands.consoles import stderr, stdout, warn
-from services.commands.fit_show import fit_with_bar, with_every_core
-from services.commands.options import MeshOption, TakeFolder, imported
+from services.commands.consoles import TakeFolder, stderr, stdout, warn
+from services.commands.fit import EVERY_CORE, MeshOption, fit_with_bar, imported
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
@@ -116,7 +115,7 @@ def _fit_and_track(job: TakeJob, mesh: Path | None) -> dict[str, Any]:
     own, take = imported(mesh, warnings), job.take
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         folder = Path(temporary)
-        engine = with_every_core(job.engine)
+        engine = job.engine.model_copy(update={"threads": EVERY_CORE})
         work = partial(
             fit_take, take, init_frames(take), engine, job.search, mesh=own, segmenter=job.segmenter
         )

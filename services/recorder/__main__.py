@@ -11,7 +11,7 @@ from proto.keys import ClientKeys
 from proto.link import Link
 from proto.messages import Blob, BlobRequest, Hello, Message, Pose, PoseRequest, Recorded, TakeEnd, TakeInfo
 from proto.streams import DEFAULT_ENDPOINT
-from services.follower import PosesListener
+from services.listener import PosesListener
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import partial_of
 from services.mocap.take.live import open_source

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from proto.keys import ClientKeys
 from proto.messages import Message, Pose, Telemetry
-from services.follower import PosesListener
+from services.listener import PosesListener
 
 
 @dataclass(frozen=True)
