@@ -8,10 +8,9 @@ from typing import Annotated, TypeAlias
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from services.commands.consoles import TakeFolder, stderr, stdout, warn
+from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.errors import UserError
@@ -27,7 +26,7 @@ from services.process import (
     SegmenterOption,
     engine_settings,
 )
-from services.runs.fit import Show, TakeFit, fit_take, init_frames
+from services.runs.fit import DRAWING_FROM, Show, TakeFit, fit_take, init_frames
 from services.runs.fit_files import frames_in_words, origin_of, uncertainty_of, write_fit
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 
@@ -100,15 +99,9 @@ def imported(mesh: Path | None, warnings: list[str]) -> OwnMesh | None:
 
 def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> TakeFit:
     """Fit the actor of a take by fit_take or refine_take, and write what was found into a folder."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=stderr) as bar:
-        task = bar.add_task("starting", total=1.0)
-
-        def show(stage: str, share: float) -> None:
-            bar.update(task, completed=share, description=stage)
-
+    with progress_bar() as show:
         found = work(show)
-        bar.update(task, description="drawing")
+        show("drawing", DRAWING_FROM)
         write_fit(take, found, folder)
         show("fitted", 1.0)
     return found
@@ -127,14 +120,11 @@ def show_fit(found: TakeFit, take: Take, folder: Path, console: Console) -> None
             style="yellow",
             soft_wrap=True,
         )
-    pictures = f"look at {folder / OVERLAY} and {folder / TURNTABLE}"
-    console.print(pictures, markup=False, highlight=False, soft_wrap=True)
+    say(f"look at {folder / OVERLAY} and {folder / TURNTABLE}", console)
 
 
 def _measures(found: TakeFit) -> Table:
-    table = Table("measure", box=None, header_style="bold")
-    table.add_column("cm", justify="right")
-    table.add_column("±", justify="right")
+    table = table_of("measure", "cm", "±")
     table.add_column("how to check it")
     for row in found.measures:
         table.add_row(row.name, f"{row.cm:.1f}", uncertainty_of(row), row.how)
@@ -144,9 +134,7 @@ def _measures(found: TakeFit) -> Table:
 def _quality(found: TakeFit) -> Table:
     """Means over the frames."""
     before, after = found.fit.before, found.fit.after
-    table = Table(frames_in_words(found), box=None, header_style="bold")
-    for column in ("before", "after"):
-        table.add_column(column, justify="right")
+    table = table_of(frames_in_words(found), "before", "after")
     energies = (f"{quality.energy_px.mean():.0f}" for quality in (before, after))
     table.add_row("energy per frame, px", *energies)
     for c, camera in enumerate(found.cameras):

@@ -79,17 +79,20 @@ def live(
         search=search,
         output=output,
         segmenter=segmenter,
-        page=None,
         record=record,
         keys=keys,
     )
     if group is not None:
-        serve_group(job, _known(group, take, config), _endpoint(take, config))
+        if group not in (known := sorted(take.groups())):
+            raise UserError(f"--group {group}: {config} has no such group: {nearest(group, known)}")
+        if take.live.endpoint is None:
+            raise UserError(f"--group: {config} does not say where the coordinator is: give endpoint in it")
+        serve_group(job, group, take.live.endpoint)
         return
     check_out(folder)
     stderr.print(_body(take), markup=False, soft_wrap=True)
     if watch:
-        job = replace(job, page=tell_page(port, stderr))
+        job = replace(job, page=tell_page(port))
     report = _track(job)
     if report is None:
         raise UserError(f"{config}: nobody was tracked: the logs of xormocap live told why, line by line")
@@ -120,18 +123,6 @@ def _body(take: LiveTake) -> str:
     return "body: the generic one, scaled to whoever comes into view: actor_height or actor says better"
 
 
-def _known(group: str, take: LiveTake, config: Path) -> str:
-    if group not in (known := sorted(take.groups())):
-        raise UserError(f"--group {group}: {config} has no such group: {nearest(group, known)}")
-    return group
-
-
-def _endpoint(take: LiveTake, config: Path) -> str:
-    if take.live.endpoint is None:
-        raise UserError(f"--group: {config} does not say where the coordinator is: give endpoint in it")
-    return take.live.endpoint
-
-
 def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> None:
     live_part, speed, table = report["live"], report["speed"], Table(show_header=False, box=None)
     latency_s, shots = live_part["latency_s"], live_part["shots"]
@@ -150,17 +141,12 @@ def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> Non
     table.add_row("first pose", f"{speed['first_frame_s']:.1f} s")
     for where in ("source", "segmentation", "tracking"):
         drops = {name: counts[where] for name, counts in live_part.get("drops", {}).items()}
-        table.add_row(f"dropped by {where}", _by_camera(drops))
+        same = len(set(drops.values())) <= 1
+        by_camera = ", ".join(f"{name} {count}" for name, count in drops.items())
+        table.add_row(f"dropped by {where}", f"{max(drops.values(), default=0)}" if same else by_camera)
     if "accuracy" in report:
         table.add_row("joint error", accuracy_in_words(report["accuracy"]))
     table.add_row("results", escape(str(folder)))
     if record is not None:
         table.add_row("take", escape(str(record)))
     stdout.print(table)
-
-
-def _by_camera(drops: dict[str, int]) -> str:
-    counts = set(drops.values())
-    if len(counts) <= 1:
-        return f"{next(iter(counts), 0)}"
-    return ", ".join(f"{name} {count}" for name, count in drops.items())

@@ -72,15 +72,14 @@ def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> Re
     head = Text(f"{told.take}: {told.stage}, {done} frames{speed}")
     if silent_s > _SILENCE_S:
         head.append(f"; nothing heard for {silent_s:.0f} s", style="yellow")
-    live: list[RenderableType] = [] if not told.drops else [Text(), _cameras(told)]
+    live: list[RenderableType] = [Text(), _cameras(told)] if told.drops else []
     return Group(head, Text(), _services(told), *live, Text(), _numbers(told))
 
 
 def _services(told: Telemetry) -> Table:
     """Who is there, and what they are doing."""
     table = Table("service", "where", "backend", "doing", box=None, header_style="bold")
-    ahead = f"{told.frames_ready} frames ready"
-    table.add_row("segmentation", "", "", ahead)
+    table.add_row("segmentation", "", "", f"{told.frames_ready} frames ready")
     for name, backend in sorted(told.workers.items()):
         role, _, where = name.partition("@")
         limb = told.limbs.get(name)
@@ -127,7 +126,12 @@ def status(
     """Show how the services of a run are doing: a table that lives until the run ends."""
     try:
         with closing(Watch(connect, keys_of_client(keys, "viewer"))) as watch:
-            told = _first_word(watch, connect)
+            deadline_s = time.monotonic() + _PATIENCE_S
+            while (told := watch.latest) is None:
+                if time.monotonic() > deadline_s:
+                    sentence = "nothing heard: is a coordinator running there, and is this its address?"
+                    raise UserError(f"{connect}: {sentence}")
+                watch.listen(_LOOK_S)
             if in_json:
                 sys.stdout.write(told.model_dump_json() + "\n")
             elif once:
@@ -136,18 +140,6 @@ def status(
                 _live(watch, told)
     except (AddressError, KeysError) as error:
         raise UserError(str(error)) from None
-
-
-def _first_word(watch: Watch, endpoint: str) -> Telemetry:
-    """What the coordinator says first; raises UserError where it says nothing."""
-    deadline_s = time.monotonic() + _PATIENCE_S
-    while watch.latest is None:
-        if time.monotonic() > deadline_s:
-            raise UserError(
-                f"{endpoint}: nothing heard: is a coordinator running there, and is this its address?"
-            )
-        watch.listen(_LOOK_S)
-    return watch.latest
 
 
 def _live(watch: Watch, told: Telemetry) -> None:

@@ -1,7 +1,6 @@
 """`xormocap sync TAKE`: by how many frames each camera is ahead, by silhouettes, written to take.toml."""
 
 import re
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -10,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from services.commands.calibrate.check import outlines_of
-from services.commands.consoles import stderr, stdout
+from services.commands.consoles import TakeFolder, say, stderr, stdout, table_of
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.epipolar_tangents import touches_of
 from services.mocap.calibration.time_offsets import TimeOffsets, find_offsets
@@ -28,7 +27,7 @@ _INIT_FRAMES = re.compile(r"^(\s*init_frames\s*=\s*)\d+", re.MULTILINE)
 
 
 def sync(
-    take: Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")],
+    take: TakeFolder,
     reach: Annotated[
         int, typer.Option(min=1, max=300, help="Look for offsets of up to so many frames.")
     ] = 15,
@@ -78,7 +77,7 @@ def _write(take: Take, found: TimeOffsets) -> None:
         part.write_text(f"{text.rstrip()}\n\n{table}", encoding="utf-8")
         if read_settings(part).offsets != offsets:
             raise TakeError(f"{path}: is laid out in a way that sync does not understand: put in {offsets}")
-    stdout.print(f"{path}: offsets of {len(names)} cameras, frames = {frames}", markup=False, soft_wrap=True)
+    say(f"{path}: offsets of {len(names)} cameras, frames = {frames}")
 
 
 def _held(take: Take) -> list[int]:
@@ -91,9 +90,7 @@ def _held(take: Take) -> list[int]:
 
 
 def _table(take: Take, found: TimeOffsets) -> Table:
-    table = Table("camera", box=None, header_style="bold")
-    for column in ("ahead, frames", "confidence", "off now, px", "off then, px"):
-        table.add_column(column, justify="right")
+    table = table_of("camera", "ahead, frames", "confidence", "off now, px", "off then, px")
     for c, camera in enumerate(take.cameras):
         table.add_row(
             escape(camera.name),

@@ -1,6 +1,7 @@
 """`xormocap track`: a recorded take becomes a motion."""
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -36,7 +37,7 @@ from services.process import (
     output_settings,
 )
 from services.recorder.result_folder import check_out
-from services.runs.fit import fit_take, init_frames
+from services.runs.fit import Show, TakeFit, fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.track import TakeJob
@@ -100,43 +101,40 @@ def track(
     chosen_segmenter(opened, segmenter)
     check_cost(engine, job.search.cost)
     check_out(job.out)
-    job = replace(job, page=tell_page(port, stderr) if watch else None)
-    is_to_fit = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
-    report = _fit_and_track(job, mesh) if is_to_fit else _track(job, [])
-    report = _refine_and_track(job) if refine else report
+    job = replace(job, page=tell_page(port) if watch else None)
+    if mesh is not None or (fitted is None and fit_first and take_actor(opened) is None):
+        report = _fit_and_track(job, *_first_fit(job, mesh))
+    else:
+        report = _track(job, [])
+    if refine:
+        again = partial(refine_take, opened, job.out, DEFAULT_REFINE_FRAMES, segmenter=segmenter)
+        report = _fit_and_track(job, again, [])
     _summarise(report, job.out)
     if watch:
         view(job.out, take, port)
 
 
-def _fit_and_track(job: TakeJob, mesh: Path | None) -> dict[str, Any]:
-    """Track with an actor that is fitted for this run alone; returns run.json."""
+def _first_fit(job: TakeJob, mesh: Path | None) -> tuple[Callable[[Show], TakeFit], list[str]]:
+    """What fits the actor to the first frames of a take, and warnings."""
     warnings: list[str] = []
     own, take = imported(mesh, warnings), job.take
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        folder = Path(temporary)
-        engine = job.engine.model_copy(update={"threads": EVERY_CORE})
-        work = partial(
-            fit_take, take, init_frames(take), engine, job.search, mesh=own, segmenter=job.segmenter
-        )
-        found = fit_with_bar(take, folder, work)
-        why = _why_fitted(take.folder, mesh)
-        return _track(replace(job, fitted=folder), [*warnings, why, *found.warnings])
-
-
-def _refine_and_track(job: TakeJob) -> dict[str, Any]:
-    """Track once more, with the body of the results fitted again for this run alone; returns run.json."""
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        folder = Path(temporary)
-        work = partial(refine_take, job.take, job.out, DEFAULT_REFINE_FRAMES, segmenter=job.segmenter)
-        found = fit_with_bar(job.take, folder, work)
-        return _track(replace(job, fitted=folder), found.warnings)
-
-
-def _why_fitted(take: Path, mesh: Path | None) -> str:
+    command = f"xormocap fit {take.folder}"
     if mesh is None:
-        return f"{take}: has no actor.toml: fitted one for this run; xormocap fit {take} puts one there"
-    return f"{mesh}: was fitted for this run; xormocap fit {take} --mesh {mesh} keeps it in the take"
+        warnings.append(
+            f"{take.folder}: has no actor.toml: fitted one for this run; {command} puts one there"
+        )
+    else:
+        warnings.append(f"{mesh}: was fitted for this run; {command} --mesh {mesh} keeps it in the take")
+    engine = job.engine.model_copy(update={"threads": EVERY_CORE})
+    frames, segmenter = init_frames(take), job.segmenter
+    return partial(fit_take, take, frames, engine, job.search, mesh=own, segmenter=segmenter), warnings
+
+
+def _fit_and_track(job: TakeJob, work: Callable[[Show], TakeFit], warnings: list[str]) -> dict[str, Any]:
+    """Track with an actor that is fitted for this run alone; returns run.json."""
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        found = fit_with_bar(job.take, Path(temporary), work)
+        return _track(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
 
 
 def _track(job: TakeJob, warnings: list[str]) -> dict[str, Any]:

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from services.commands.consoles import say
+from services.commands.consoles import say, stderr
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
@@ -32,8 +31,7 @@ PortOption = Annotated[
     int, typer.Option(min=0, max=65535, help="The page's port on this machine; 0 takes any that is free.")
 ]
 ViewOption = Annotated[
-    bool,
-    typer.Option("--view", help="Watch in a browser while it is tracked, and afterwards until Ctrl-C."),
+    bool, typer.Option("--view", help="Watch in a browser while it is tracked, and afterwards until Ctrl-C.")
 ]
 
 
@@ -43,10 +41,10 @@ def check_page() -> None:
         raise UserError("the page needs viser, which is not here: pip install 'xormocap[page]'")
 
 
-def tell_page(port: int, console: Console) -> str:
+def tell_page(port: int) -> str:
     """Say where to look while a take is tracked; returns that as HOST:PORT. Raises as check_page."""
     check_page()
-    console.print(f"look at http://{LOOPBACK}:{port}", markup=False, highlight=False, soft_wrap=True)
+    say(f"look at http://{LOOPBACK}:{port}", stderr)
     return f"{LOOPBACK}:{port}"
 
 

@@ -18,13 +18,7 @@ from typing import Self, TypeAlias
 
 from services import logs
 from services.mocap.errors import UserError
-from services.process import (
-    EXIT_STOPPED,
-    EXIT_USER_ERROR,
-    KEYS_VARIABLE,
-    METRICS_VARIABLE,
-    PARENT_VARIABLE,
-)
+from services.process import EXIT_STOPPED, EXIT_USER_ERROR, KEYS_VARIABLE, METRICS_VARIABLE, PARENT_VARIABLE
 from services.runs import ServiceFailedError
 from services.runs.fork_server import Birth, Forked, ForkServer, can_fork
 

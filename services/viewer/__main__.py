@@ -75,8 +75,7 @@ def serve(
 def main(
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     take: Annotated[
-        Path | None,
-        typer.Option(help="The take folder, for its pictures; without it there are silhouettes."),
+        Path | None, typer.Option(help="The take folder, for its pictures; without it there are silhouettes.")
     ] = None,
     results: Annotated[
         Path | None,

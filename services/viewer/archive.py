@@ -13,7 +13,6 @@ from pydantic import ValidationError
 from proto.messages import Pose, PoseRequest, TakeInfo
 from services.mocap.errors import TakeError
 from services.mocap.result.layout import journal_of
-from services.mocap.take.journal import Record
 from services.mocap.take.journal_index import JournalIndex
 from services.mocap.take.marks import PARTS
 from services.viewer.finished import FinishedTake
@@ -55,7 +54,10 @@ class Archive:
         try:
             record = self._journal.pose(frame)
             self._problem = f"{self._journal.path} does not hold it"
-            return None if record is None else solved_frame_of(_pose(record))
+            if record is None:
+                return None
+            arrays = {name: np.array(array) for name, array in record.arrays.items()}
+            return solved_frame_of(Pose.model_validate(record.fields | arrays))
         except FileNotFoundError:  # not yet, or no longer, since all is among the results
             self._problem = f"there is no journal at {self._journal.path}"
             return self._finished.solved(frame) if self.is_over else None
@@ -76,11 +78,6 @@ class Archive:
         if frame >= self._requests.gone_end:
             return "was asked for"
         return f"has left this viewer's memory and the coordinator's, and {self._problem}"
-
-
-def _pose(record: Record) -> Pose:
-    arrays = {name: np.array(array) for name, array in record.arrays.items()}
-    return Pose.model_validate(record.fields | arrays)
 
 
 def solved_frame_of(message: Pose) -> SolvedFrame:

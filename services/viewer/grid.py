@@ -127,8 +127,13 @@ class CameraGrid:
         if artist is None or self._html is None or not self.is_due(solved, controls):
             return False
         stands = self._drawn == (solved.frame, look)
-        # A frame that stands is shown whole, however long that takes.
-        self._share = 1.0 if stands else self._fitting_share()
+        likely_s = self.connection.seconds_for(self._whole_bytes)
+        if stands:  # it is shown whole, however long that takes
+            self._share = 1.0
+        elif likely_s is None:
+            self._share = _FIRST_WIDTH
+        else:  # smaller where the browser would be long in taking it
+            self._share = next((w for w in _WIDTHS if w * w * likely_s <= _ANSWER_S), _WIDTHS[-1])
         tiles = artist.draw(solved, replace(look, tile_width_px=round(self._share * look.tile_width_px)))
         self.sent_bytes = sum(len(tile.jpeg) for tile in tiles)
         self._whole_bytes = round(self.sent_bytes / self._share**2)
@@ -137,10 +142,3 @@ class CameraGrid:
         )
         self._drawn, self._told = (solved.frame, look), controls.version
         return True
-
-    def _fitting_share(self) -> float:
-        """How wide tiles are against what is wanted: less where the browser would be long in taking them."""
-        likely_s = self.connection.seconds_for(self._whole_bytes)
-        if likely_s is None:
-            return _FIRST_WIDTH
-        return next((w for w in _WIDTHS if w * w * likely_s <= _ANSWER_S), _WIDTHS[-1])

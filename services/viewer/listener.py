@@ -92,34 +92,19 @@ class Listener(Follower):
         info, history = self.info, self._history
         if info is None or history is None:
             return
-        body = build_body(actor)
-        folder = self._folder if self._folder is not None and self._fits(self._folder, info) else None
-        pictures = None if folder is None else self._folder_pictures
-        self._pictures = LivePictures(rig, pictures, lambda frame: self.ask(SilhouettesRequest(frame=frame)))
+        body, folder, pictures = build_body(actor), self._folder, self._folder_pictures
+        names = tuple(f"camera {c + 1}" for c in range(rig.n_cameras))
         if folder is None:
-            names = tuple(f"camera {c + 1}" for c in range(rig.n_cameras))
-        else:
+            pictures = None
+        elif folder.settings.name == info.take and folder.settings.frames >= info.end_frame:
             names = tuple(camera.name for camera in folder.cameras)
-        artist = TileArtist(body, rig, self._pictures)
-        show = Show(
-            info.take,
-            info.fps,
-            history,
-            body,
-            rig,
-            names,
-            artist,
-            is_live=True,
-            has_pictures=pictures is not None,
-        )
-        self._present(show)
-
-    def _fits(self, folder: Take, info: TakeInfo) -> bool:
-        """Whether a folder is that of the take that is tracked."""
-        fits = folder.settings.name == info.take and folder.settings.frames >= info.end_frame
-        if not fits:
+        else:
+            pictures = None
             log.warning("%s is another take than %s: there are silhouettes only", folder.folder, info.take)
-        return fits
+        self._pictures = LivePictures(rig, pictures, lambda frame: self.ask(SilhouettesRequest(frame=frame)))
+        artist, has_pictures = TileArtist(body, rig, self._pictures), pictures is not None
+        show = Show(info.take, info.fps, history, body, rig, names, artist, True, has_pictures)
+        self._present(show)
 
     def lacking(self) -> Sequence[Message]:
         """The end of the last gap in the frames, unless the coordinator has nothing so old."""

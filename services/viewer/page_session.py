@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import viser
 
-from services.mocap.types import Bytes
 from services.viewer.controls import Controls
 from services.viewer.curves import Curves
 from services.viewer.frame_history import STAGES, SolvedFrame
@@ -169,10 +168,9 @@ class PageSession:
         """Stand before the middle of what is known of the motion, a bit to the actor's side."""
         self._looked = True
         history = self._show.history
-        some = np.linspace(history.frames.start, history.newest or history.frames.start, _WAYPOINTS).astype(
-            int
-        )
-        known = [found.pose[:3] for found in map(history.solved, some.tolist()) if found is not None]
+        start = history.frames.start
+        some = np.linspace(start, history.newest or start, _WAYPOINTS).astype(int).tolist()
+        known = [found.pose[:3] for found in map(history.solved, some) if found is not None]
         middle_m, heading = np.mean([solved.pose[:3], *known], axis=0), solved.pose[3] + _BESIDE_RAD
         reach_m = float(np.ptp([solved.pose[:3], *known], axis=0).max())
         away_m = _AWAY_M + (0.5 * reach_m if history.is_over else _ROAMING_M)
@@ -206,16 +204,14 @@ class PageSession:
             return False
         if not self._frusta_pacing.is_due():
             return False
-        pictures = [_small(artist.ground(frame, c)) for c in range(len(self._show.camera_names))]
+        pictures_rgb = []
+        for c in range(len(self._show.camera_names)):
+            picture = artist.ground(frame, c)
+            size = _FRUSTUM_PX, max(1, round(_FRUSTUM_PX * picture.shape[0] / picture.shape[1]))
+            small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+            pictures_rgb.append(np.asarray(small[..., ::-1], np.uint8))
         with self._client.atomic():
-            for c, picture in enumerate(pictures):
+            for c, picture in enumerate(pictures_rgb):
                 self._stage.hang_picture(c, picture)
         self._hung_frame = frame
         return True
-
-
-def _small(picture: Bytes) -> Bytes:
-    """A picture (h, w, 3) for a frustum, in RGB."""
-    height = max(1, round(_FRUSTUM_PX * picture.shape[0] / picture.shape[1]))
-    small = cv2.resize(picture, (_FRUSTUM_PX, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(small[..., ::-1], np.uint8)

@@ -9,7 +9,6 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from proto.messages import Silhouettes
-from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes, fit_together, unpack_trimaps
@@ -31,11 +30,9 @@ class Pictures(Protocol):
 
     def picture(self, camera: int, frame: int) -> Bytes | None:
         """(h, w, 3); None where there is none."""
-        ...
 
     def trimap(self, camera: int, frame: int) -> Trimap | None:
         """(h, w); None where there is none."""
-        ...
 
 
 class Reader(Generic[Content]):
@@ -102,15 +99,13 @@ class TakePictures:
         with self._lock:
             return self._opened(camera).read(frame)
 
-    def _opened(self, camera: int) -> "_Video":
-        if camera not in self._pictures:
-            self._pictures[camera] = self._video_of(self._take.cameras[camera])
-        return self._pictures[camera]
-
-    def _video_of(self, camera: Camera) -> "_Video":
-        index = index_video(layout.video_path(self._take.folder, camera.name))
-        picker = PicturePicker(index, self._take.colours.get(camera.name))
-        return _Video(picker, self._take.settings.offset(camera.name), Undistorter(camera))
+    def _opened(self, c: int) -> _Video:
+        if c not in self._pictures:
+            take, camera = self._take, self._take.cameras[c]
+            index = index_video(layout.video_path(take.folder, camera.name))
+            picker = PicturePicker(index, take.colours.get(camera.name))
+            self._pictures[c] = _Video(picker, take.settings.offset(camera.name), Undistorter(camera))
+        return self._pictures[c]
 
     def trimap(self, camera: int, frame: int) -> Trimap | None:
         """See Pictures.trimap."""
@@ -161,15 +156,13 @@ class LivePictures:
                 while len(self._asked) > _KEPT_FRAMES:
                     self._asked.popitem(last=False)
                 self._ask(frame)
-                self._came.wait_for(lambda: self._is_whole(frame), _PATIENCE_S)
+                all_here = self._rig.n_cameras
+                self._came.wait_for(lambda: len(self._packed.get(frame, {})) == all_here, _PATIENCE_S)
             packed = self._packed.get(frame, {}).get(camera)
         width, height = self._rig.sizes_px[camera].tolist()
         if packed is None:
             return None
         return np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, width)
-
-    def _is_whole(self, frame: int) -> bool:
-        return len(self._packed.get(frame, {})) == self._rig.n_cameras
 
     def add(self, message: Silhouettes) -> None:
         """Take in silhouettes of some cameras; those that do not fit the rig are left out."""

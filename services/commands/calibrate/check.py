@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
-from services.commands.consoles import warn
+from services.commands.consoles import table_of, warn
 from services.mocap.calibration.agreeing import Agreement, agreement_of, likely_mistake
 from services.mocap.calibration.epipolar_tangents import Outline, outline_of
 from services.mocap.calibration.hull_shares import filled_by_others
@@ -50,27 +50,18 @@ def check_take(folder: Path, console: Console, errors: Console) -> None:
     if not found.odd:
         return
     good = [c for c in range(len(cameras)) if c not in found.odd and np.isfinite(found.off_px[c])]
-    mistakes = {
-        names[c]: likely_mistake(c, cameras, good, outlines, float(found.off_px[c]))
-        if len(good) > 1
-        else None
-        for c in found.odd
-    }
-    words = ", ".join(
-        name + (f" (its pictures are {what})" if what else "") for name, what in mistakes.items()
-    )
+    others, odd = f"any of the {len(names)} cameras", [names[c] for c in found.odd]
+    if len(good) > 1:
+        others, odd = f"the other {len(good)} cameras", []
+        for c in found.odd:
+            what = likely_mistake(c, cameras, good, outlines, float(found.off_px[c]))
+            odd.append(names[c] + (f" (its pictures are {what})" if what else ""))
     advice = "check its calibration, its synchronisation (xormocap sync) and its silhouettes"
-    raise DisagreeError(f"{folder}: {words}: not in agreement with {_others(names, good)}: {advice}")
-
-
-def _others(names: list[str], good: list[int]) -> str:
-    return f"the other {len(good)} cameras" if len(good) > 1 else f"any of the {len(names)} cameras"
+    raise DisagreeError(f"{folder}: {', '.join(odd)}: not in agreement with {others}: {advice}")
 
 
 def _table(names: list[str], found: Agreement, filled: Floats) -> Table:
-    table = Table("camera", box=None, header_style="bold")
-    for column in ("off, px", "filled by the others' hull", ""):
-        table.add_column(column, justify="right")
+    table = table_of("camera", "off, px", "filled by the others' hull", "")
     for c, name in enumerate(names):
         known = np.isfinite(found.off_px[c])
         verdict = "[red]does not agree[/]" if c in found.odd else "agrees" if known else "cannot be told"
