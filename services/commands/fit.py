@@ -8,7 +8,6 @@ from typing import Annotated, TypeAlias
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.body.body_mesh import OwnMesh
@@ -108,10 +107,22 @@ def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> T
 
 
 def show_fit(found: TakeFit, take: Take, folder: Path, console: Console) -> None:
-    """Print the tables, and where the pictures are."""
-    console.print(_measures(found))
+    """Print the measures, how well the frames are covered before and after, and where the pictures are."""
+    measures = table_of("measure", "cm", "±")
+    measures.add_column("how to check it")
+    for row in found.measures:
+        measures.add_row(row.name, f"{row.cm:.1f}", uncertainty_of(row), row.how)
+    before, after = found.fit.before, found.fit.after
+    quality = table_of(frames_in_words(found), "before", "after")
+    energies = (f"{of.energy_px.mean():.0f}" for of in (before, after))
+    quality.add_row("energy per frame, px", *energies)
+    for c, camera in enumerate(found.cameras):
+        ious = (f"{of.iou[:, c].mean():.3f}" for of in (before, after))
+        quality.add_row(f"IoU, {escape(camera.name)}", *ious)
+    quality.add_row("IoU, all cameras", f"{before.iou.mean():.3f}", f"{after.iou.mean():.3f}")
+    console.print(measures)
     console.print()
-    console.print(_quality(found))
+    console.print(quality)
     told_m, height_m = take.settings.actor_height, found.measures[0].cm / 100.0
     if told_m is not None and abs(height_m - told_m) > _HEIGHT_CM / 100.0:
         console.print(
@@ -121,24 +132,3 @@ def show_fit(found: TakeFit, take: Take, folder: Path, console: Console) -> None
             soft_wrap=True,
         )
     say(f"look at {folder / OVERLAY} and {folder / TURNTABLE}", console)
-
-
-def _measures(found: TakeFit) -> Table:
-    table = table_of("measure", "cm", "±")
-    table.add_column("how to check it")
-    for row in found.measures:
-        table.add_row(row.name, f"{row.cm:.1f}", uncertainty_of(row), row.how)
-    return table
-
-
-def _quality(found: TakeFit) -> Table:
-    """Means over the frames."""
-    before, after = found.fit.before, found.fit.after
-    table = table_of(frames_in_words(found), "before", "after")
-    energies = (f"{quality.energy_px.mean():.0f}" for quality in (before, after))
-    table.add_row("energy per frame, px", *energies)
-    for c, camera in enumerate(found.cameras):
-        ious = (f"{quality.iou[:, c].mean():.3f}" for quality in (before, after))
-        table.add_row(f"IoU, {escape(camera.name)}", *ious)
-    table.add_row("IoU, all cameras", f"{before.iou.mean():.3f}", f"{after.iou.mean():.3f}")
-    return table

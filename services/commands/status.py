@@ -137,12 +137,12 @@ def status(
             elif once:
                 stdout.print(as_table(told, watch.frames_per_s, watch.silent_s))
             else:
-                _live(watch, told)
+                _follow(watch, told)
     except (AddressError, KeysError) as error:
         raise UserError(str(error)) from None
 
 
-def _live(watch: Watch, told: Telemetry) -> None:
+def _follow(watch: Watch, told: Telemetry) -> None:
     """Renew the table until the run has ended and its coordinator has left."""
     with Live(as_table(told, None, 0.0), auto_refresh=False) as live:
         while told.stage != "ended" or watch.silent_s < _SILENCE_S:

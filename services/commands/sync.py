@@ -65,7 +65,12 @@ def _write(take: Take, found: TimeOffsets) -> None:
     whole -= whole.min()
     names = [camera.name for camera in take.cameras]
     offsets = {name: int(offset) for name, offset in zip(names, whole, strict=True)}
-    frames = min(n - offsets[name] for name, n in zip(names, _held(take), strict=True))
+    if take.source == "videos":
+        held = [take.video(camera, 0, 0).index.n_frames for camera in take.cameras]
+    else:
+        folders = [layout.silhouette_folder(take.folder, name) for name in names]
+        held = [len(list(folder.glob("*.png"))) for folder in folders]
+    frames = min(n - offsets[name] for name, n in zip(names, held, strict=True))
     path = take.folder / layout.SETTINGS
     text = path.read_text(encoding="utf-8")
     text = _FRAMES.sub(rf"\g<1>{frames}", _OFFSETS_INLINE.sub("", _OFFSETS_TABLE.sub("", text)))
@@ -78,15 +83,6 @@ def _write(take: Take, found: TimeOffsets) -> None:
         if read_settings(part).offsets != offsets:
             raise TakeError(f"{path}: is laid out in a way that sync does not understand: put in {offsets}")
     say(f"{path}: offsets of {len(names)} cameras, frames = {frames}")
-
-
-def _held(take: Take) -> list[int]:
-    """How many frames each camera's files hold."""
-    if take.source == "videos":
-        return [take.video(camera, 0, 0).index.n_frames for camera in take.cameras]
-    return [
-        len(list(layout.silhouette_folder(take.folder, camera.name).glob("*.png"))) for camera in take.cameras
-    ]
 
 
 def _table(take: Take, found: TimeOffsets) -> Table:

@@ -208,18 +208,12 @@ def free_port(ports: int = 1) -> int:
     """The first of so many ports in a row that are free on loopback at this moment."""
     for _ in range(100):
         port = _LOWEST_PORT + secrets.randbelow(_HIGHEST_PORT - _LOWEST_PORT)
-        if all(_is_free(port + k) for k in range(ports)):
+        with suppress(OSError):
+            for k in range(ports):
+                with socket.socket() as probe:
+                    probe.bind(("127.0.0.1", port + k))
             return port
     raise ServiceFailedError(f"no {ports} free ports in a row on 127.0.0.1")
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-    return True
 
 
 def last_line(path: Path) -> str:

@@ -54,7 +54,7 @@ class Page:
                     with ANSWER.time():
                         self._await_answer()
                     self._session.note_answer()
-        except _Gone:
+        except _GoneError:
             log.info("browser %d is gone", self._client.client_id)
         except UserError as error:
             self._client.gui.add_html(notice(str(error)))
@@ -73,7 +73,7 @@ class Page:
             time.sleep(_TICK_S)
 
     def _await_answer(self) -> None:
-        """Wait until the browser has taken in all that was sent; raises _Gone where it has left."""
+        """Wait until the browser has taken in all that was sent; raises _GoneError where it has left."""
         while self.is_open:
             try:
                 self._client.local_storage.get_item("seen", timeout=_ANSWER_S)
@@ -81,11 +81,11 @@ class Page:
                 continue
             except RuntimeError as error:
                 if "disconnected" in str(error):
-                    raise _Gone from None
+                    raise _GoneError from None
             return
 
 
-class _Gone(Exception):  # noqa: N818  (no error)
+class _GoneError(Exception):
     """The browser has left."""
 
 

@@ -1,8 +1,8 @@
 """The tiles of the camera grid: what each camera saw of a frame, with the model over it, as JPEG."""
 
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import cv2
@@ -59,17 +59,12 @@ class TileArtist:
         self._body, self._rig, self._pictures = body, rig, pictures
         self._painter = ModelPainter(body, rig)
         self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[int, Look], tuple[Tile, ...]] = OrderedDict()
+        self._drawn = lru_cache(_KEPT_SHEETS)(self._draw)
 
     def draw(self, solved: SolvedFrame, look: Look) -> tuple[Tile, ...]:
         """The tiles of the cameras that a look names, in its order."""
-        key = solved.frame, look
         with self._lock:
-            if key not in self._kept:
-                self._kept[key] = self._draw(solved, look)
-                while len(self._kept) > _KEPT_SHEETS:
-                    self._kept.popitem(last=False)
-            return self._kept[key]
+            return self._drawn(solved, look)
 
     def catch_up(self, frame: int, look: Look) -> None:
         """Decode what a look shows of a frame and of those before it."""

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from services.commands.consoles import say, table_of, warn
 from services.mocap.calibration.colour_chart import ColourFit, fit_colours
@@ -41,13 +40,9 @@ def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
         for name, fit in fits.items()
     }
     write_colours(folder / layout.COLOURS, means)
-    console.print(_table(fits))
-    say(f"{folder / layout.COLOURS}", console)
-
-
-def _table(fits: dict[str, ColourFit]) -> Table:
     table = table_of("camera", "delta E before", "after", "worst before", "after")
     for name, fit in fits.items():
         figures = (fit.before.mean(), fit.after.mean(), fit.before.max(), fit.after.max())
         table.add_row(escape(name), *(f"{figure:.1f}" for figure in figures))
-    return table
+    console.print(table)
+    say(f"{folder / layout.COLOURS}", console)
