@@ -57,6 +57,14 @@ class Line:
         self._is_dead = False
         connect(self.socket, self._endpoint, self._keys)
 
+    def send(self, message: Message) -> bool:
+        """Send without waiting; False where the queue is full."""
+        return send(self.socket, message)
+
+    def receive(self) -> Message | None:
+        """The next waiting message, or None; raises MalformedMessage."""
+        return receive(self.socket)
+
     def reopen(self) -> None:
         """Let go of the socket and what it has not sent, and open another."""
         self._close(linger_ms=0)

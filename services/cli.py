@@ -12,7 +12,7 @@ from typer.main import get_command
 from services.commands.consoles import stderr
 from services.mocap.errors import UserError
 from services.process import EXIT_STOPPED, EXIT_USER_ERROR
-from services.runs.failures import Interrupted, ServiceFailedError
+from services.runs import Interrupted, ServiceFailedError
 
 _MODULES = {
     "track": "services.commands.track",

@@ -1,42 +1,35 @@
-"""What services share that follow a coordinator without taking part: its takes, its poses, what they mean."""
+"""What clients share that follow a coordinator without taking part: its takes, its poses, what they mean."""
 
 import logging
 import queue
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 
-import zmq
-
-from proto.framing import MalformedMessage
 from proto.keys import ClientKeys
 from proto.link import Line
 from proto.messages import Blob, BlobRequest, Message, TakeInfo
-from proto.sockets import receive, send, wait
 from services.blob_store import BlobStore, DamagedBlobError, UnusableBlobError
+from services.listener import PosesListener
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 
 _ASK_AGAIN_S = 0.5
-_MOST_AT_ONCE = 500
-"""Messages that are taken in before requests get their turn."""
 
 log = logging.getLogger(__name__)
 
 
-class Follower(ABC):
-    """Hears what a coordinator tracks, take after take; it registers nowhere, so that nobody waits for it."""
+class Follower(PosesListener):
+    """Follows what a coordinator tracks, take after take, and asks it for what the poses mean."""
 
     def __init__(self, endpoint: str, keys: ClientKeys | None) -> None:
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._poses = Line(self._context, endpoint, "poses", keys)
-        self._tasks = Line(self._context, endpoint, "tasks", keys)
+        super().__init__(endpoint, keys)
+        self._tasks = Line(self.context, endpoint, "tasks", keys)
+        self.lines.append(self._tasks)
         self._requests: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._asked_s = 0.0
         self.info: TakeInfo | None = None
         """The take that is tracked."""
-        self.heard_s = 0.0
-        """When a message came last (time.monotonic)."""
         self._blobs: BlobStore | None = None
         """Its content, as long as some of it is missing."""
 
@@ -62,22 +55,19 @@ class Follower(ABC):
 
     def listen(self, timeout_s: float) -> None:
         """Wait a moment for messages, take them in, and ask for what is missing."""
-        wait([self._poses.socket, self._tasks.socket], timeout_s)
-        for line in (self._poses, self._tasks):
-            for _ in range(_MOST_AT_ONCE):
-                try:
-                    message = receive(line.socket)
-                except MalformedMessage as error:
-                    log.warning("dropped a malformed message: %s", error)
-                    continue
-                if message is None:
-                    break
-                self._take_in(message)
-            line.tick()
-        self._ask()
+        super().listen(timeout_s)
+        while not self._requests.empty():
+            self._tasks.send(self._requests.get())
+        if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
+            return
+        self._asked_s = time.monotonic()
+        for content in self._blobs.missing(self.info) if self._blobs and self.info else []:
+            self._tasks.send(BlobRequest(hash=content))
+        for request in self.lacking():
+            self._tasks.send(request)
 
-    def _take_in(self, message: Message) -> None:
-        self.heard_s = time.monotonic()
+    def take_in(self, message: Message) -> None:
+        """Tell takes from what belongs to them."""
         if isinstance(message, TakeInfo):
             if message != self.info:
                 log.info("take %s, frames %d to %d", message.take, message.first_frame, message.end_frame - 1)
@@ -104,20 +94,3 @@ class Follower(ABC):
         else:
             self._blobs = None
             self.learn(actor, rig)
-
-    def _ask(self) -> None:
-        while not self._requests.empty():
-            send(self._tasks.socket, self._requests.get())
-        if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
-            return
-        self._asked_s = time.monotonic()
-        for content in self._blobs.missing(self.info) if self._blobs and self.info else []:
-            send(self._tasks.socket, BlobRequest(hash=content))
-        for request in self.lacking():
-            send(self._tasks.socket, request)
-
-    def close(self) -> None:
-        """Close the sockets."""
-        self._tasks.close()
-        self._poses.close()
-        self._context.term()

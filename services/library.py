@@ -15,7 +15,6 @@ import numpy as np
 
 from services.mocap.body.actor import Actor as Actor
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import check_cost, open_engine
 from services.mocap.energy.settings import EngineSettings as EngineSettings
 from services.mocap.errors import UserError
@@ -42,7 +41,7 @@ from services.recorder.result_folder import results_into
 from services.runs.fit import TakeFit, fit_take, init_frames
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
-from services.segmentation.silhouettes import packed
+from services.segmentation.silhouettes import Segmenter, packed
 
 _ENGINE = EngineSettings()
 _SEARCH = SearchSettings()
@@ -100,7 +99,8 @@ def track(
         if first_pose is None and numbers.start in actor.frames:
             first_pose = actor.fit.poses[list(actor.frames).index(numbers.start)]
         actor = actor.actor
-    return _tracked(take, actor, numbers, first_pose, _seen(take, numbers, segmenter), search, engine)
+    made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+    return _tracked(take, actor, numbers, first_pose, made, search, engine)
 
 
 def _check(take: Take, search: SearchSettings, engine: EngineSettings) -> None:
@@ -108,24 +108,19 @@ def _check(take: Take, search: SearchSettings, engine: EngineSettings) -> None:
     check_cost(engine, search.cost)
 
 
-def _seen(take: Take, numbers: range, segmenter: str) -> Iterator[TriPlanes]:
-    """What is seen (P, H, W) in each frame."""
-    made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
-    height_px, width_px = Rig.of(take.cameras).shape_px
-    return (packed(trimaps, width_px, height_px) for trimaps in made.trimaps(numbers.start, numbers.stop))
-
-
 def _tracked(
     take: Take,
     actor: Actor,
     numbers: range,
     first_pose: Floats | None,
-    seen: Iterator[TriPlanes],
+    segmenter: Segmenter,
     search: SearchSettings,
     engine: EngineSettings,
 ) -> Iterator[TrackedFrame]:
     rig, names, fps = Rig.of(take.cameras), [camera.name for camera in take.cameras], take.settings.fps
-    hints = take.settings.beginning_at(numbers.start)
+    hints, (height_px, width_px) = take.settings.beginning_at(numbers.start), rig.shape_px
+    trimaps_of_frames = segmenter.trimaps(numbers.start, numbers.stop)
+    seen = (packed(trimaps, width_px, height_px) for trimaps in trimaps_of_frames)
     with open_engine(engine) as opened:
         first = solve_first_frame(
             next(seen), rig, actor, hints, lambda model, _: LocalLimbs(model), opened, search, first_pose,

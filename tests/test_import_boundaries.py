@@ -10,10 +10,10 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = (
     *("services.process", "services.options", "services.health", "services.logs", "services.metrics"),
-    *("services.follower", "services.blob_store"),
+    *("services.listener", "services.follower", "services.blob_store"),
 )
-"""What services share: the entry of all, and what those share that only follow a coordinator; beside the
-services, not in one."""
+"""What services share: the entry of all, and what those share that listen to a coordinator or follow it;
+beside the services, not in one."""
 NO_SERVICES = ("commands", "runs")
 COMMAND = ("services.cli", "services.library", *(f"services.{folder}" for folder in NO_SERVICES))
 """The command starts the services and may use what they are made of."""

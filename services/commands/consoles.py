@@ -1,15 +1,39 @@
-"""Where the commands print: what was asked for to stdout, what is said meanwhile to stderr."""
+"""What commands share: the take as an argument, where they print, and how."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, TypeAlias
 
+import typer
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
+TakeFolder: TypeAlias = Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")]
 stdout, stderr = Console(highlight=False), Console(stderr=True, highlight=False)
 
 
-def say(line: str) -> None:
+def say(line: str, to: Console = stdout) -> None:
     """Print a line as it is, however long: paths and addresses are to be copied."""
-    stdout.print(line, markup=False, soft_wrap=True)
+    to.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def table_of(first: str, *numbers: str) -> Table:
+    """A table without lines: a column of words, and columns that are aligned to the right."""
+    table = Table(first, box=None, header_style="bold")
+    for title in numbers:
+        table.add_column(title, justify="right")
+    return table
+
+
+@contextmanager
+def progress_bar(to: Console = stderr) -> Iterator[Callable[[str, float], None]]:
+    """A bar; yields what takes what is being done, in words, and how far the whole is, 0 to 1."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=to) as bar:
+        task = bar.add_task("starting", total=1.0)
+        yield lambda what, share: bar.update(task, completed=share, description=what)
 
 
 def warn(sentences: Iterable[str], to: Console = stderr) -> None:

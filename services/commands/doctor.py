@@ -28,19 +28,12 @@ from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import whole_body_energy
 from services.mocap.synth.studio import studio_cameras
-from services.runs.failures import ServiceFailedError
+from services.runs import ServiceFailedError
 from services.runs.launcher import free_endpoint
 
 _LIBRARIES = (
-    "numpy",
-    "numba",
-    "scipy",
-    "opencv-contrib-python-headless",
-    "pyzmq",
-    "moderngl",
-    "av",
-    "pydantic",
-    "trimesh",
+    *("numpy", "numba", "scipy", "opencv-contrib-python-headless", "pyzmq"),
+    *("moderngl", "av", "pydantic", "trimesh"),
 )
 _TIMED_S = 0.5
 _BATCH = 256
@@ -49,10 +42,10 @@ _BATCH = 256
 class State(Enum):
     """What a finding means for who wants to track."""
 
-    OK = "ok"
-    HINT = "hint"
+    OK = "[green]ok[/]"
+    HINT = "[yellow]hint[/]"
     """All works, and would be quicker once this is mended."""
-    MISSING = "missing"
+    MISSING = "[red]missing[/]"
 
 
 @dataclass(frozen=True)
@@ -66,20 +59,25 @@ class Check:
 
 def examine() -> list[Check]:
     """Look at everything that the services need; takes a few seconds, longer the first time."""
+    is_new = sys.version_info >= (3, 11)
+    python = f"{platform.python_version()} on {platform.platform()}"
+    found = find_device()
+    try:
+        opengl = opengl_checks(EglSetup.look(), found)
+    finally:
+        if found.device is not None:
+            found.device.close()
+    with open_engine(EngineSettings()) as engine, open_engine(EngineSettings(backend="cpu")) as cpu:
+        energy = energy_checks(engine, cpu)
     return [
-        _python(),
+        Check("python", State.OK if is_new else State.MISSING, python),
         Check("cores", State.OK, f"{os.cpu_count()} ({platform.machine()})"),
         _libraries(),
         _h264(),
         _loopback(),
-        *_opengl(),
-        *_energy(),
+        *opengl,
+        *energy,
     ]
-
-
-def _python() -> Check:
-    state = State.OK if sys.version_info >= (3, 11) else State.MISSING
-    return Check("python", state, f"{platform.python_version()} on {platform.platform()}")
 
 
 def _libraries() -> Check:
@@ -133,20 +131,6 @@ def opengl_checks(setup: EglSetup, found: Found) -> list[Check]:
     return [*checks, *(Check("for a GPU", State.HINT, part) for part in wanting)]
 
 
-def _opengl() -> list[Check]:
-    found = find_device()
-    try:
-        return opengl_checks(EglSetup.look(), found)
-    finally:
-        if found.device is not None:
-            found.device.close()
-
-
-def _energy() -> list[Check]:
-    with open_engine(EngineSettings()) as engine, open_engine(EngineSettings(backend="cpu")) as cpu:
-        return energy_checks(engine, cpu)
-
-
 def energy_checks(engine: Engine, cpu: Engine) -> list[Check]:
     """What auto takes, and the rates of the energy of the whole body before eight cameras of 320x240, as the
     search evaluates it by default: of cpu, and of a GPU unless it fails meanwhile."""
@@ -182,19 +166,11 @@ def _rate(engine: Engine, batch: int) -> float:
     return count / elapsed_s
 
 
-_STATE_WORDS = {
-    State.OK: "[green]ok[/]",
-    State.HINT: "[yellow]hint[/]",
-    State.MISSING: "[red]missing[/]",
-}
-
-
 def doctor() -> None:
     """Say what this machine has, and what is missing."""
-    table = Table(show_header=False, box=None)
-    checks = examine()
+    table, checks = Table(show_header=False, box=None), examine()
     for check in checks:
-        table.add_row(_STATE_WORDS[check.state], check.name, escape(check.finding))
+        table.add_row(check.state.value, check.name, escape(check.finding))
     stdout.print(table)
     if any(check.state is State.MISSING for check in checks):
         sys.exit(1)

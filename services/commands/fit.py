@@ -1,19 +1,22 @@
-"""`xormocap fit`: the actor's shape and first poses."""
+"""`xormocap fit`: the actor's shape and first poses, with a bar, and what came of it in numbers."""
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import typer
+from rich.console import Console
+from rich.markup import escape
 
-from services.commands.consoles import stdout, warn
-from services.commands.fit_show import fit_with_bar, show_fit, with_every_core
-from services.commands.options import MeshOption, TakeFolder, imported
+from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
+from services.mocap.body.body_mesh import OwnMesh
+from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import check_place, write_actor
-from services.mocap.take.fit_record import FIT_FOLDER
-from services.mocap.take.folder import open_take
+from services.mocap.take.fit_record import FIT_FOLDER, OVERLAY, TURNTABLE
+from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR
 from services.options import (
     DEFAULT_ENGINE,
@@ -22,9 +25,18 @@ from services.options import (
     SegmenterOption,
     engine_settings,
 )
-from services.runs.fit import fit_take, init_frames
-from services.runs.fit_files import origin_of
+from services.runs.fit import DRAWING_FROM, Show, TakeFit, fit_take, init_frames
+from services.runs.fit_files import frames_in_words, origin_of, uncertainty_of, write_fit
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
+
+EVERY_CORE = 0
+"""Threads of the energy while no other process computes."""
+_HEIGHT_CM = 2.0
+"""Further than this from the height in take.toml a fitted one is worth a word."""
+MeshOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(help="Fit this mesh: a skinned character (.glb) or 16 named parts (.obj, .glb)."),
+]
 
 
 def fit(
@@ -63,7 +75,7 @@ def fit(
             fit_take,
             opened,
             init_frames(opened, frames),
-            with_every_core(engine_settings(backend, DEFAULT_ENGINE.threads)),
+            engine_settings(backend, EVERY_CORE),
             SearchSettings(),
             mesh=imported(mesh, warnings),
             segmenter=segmenter,
@@ -73,3 +85,50 @@ def fit(
         write_actor(actor_toml, found.actor, origin_of(opened, found))
     warn([*warnings, *found.warnings])
     show_fit(found, opened, folder, stdout)
+
+
+def imported(mesh: Path | None, warnings: list[str]) -> OwnMesh | None:
+    """The own mesh of a file, if one was given; adds to the warnings. Raises UserError."""
+    if mesh is None:
+        return None
+    found = import_mesh(mesh)
+    warnings += found.remarks
+    return found.mesh
+
+
+def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> TakeFit:
+    """Fit the actor of a take by fit_take or refine_take, and write what was found into a folder."""
+    with progress_bar() as show:
+        found = work(show)
+        show("drawing", DRAWING_FROM)
+        write_fit(take, found, folder)
+        show("fitted", 1.0)
+    return found
+
+
+def show_fit(found: TakeFit, take: Take, folder: Path, console: Console) -> None:
+    """Print the measures, how well the frames are covered before and after, and where the pictures are."""
+    measures = table_of("measure", "cm", "±")
+    measures.add_column("how to check it")
+    for row in found.measures:
+        measures.add_row(row.name, f"{row.cm:.1f}", uncertainty_of(row), row.how)
+    before, after = found.fit.before, found.fit.after
+    quality = table_of(frames_in_words(found), "before", "after")
+    energies = (f"{of.energy_px.mean():.0f}" for of in (before, after))
+    quality.add_row("energy per frame, px", *energies)
+    for c, camera in enumerate(found.cameras):
+        ious = (f"{of.iou[:, c].mean():.3f}" for of in (before, after))
+        quality.add_row(f"IoU, {escape(camera.name)}", *ious)
+    quality.add_row("IoU, all cameras", f"{before.iou.mean():.3f}", f"{after.iou.mean():.3f}")
+    console.print(measures)
+    console.print()
+    console.print(quality)
+    told_m, height_m = take.settings.actor_height, found.measures[0].cm / 100.0
+    if told_m is not None and abs(height_m - told_m) > _HEIGHT_CM / 100.0:
+        console.print(
+            f"take.toml says actor_height = {told_m:.2f} m, the silhouettes {height_m:.2f} m: "
+            "check that number, or the scale of the calibration",
+            style="yellow",
+            soft_wrap=True,
+        )
+    say(f"look at {folder / OVERLAY} and {folder / TURNTABLE}", console)

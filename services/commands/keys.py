@@ -48,7 +48,12 @@ def new(
     try:
         folder.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)  # it may be a volume, made by others
         with tempfile.TemporaryDirectory(dir=folder, prefix=".") as part:
-            _make_all(Path(part), names)
+            own = Path(part) / COORDINATOR
+            (own / CLIENTS).mkdir(parents=True)
+            own.chmod(stat.S_IRWXU)
+            _make_certificate(own, SERVER)
+            for name in names:
+                _make_client(Path(part), name)
             for name in (*names, COORDINATOR):  # who sees that one sees all
                 (Path(part) / name).rename(folder / name)
     except OSError as problem:
@@ -93,15 +98,6 @@ def show(folder: Folder) -> None:
     for key, name in _clients_of(folder).items():
         table.add_row(name, key.decode())
     stdout.print(table, markup=False)
-
-
-def _make_all(folder: Path, names: list[str]) -> None:
-    own = folder / COORDINATOR
-    (own / CLIENTS).mkdir(parents=True)
-    own.chmod(stat.S_IRWXU)
-    _make_certificate(own, SERVER)
-    for name in names:
-        _make_client(folder, name)
 
 
 def _client_names(asked: str) -> list[str]:

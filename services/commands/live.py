@@ -37,7 +37,7 @@ from services.options import (
 from services.recorder.result_folder import check_out
 from services.runs.live import LiveJob, serve_group
 from services.runs.live import live as track_live
-from services.runs.live_watch import LiveProgress, in_words
+from services.runs.progress import Progress, live_in_words
 
 _SMOOTHER: Smoother = "one-euro"
 
@@ -79,17 +79,20 @@ def live(
         search=search,
         output=output,
         segmenter=segmenter,
-        page=None,
         record=record,
         keys=keys,
     )
     if group is not None:
-        serve_group(job, _known(group, take, config), _endpoint(take, config))
+        if group not in (known := sorted(take.groups())):
+            raise UserError(f"--group {group}: {config} has no such group: {nearest(group, known)}")
+        if take.live.endpoint is None:
+            raise UserError(f"--group: {config} does not say where the coordinator is: give endpoint in it")
+        serve_group(job, group, take.live.endpoint)
         return
     check_out(folder)
     stderr.print(_body(take), markup=False, soft_wrap=True)
     if watch:
-        job = replace(job, page=tell_page(port, stderr))
+        job = replace(job, page=tell_page(port))
     report = _track(job)
     if report is None:
         raise UserError(f"{config}: nobody was tracked: the logs of xormocap live told why, line by line")
@@ -103,8 +106,8 @@ def _track(job: LiveJob) -> dict[str, Any] | None:
     warnings: list[str] = []
     with Live(Text("starting"), console=stderr, refresh_per_second=4) as line:
 
-        def show(progress: LiveProgress) -> None:
-            line.update(Text(in_words(progress)))
+        def show(progress: Progress) -> None:
+            line.update(Text(live_in_words(progress)))
 
         report = track_live(job, show=show, warn=warnings.append)
     warn(warnings)
@@ -118,18 +121,6 @@ def _body(take: LiveTake) -> str:
     if take.live.actor_height is not None:
         return f"body: the generic one, scaled to {take.live.actor_height:.2f} m (actor_height)"
     return "body: the generic one, scaled to whoever comes into view: actor_height or actor says better"
-
-
-def _known(group: str, take: LiveTake, config: Path) -> str:
-    if group not in (known := sorted(take.groups())):
-        raise UserError(f"--group {group}: {config} has no such group: {nearest(group, known)}")
-    return group
-
-
-def _endpoint(take: LiveTake, config: Path) -> str:
-    if take.live.endpoint is None:
-        raise UserError(f"--group: {config} does not say where the coordinator is: give endpoint in it")
-    return take.live.endpoint
 
 
 def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> None:
@@ -150,17 +141,12 @@ def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> Non
     table.add_row("first pose", f"{speed['first_frame_s']:.1f} s")
     for where in ("source", "segmentation", "tracking"):
         drops = {name: counts[where] for name, counts in live_part.get("drops", {}).items()}
-        table.add_row(f"dropped by {where}", _by_camera(drops))
+        same = len(set(drops.values())) <= 1
+        by_camera = ", ".join(f"{name} {count}" for name, count in drops.items())
+        table.add_row(f"dropped by {where}", f"{max(drops.values(), default=0)}" if same else by_camera)
     if "accuracy" in report:
         table.add_row("joint error", accuracy_in_words(report["accuracy"]))
     table.add_row("results", escape(str(folder)))
     if record is not None:
         table.add_row("take", escape(str(record)))
     stdout.print(table)
-
-
-def _by_camera(drops: dict[str, int]) -> str:
-    counts = set(drops.values())
-    if len(counts) <= 1:
-        return f"{next(iter(counts), 0)}"
-    return ", ".join(f"{name} {count}" for name, count in drops.items())

@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 from rich.progress import Progress
 
-from services.commands.consoles import say, stderr, warn
-from services.commands.options import TakeFolder
+from services.commands.consoles import TakeFolder, say, stderr, warn
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import SILHOUETTES
 from services.options import DEFAULT_SEGMENTER, SegmenterOption

@@ -3,11 +3,10 @@
 import sys
 import time
 from collections import deque
-from pathlib import Path
-from typing import Annotated, Self
+from contextlib import closing
+from typing import Annotated
 
 import typer
-import zmq
 from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.table import Table
@@ -15,11 +14,10 @@ from rich.text import Text
 
 from proto.framing import MalformedMessage
 from proto.keys import ClientKeys, KeysError
-from proto.link import Line
-from proto.messages import OPEN_END, Pose, TakeEnd, Telemetry
-from proto.sockets import receive, wait
+from proto.messages import OPEN_END, Message, Pose, TakeEnd, Telemetry
 from proto.streams import DEFAULT_ENDPOINT, PUBLISHED, AddressError
 from services.commands.consoles import stdout
+from services.listener import PosesListener
 from services.mocap.errors import UserError
 from services.options import KeysOption, keys_of_client
 
@@ -30,56 +28,37 @@ _RATE_FRAMES = 30
 _IN_MS = "{:.1f}".format
 
 
-class Watch:
-    """Follows a coordinator; a context manager."""
+class Watch(PosesListener):
+    """Follows what a coordinator tells of itself."""
 
     def __init__(self, endpoint: str, keys: ClientKeys | None) -> None:
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._line = Line(self._context, endpoint, "poses", keys)
+        super().__init__(endpoint, keys)
         self._took_s: deque[float] = deque(maxlen=_RATE_FRAMES)
-        self._heard_s = time.monotonic()
         self.latest: Telemetry | None = None
 
-    def __enter__(self) -> Self:
-        return self
+    def take_in(self, message: Message) -> None:
+        """Remember the newest."""
+        if isinstance(message, Telemetry):
+            self.latest = message
+        elif isinstance(message, TakeEnd) and self.latest is not None:
+            self.latest = self.latest.model_copy(update={"stage": "ended"})
+        elif isinstance(message, Pose):
+            self._took_s.append(message.seconds.get("frame", 0.0))
 
-    def __exit__(self, *_: object) -> None:
-        self._line.close()
-        self._context.term()
-
-    def look(self) -> None:
-        """Wait a moment for news."""
-        wait([self._line.socket], _LOOK_S)
-        try:
-            while (message := receive(self._line.socket)) is not None:
-                self._heard_s = time.monotonic()
-                if isinstance(message, Telemetry):
-                    self.latest = message
-                elif isinstance(message, TakeEnd) and self.latest is not None:
-                    self.latest = self.latest.model_copy(update={"stage": "ended"})
-                elif isinstance(message, Pose):
-                    self._took_s.append(message.seconds.get("frame", 0.0))
-        except MalformedMessage as error:
-            raise UserError(
-                f"what was heard cannot be understood: {error}: is it of another version?"
-            ) from None
-        self._line.tick()
+    def refuse(self, error: MalformedMessage) -> None:
+        """Raises UserError."""
+        raise UserError(f"what was heard cannot be understood: {error}: is it of another version?")
 
     @property
     def silent_s(self) -> float:
         """For how long nothing was heard."""
-        return time.monotonic() - self._heard_s
+        return time.monotonic() - self.heard_s
 
     @property
     def frames_per_s(self) -> float | None:
         """Of the last frames that were heard of; None where there were none."""
         total_s = sum(self._took_s)
         return len(self._took_s) / total_s if total_s > 0 else None
-
-
-def as_json(told: Telemetry) -> str:
-    """One line that a script can read: the fields of the message `telemetry`."""
-    return told.model_dump_json()
 
 
 def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> RenderableType:
@@ -91,15 +70,14 @@ def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> Re
     head = Text(f"{told.take}: {told.stage}, {done} frames{speed}")
     if silent_s > PUBLISHED.silence_s:
         head.append(f"; nothing heard for {silent_s:.0f} s", style="yellow")
-    live: list[RenderableType] = [] if not told.drops else [Text(), _cameras(told)]
+    live: list[RenderableType] = [Text(), _cameras(told)] if told.drops else []
     return Group(head, Text(), _services(told), *live, Text(), _numbers(told))
 
 
 def _services(told: Telemetry) -> Table:
     """Who is there, and what they are doing."""
     table = Table("service", "where", "backend", "doing", box=None, header_style="bold")
-    ahead = f"{told.frames_ready} frames ready"
-    table.add_row("segmentation", "", "", ahead)
+    table.add_row("segmentation", "", "", f"{told.frames_ready} frames ready")
     for name, backend in sorted(told.workers.items()):
         role, _, where = name.partition("@")
         limb = told.limbs.get(name)
@@ -145,38 +123,27 @@ def status(
 ) -> None:
     """Show how the services of a run are doing: a table that lives until the run ends."""
     try:
-        with Watch(connect, _keys(keys)) as watch:
-            told = _first_word(watch, connect)
+        with closing(Watch(connect, keys_of_client(keys, "viewer"))) as watch:
+            deadline_s = time.monotonic() + _PATIENCE_S
+            while (told := watch.latest) is None:
+                if time.monotonic() > deadline_s:
+                    sentence = "nothing heard: is a coordinator running there, and is this its address?"
+                    raise UserError(f"{connect}: {sentence}")
+                watch.listen(_LOOK_S)
             if in_json:
-                sys.stdout.write(as_json(told) + "\n")
+                sys.stdout.write(told.model_dump_json() + "\n")
             elif once:
                 stdout.print(as_table(told, watch.frames_per_s, watch.silent_s))
             else:
-                _live(watch, told)
+                _follow(watch, told)
     except (AddressError, KeysError) as error:
         raise UserError(str(error)) from None
 
 
-def _keys(folder: Path | None) -> ClientKeys | None:
-    return keys_of_client(folder, "viewer")
-
-
-def _first_word(watch: Watch, endpoint: str) -> Telemetry:
-    """What the coordinator says first; raises UserError where it says nothing."""
-    deadline_s = time.monotonic() + _PATIENCE_S
-    while watch.latest is None:
-        if time.monotonic() > deadline_s:
-            raise UserError(
-                f"{endpoint}: nothing heard: is a coordinator running there, and is this its address?"
-            )
-        watch.look()
-    return watch.latest
-
-
-def _live(watch: Watch, told: Telemetry) -> None:
+def _follow(watch: Watch, told: Telemetry) -> None:
     """Renew the table until the run has ended and its coordinator has left."""
     with Live(as_table(told, None, 0.0), auto_refresh=False) as live:
         while told.stage != "ended" or watch.silent_s < PUBLISHED.silence_s:
-            watch.look()
+            watch.listen(_LOOK_S)
             told = watch.latest or told
             live.update(as_table(told, watch.frames_per_s, watch.silent_s), refresh=True)

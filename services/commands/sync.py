@@ -1,7 +1,6 @@
 """`xormocap sync TAKE`: by how many frames each camera is ahead, by silhouettes, written to take.toml."""
 
 import re
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -9,8 +8,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from services.commands.consoles import stderr, stdout
-from services.commands.take_outlines import outlines_of
+from services.commands.calibrate.check import outlines_of
+from services.commands.consoles import TakeFolder, say, stderr, stdout, table_of
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.epipolar_tangents import touches_of
 from services.mocap.calibration.time_offsets import TimeOffsets, find_offsets
@@ -28,7 +27,7 @@ _INIT_FRAMES = re.compile(r"^(\s*init_frames\s*=\s*)\d+", re.MULTILINE)
 
 
 def sync(
-    take: Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")],
+    take: TakeFolder,
     reach: Annotated[
         int, typer.Option(min=1, max=300, help="Look for offsets of up to so many frames.")
     ] = 15,
@@ -66,7 +65,12 @@ def _write(take: Take, found: TimeOffsets) -> None:
     whole -= whole.min()
     names = [camera.name for camera in take.cameras]
     offsets = {name: int(offset) for name, offset in zip(names, whole, strict=True)}
-    frames = min(n - offsets[name] for name, n in zip(names, _held(take), strict=True))
+    if take.source == "videos":
+        held = [take.video(camera, 0, 0).index.n_frames for camera in take.cameras]
+    else:
+        folders = [layout.silhouette_folder(take.folder, name) for name in names]
+        held = [len(list(folder.glob("*.png"))) for folder in folders]
+    frames = min(n - offsets[name] for name, n in zip(names, held, strict=True))
     path = take.folder / layout.SETTINGS
     text = path.read_text(encoding="utf-8")
     text = _FRAMES.sub(rf"\g<1>{frames}", _OFFSETS_INLINE.sub("", _OFFSETS_TABLE.sub("", text)))
@@ -78,22 +82,11 @@ def _write(take: Take, found: TimeOffsets) -> None:
         part.write_text(f"{text.rstrip()}\n\n{table}", encoding="utf-8")
         if read_settings(part).offsets != offsets:
             raise TakeError(f"{path}: is laid out in a way that sync does not understand: put in {offsets}")
-    stdout.print(f"{path}: offsets of {len(names)} cameras, frames = {frames}", markup=False, soft_wrap=True)
-
-
-def _held(take: Take) -> list[int]:
-    """How many frames each camera's files hold."""
-    if take.source == "videos":
-        return [take.video(camera, 0, 0).index.n_frames for camera in take.cameras]
-    return [
-        len(list(layout.silhouette_folder(take.folder, camera.name).glob("*.png"))) for camera in take.cameras
-    ]
+    say(f"{path}: offsets of {len(names)} cameras, frames = {frames}")
 
 
 def _table(take: Take, found: TimeOffsets) -> Table:
-    table = Table("camera", box=None, header_style="bold")
-    for column in ("ahead, frames", "confidence", "off now, px", "off then, px"):
-        table.add_column(column, justify="right")
+    table = table_of("camera", "ahead, frames", "confidence", "off now, px", "off then, px")
     for c, camera in enumerate(take.cameras):
         table.add_row(
             escape(camera.name),

@@ -32,10 +32,6 @@ def synth(
     """Make a synthetic take with known poses: an actor who moves before a ring of cameras."""
     with Progress(console=stderr) as bar:
         task = bar.add_task("drawing", total=frames)
-
-        def show(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-
         made = write_synthetic_take(
             out,
             motion=motion,
@@ -45,7 +41,7 @@ def synth(
             seed=seed,
             height_m=height,
             n_cameras=cameras,
-            progress=show,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
     words = f"{out}: {len(made.poses)} frames of {cameras} cameras"
     if made.joint_error_m is not None:

@@ -1,6 +1,7 @@
 """`xormocap track`: a recorded take becomes a motion."""
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,9 +12,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from services.commands.consoles import stderr, stdout, warn
-from services.commands.fit_show import fit_with_bar, with_every_core
-from services.commands.options import MeshOption, TakeFolder, imported
+from services.commands.consoles import TakeFolder, stderr, stdout, warn
+from services.commands.fit import EVERY_CORE, MeshOption, fit_with_bar, imported
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
@@ -37,10 +37,10 @@ from services.options import (
     output_settings,
 )
 from services.recorder.result_folder import check_out
-from services.runs.fit import fit_take, init_frames
+from services.runs.fit import Show, TakeFit, fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
-from services.runs.track import Job
+from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 from services.segmentation.segmenters import chosen_segmenter
 
@@ -85,7 +85,7 @@ def track(
         raise UserError("--mesh: is fitted first: leave out --fitted and --no-fit, or leave out --mesh")
     opened = open_take(take)
     engine = engine_settings(backend, threads)
-    job = Job(
+    job = TakeJob(
         take=opened,
         out=out or Path("results") / take.resolve().name,
         frames=frame_range(frames, opened),
@@ -101,46 +101,43 @@ def track(
     chosen_segmenter(opened, segmenter)
     check_cost(engine, job.search.cost)
     check_out(job.out)
-    job = replace(job, page=tell_page(port, stderr) if watch else None)
-    is_to_fit = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
-    report = _fit_and_track(job, mesh) if is_to_fit else _track(job, [])
-    report = _refine_and_track(job) if refine else report
+    job = replace(job, page=tell_page(port) if watch else None)
+    if mesh is not None or (fitted is None and fit_first and take_actor(opened) is None):
+        report = _fit_and_track(job, *_first_fit(job, mesh))
+    else:
+        report = _track(job, [])
+    if refine:
+        again = partial(refine_take, opened, job.out, DEFAULT_REFINE_FRAMES, segmenter=segmenter)
+        report = _fit_and_track(job, again, [])
     _summarise(report, job.out)
     if watch:
         view(job.out, take, port)
 
 
-def _fit_and_track(job: Job, mesh: Path | None) -> dict[str, Any]:
-    """Track with an actor that is fitted for this run alone; returns run.json."""
+def _first_fit(job: TakeJob, mesh: Path | None) -> tuple[Callable[[Show], TakeFit], list[str]]:
+    """What fits the actor to the first frames of a take, and warnings."""
     warnings: list[str] = []
     own, take = imported(mesh, warnings), job.take
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        folder = Path(temporary)
-        engine = with_every_core(job.engine)
-        work = partial(
-            fit_take, take, init_frames(take), engine, job.search, mesh=own, segmenter=job.segmenter
-        )
-        found = fit_with_bar(take, folder, work)
-        why = _why_fitted(take.folder, mesh)
-        return _track(replace(job, fitted=folder), [*warnings, why, *found.warnings])
-
-
-def _refine_and_track(job: Job) -> dict[str, Any]:
-    """Track once more, with the body of the results fitted again for this run alone; returns run.json."""
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        folder = Path(temporary)
-        work = partial(refine_take, job.take, job.out, DEFAULT_REFINE_FRAMES, segmenter=job.segmenter)
-        found = fit_with_bar(job.take, folder, work)
-        return _track(replace(job, fitted=folder), found.warnings)
-
-
-def _why_fitted(take: Path, mesh: Path | None) -> str:
+    command = f"xormocap fit {take.folder}"
     if mesh is None:
-        return f"{take}: has no actor.toml: fitted one for this run; xormocap fit {take} puts one there"
-    return f"{mesh}: was fitted for this run; xormocap fit {take} --mesh {mesh} keeps it in the take"
+        warnings.append(
+            f"{take.folder}: has no actor.toml: fitted one for this run; {command} puts one there"
+        )
+    else:
+        warnings.append(f"{mesh}: was fitted for this run; {command} --mesh {mesh} keeps it in the take")
+    engine = job.engine.model_copy(update={"threads": EVERY_CORE})
+    frames, segmenter = init_frames(take), job.segmenter
+    return partial(fit_take, take, frames, engine, job.search, mesh=own, segmenter=segmenter), warnings
 
 
-def _track(job: Job, warnings: list[str]) -> dict[str, Any]:
+def _fit_and_track(job: TakeJob, work: Callable[[Show], TakeFit], warnings: list[str]) -> dict[str, Any]:
+    """Track with an actor that is fitted for this run alone; returns run.json."""
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        found = fit_with_bar(job.take, Path(temporary), work)
+        return _track(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
+
+
+def _track(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
     """Track with a progress bar; returns run.json. Prints these warnings and the run's at the end."""
     columns = (
         TextColumn("{task.description}"),

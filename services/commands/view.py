@@ -1,26 +1,37 @@
 """`xormocap view`: finished results on the page."""
 
-import signal
-import threading
+import time
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from services.commands.consoles import say
-from services.commands.view_show import finished_show
+from services.commands.consoles import say, stderr
+from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
+from services.mocap.result.layout import RUN_JSON
+from services.mocap.result.result import Result, load_result
+from services.mocap.take.folder import Take, open_take
+from services.runs.local_run import StopSignals
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.segmenters import make_segmenter
+from services.segmentation.silhouettes import Segmenter
 from services.viewer.address import LOOPBACK
+from services.viewer.finished import FinishedFrames
+from services.viewer.frame_history import FrameHistory
+from services.viewer.pictures import TakePictures
+from services.viewer.show import Show
+from services.viewer.tiles import TileArtist
 
 DEFAULT_PORT = 8080
+_LOOK_S = 0.25
 PortOption = Annotated[
     int, typer.Option(min=0, max=65535, help="The page's port on this machine; 0 takes any that is free.")
 ]
 ViewOption = Annotated[
-    bool,
-    typer.Option("--view", help="Watch in a browser while it is tracked, and afterwards until Ctrl-C."),
+    bool, typer.Option("--view", help="Watch in a browser while it is tracked, and afterwards until Ctrl-C.")
 ]
 
 
@@ -30,10 +41,10 @@ def check_page() -> None:
         raise UserError("the page needs viser, which is not here: pip install 'xormocap[page]'")
 
 
-def tell_page(port: int, console: Console) -> str:
+def tell_page(port: int) -> str:
     """Say where to look while a take is tracked; returns that as HOST:PORT. Raises as check_page."""
     check_page()
-    console.print(f"look at http://{LOOPBACK}:{port}", markup=False, highlight=False, soft_wrap=True)
+    say(f"look at http://{LOOPBACK}:{port}", stderr)
     return f"{LOOPBACK}:{port}"
 
 
@@ -49,19 +60,47 @@ def view(
     from services.viewer.server import PageServer  # what runs without a page has no viser
 
     show = finished_show(result, take)
-    with PageServer(port) as server:
+    with PageServer(port) as server, StopSignals() as stop:
         server.show(show)
-        words = f"look at http://{LOOPBACK}:{server.port} (Ctrl-C ends this)"
-        say(words)
-        wait_for_stop()
+        say(f"look at http://{LOOPBACK}:{server.port} (Ctrl-C ends this)")
+        while not stop.count:
+            time.sleep(_LOOK_S)
 
 
-def wait_for_stop() -> None:
-    """Return after SIGINT or SIGTERM."""
-    ended = threading.Event()
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, lambda *_: ended.set()) for number in numbers}
-    while not ended.wait(0.5):
-        pass
-    for number, handler in before.items():
-        signal.signal(number, handler)
+def finished_show(folder: Path, take: Path | None) -> Show:
+    """What a folder of results has to show, as it was tracked, and its take, where that is still to be found.
+
+    take: the take's folder; None: where run.json says. Raises UserError where the results cannot be used.
+    """
+    result = load_result(folder)
+    opened, remark = _take_of(result, take)
+    finished = FinishedFrames(result)
+    history = FrameHistory(finished.frames, capacity=len(finished.frames))
+    for solved in map(finished.solved, finished.frames):
+        if solved is not None:
+            history.put(solved)
+    history.is_over = True
+    name, fps, body = result.motion.name, result.fps, result.motion.body
+    if opened is None:
+        return Show(name, fps, history, body, None, (), None, is_live=False, remark=remark)
+    rig = Rig.of(opened.cameras)
+
+    @cache  # clean plates are learnt when silhouettes, as the tracker had them, are first asked for
+    def segmenter() -> Segmenter:
+        return make_segmenter(opened, opened.cameras, SegmentationSettings())
+
+    pictures = TakePictures(opened, lambda start, stop: segmenter().trimaps(start, stop))
+    artist = TileArtist(body, rig, pictures)
+    names = tuple(camera.name for camera in opened.cameras)
+    return Show(name, fps, history, body, rig, names, artist, is_live=False)
+
+
+def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:
+    """The take that results were made from, or why it is not there."""
+    folder = take or result.take_folder
+    if folder is None:
+        where = result.folder / RUN_JSON
+        return None, f"{where} does not say where the take is: give --take to see its cameras."
+    if take is None and not folder.is_dir():
+        return None, f"The take is not at {folder} any more: give --take to see its cameras."
+    return open_take(folder), ""

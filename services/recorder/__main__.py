@@ -6,17 +6,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-import zmq
 
-from proto.framing import MalformedMessage
 from proto.keys import ClientKeys
-from proto.link import Line, Link
+from proto.link import Link
 from proto.messages import Blob, BlobRequest, Hello, Message, Pose, PoseRequest, Recorded, TakeEnd, TakeInfo
-from proto.sockets import receive, wait
 from proto.streams import DEFAULT_ENDPOINT
 from services.health import beat
+from services.listener import PosesListener
 from services.logs import about
-from services.metrics import DROPPED
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import partial_of
 from services.mocap.take.live import open_source
@@ -47,43 +44,34 @@ _GRACE_S = 1.5
 log = logging.getLogger(__name__)
 
 
-class Listener:
+class Listener(PosesListener):
     """Listens to poses and asks for what is missing until the take is complete."""
 
     def __init__(self, take: str, endpoint: str, store: Store, keys: ClientKeys | None = None) -> None:
         """Store: where what comes in is kept, and what it holds already."""
+        super().__init__(endpoint, keys)
         self._take, self._store = take, store
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self.collection = Collection(store)
-        self._poses = Line(self._context, endpoint, "poses", keys)
         hello = Hello(role="recorder", name=client_name("recorder"), backend="")
         self._link = Link(
-            self._context, endpoint, hello, keys, also=lambda: self.collection.recording(self._take)
+            self.context, endpoint, hello, keys, also=lambda: self.collection.recording(self._take)
         )
+        self.lines.append(self._link)
         self._asked_s = self._told_s = 0.0
         self._told_end = 0
 
-    def listen(self) -> None:
+    def listen(self, timeout_s: float) -> None:
         """Wait for messages a moment, take them in, and ask for what is missing."""
-        wait([self._poses.socket, self._link.socket], _LOOK_S)
-        try:
-            while (message := receive(self._poses.socket)) is not None:
-                self._take_in(message)
-            while (message := self._link.receive()) is not None:
-                self._take_in(message)
-        except MalformedMessage as error:
-            DROPPED.inc()
-            log.warning("dropped a malformed message: %s", error)
+        super().listen(timeout_s)
         with SYNC.time():
             self._store.sync()
         FRAMES.set(self.collection.n_recorded)
         FOREIGN.set(self.collection.foreign)
-        self._poses.tick()
-        self._link.tick()
         self._ask()
         self._tell()
 
-    def _take_in(self, message: Message) -> None:
+    def take_in(self, message: Message) -> None:
+        """Keep what is of this take."""
         mine = isinstance(message, Blob) or getattr(message, "take", None) == self._take
         if mine and isinstance(message, TakeInfo | Pose | TakeEnd | Blob):
             self.collection.add(message)
@@ -111,12 +99,6 @@ class Listener:
         if self.collection.info is not None:
             self._link.send(self.collection.recording(self._take))
             self._link.send(Recorded(run=self.collection.info.run, end_frame=self.collection.end_frame))
-
-    def close(self) -> None:
-        """Close the sockets, letting what was sent go out."""
-        self._link.close()
-        self._poses.close()
-        self._context.term()
 
 
 def serve(
@@ -176,7 +158,7 @@ def _listen(listener: Listener, stop: StopRequest) -> None:
             stopped_s = stopped_s or time.monotonic()
             if time.monotonic() - stopped_s > _GRACE_S:
                 break
-        listener.listen()
+        listener.listen(_LOOK_S)
 
 
 def main(

@@ -34,12 +34,12 @@ from services.mocap.take.settings import TakeSettings
 from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
-from services.segmentation.silhouettes import Segmenter
 
 log = logging.getLogger(__name__)
 
 DEFAULT_INIT_FRAMES = 10
-_SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": 0.97}
+DRAWING_FROM = 0.97
+_SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}
 """How far the whole is at the end of each stage; drawing comes after."""
 
 Show = Callable[[str, float], None]
@@ -126,18 +126,7 @@ def concluded(
     measures = measure(body)
     if fit.shape_covariance is not None:
         measures = with_uncertainties(measures, actor, fit.shape_covariance)
-    return TakeFit(
-        frames=frames,
-        cameras=cameras,
-        seen=seen,
-        start=start[0],
-        start_pose=start[1],
-        actor=actor,
-        fit=fit,
-        measures=measures,
-        seconds=seconds,
-        warnings=warnings,
-    )
+    return TakeFit(frames, cameras, seen, *start, actor, fit, measures, seconds, warnings)
 
 
 def seen_of(
@@ -147,7 +136,12 @@ def seen_of(
     height_px, width_px = Rig.of(take.cameras).shape_px
     trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
     segmenter = make_segmenter(take, take.cameras, SegmentationSettings(), name)
-    for f, of_frame in enumerate(_trimaps_of(segmenter, frames)):
+    read: Iterator[list[Trimap]]
+    if isinstance(frames, range):
+        read = islice(segmenter.trimaps(frames.start, frames.stop), len(frames))
+    else:
+        read = (next(iter(segmenter.trimaps(frame, frame + 1))) for frame in frames)
+    for f, of_frame in enumerate(read):
         for c, trimap in enumerate(of_frame):
             trimaps[f, c] = in_common_size(trimap, width_px, height_px)
         progress((f + 1) / len(frames))
@@ -160,13 +154,6 @@ def seen_of(
     height_px, width_px = Rig.of(cameras).shape_px
     cut = trimaps[:, chosen, :height_px, :width_px]
     return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
-
-
-def _trimaps_of(segmenter: Segmenter, frames: Sequence[int]) -> Iterator[list[Trimap]]:
-    """All cameras' trimaps of frames: read on where they follow each other, else each by itself."""
-    if isinstance(frames, range):
-        return islice(segmenter.trimaps(frames.start, frames.stop), len(frames))
-    return (next(iter(segmenter.trimaps(frame, frame + 1))) for frame in frames)
 
 
 def guess_first_pose(

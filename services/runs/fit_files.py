@@ -44,7 +44,10 @@ def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
     fit, frames = found.fit, np.array(found.frames, np.int32)
     table = PoseTable(frames, frames / take.settings.fps, fit.poses, fit.after.energy_px)
     write_poses_csv(folder / POSES, table)
-    _write_measures(folder / MEASURES, found.measures)
+    with atomic_file(folder / MEASURES) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["measure", "cm", "uncertainty_cm", "how"])
+        writer.writerows([m.name, f"{m.cm:.1f}", uncertainty_of(m), m.how] for m in found.measures)
     write_picture(folder / TURNTABLE, draw_turntable(build_body(found.actor)))
     write_picture(folder / OVERLAY, _overlay(take, found))
     write_actor(folder / ACTOR, found.actor, origin_of(take, found))
@@ -62,22 +65,14 @@ def frames_in_words(found: TakeFit) -> str:
     return f"frames {ends}" if isinstance(found.frames, range) else f"{len(found.frames)} frames from {ends}"
 
 
-def _start_in_words(found: TakeFit) -> str:
-    if not isinstance(found.frames, range):
-        return "body of the run"
-    return "generic body" if found.start.mesh is None else "own mesh"
-
-
 def _overlay(take: Take, found: TakeFit) -> Bytes:
     """The first frame of all cameras, before and after."""
+    start = "generic body" if found.start.mesh is None else "own mesh"
+    if not isinstance(found.frames, range):
+        start = "body of the run"
     states = []
     for title, actor, pose, quality in (
-        (
-            f"before: {_start_in_words(found)}",
-            found.start,
-            found.start_pose,
-            found.fit.before,
-        ),
+        (f"before: {start}", found.start, found.start_pose, found.fit.before),
         ("after: fitted body", found.actor, found.fit.poses[0], found.fit.after),
     ):
         painter = ModelPainter(build_body(actor), Rig.of(found.cameras))
@@ -100,13 +95,6 @@ def _seen(take: Take, found: TakeFit) -> list[Seen]:
                 picture = Undistorter(camera).image(next(iter(video)))
         seen.append(Seen(camera, picture, trimap))
     return seen
-
-
-def _write_measures(path: Path, measures: tuple[Measure, ...]) -> None:
-    with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["measure", "cm", "uncertainty_cm", "how"])
-        writer.writerows([m.name, f"{m.cm:.1f}", uncertainty_of(m), m.how] for m in measures)
 
 
 def uncertainty_of(row: Measure) -> str:

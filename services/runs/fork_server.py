@@ -25,7 +25,7 @@ import typer
 
 from services.mocap.body.body_mesh import generic_mesh
 from services.process import PARENT_VARIABLE
-from services.runs.failures import ServiceFailedError
+from services.runs import ServiceFailedError
 
 _LOOK_S = 0.02
 _UNKNOWN = 1

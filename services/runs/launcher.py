@@ -20,7 +20,7 @@ from services import logs
 from services.mocap.errors import UserError
 from services.options import KEYS_VARIABLE, METRICS_VARIABLE
 from services.process import EXIT_STOPPED, EXIT_USER_ERROR, PARENT_VARIABLE
-from services.runs.failures import ServiceFailedError
+from services.runs import ServiceFailedError
 from services.runs.fork_server import Birth, Forked, ForkServer, can_fork
 
 log = logging.getLogger(__name__)
@@ -53,11 +53,6 @@ SERVICES: dict[str, ServiceSpec] = {
     "viewer": ServiceSpec("services.viewer", most_restarts=20),
     "recorder": ServiceSpec("services.recorder", most_restarts=5, stop_s=60.0),  # it may be writing
 }
-
-
-def kinds_of_run(page: str | None) -> list[str]:
-    """The kinds of processes of a run with or without a page."""
-    return [kind for kind in SERVICES if kind != "viewer" or page is not None]
 
 
 _Process: TypeAlias = "subprocess.Popen[bytes] | Forked"
@@ -214,18 +209,12 @@ def free_port(ports: int = 1) -> int:
     """The first of so many ports in a row that are free on loopback at this moment."""
     for _ in range(100):
         port = _LOWEST_PORT + secrets.randbelow(_HIGHEST_PORT - _LOWEST_PORT)
-        if all(_is_free(port + k) for k in range(ports)):
+        with suppress(OSError):
+            for k in range(ports):
+                with socket.socket() as probe:
+                    probe.bind(("127.0.0.1", port + k))
             return port
     raise ServiceFailedError(f"no {ports} free ports in a row on 127.0.0.1")
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-    return True
 
 
 def last_line(path: Path) -> str:

@@ -1,16 +1,12 @@
-"""How far a run is, as its poses tell whoever listens."""
+"""How far a run is, as its coordinator tells whoever listens."""
 
 import time
+from collections import deque
 from dataclasses import dataclass
 
-import zmq
-
-from proto.framing import MalformedMessage
-from proto.messages import Pose
-from proto.sockets import connect, make_socket, receive, wait
-from proto.streams import stream_endpoint
-
-_LOOK_S = 0.2
+from proto.keys import ClientKeys
+from proto.messages import Message, Pose, Telemetry
+from services.listener import PosesListener
 
 
 @dataclass(frozen=True)
@@ -21,40 +17,58 @@ class Progress:
     frames_per_s: float
     energy_px: float
     stage: str
-    """What is being done, in words."""
+    """What a run of a recorded take is doing, in words."""
+    told: Telemetry | None
+    """What the coordinator said last."""
 
 
-class PoseWatch:
-    """Follows the poses of a run for its progress."""
+class ProgressWatch(PosesListener):
+    """Follows a coordinator's poses and telemetry."""
 
-    def __init__(self, endpoint: str, frames: range) -> None:
-        self._start, self._end = frames.start, frames.start
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._socket = make_socket(self._context, zmq.SUB)
-        connect(self._socket, stream_endpoint(endpoint, "poses"))
-        self._frames: set[int] = set()
-        self._started_s = time.monotonic()
-        self._first_s: float | None = None
+    def __init__(self, endpoint: str, keys: ClientKeys | None, first_frame: int, rate_s: float) -> None:
+        """rate_s: over how long the rate of frames is told."""
+        super().__init__(endpoint, keys)
+        self._start = self._end = first_frame
+        self._rate_s = rate_s
+        self._came_s: deque[float] = deque()
         self._energy_px = 0.0
+        self.told: Telemetry | None = None
 
-    def look(self, ended: bool) -> Progress:
-        """Wait a moment for poses; returns the state of things."""
-        wait([self._socket], _LOOK_S)
-        try:
-            while (message := receive(self._socket)) is not None:
-                if isinstance(message, Pose):
-                    self._first_s = self._first_s or time.monotonic()
-                    self._frames.add(message.frame)
-                    self._end = max(self._end, message.frame + 1)
-                    self._energy_px = message.energy_px
-        except MalformedMessage:
-            pass  # progress only; the recorder counts
-        stage = "writing results" if ended else "tracking" if self._frames else "finding the first pose"
-        seen, elapsed_s = len(self._frames), time.monotonic() - (self._first_s or self._started_s)
-        frames_per_s = max(seen - 1, 0) / elapsed_s if elapsed_s > 0 else 0.0
-        return Progress(self._end - self._start, frames_per_s, self._energy_px, stage)
+    def take_in(self, message: Message) -> None:
+        """Count poses; those that a coordinator finds again after a restart are no further ones."""
+        if isinstance(message, Telemetry):
+            self.told = message
+        elif isinstance(message, Pose):
+            self._energy_px = message.energy_px
+            if message.frame >= self._end:
+                self._end = message.frame + 1
+                self._came_s.append(time.monotonic())
 
-    def close(self) -> None:
-        """Listen no longer."""
-        self._socket.close()
-        self._context.term()
+    def progress(self, has_ended: bool) -> Progress:
+        """The state of things; has_ended: whether the coordinator has."""
+        now_s, came_s = time.monotonic(), self._came_s
+        while came_s and now_s - came_s[0] > self._rate_s:
+            came_s.popleft()
+        frames_per_s = (len(came_s) - 1) / (now_s - came_s[0]) if len(came_s) > 1 else 0.0
+        done = self._end - self._start
+        stage = "writing results" if has_ended else "tracking" if done else "finding the first pose"
+        return Progress(done, frames_per_s, self._energy_px, stage, self.told)
+
+
+def live_in_words(progress: Progress) -> str:
+    """One line about how live tracking is going."""
+    told = progress.told
+    if told is None:
+        return "starting"
+    worst = [max(counts) for counts in zip(*told.drops.values(), strict=True)] or [0, 0, 0]
+    dropped = f"dropped by sources {worst[0]}, segmentation {worst[1]}, tracking {worst[2]}"
+    if told.absent:
+        dropped += f"  absent: {', '.join(told.absent)}"
+    if not progress.frames_done:
+        what = "looking for somebody" if told.stage == "first frame" else told.stage
+        return f"{what}; {dropped}"
+    words = f"{told.stage}  {progress.frames_done} poses, {progress.frames_per_s:.1f} a second"
+    if told.latency_s:
+        median_ms, p95_ms = 1000 * told.latency_s["median"], 1000 * told.latency_s["p95"]
+        words += f"  latency {median_ms:.0f} ms (95 % below {p95_ms:.0f})"
+    return f"{words}  {dropped}"

@@ -12,7 +12,7 @@ import numpy as np
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import fit_actor
-from services.mocap.result.result import Result, load_result
+from services.mocap.result.result import load_result
 from services.mocap.take.folder import Take
 from services.mocap.types import Ints, Mask
 from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, seen_of
@@ -25,12 +25,7 @@ LEAST_FRAMES = 2
 
 
 def refine_take(
-    take: Take,
-    result: Path,
-    n_frames: int,
-    show: Show,
-    fitter: Fitter = fit_apart,
-    segmenter: str = AUTO,
+    take: Take, result: Path, n_frames: int, show: Show, fitter: Fitter = fit_apart, segmenter: str = AUTO
 ) -> TakeFit:
     """Fit the actor of a result anew, to so many frames of its take, from the first to the last alike.
 
@@ -38,19 +33,6 @@ def refine_take(
     two frames to be trusted; else as fit_take.
     """
     found = load_result(result)
-    rows = _spread(found, take, n_frames)
-    frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
-    clock = Clock(show)
-    with kept_warnings() as warnings:
-        with clock.stage("looking at silhouettes") as progress:
-            cameras, seen = seen_of(take, frames, segmenter, progress)
-        with clock.stage("fitting the actor") as progress:
-            fit = fitter(Rig.of(cameras), seen, found.actor, poses, progress)
-        return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
-
-
-def _spread(found: Result, take: Take, n_frames: int) -> Ints:
-    """Rows of a result's frames, evenly spread over those to be trusted."""
     name = found.run.get("take", {}).get("name", take.settings.name)
     if name != take.settings.name or found.frames[-1] >= take.settings.frames:
         raise UserError(f"--refine {found.folder}: is of {name!r}, not of {take.settings.name!r}")
@@ -59,7 +41,15 @@ def _spread(found: Result, take: Take, n_frames: int) -> Ints:
         raise UserError(f"--refine {found.folder}: expected at least {LEAST_FRAMES} frames without a mark")
     if n_frames < LEAST_FRAMES:
         raise UserError(f"--frames {n_frames}: expected at least {LEAST_FRAMES} with --refine")
-    return spread(distrusted, n_frames)
+    rows = spread(distrusted, n_frames)
+    frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
+    clock = Clock(show)
+    with kept_warnings() as warnings:
+        with clock.stage("looking at silhouettes") as progress:
+            cameras, seen = seen_of(take, frames, segmenter, progress)
+        with clock.stage("fitting the actor") as progress:
+            fit = fitter(Rig.of(cameras), seen, found.actor, poses, progress)
+        return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
 
 
 def spread(distrusted: Mask, n_frames: int) -> Ints:

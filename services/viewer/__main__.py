@@ -3,6 +3,8 @@
 import logging
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -14,16 +16,32 @@ from services.health import beat
 from services.mocap.take.live import open_source
 from services.options import KeysOption, MetricsOption, keys_of_client
 from services.process import StopRequest, give_way, run_service
-from services.viewer.address import DEFAULT_ADDRESS, Address, TokenOption, token_of
+from services.viewer.address import DEFAULT_ADDRESS, LOOPBACK, Address, TokenOption, token_of
+from services.viewer.auth_proxy import AuthProxy
 from services.viewer.listener import Listener
-from services.viewer.metrics import watch_browsers
-from services.viewer.page_access import open_page
+from services.viewer.metrics import BROWSERS
+from services.viewer.server import PageServer
 
 _LOOK_S = 0.1
 _REST_S = 0.25
 """How often what comes is looked at while nobody looks at the page."""
 
 log = logging.getLogger(__name__)
+
+
+@contextmanager
+def _open_page(address: Address, token: str | None) -> Iterator[tuple[PageServer, str]]:
+    """The page's server, and what to type into a browser on this machine; with a token a proxy is before it.
+
+    Raises UserError where the port is taken or the address is not this machine's.
+    """
+    if token is None:
+        with PageServer(address.port) as server:
+            yield server, f"http://{LOOPBACK}:{server.port}"
+        return
+    with PageServer(0) as server, AuthProxy(address, token, server.port) as proxy:
+        host = LOOPBACK if address.host in ("0.0.0.0", "::") else address.host  # noqa: S104  (read, not bound)
+        yield server, f"http://{f'[{host}]' if ':' in host else host}:{proxy.port}/?token={token}"
 
 
 def serve(
@@ -38,32 +56,29 @@ def serve(
 ) -> None:
     """Show what a coordinator tracks until a stop is asked for; give way to tracking once it was seen."""
     folder = None if take is None else open_source(take)
-    with open_page(address, token) as (server, url):
-        watch_browsers(lambda: server.n_browsers)
-        listener = Listener(endpoint, keys, folder, server.show, results)
-        preparing: threading.Thread | None = None
+    with (
+        _open_page(address, token) as (server, url),
+        closing(Listener(endpoint, keys, folder, server.show, results)) as listener,
+    ):
+        BROWSERS.set_function(lambda: server.n_browsers)
+        preparing = threading.Thread(target=listener.prepare, daemon=True)
         log.info("coordinator at %s; look at %s", endpoint, url)
-        try:
-            while not stop:
-                beat()
-                listener.listen(_LOOK_S)
-                if server.n_browsers and preparing is None:
-                    preparing = threading.Thread(target=listener.prepare, daemon=True)
-                    preparing.start()
-                if server.has_shown and niceness:  # not before, so that a first view does not take long
-                    give_way(niceness)
-                    niceness = 0
-                if not server.n_browsers:  # what comes waits, and is taken in at once
-                    time.sleep(_REST_S)
-        finally:
-            listener.close()
+        while not stop:
+            beat()
+            listener.listen(_LOOK_S)
+            if server.n_browsers and preparing.ident is None:
+                preparing.start()
+            if server.has_shown and niceness:  # not before, so that a first view does not take long
+                give_way(niceness)
+                niceness = 0
+            if not server.n_browsers:  # what comes waits, and is taken in at once
+                time.sleep(_REST_S)
 
 
 def main(
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     take: Annotated[
-        Path | None,
-        typer.Option(help="The take folder, for its pictures; without it there are silhouettes."),
+        Path | None, typer.Option(help="The take folder, for its pictures; without it there are silhouettes.")
     ] = None,
     results: Annotated[
         Path | None,
@@ -91,16 +106,8 @@ def main(
 
     def work(stop: StopRequest) -> None:
         address = Address.of(bind)
-        serve(
-            take,
-            results,
-            connect,
-            address,
-            token_of(token_file, address),
-            keys_of_client(keys, "viewer"),
-            stop,
-            niceness,
-        )
+        token, own_keys = token_of(token_file, address), keys_of_client(keys, "viewer")
+        serve(take, results, connect, address, token, own_keys, stop, niceness)
 
     run_service("viewer", work, metrics)
 

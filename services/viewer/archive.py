@@ -1,6 +1,8 @@
 """Frames that have left a viewer's memory: from the recorder's journal, results, or the coordinator."""
 
 import logging
+import math
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,12 +13,10 @@ from pydantic import ValidationError
 from proto.messages import Pose, PoseRequest, TakeInfo
 from services.mocap.errors import TakeError
 from services.mocap.result.layout import journal_of
-from services.mocap.take.journal import Record
 from services.mocap.take.journal_index import JournalIndex
 from services.mocap.take.marks import PARTS
 from services.viewer.finished import FinishedTake
 from services.viewer.frame_history import STAGES, SolvedFrame
-from services.viewer.retry_requests import RetryRequests
 
 CHUNK_FRAMES = 64
 """Poses that the coordinator sends at one request, at most."""
@@ -54,7 +54,10 @@ class Archive:
         try:
             record = self._journal.pose(frame)
             self._problem = f"{self._journal.path} does not hold it"
-            return None if record is None else solved_frame_of(_pose(record))
+            if record is None:
+                return None
+            arrays = {name: np.array(array) for name, array in record.arrays.items()}
+            return solved_frame_of(Pose.model_validate(record.fields | arrays))
         except FileNotFoundError:  # not yet, or no longer, since all is among the results
             self._problem = f"there is no journal at {self._journal.path}"
             return self._finished.solved(frame) if self.is_over else None
@@ -77,11 +80,6 @@ class Archive:
         return f"has left this viewer's memory and the coordinator's, and {self._problem}"
 
 
-def _pose(record: Record) -> Pose:
-    arrays = {name: np.array(array) for name, array in record.arrays.items()}
-    return Pose.model_validate(record.fields | arrays)
-
-
 def solved_frame_of(message: Pose) -> SolvedFrame:
     """A frame as it was published."""
     return SolvedFrame(
@@ -94,3 +92,36 @@ def solved_frame_of(message: Pose) -> SolvedFrame:
         part_px=np.array([message.part_px.get(part, np.nan) for part in PARTS]),
         seconds=np.array([message.seconds.get(stage, np.nan) for stage in STAGES]),
     )
+
+
+_AGAIN_S = 0.4
+_MOST = 3
+"""Requests for the same frames, before they are let be."""
+
+
+class RetryRequests:
+    """Remembers what was asked for; for any thread."""
+
+    def __init__(self) -> None:
+        self.gone_end = 0
+        """Frames before this one are not to be had."""
+        self._frames, self._times, self._asked_s = range(0), 0, -math.inf
+        self._lock = threading.Lock()
+
+    def asks(self, frames: range, now_s: float, heard_s: float) -> bool:
+        """Whether to ask for some frames now; for others than before, or for the same after a while again.
+
+        heard_s: when the coordinator was heard last; of one that says nothing, nothing follows.
+        """
+        with self._lock:
+            if frames.start < self.gone_end or now_s - self._asked_s < _AGAIN_S:
+                return False
+            if frames != self._frames:
+                self._frames, self._times = frames, 0
+            elif heard_s > self._asked_s:
+                self._times += 1
+            if self._times >= _MOST:
+                self.gone_end = frames.stop
+                return False
+            self._asked_s = now_s
+            return True

@@ -1,12 +1,13 @@
-"""The widgets of one browser, and what its user has chosen with them.
+"""The widgets of one browser, what its user has chosen with them, and which frame is shown.
 
 What a user does arrives on the page server's threads; it goes into a mailbox, and the page's own thread acts
 on it.
 """
 
 import queue
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -14,25 +15,82 @@ import viser
 
 from services.mocap.export.tiles import BEYOND_BGR, MISSED_BGR
 from services.mocap.take.marks import PARTS, Part
+from services.viewer.frame_history import FrameHistory
 from services.viewer.markup import legend
-from services.viewer.player import Player
 from services.viewer.show import Show
 from services.viewer.stage import DISTRUSTED_RGB, rgb_of
 from services.viewer.tiles import Content, Look
 
+
+@dataclass
+class Player:
+    """The state of a page's transport controls."""
+
+    history: FrameHistory
+    fps: float
+    """Of the recording."""
+    frame: int
+    """The frame that is shown."""
+    is_live: bool
+    """Follows the newest frame."""
+    is_playing: bool = False
+    speed: float = 1.0
+    """Times the recording's own; playing only."""
+    _carry: float = 0.0
+    """Part of a frame that time has already gone on by."""
+
+    def advance(self, elapsed_s: float) -> int:
+        """Let time go on; returns the frame to show."""
+        newest = self.history.newest
+        if newest is None:
+            return self.frame
+        if self.is_live:
+            self.frame = newest
+        elif self.is_playing:
+            self._carry += elapsed_s * self.fps * self.speed
+            steps, self._carry = int(self._carry), self._carry % 1.0
+            self.frame += steps
+            if self.frame > newest:  # once more from the start, or on once there is more
+                self.frame = self.history.frames.start if self.history.is_over else newest
+        return self.frame
+
+    def seek(self, frame: int) -> None:
+        """Show a frame, and stand there or go on playing from there; no longer live."""
+        self.frame, self.is_live, self._carry = frame, False, 0.0
+
+    def play(self, playing: bool) -> None:
+        """Play from the frame that is shown, or stand there; no longer live."""
+        self.is_playing, self.is_live, self._carry = playing, False, 0.0
+
+    def go_live(self) -> None:
+        """Follow the newest frame from now on."""
+        self.is_live, self.is_playing = True, False
+
+    def step(self, frames: int) -> None:
+        """Stand so many frames later, or earlier."""
+        newest = self.history.newest
+        if newest is not None:
+            self.play(False)
+            self.frame = min(max(self.frame + frames, self.history.frames.start), newest)
+
+
 _SPEEDS = {"¼×": 0.25, "½×": 0.5, "1×": 1.0, "2×": 2.0, "4×": 4.0}
-_CONTENTS: dict[str, Content] = {
-    "pictures": "pictures",
-    "silhouettes": "silhouettes",
-    "difference": "difference",
-}
-_WHOLE = "whole pictures"
+_CONTENTS: tuple[Content, ...] = ("pictures", "silhouettes", "difference")
 _PARTS: dict[str, Part | None] = {
-    _WHOLE: None,
+    "whole pictures": None,
     **{f"{part.replace('_', ' ')}'s window": part for part in PARTS if part != "torso"},
 }
 _BACK, _PLAY, _PAUSE, _ON = "◂ frame", "play", "pause", "frame ▸"
 _WIDE_TILE_PX, _TILE_PX = 640, 320
+_SIDES = (
+    (rgb_of("left_hand"), "left"),
+    (rgb_of("right_hand"), "right"),
+    (DISTRUSTED_RGB, "not to be trusted"),
+)
+_DIFFERENCES = (
+    (MISSED_BGR[::-1], "actor that the model misses"),
+    (BEYOND_BGR[::-1], "model beyond the actor"),
+)
 
 Action = Callable[[], None]
 
@@ -53,14 +111,14 @@ class Controls:
         self.status = gui.add_html("")
         self.timeline = gui.add_html("")
         self._slider: Any = gui.add_slider("Frame", frames.start, max(frames[-1], frames.start + 1), 1, at)
-        self._on_update(self._slider, lambda value: self.player.seek(min(int(value), self._newest())))
+        self._on_update(self._slider, self._seek)
         self._transport()
         self._looks()
         self._legend = gui.add_html(legend(_SIDES))
 
-    def _newest(self) -> int:
-        newest = self.show.history.newest
-        return self.show.history.frames.start if newest is None else newest
+    def _seek(self, frame: float) -> None:
+        newest, start = self.show.history.newest, self.show.history.frames.start
+        self.player.seek(min(int(frame), start if newest is None else newest))
 
     def _on_update(self, handle: Any, act: Callable[[Any], None]) -> None:
         """Act on what a user does with a widget; not on what the page itself sets."""
@@ -96,10 +154,12 @@ class Controls:
         if self.show.artist is not None:
             contents = tuple(name for name in _CONTENTS if self.show.has_pictures or name != "pictures")
             content = self._gui.add_dropdown("Cameras", contents)
-            self._on_update(content, lambda value: self._compare(_CONTENTS[value]))
+            self._on_update(content, self._compare)
             part = self._gui.add_dropdown("of", tuple(_PARTS))
             self._on_update(part, lambda value: setattr(self, "_part", _PARTS[value]))
-            self._cameras()
+            with self._gui.add_folder("Which cameras", expand_by_default=False):
+                for c, name in enumerate(self.show.camera_names):
+                    self._on_update(self._gui.add_checkbox(name, True), partial(self._choose, c))
             frusta = self._gui.add_checkbox("Frusta", True, hint="The cameras in the room")
             self._on_update(frusta, lambda value: setattr(self, "wants_frusta", value))
         trails = self._gui.add_checkbox("Trails", False, hint="Of hands and feet, over the last two seconds")
@@ -108,12 +168,6 @@ class Controls:
     def _compare(self, content: Content) -> None:
         self._content = content
         self._legend.content = legend(_SIDES) + (legend(_DIFFERENCES) if content == "difference" else "")
-
-    def _cameras(self) -> None:
-        with self._gui.add_folder("Which cameras", expand_by_default=False):
-            for c, name in enumerate(self.show.camera_names):
-                box = self._gui.add_checkbox(name, True)
-                self._on_update(box, partial(self._choose, c))
 
     def _choose(self, camera: int, shown: bool) -> None:
         self._shown = sorted({*self._shown, camera} if shown else {*self._shown} - {camera})
@@ -126,7 +180,7 @@ class Controls:
 
     def perform(self, timeout_s: float) -> None:
         """Wait a moment for something that the user does, and act on all that was done."""
-        with _as_far_as_there_is():
+        with suppress(queue.Empty):
             self._mail.get(timeout=timeout_s)()
             self.version += 1
             while True:
@@ -140,30 +194,3 @@ class Controls:
         self._slider.value = frame
         if self._live is not None:
             self._live.value = self.player.is_live
-
-
-@contextmanager
-def _as_far_as_there_is() -> Iterator[None]:
-    try:
-        yield
-    except queue.Empty:
-        return
-
-
-def _rgb(bgr: tuple[int, int, int]) -> tuple[int, int, int]:
-    return bgr[2], bgr[1], bgr[0]
-
-
-def _css(rgb: tuple[int, int, int]) -> str:
-    return f"rgb{rgb}"
-
-
-_SIDES = (
-    (_css(rgb_of("left_hand")), "left"),
-    (_css(rgb_of("right_hand")), "right"),
-    (_css(DISTRUSTED_RGB), "not to be trusted"),
-)
-_DIFFERENCES = (
-    (_css(_rgb(MISSED_BGR)), "actor that the model misses"),
-    (_css(_rgb(BEYOND_BGR)), "model beyond the actor"),
-)

@@ -70,14 +70,13 @@ class FinishedTake:
         """A frame; None as long as there are no results, or if they are another take's."""
         if self._frames is None and self._folder is not None:
             with contextlib.suppress(FileNotFoundError):
-                self._read(self._folder, (self._folder / RUN_JSON).stat().st_mtime_ns)
+                written_ns = (self._folder / RUN_JSON).stat().st_mtime_ns
+                if written_ns != self._read_ns:
+                    self._read_ns = written_ns
+                    self._read(self._folder)
         return None if self._frames is None else self._frames.solved(frame)
 
-    def _read(self, folder: Path, written_ns: int) -> None:
-        """Read results, but the same ones only once."""
-        if written_ns == self._read_ns:
-            return
-        self._read_ns = written_ns
+    def _read(self, folder: Path) -> None:
         try:
             result = load_result(folder)
             if result.motion.name == self._take:

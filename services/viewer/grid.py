@@ -1,5 +1,6 @@
-"""The camera grid of one page: drawn when its turn has come, as large as the browser takes quickly."""
+"""The camera grid of one page, and how often and how large things are sent to a browser."""
 
+import time
 from dataclasses import replace
 
 import viser
@@ -7,9 +8,61 @@ import viser
 from services.viewer.controls import Controls
 from services.viewer.frame_history import SolvedFrame
 from services.viewer.markup import camera_grid, notice
-from services.viewer.send_pacing import Connection, SendPacing
 from services.viewer.show import Show
 from services.viewer.tiles import Look
+
+_SMOOTH = 0.5
+"""How much of a connection's last answer goes into what is known of it."""
+_FEW_BYTES = 5_000
+"""Updates of fewer bytes say nothing of how many get through."""
+
+
+class SendPacing:
+    """Says when something may be done again."""
+
+    def __init__(self, period_s: float, rest: float = 0.0, line_rest: float = 1.0) -> None:
+        """Afterwards it is left alone for rest times the processor time that making it took, so that others
+        have theirs, and for line_rest times as long as it was on its way, so that others have their turn.
+        """
+        self._period_s, self._rest, self._line_rest = period_s, rest, line_rest
+        self._again_s = 0.0
+
+    def is_due(self) -> bool:
+        """Whether it may be done."""
+        return time.monotonic() >= self._again_s
+
+    def done(self, began_s: float, made_s: float | None = None, cpu_s: float = 0.0) -> None:
+        """It was done, beginning at a time of time.monotonic; made_s: when it began to be on its way.
+
+        cpu_s: processor time that making it took, however long it had to wait for a processor.
+        """
+        now = time.monotonic()
+        made_s = now if made_s is None else made_s
+        rest_s = self._rest * cpu_s + self._line_rest * (now - made_s)
+        self._again_s = max(began_s + self._period_s, now + rest_s)
+
+
+class Connection:
+    """How much a browser takes in, by how long its answers take."""
+
+    def __init__(self) -> None:
+        self._seconds_per_byte: float | None = None
+        self._base_s = 0.0
+        """What an answer takes whatever was sent: a browser that draws slowly is no slow connection."""
+
+    def note(self, sent_bytes: int, answer_s: float) -> None:
+        """An update of so many bytes was answered after so long."""
+        if sent_bytes >= _FEW_BYTES:
+            found = max(answer_s - self._base_s, 0.0) / sent_bytes
+            known = found if self._seconds_per_byte is None else self._seconds_per_byte
+            self._seconds_per_byte = known + _SMOOTH * (found - known)
+        else:
+            self._base_s += _SMOOTH * (answer_s - self._base_s)
+
+    def seconds_for(self, n_bytes: int) -> float | None:
+        """How long so many bytes will probably take; None where nothing is known yet."""
+        return None if self._seconds_per_byte is None else n_bytes * self._seconds_per_byte
+
 
 _PANEL_WIDTH_PX = 540
 _WIDTHS = (1.0, 0.75, 0.5, 0.375)
@@ -74,8 +127,13 @@ class CameraGrid:
         if artist is None or self._html is None or not self.is_due(solved, controls):
             return False
         stands = self._drawn == (solved.frame, look)
-        # A frame that stands is shown whole, however long that takes.
-        self._share = 1.0 if stands else self._fitting_share()
+        likely_s = self.connection.seconds_for(self._whole_bytes)
+        if stands:  # it is shown whole, however long that takes
+            self._share = 1.0
+        elif likely_s is None:
+            self._share = _FIRST_WIDTH
+        else:  # smaller where the browser would be long in taking it
+            self._share = next((w for w in _WIDTHS if w * w * likely_s <= _ANSWER_S), _WIDTHS[-1])
         tiles = artist.draw(solved, replace(look, tile_width_px=round(self._share * look.tile_width_px)))
         self.sent_bytes = sum(len(tile.jpeg) for tile in tiles)
         self._whole_bytes = round(self.sent_bytes / self._share**2)
@@ -84,10 +142,3 @@ class CameraGrid:
         )
         self._drawn, self._told = (solved.frame, look), controls.version
         return True
-
-    def _fitting_share(self) -> float:
-        """How wide tiles are against what is wanted: less where the browser would be long in taking them."""
-        likely_s = self.connection.seconds_for(self._whole_bytes)
-        if likely_s is None:
-            return _FIRST_WIDTH
-        return next((w for w in _WIDTHS if w * w * likely_s <= _ANSWER_S), _WIDTHS[-1])

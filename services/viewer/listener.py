@@ -19,11 +19,9 @@ from services.mocap.export.model_painter import ModelPainter
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake
-from services.viewer.archive import CHUNK_FRAMES, Archive, solved_frame_of
-from services.viewer.frame_history import RING_FRAMES, FrameHistory
-from services.viewer.live_pictures import LivePictures
-from services.viewer.pictures import TakePictures
-from services.viewer.retry_requests import RetryRequests
+from services.viewer.archive import CHUNK_FRAMES, Archive, RetryRequests, solved_frame_of
+from services.viewer.frame_history import KEPT_FRAMES, FrameHistory
+from services.viewer.pictures import LivePictures, TakePictures
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 
@@ -64,7 +62,7 @@ class Listener(Follower):
         last_end = info.first_frame + _MOST_FRAMES
         frames, is_open = range(info.first_frame, min(info.end_frame, last_end)), info.end_frame > last_end
         self._archive = Archive(info, frames, self._results, self.ask, lambda: self.heard_s)
-        self._history = FrameHistory(frames, RING_FRAMES, self._archive, is_open=is_open)
+        self._history = FrameHistory(frames, KEPT_FRAMES, self._archive, is_open=is_open)
 
     def prepare(self) -> None:
         """Do ahead what the first pictures would have to wait for; for a thread of its own.
@@ -94,34 +92,19 @@ class Listener(Follower):
         info, history = self.info, self._history
         if info is None or history is None:
             return
-        body = build_body(actor)
-        folder = self._folder if self._folder is not None and self._fits(self._folder, info) else None
-        pictures = None if folder is None else self._folder_pictures
-        self._pictures = LivePictures(rig, pictures, lambda frame: self.ask(SilhouettesRequest(frame=frame)))
+        body, folder, pictures = build_body(actor), self._folder, self._folder_pictures
+        names = tuple(f"camera {c + 1}" for c in range(rig.n_cameras))
         if folder is None:
-            names = tuple(f"camera {c + 1}" for c in range(rig.n_cameras))
-        else:
+            pictures = None
+        elif folder.settings.name == info.take and folder.settings.frames >= info.end_frame:
             names = tuple(camera.name for camera in folder.cameras)
-        artist = TileArtist(body, rig, self._pictures)
-        show = Show(
-            info.take,
-            info.fps,
-            history,
-            body,
-            rig,
-            names,
-            artist,
-            is_live=True,
-            has_pictures=pictures is not None,
-        )
-        self._present(show)
-
-    def _fits(self, folder: Take, info: TakeInfo) -> bool:
-        """Whether a folder is that of the take that is tracked."""
-        fits = folder.settings.name == info.take and folder.settings.frames >= info.end_frame
-        if not fits:
+        else:
+            pictures = None
             log.warning("%s is another take than %s: there are silhouettes only", folder.folder, info.take)
-        return fits
+        self._pictures = LivePictures(rig, pictures, lambda frame: self.ask(SilhouettesRequest(frame=frame)))
+        artist, has_pictures = TileArtist(body, rig, self._pictures), pictures is not None
+        show = Show(info.take, info.fps, history, body, rig, names, artist, True, has_pictures)
+        self._present(show)
 
     def lacking(self) -> Sequence[Message]:
         """The end of the last gap in the frames, unless the coordinator has nothing so old."""

@@ -86,13 +86,13 @@ def _points(overview: Overview, start: int, stop: int, top: float) -> str:
     return " ".join(f"{start + i + 0.5:.1f},{value:.1f}" for i, value in enumerate(y.tolist()))
 
 
-def legend(colours: Sequence[tuple[str, str]]) -> str:
-    """Coloured dots with what they stand for: (colour, words)."""
+def legend(colours: Sequence[tuple[tuple[int, ...], str]]) -> str:
+    """Coloured dots with what they stand for: (RGB, words)."""
     dots = "".join(
         '<span style="white-space:nowrap;margin-right:14px"><span style="display:inline-block;width:10px;'
-        f'height:10px;border-radius:5px;background:{colour};margin:0 4px 0 0"></span>'
+        f'height:10px;border-radius:5px;background:rgb{rgb};margin:0 4px 0 0"></span>'
         f"{html.escape(words)}</span>"
-        for colour, words in colours
+        for rgb, words in colours
     )
     return f'<div style="font:13px system-ui,sans-serif;padding:4px 12px">{dots}</div>'
 

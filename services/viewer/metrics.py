@@ -1,7 +1,5 @@
 """A viewer's figures for Prometheus."""
 
-from collections.abc import Callable
-
 from prometheus_client import Counter, Gauge, Histogram
 
 from services.metrics import TIME_BUCKETS_S
@@ -16,9 +14,4 @@ BEHIND = Histogram(
     "xormocap_page_behind_seconds", "How old a pose was when a browser that follows live had it.",
     buckets=TIME_BUCKETS_S,
 )  # fmt: skip
-_BROWSERS = Gauge("xormocap_browsers", "Browsers that look at the page.")
-
-
-def watch_browsers(count: Callable[[], int]) -> None:
-    """Tell Prometheus what this counts whenever it asks."""
-    _BROWSERS.set_function(count)
+BROWSERS = Gauge("xormocap_browsers", "Browsers that look at the page.")

@@ -7,14 +7,12 @@ import cv2
 import numpy as np
 import viser
 
-from services.mocap.types import Bytes, Floats
 from services.viewer.controls import Controls
 from services.viewer.curves import Curves
 from services.viewer.frame_history import STAGES, SolvedFrame
-from services.viewer.grid import CameraGrid
+from services.viewer.grid import CameraGrid, SendPacing
 from services.viewer.markup import lines_of, timeline
 from services.viewer.metrics import BEHIND
-from services.viewer.send_pacing import SendPacing
 from services.viewer.show import Show
 from services.viewer.stage import Stage
 
@@ -86,14 +84,20 @@ class PageSession:
         self._began_s, self._sending = time.monotonic(), None
         sent = self._show_room(solved)
         cpu_s = time.thread_time()
-        if self._grid.is_due(solved, self._controls):
-            fresh = self._fresh(solved)
-            if fresh is not solved:
-                solved, sent = fresh, self._show_room(fresh) or sent
+        if controls.player.is_live and not self._show.history.is_over and self._grid.is_due(solved, controls):
+            self._grid.catch_up(solved, controls)  # decoding takes a while: draw what is the newest then
+            newest = self._show.history.solved(controls.player.advance(0.0))
+            if newest is not None and newest is not solved:
+                solved, sent = newest, self._show_room(newest) or sent
         # Of what is large only one thing at a time, so that the next body does not wait for all.
-        sent = self._show_grid(solved) or self._show_curves(solved) or self._hang(solved) or sent
+        if self._grid.draw(solved, controls):
+            self._sending = self._grid.pacing
+        elif self._curves_pacing.is_due() and self._curves.draw_next(solved.frame):
+            self._sending = self._curves_pacing
+        elif self._hang(solved):
+            self._sending = self._frusta_pacing
         self._told, self._made_s, self._cpu_s = controls.version, time.monotonic(), time.thread_time() - cpu_s
-        return sent
+        return sent or self._sending is not None
 
     @property
     def has_shown(self) -> bool:
@@ -107,14 +111,6 @@ class PageSession:
             sent = [self._show_body(solved), self._show_timeline(solved)]
         self._client.flush()
         return any(sent)
-
-    def _fresh(self, solved: SolvedFrame) -> SolvedFrame:
-        """The frame to draw pictures of: the newest after they were decoded up to a live one that was."""
-        player = self._controls.player
-        if player.is_live and not self._show.history.is_over:
-            self._grid.catch_up(solved, self._controls)
-            return self._show.history.solved(player.advance(0.0)) or solved
-        return solved
 
     def _say_missing(self, frame: int) -> bool:
         """Say that a frame is not here; what was shown before stays."""
@@ -140,11 +136,8 @@ class PageSession:
             self._curves.note_lag(self._placed.frame, self._behind_s)
 
     def _show_body(self, solved: SolvedFrame) -> bool:
-        if (
-            self._placed is not None
-            and solved.frame == self._placed.frame
-            and self._told == self._controls.version
-        ):
+        shown = None if self._placed is None else self._placed.frame
+        if solved.frame == shown and self._told == self._controls.version:
             return False
         self._placed = solved
         self._stage.place(solved)
@@ -153,7 +146,11 @@ class PageSession:
         self._stage.show_cameras(self._controls.wants_frusta)
         self._controls.follow(solved.frame)
         self._controls.status.content = self._status(solved)
-        self._stage.trail(self._trail(solved.frame) if self._controls.wants_trails else None)
+        known: list[SolvedFrame | None] = []
+        if self._controls.wants_trails:
+            start = max(solved.frame - round(_TRAIL_S * self._show.fps), 0)
+            known = [self._show.history.solved(frame) for frame in range(start, solved.frame + 1)]
+        self._stage.trail([found.pose for found in known if found is not None])
         return True
 
     def _show_timeline(self, solved: SolvedFrame) -> bool:
@@ -167,19 +164,13 @@ class PageSession:
         self._timeline_pacing.done(self._began_s)
         return True
 
-    def _trail(self, frame: int) -> Floats:
-        span = round(_TRAIL_S * self._show.fps)
-        solved_frames = (self._show.history.solved(f) for f in range(max(frame - span, 0), frame + 1))
-        return np.array([solved.pose for solved in solved_frames if solved is not None])
-
     def _look_at(self, solved: SolvedFrame) -> None:
         """Stand before the middle of what is known of the motion, a bit to the actor's side."""
         self._looked = True
         history = self._show.history
-        some = np.linspace(history.frames.start, history.newest or history.frames.start, _WAYPOINTS).astype(
-            int
-        )
-        known = [found.pose[:3] for found in map(history.solved, some.tolist()) if found is not None]
+        start = history.frames.start
+        some = np.linspace(start, history.newest or start, _WAYPOINTS).astype(int).tolist()
+        known = [found.pose[:3] for found in map(history.solved, some) if found is not None]
         middle_m, heading = np.mean([solved.pose[:3], *known], axis=0), solved.pose[3] + _BESIDE_RAD
         reach_m = float(np.ptp([solved.pose[:3], *known], axis=0).max())
         away_m = _AWAY_M + (0.5 * reach_m if history.is_over else _ROAMING_M)
@@ -191,9 +182,11 @@ class PageSession:
     def _status(self, solved: SolvedFrame) -> str:
         show, player = self._show, self._controls.player
         state = "live" if player.is_live else "playing" if player.is_playing else "standing"
+        frames, extent = show.history.frames, show.history.extent
+        of_all = f" of {frames[-1]}" if extent == frames else ""  # else nobody knows how many will come
         rows = [
             ("take", show.take),
-            ("frame", f"{solved.frame}{self._last()}, {solved.time_s:.2f} s, {state}"),
+            ("frame", f"{solved.frame}{of_all}, {solved.time_s:.2f} s, {state}"),
             ("energy", f"{solved.energy_px:.0f} px"),
         ]
         seconds = solved.seconds[STAGES.index("frame")]
@@ -203,23 +196,6 @@ class PageSession:
             rows.append(("page", f"{self._behind_s:.2f} s behind"))
         return lines_of(rows)
 
-    def _last(self) -> str:
-        """The last frame, where anybody knows which that will be."""
-        history = self._show.history
-        return f" of {history.frames[-1]}" if history.extent == history.frames else ""
-
-    def _show_grid(self, solved: SolvedFrame) -> bool:
-        if not self._grid.draw(solved, self._controls):
-            return False
-        self._sending = self._grid.pacing
-        return True
-
-    def _show_curves(self, solved: SolvedFrame) -> bool:
-        if not self._curves_pacing.is_due() or not self._curves.draw_next(solved.frame):
-            return False
-        self._sending = self._curves_pacing
-        return True
-
     def _hang(self, solved: SolvedFrame) -> bool:
         """Bring the pictures in the room up to date, with those that the grid has had decoded if it has."""
         artist = self._show.artist
@@ -228,16 +204,14 @@ class PageSession:
             return False
         if not self._frusta_pacing.is_due():
             return False
-        pictures = [_small(artist.ground(frame, c)) for c in range(len(self._show.camera_names))]
+        pictures_rgb = []
+        for c in range(len(self._show.camera_names)):
+            picture = artist.ground(frame, c)
+            size = _FRUSTUM_PX, max(1, round(_FRUSTUM_PX * picture.shape[0] / picture.shape[1]))
+            small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+            pictures_rgb.append(np.asarray(small[..., ::-1], np.uint8))
         with self._client.atomic():
-            for c, picture in enumerate(pictures):
+            for c, picture in enumerate(pictures_rgb):
                 self._stage.hang_picture(c, picture)
-        self._hung_frame, self._sending = frame, self._frusta_pacing
+        self._hung_frame = frame
         return True
-
-
-def _small(picture: Bytes) -> Bytes:
-    """A picture (h, w, 3) for a frustum, in RGB."""
-    height = max(1, round(_FRUSTUM_PX * picture.shape[0] / picture.shape[1]))
-    small = cv2.resize(picture, (_FRUSTUM_PX, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(small[..., ::-1], np.uint8)

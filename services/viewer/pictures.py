@@ -1,11 +1,17 @@
 """What the cameras saw, frame by frame in any order: pictures and silhouettes, where there are any."""
 
 import threading
+import zlib
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from typing import Generic, Protocol, TypeVar
 
-from services.mocap.camera.camera import Camera
+import numpy as np
+
+from proto.messages import Silhouettes
+from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
+from services.mocap.energy.bitplanes import TriPlanes, fit_together, unpack_trimaps
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.video import index_video
@@ -24,11 +30,9 @@ class Pictures(Protocol):
 
     def picture(self, camera: int, frame: int) -> Bytes | None:
         """(h, w, 3); None where there is none."""
-        ...
 
     def trimap(self, camera: int, frame: int) -> Trimap | None:
         """(h, w); None where there is none."""
-        ...
 
 
 class Reader(Generic[Content]):
@@ -95,15 +99,13 @@ class TakePictures:
         with self._lock:
             return self._opened(camera).read(frame)
 
-    def _opened(self, camera: int) -> "_Video":
-        if camera not in self._pictures:
-            self._pictures[camera] = self._video_of(self._take.cameras[camera])
-        return self._pictures[camera]
-
-    def _video_of(self, camera: Camera) -> "_Video":
-        index = index_video(layout.video_path(self._take.folder, camera.name))
-        picker = PicturePicker(index, self._take.colours.get(camera.name))
-        return _Video(picker, self._take.settings.offset(camera.name), Undistorter(camera))
+    def _opened(self, c: int) -> _Video:
+        if c not in self._pictures:
+            take, camera = self._take, self._take.cameras[c]
+            index = index_video(layout.video_path(take.folder, camera.name))
+            picker = PicturePicker(index, take.colours.get(camera.name))
+            self._pictures[c] = _Video(picker, take.settings.offset(camera.name), Undistorter(camera))
+        return self._pictures[c]
 
     def trimap(self, camera: int, frame: int) -> Trimap | None:
         """See Pictures.trimap."""
@@ -121,3 +123,61 @@ class TakePictures:
         readers = [take.trimaps(camera, start) for camera in take.cameras]
         for trimaps in zip(*readers, strict=True):
             yield [undo.trimap(raw) for undo, raw in zip(undistorters, trimaps, strict=True)]
+
+
+_KEPT_FRAMES = 512
+"""Frames whose silhouettes are kept, packed, for going back to them; a few kilobytes each."""
+_PATIENCE_S = 0.3
+"""How long a page waits for silhouettes; the coordinator answers between two steps of its own."""
+
+
+class LivePictures:
+    """See Pictures. Silhouettes are there for frames that somebody looked at while they were new."""
+
+    def __init__(self, rig: Rig, folder: TakePictures | None, ask: Callable[[int], None]) -> None:
+        """folder: the take's, where this host has it. ask: asks the coordinator for a frame's silhouettes."""
+        self._rig, self._folder, self._ask = rig, folder, ask
+        self._packed: OrderedDict[int, dict[int, bytes]] = OrderedDict()
+        self._asked: OrderedDict[int, None] = OrderedDict()
+        self._came = threading.Condition()
+
+    def picture(self, camera: int, frame: int) -> Bytes | None:
+        """See Pictures.picture."""
+        return None if self._folder is None else self._folder.picture(camera, frame)
+
+    def trimap(self, camera: int, frame: int) -> Trimap | None:
+        """See Pictures.trimap."""
+        trimap = None if self._folder is None else self._folder.trimap(camera, frame)
+        if trimap is not None:
+            return trimap
+        with self._came:
+            if frame not in self._asked and frame not in self._packed:
+                self._asked[frame] = None
+                while len(self._asked) > _KEPT_FRAMES:
+                    self._asked.popitem(last=False)
+                self._ask(frame)
+                all_here = self._rig.n_cameras
+                self._came.wait_for(lambda: len(self._packed.get(frame, {})) == all_here, _PATIENCE_S)
+            packed = self._packed.get(frame, {}).get(camera)
+        width, height = self._rig.sizes_px[camera].tolist()
+        if packed is None:
+            return None
+        return np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, width)
+
+    def add(self, message: Silhouettes) -> None:
+        """Take in silhouettes of some cameras; those that do not fit the rig are left out."""
+        cameras = message.cameras
+        fits = fit_together(message.planes, message.unsure, len(cameras), self._rig.shape_px)
+        if max(cameras) >= self._rig.n_cameras or not fits:
+            return
+        planes = TriPlanes.of_sent(message.planes, message.unsure)
+        with self._came:
+            if message.frame not in self._asked:
+                return
+            frame = self._packed.setdefault(message.frame, {})
+            for camera, trimap in zip(cameras, unpack_trimaps(planes, len(cameras)), strict=True):
+                width, height = self._rig.sizes_px[camera].tolist()
+                frame[camera] = zlib.compress(trimap[:height, :width].tobytes(), 1)
+            while len(self._packed) > _KEPT_FRAMES:
+                self._packed.popitem(last=False)
+            self._came.notify_all()

@@ -1,18 +1,93 @@
-"""The page's server: on this machine's loopback only, with a page and a thread for every browser."""
+"""The page's server, on this machine's loopback only: a page and a thread for every browser.
+
+Never more than one update is on its way to a browser: the next one waits until it has answered the last. So a
+slow browser gets fewer updates, but never old ones, and nothing piles up anywhere.
+"""
 
 import contextlib
 import io
 import logging
 import threading
+import time
+from collections.abc import Callable
 
 import viser
 
 from services.mocap.errors import UserError
 from services.viewer.address import LOOPBACK
-from services.viewer.page import Page
+from services.viewer.markup import notice
+from services.viewer.metrics import ANSWER
+from services.viewer.page_session import PageSession
 from services.viewer.show import Show
 
 log = logging.getLogger(__name__)
+
+_TICK_S = 0.04
+_ANSWER_S = 5.0
+_PANEL_WIDTH_PX = 400
+
+
+class Page:
+    """One browser's page of whatever show there is."""
+
+    def __init__(self, client: viser.ClientHandle, current: Callable[[], Show | None]) -> None:
+        self._client, self._current = client, current
+        self._session: PageSession | None = None
+        self.is_open = True
+
+    @property
+    def has_shown(self) -> bool:
+        """Whether the browser has had the body, pictures where there are any, and curves."""
+        return self._session is not None and self._session.has_shown
+
+    def run(self) -> None:
+        """Send updates until the browser is gone or the page is closed."""
+        shown: Show | None = None
+        try:
+            self._wait_for_show()
+            while self.is_open:
+                show = self._current()
+                if show is not None and show is not shown:
+                    shown = show
+                    self._session = PageSession(self._client, show)
+                if self._session is not None and self._session.update():
+                    with ANSWER.time():
+                        self._await_answer()
+                    self._session.note_answer()
+        except _GoneError:
+            log.info("browser %d is gone", self._client.client_id)
+        except UserError as error:
+            self._client.gui.add_html(notice(str(error)))
+            log.warning("%s", error)
+        except Exception:  # of one page only
+            log.exception("the page of browser %d has ended", self._client.client_id)
+
+    def _wait_for_show(self) -> None:
+        self._client.gui.set_panel_label("xormocap")
+        self._client.gui.main_panel.dock_right()
+        self._client.gui.main_panel.set_width(_PANEL_WIDTH_PX)
+        if self._current() is None:
+            self._client.gui.add_html(notice("Waiting for a take: nobody tracks one at the moment."))
+        while self.is_open and self._current() is None:
+            self._await_answer()
+            time.sleep(_TICK_S)
+
+    def _await_answer(self) -> None:
+        """Wait until the browser has taken in all that was sent; raises _GoneError where it has left."""
+        while self.is_open:
+            try:
+                self._client.local_storage.get_item("seen", timeout=_ANSWER_S)
+            except TimeoutError:
+                continue
+            except RuntimeError as error:
+                if "disconnected" in str(error):
+                    raise _GoneError from None
+            return
+
+
+class _GoneError(Exception):
+    """The browser has left."""
+
 
 _END_S = 2.0
 
@@ -29,15 +104,15 @@ class PageServer:
 
     def __init__(self, port: int) -> None:
         """Port: 0 for any that is free. Raises UserError where it is taken."""
+        self._pages: dict[int, tuple[Page, threading.Thread]] = {}
+        self._lock = threading.Lock()
+        self._show: Show | None = None
         with contextlib.redirect_stdout(io.StringIO()):  # its banner
             self._server = _LocalServer(LOOPBACK, port, "xormocap", verbose=False)
         self.port = self._server.get_port()
         if port not in (0, self.port):
             self.close()
             raise UserError(f"{LOOPBACK}:{port}: something listens there already: choose another port")
-        self._pages: dict[int, tuple[Page, threading.Thread]] = {}
-        self._lock = threading.Lock()
-        self._show: Show | None = None
         self._server.scene.set_up_direction("+z")
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(30, 110, 190))
         self._server.on_client_connect(self._open)
@@ -73,8 +148,8 @@ class PageServer:
 
     def close(self) -> None:
         """Close all pages and stop listening."""
-        with getattr(self, "_lock", threading.Lock()):
-            pages = list(getattr(self, "_pages", {}).values())
+        with self._lock:
+            pages = list(self._pages.values())
         for page, _ in pages:
             page.is_open = False
         for _, thread in pages:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -45,21 +46,15 @@ SEGMENT_PARENTS: tuple[str | None, ...] = tuple(
 _R_T_POSE = rest_rotations("T")
 
 
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """How segments are turned, each in the one that carries it, where it stands as far off as ever."""
+def placed_segments(body: Body, pose: Floats) -> tuple[Floats, Floats]:
+    """Rotations (16, 4) of a body's segments, and where the pelvis is in the world (3,), in a pose (35,).
 
-    wxyz: Floats
-    """(16, 4) rotations as quaternions; the pelvis's in the z-up world."""
-    root_m: Floats
-    """(3,) where the pelvis is in the world."""
-
-
-def placed_segments(body: Body, pose: Floats) -> Placed:
-    """The 16 segments of a body in a pose (35,)."""
+    Rotations are quaternions wxyz against the segment that carries each, where it stands as far off as ever;
+    the pelvis's is in the z-up world.
+    """
     T_world_joint = joint_transforms(pose[None], body.offsets_m)
     turns = turns_from_rest(T_world_joint, _R_T_POSE)[0, SEGMENT_JOINTS]
-    return Placed(_wxyz(turns), T_world_joint[0, 0, :3, 3])
+    return _wxyz(turns), T_world_joint[0, 0, :3, 3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,21 +73,14 @@ class Lens:
 
 def lenses_of(rig: Rig) -> list[Lens]:
     """The cameras of a rig."""
-    return [_lens(P, *size) for P, size in zip(rig.P_px_world, rig.sizes_px.tolist(), strict=True)]
-
-
-def _lens(P_px_world: Floats, width_px: int, height_px: int) -> Lens:
-    """P = K [R t]: K is the upper triangle of an RQ decomposition, in which depth is positive ahead."""
-    flip = np.eye(3)[::-1]
-    Q, U = np.linalg.qr((flip @ P_px_world[:, :3]).T)
-    K, R = flip @ U.T @ flip, flip @ Q.T
-    signs = np.sign(np.diag(K))
-    K, R = K * signs, signs[:, None] * R
-    if np.linalg.det(R) < 0:  # P is known up to its sign only
-        R = -R
-    centre_m = np.asarray(-np.linalg.solve(P_px_world[:, :3], P_px_world[:, 3]), np.float64)
-    fov_rad = 2 * np.arctan(0.5 * height_px * K[2, 2] / K[1, 1])
-    return Lens(_wxyz(R.T[None])[0], centre_m, float(fov_rad), width_px / height_px)
+    lenses = []
+    for P_px_world, (width_px, height_px) in zip(rig.P_px_world, rig.sizes_px.tolist(), strict=True):
+        sign = np.sign(np.linalg.det(P_px_world[:, :3]))  # P is known up to its factor only
+        K, R_camera_world, centre, *_ = cv2.decomposeProjectionMatrix(sign * P_px_world)
+        fov_rad = 2 * np.arctan(0.5 * height_px * K[2, 2] / K[1, 1])
+        centre_m = (centre[:3] / centre[3]).ravel()
+        lenses.append(Lens(_wxyz(R_camera_world.T[None])[0], centre_m, fov_rad, width_px / height_px))
+    return lenses
 
 
 def _wxyz(rotations: Floats) -> Floats:

@@ -1,5 +1,7 @@
 """The 3D scene of one browser: body, cameras, floor, trails."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import viser
 
@@ -29,20 +31,14 @@ def rgb_of(name: str) -> tuple[int, int, int]:
     return bgr[2], bgr[1], bgr[0]
 
 
-def _distrusted_segments(distrusted: Mask) -> Mask:
-    """(16,) segments of the parts (6,) that must not be trusted; where the torso is wrong, all are."""
-    segments: Mask = np.full(len(SEGMENT_NAMES), bool(distrusted[PARTS.index("torso")]))
-    for part, stage in PART_STAGES.items():
-        segments[list(stage.segments)] |= distrusted[PARTS.index(part)]
-    return segments
-
-
 class Stage:
     """A show's scene in one browser; every method only sends what differs from before."""
 
     def __init__(self, scene: viser.SceneApi, show: Show) -> None:
         self._show = show
-        self._light(scene)
+        # Light from above, not from a room around: without a GPU that is most of what drawing costs.
+        scene.configure_environment_map(hdri=None)
+        scene.add_light_hemisphere("/sky", sky_color=_SKY_RGB, ground_color=_GROUND_RGB, intensity=1.2)
         scene.add_grid(
             "/floor", _FLOOR_M, _FLOOR_M, cell_size=0.5, section_size=1.0, cell_color=(215, 220, 226),
             section_color=(170, 178, 187), plane_color=(244, 246, 248), plane_opacity=1.0,
@@ -65,12 +61,6 @@ class Stage:
         ]
 
     @staticmethod
-    def _light(scene: viser.SceneApi) -> None:
-        """Light from above, not from a room around: without a GPU that is most of what drawing costs."""
-        scene.configure_environment_map(hdri=None)
-        scene.add_light_hemisphere("/sky", sky_color=_SKY_RGB, ground_color=_GROUND_RGB, intensity=1.2)
-
-    @staticmethod
     def _add_body(scene: viser.SceneApi, body: Body) -> "list[viser.MeshHandle]":
         """The segments, each on the one that carries it, so that little has to be sent of a pose."""
         offsets_m, paths = body.offsets_m[SEGMENT_JOINTS], dict[str | None, str]({None: "/body"})
@@ -87,13 +77,16 @@ class Stage:
 
     def place(self, solved: SolvedFrame) -> None:
         """Put the body where a frame has it; parts that must not be trusted turn red."""
-        placed, pelvis = placed_segments(self._show.body, solved.pose), self._segments[0]
+        (wxyz, root_m), pelvis = placed_segments(self._show.body, solved.pose), self._segments[0]
         for s in _TURNING:
-            self._segments[s].wxyz = placed.wxyz[s]
-        pelvis.position = placed.root_m
+            self._segments[s].wxyz = wxyz[s]
+        pelvis.position = root_m
         if not pelvis.visible:  # and with it all others
             pelvis.visible = True
-        red = _distrusted_segments(solved.distrusted)
+        # Where the torso is wrong, all segments are.
+        red: Mask = np.full(len(SEGMENT_NAMES), bool(solved.distrusted[PARTS.index("torso")]))
+        for part, stage in PART_STAGES.items():
+            red[list(stage.segments)] |= solved.distrusted[PARTS.index(part)]
         for s in np.flatnonzero(red != self._red).tolist():
             self._segments[s].color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
         self._red = red
@@ -108,14 +101,14 @@ class Stage:
             if frustum.visible != visible:
                 frustum.visible = visible
 
-    def trail(self, poses: Floats | None) -> None:
-        """Draw where wrists and ankles went in poses (N, 35), in order; None: no trails."""
-        if poses is None or len(poses) < 2:
+    def trail(self, poses: Sequence[Floats]) -> None:
+        """Draw where wrists and ankles went in poses, in order; fewer than two: no trails."""
+        if len(poses) < 2:
             for line in self._trails:
                 if line.visible:
                     line.visible = False
             return
-        joints_m = joint_positions(poses, self._show.body.offsets_m)
+        joints_m = joint_positions(np.array(poses), self._show.body.offsets_m)
         for name, line in zip(TRAILS, self._trails, strict=True):
             way_m = joints_m[:, JOINT_INDEX[name]]
             line.points = np.stack([way_m[:-1], way_m[1:]], axis=1).astype(np.float32)

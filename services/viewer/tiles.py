@@ -1,8 +1,8 @@
 """The tiles of the camera grid: what each camera saw of a frame, with the model over it, as JPEG."""
 
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import cv2
@@ -15,19 +15,16 @@ from services.mocap.export.tiles import Grid, differing_pixels, draw_difference,
 from services.mocap.search.chains import window_origins_px, window_size_px
 from services.mocap.search.error_by_part import PART_STAGES
 from services.mocap.take.marks import Part
-from services.mocap.types import Bytes, Floats, Trimap
+from services.mocap.types import Bytes, Trimap
 from services.viewer.frame_history import SolvedFrame
 from services.viewer.pictures import Pictures
 
 Content = Literal["pictures", "silhouettes", "difference"]
 _JPEG = (
     *(cv2.IMWRITE_JPEG_QUALITY, 80),
-    *(
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-    ),  # thin lines keep their colours
+    # Thin lines keep their colours.
+    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
 )
-_WHOLE = (slice(None), slice(None))
 _KEPT_SHEETS = 8
 """Sheets kept for other browsers that look at the same."""
 
@@ -62,17 +59,12 @@ class TileArtist:
         self._body, self._rig, self._pictures = body, rig, pictures
         self._painter = ModelPainter(body, rig)
         self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[int, Look], tuple[Tile, ...]] = OrderedDict()
+        self._drawn = lru_cache(_KEPT_SHEETS)(self._draw)
 
     def draw(self, solved: SolvedFrame, look: Look) -> tuple[Tile, ...]:
         """The tiles of the cameras that a look names, in its order."""
-        key = solved.frame, look
         with self._lock:
-            if key not in self._kept:
-                self._kept[key] = self._draw(solved, look)
-                while len(self._kept) > _KEPT_SHEETS:
-                    self._kept.popitem(last=False)
-            return self._kept[key]
+            return self._drawn(solved, look)
 
     def catch_up(self, frame: int, look: Look) -> None:
         """Decode what a look shows of a frame and of those before it."""
@@ -91,26 +83,15 @@ class TileArtist:
 
     def _draw(self, solved: SolvedFrame, look: Look) -> tuple[Tile, ...]:
         masks = self._painter.segment_masks(solved.pose)
-        windows = (
-            [_WHOLE] * self._rig.n_cameras if look.part is None else self._windows(solved.pose, look.part)
-        )
+        windows = [(slice(None), slice(None))] * self._rig.n_cameras
+        if look.part is not None:  # where it is searched
+            stage = PART_STAGES[look.part]
+            size = window_size_px(stage, self._rig)
+            origins_px = window_origins_px(stage, solved.pose, self._body, self._rig)
+            windows = [(slice(y, y + size), slice(x, x + size)) for x, y in origins_px.tolist()]
         return tuple(self._tile(solved.frame, c, masks[c], windows[c], look) for c in look.cameras)
 
-    def _windows(self, pose: Floats, part: Part) -> list[tuple[slice, slice]]:
-        """Rows and columns of each camera's picture in which a part is searched."""
-        stage = PART_STAGES[part]
-        size = window_size_px(stage, self._rig)
-        origins_px = window_origins_px(stage, pose, self._body, self._rig)
-        return [(slice(y, y + size), slice(x, x + size)) for x, y in origins_px.tolist()]
-
-    def _tile(
-        self,
-        frame: int,
-        camera: int,
-        model: Bytes,
-        window: tuple[slice, slice],
-        look: Look,
-    ) -> Tile:
+    def _tile(self, frame: int, camera: int, model: Bytes, window: tuple[slice, slice], look: Look) -> Tile:
         picture = None if look.content == "silhouettes" else self._pictures.picture(camera, frame)
         is_needed = picture is None or look.content != "pictures"  # silhouettes may cost a lot
         trimap = self._pictures.trimap(camera, frame) if is_needed else None
@@ -119,7 +100,9 @@ class TileArtist:
         grid = Grid(1, 1, look.tile_width_px, height)
         seen = None if trimap is None else trimap[window]
         if look.content == "difference" and seen is not None:
-            drawn = draw_difference(_faded(ground), seen, model, grid)
+            grey = cv2.cvtColor(ground, cv2.COLOR_BGR2GRAY) // 2 + 20  # so that colours over it tell
+            faded = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
+            drawn = draw_difference(faded, seen, model, grid)
         else:
             drawn = draw_outline(ground, model, grid)
         differing = None if seen is None else int(np.count_nonzero(differing_pixels(seen, model)))
@@ -134,9 +117,3 @@ def _ground(picture: Bytes | None, trimap: Trimap | None, shape: tuple[int, ...]
     if trimap is not None:
         return trimap_picture(trimap)
     return np.zeros((*shape, 3), np.uint8)
-
-
-def _faded(picture: Bytes) -> Bytes:
-    """Grey and darker, so that colours over it tell."""
-    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) // 2 + 20
-    return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)

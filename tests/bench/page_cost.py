@@ -18,7 +18,7 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take, open_take
 from services.runs.launcher import free_port
-from services.runs.track import Job, track
+from services.runs.track import TakeJob, track
 from services.viewer.address import LOOPBACK
 
 WAYS = ("no viewer", "viewer, no browser", "viewer, one browser")
@@ -58,13 +58,13 @@ def _frames_per_s(take: Path, way: str) -> float:
     return float(report["speed"]["frames_per_s"])
 
 
-def job_of(take: Take, folder: Path, page: str | None) -> Job:
+def job_of(take: Take, folder: Path, page: str | None) -> TakeJob:
     """Tracking a whole take as measurements of the page want it, with results below a folder."""
-    return Job(
-        take,
-        folder / "result",
-        range(take.settings.frames),
-        _WORKERS,
+    return TakeJob(
+        take=take,
+        out=folder / "result",
+        frames=range(take.settings.frames),
+        workers=_WORKERS,
         overlay=False,
         engine=EngineSettings(),
         search=SearchSettings(),

@@ -17,10 +17,10 @@ from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
 from services.mocap.take.journal import JOURNAL, read_poses
 from services.mocap.take.tables import read_poses_csv
-from services.runs.failures import Interrupted, ServiceFailedError
+from services.runs import Interrupted, ServiceFailedError
 from services.runs.launcher import Launcher
 from services.runs.progress import Progress
-from services.runs.track import Job, track
+from services.runs.track import TakeJob, track
 
 pytestmark = pytest.mark.timeout(280)
 
@@ -75,7 +75,15 @@ class Run:
     def go(self, warn: Callable[[str], None] = lambda _: None) -> dict:
         try:
             take = open_take(self._take)
-            job = Job(take, self.out, range(FRAMES), 4, self._overlay, EngineSettings(), SLOW)
+            job = TakeJob(
+                take=take,
+                out=self.out,
+                frames=range(FRAMES),
+                workers=4,
+                overlay=self._overlay,
+                engine=EngineSettings(),
+                search=SLOW,
+            )
             return track(job, show=self._show, started=self._started, warn=warn)
         finally:
             assert not self._deeds, "the run ended before something was done to it"

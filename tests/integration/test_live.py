@@ -18,7 +18,7 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.live import open_live
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
 from services.runs.live import LiveJob, live
-from services.runs.live_watch import LiveProgress, in_words
+from services.runs.progress import Progress, live_in_words
 
 pytestmark = pytest.mark.timeout(280)
 
@@ -70,8 +70,8 @@ def unplugged(stage: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     video, lines = stage / "videos" / f"{_CUT}.mp4", list[str]()
     cut = threading.Event()
 
-    def show(progress: LiveProgress) -> None:
-        lines.append(in_words(progress))
+    def show(progress: Progress) -> None:
+        lines.append(live_in_words(progress))
         all_there = progress.told is not None and progress.told.stage != "waiting for clients"
         if all_there and progress.told and not progress.told.absent and not cut.is_set():
             cut.set()

@@ -21,7 +21,7 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.live import open_live
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
 from services.runs.live import LiveJob, live
-from services.runs.live_watch import LiveProgress
+from services.runs.progress import Progress
 
 pytestmark = pytest.mark.timeout(280)
 
@@ -115,12 +115,12 @@ def job(synthetic_take: Path, cameras: _Cameras, tmp_path: Path) -> LiveJob:
     )
 
 
-def _stopping_at(n_poses: int) -> Callable[[LiveProgress], None]:
+def _stopping_at(n_poses: int) -> Callable[[Progress], None]:
     """Asks for a stop as Ctrl-C does, once: streams do not end."""
     asked = threading.Event()
 
-    def show(progress: LiveProgress) -> None:
-        if progress.poses >= n_poses and not asked.is_set():
+    def show(progress: Progress) -> None:
+        if progress.frames_done >= n_poses and not asked.is_set():
             asked.set()
             os.kill(os.getpid(), signal.SIGINT)
 

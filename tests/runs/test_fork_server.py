@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from services.process import PARENT_VARIABLE
-from services.runs.failures import ServiceFailedError
+from services.runs import ServiceFailedError
 from services.runs.fork_server import Birth, ForkServer
 
 _TOY = """

@@ -1,6 +1,10 @@
-"""Frames that have left memory: from the recorder's journal, then from results; and why there are none."""
+"""Frames that have left memory: from the recorder's journal, then from results; and why there are none.
+
+Requests that nobody answers end, and frames that others have are asked for all the same.
+"""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +17,7 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.journal import Record
 from services.recorder.store import Store
-from services.viewer.archive import Archive
+from services.viewer.archive import Archive, RetryRequests
 
 _FRAMES = range(24)
 
@@ -91,3 +95,25 @@ def test_a_journal_of_another_version_is_said(
     store._journal.append(Record("pose", {"frame": 5, "run": RUN}, {"pose": np.zeros(30)}))
     archive = Archive(info, _FRAMES, result, asked.append, lambda: 1e9)
     assert "was written by another version" in _words_when_nobody_has(archive, monkeypatch)
+
+
+def test_the_same_frames_are_asked_for_a_few_times_and_then_let_be() -> None:
+    requests = RetryRequests()
+    asked = [tick for tick in range(100) if requests.asks(range(10, 20), 0.1 * tick, heard_s=0.1 * tick)]
+    assert len(asked) == 3
+    assert all(later - earlier >= 4 for earlier, later in pairwise(asked))
+    assert requests.gone_end == 20
+    assert not requests.asks(range(5, 12), 100.0, heard_s=100.0)
+    assert requests.asks(range(20, 30), 200.0, heard_s=200.0)
+
+
+def test_of_a_silent_coordinator_nothing_follows() -> None:
+    requests = RetryRequests()
+    assert sum(requests.asks(range(10), 0.5 * tick, heard_s=-1.0) for tick in range(50)) == 50
+    assert requests.gone_end == 0
+
+
+def test_frames_that_come_in_parts_are_never_let_be() -> None:
+    requests = RetryRequests()
+    assert all(requests.asks(range(start, 64), float(start), heard_s=float(start)) for start in range(60))
+    assert requests.gone_end == 0

@@ -11,8 +11,7 @@ import pytest
 from services.mocap.errors import UserError
 from services.viewer import auth_proxy as auth_proxy
 from services.viewer.address import Address
-from services.viewer.auth_proxy import AuthProxy
-from services.viewer.request import Head, MalformedHeadError
+from services.viewer.auth_proxy import AuthProxy, Head, MalformedHeadError
 
 TOKEN = "a-long-enough-token"  # noqa: S105
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.commands.view_show import finished_show
+from services.commands.view import finished_show
 from services.mocap.errors import UserError
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv

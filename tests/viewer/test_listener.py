@@ -54,7 +54,7 @@ def test_a_late_viewer_has_all_frames(walk: Take, shows: list[Show]) -> None:
 def test_what_left_the_ring_is_fetched_from_the_coordinator(
     walk: Take, shows: list[Show], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("services.viewer.listener.RING_FRAMES", 50)
+    monkeypatch.setattr("services.viewer.listener.KEPT_FRAMES", 50)
     with Playback(walk, free_endpoint(), period_s=0.005) as playback:
         listener = Listener(playback.endpoint, None, walk, shows.append)
         _until(listener, lambda: _newest(shows) > 150)
@@ -68,7 +68,7 @@ def test_what_left_the_ring_is_fetched_from_the_coordinator(
 def test_what_nobody_but_the_recorder_has_comes_from_its_journal_with_its_pictures(
     walk: Take, shows: list[Show], result: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("services.viewer.listener.RING_FRAMES", 50)
+    monkeypatch.setattr("services.viewer.listener.KEPT_FRAMES", 50)
     with Playback(walk, free_endpoint(), period_s=0.005) as playback:
         playback.forgotten_end = 10_000
         store = Store.in_folder(journal_of(result).parent)

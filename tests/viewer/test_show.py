@@ -32,13 +32,13 @@ def test_a_projection_of_any_sign_is_the_same_camera(walk: Take) -> None:
 def test_segments_stand_where_kinematics_has_them() -> None:
     body = build_body(Actor(height=1.8))
     pose = np.random.default_rng(3).uniform(-0.4, 0.4, 35)
-    placed = placed_segments(body, pose)
+    wxyz, root_m = placed_segments(body, pose)
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
-    turns = Rotation.from_quat(np.roll(placed.wxyz, -1, axis=1)).as_matrix()
+    turns = Rotation.from_quat(np.roll(wxyz, -1, axis=1)).as_matrix()
     T_world: dict[str | None, Floats] = {None: np.eye(4)}
     for s, (name, parent) in enumerate(zip(SEGMENT_NAMES, SEGMENT_PARENTS, strict=True)):
         T = np.eye(4)
         T[:3, :3] = turns[s]
-        T[:3, 3] = placed.root_m if parent is None else body.offsets_m[SEGMENT_JOINTS[s]]
+        T[:3, 3] = root_m if parent is None else body.offsets_m[SEGMENT_JOINTS[s]]
         T_world[name] = T_world[parent] @ T
         np.testing.assert_allclose(T_world[name], T_world_segment[s], atol=1e-9, err_msg=name)

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from services.commands.consoles import warn
+from services.commands.consoles import progress_bar, say, table_of, warn
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.coverage import covered_share, draw_coverage
@@ -40,13 +39,7 @@ def calibrate_by_board(
             f"{clips}: is not a folder: expected one with a clip <camera>.mp4 for each camera"
         )
     board = board_of(said, clips)
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=errors) as bar:
-        task = bar.add_task("starting", total=1.0)
-
-        def show(what: str, share: float) -> None:
-            bar.update(task, completed=share, description=what)
-
+    with progress_bar(errors) as show:
         solution, _ = calibrate_clips(clips, board, lens, show)
         show("calibrated", 1.0)
     remarks = [*remarks_on_views(solution), *remarks_on(solution.cameras)]
@@ -55,7 +48,7 @@ def calibrate_by_board(
     _write_record(out.with_name(RECORD), solution, board, remarks)
     warn(remarks, errors)
     console.print(_table(solution))
-    console.print(f"{out}; look at {out.with_name(COVERAGE)}", markup=False, soft_wrap=True)
+    say(f"{out}; look at {out.with_name(COVERAGE)}", console)
 
 
 def board_of(said: dict[str, Any], clips: Path | None) -> Board:
@@ -88,28 +81,16 @@ def draw_board(path: Path, said: dict[str, Any], clips: Path | None, console: Co
     square_px = round(board.square_m * _PRINT_DOTS_PER_M)
     square_px = min(square_px, _LARGEST_PRINT_PX // (max(board.columns, board.rows) + 1))
     write_picture(path, board.draw(square_px))
-    console.print(
+    say(
         f"{path}: print it so that a square measures {1e3 * board.square_m:g} mm, glue it on something "
         "flat, and measure the squares: all lengths come from them",
-        markup=False,
-        soft_wrap=True,
+        console,
     )
 
 
 def _table(solution: Solution) -> Table:
-    table = Table("camera", box=None, header_style="bold")
-    for column in (
-        "pixels",
-        "focal, px",
-        "error, px",
-        "RMS an axis",
-        "views",
-        "left out",
-        "covered",
-        "from origin, m",
-        "height, m",
-    ):
-        table.add_column(column, justify="right")
+    titles = ("pixels", "focal, px", "error, px", "RMS an axis", "views", "left out", "covered")
+    table = table_of("camera", *titles, "from origin, m", "height, m")
     for c, camera in enumerate(solution.cameras):
         x_m, y_m, z_m = camera.centre_world_m
         table.add_row(

@@ -1,21 +1,27 @@
 """`xormocap calibrate --check TAKE`: whether a take's cameras agree, by silhouettes alone."""
 
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import Progress
 from rich.table import Table
 
-from services.commands.consoles import warn
-from services.commands.take_outlines import outlines_of
+from services.commands.consoles import table_of, warn
 from services.mocap.calibration.agreeing import Agreement, agreement_of, likely_mistake
+from services.mocap.calibration.epipolar_tangents import Outline, outline_of
 from services.mocap.calibration.hull_shares import filled_by_others
 from services.mocap.calibration.remarks import remarks_on
+from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import in_common_size
 from services.mocap.errors import TakeError
-from services.mocap.take.folder import open_take
-from services.mocap.types import ACTOR, BACKGROUND, Floats
+from services.mocap.take.folder import Take, open_take
+from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.segmenters import make_segmenter
 
 _MOST_FRAMES = 60
 _FEWEST_CAMERAS = 2
@@ -44,27 +50,18 @@ def check_take(folder: Path, console: Console, errors: Console) -> None:
     if not found.odd:
         return
     good = [c for c in range(len(cameras)) if c not in found.odd and np.isfinite(found.off_px[c])]
-    mistakes = {
-        names[c]: likely_mistake(c, cameras, good, outlines, float(found.off_px[c]))
-        if len(good) > 1
-        else None
-        for c in found.odd
-    }
-    words = ", ".join(
-        name + (f" (its pictures are {what})" if what else "") for name, what in mistakes.items()
-    )
+    others, odd = f"any of the {len(names)} cameras", [names[c] for c in found.odd]
+    if len(good) > 1:
+        others, odd = f"the other {len(good)} cameras", []
+        for c in found.odd:
+            what = likely_mistake(c, cameras, good, outlines, float(found.off_px[c]))
+            odd.append(names[c] + (f" (its pictures are {what})" if what else ""))
     advice = "check its calibration, its synchronisation (xormocap sync) and its silhouettes"
-    raise DisagreeError(f"{folder}: {words}: not in agreement with {_others(names, good)}: {advice}")
-
-
-def _others(names: list[str], good: list[int]) -> str:
-    return f"the other {len(good)} cameras" if len(good) > 1 else f"any of the {len(names)} cameras"
+    raise DisagreeError(f"{folder}: {', '.join(odd)}: not in agreement with {others}: {advice}")
 
 
 def _table(names: list[str], found: Agreement, filled: Floats) -> Table:
-    table = Table("camera", box=None, header_style="bold")
-    for column in ("off, px", "filled by the others' hull", ""):
-        table.add_column(column, justify="right")
+    table = table_of("camera", "off, px", "filled by the others' hull", "")
     for c, name in enumerate(names):
         known = np.isfinite(found.off_px[c])
         verdict = "[red]does not agree[/]" if c in found.odd else "agrees" if known else "cannot be told"
@@ -75,3 +72,32 @@ def _table(names: list[str], found: Agreement, filled: Floats) -> Table:
             verdict,
         )
     return table
+
+
+def outlines_of(
+    take: Take, frames: range, every: int, errors: Console
+) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
+    """The cameras without lens distortion, their outlines in some frames, and the trimaps of one frame.
+
+    every: of how many frames one is taken. The trimaps (C, H, W) are those of the frame in the middle.
+    """
+    cameras = tuple(camera.undistorted() for camera in take.cameras)
+    height_px, width_px = Rig.of(cameras).shape_px
+    outlines: list[list[Outline | None]] = []
+    middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
+    chosen = range(0, len(frames), every)
+    with Progress(console=errors) as bar:
+        task = bar.add_task("looking at silhouettes", total=len(cameras))
+        for c, camera in enumerate(take.cameras):
+            alone = make_segmenter(
+                take, [camera], SegmentationSettings()
+            )  # others must not help what is to be compared
+            trimaps = alone.trimaps(frames.start, frames.stop)
+            of_camera: list[Outline | None] = []
+            for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):
+                of_camera.append(outline_of(trimap, cameras[c]))
+                if n == len(chosen) // 2:
+                    middle[c] = in_common_size(trimap, width_px, height_px)
+            outlines.append(of_camera)
+            bar.advance(task)
+    return cameras, outlines, middle

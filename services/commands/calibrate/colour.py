@@ -4,9 +4,8 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
-from services.commands.consoles import warn
+from services.commands.consoles import say, table_of, warn
 from services.mocap.calibration.colour_chart import ColourFit, fit_colours
 from services.mocap.camera.colour import write_colours
 from services.mocap.errors import CalibrationError
@@ -41,15 +40,9 @@ def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
         for name, fit in fits.items()
     }
     write_colours(folder / layout.COLOURS, means)
-    console.print(_table(fits))
-    console.print(f"{folder / layout.COLOURS}", markup=False, soft_wrap=True)
-
-
-def _table(fits: dict[str, ColourFit]) -> Table:
-    table = Table("camera", box=None, header_style="bold")
-    for column in ("delta E before", "after", "worst before", "after"):
-        table.add_column(column, justify="right")
+    table = table_of("camera", "delta E before", "after", "worst before", "after")
     for name, fit in fits.items():
         figures = (fit.before.mean(), fit.after.mean(), fit.before.max(), fit.after.max())
         table.add_row(escape(name), *(f"{figure:.1f}" for figure in figures))
-    return table
+    console.print(table)
+    say(f"{folder / layout.COLOURS}", console)

@@ -1,37 +1,95 @@
 """`xormocap calibrate`: cameras from clips of a board, from other tools' files, or checked by silhouettes."""
 
-from services.commands.calibrate import options
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
 from services.commands.calibrate.board import calibrate_by_board, draw_board
 from services.commands.calibrate.check import check_take
 from services.commands.calibrate.colour import calibrate_colour
-from services.commands.calibrate.files import convert
-from services.commands.consoles import say
+from services.commands.consoles import say, warn
 from services.commands.consoles import stderr as _err
 from services.commands.consoles import stdout as _out
+from services.mocap.calibration.lens import Lens
+from services.mocap.calibration.remarks import remarks_on
+from services.mocap.camera.calibration import Up
+from services.mocap.camera.formats import Axis, Format, Units, read_any, write_opencv, write_pose2sim
 from services.mocap.errors import UserError
+
+_BOARD, _FILES = "Board", "Files of other tools"
+_SIZE = re.compile(r"(\d{1,5})[xX](\d{1,5})")
 
 
 def calibrate(
-    clips: options.ClipsArgument = None,
-    out: options.OutOption = None,
-    board: options.BoardOption = None,
-    squares: options.SquaresOption = None,
-    square: options.SquareOption = None,
-    marker: options.MarkerOption = None,
-    dictionary: options.DictionaryOption = None,
-    legacy: options.LegacyOption = None,
-    draw: options.DrawOption = None,
-    lens: options.LensOption = "normal",
-    up: options.UpOption = "z",
-    check: options.CheckOption = None,
-    colour: options.ColourOption = None,
-    source: options.ImportOption = None,
-    kind: options.FromOption = None,
-    target: options.ToOption = "pose2sim",
-    size: options.SizeOption = None,
-    units: options.UnitsOption = "auto",
-    scale: options.ScaleOption = 1.0,
-    world: options.AxisOption = "z",
+    clips: Annotated[
+        Path | None, typer.Argument(help="The folder of clips: <camera>.mp4 and origin/.", metavar="CLIPS")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Where it goes; CLIPS/calibration.toml by default.")
+    ] = None,
+    board: Annotated[
+        Literal["charuco", "chessboard"] | None,
+        typer.Option(help="What is printed on the board; charuco by default.", rich_help_panel=_BOARD),
+    ] = None,
+    squares: Annotated[
+        str | None,
+        typer.Option(help="Squares in a row and rows, such as 7x10.", metavar="CxR", rich_help_panel=_BOARD),
+    ] = None,
+    square: Annotated[
+        float | None, typer.Option(help="The side of a square in metres.", rich_help_panel=_BOARD)
+    ] = None,
+    marker: Annotated[
+        float | None,
+        typer.Option(help="The side of a marker in metres; 3/4 of a square's.", rich_help_panel=_BOARD),
+    ] = None,
+    dictionary: Annotated[
+        str | None, typer.Option(help="The markers' dictionary; 5x5_100 by default.", rich_help_panel=_BOARD)
+    ] = None,
+    legacy: Annotated[
+        bool | None, typer.Option(help="The board was drawn by OpenCV before 4.6.", rich_help_panel=_BOARD)
+    ] = None,
+    draw: Annotated[
+        Path | None, typer.Option(help="Write the board as a PNG to print, and stop.", rich_help_panel=_BOARD)
+    ] = None,
+    lens: Annotated[
+        Lens, typer.Option(help="normal, wide (one coefficient more) or fisheye.", rich_help_panel=_BOARD)
+    ] = "normal",
+    up: Annotated[Up, typer.Option(help="The axis that points up in the file that is written.")] = "z",
+    check: Annotated[
+        Path | None, typer.Option(help="Say whether a take's cameras agree.", metavar="TAKE")
+    ] = None,
+    colour: Annotated[
+        Path | None,
+        typer.Option(help="Correct a take's colours by colour/<camera>.png, a ColorChecker.", metavar="TAKE"),
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option("--import", help="Convert this file or folder instead.", rich_help_panel=_FILES),
+    ] = None,
+    kind: Annotated[
+        Format | None,
+        typer.Option("--from", help="Its format; found out by default.", rich_help_panel=_FILES),
+    ] = None,
+    target: Annotated[
+        Literal["pose2sim", "opencv"],
+        typer.Option("--to", help="pose2sim (also xormocap's own) or opencv.", rich_help_panel=_FILES),
+    ] = "pose2sim",
+    size: Annotated[
+        str | None,
+        typer.Option(help="Picture size WxH, where the file does not say.", rich_help_panel=_FILES),
+    ] = None,
+    units: Annotated[
+        Units,
+        typer.Option(help="Its unit of length, where the format leaves it open.", rich_help_panel=_FILES),
+    ] = "auto",
+    scale: Annotated[
+        float, typer.Option(help="Multiply lengths by this, as for COLMAP.", rich_help_panel=_FILES)
+    ] = 1.0,
+    world: Annotated[
+        Axis, typer.Option("--its-up", help="The axis that points up in it.", rich_help_panel=_FILES)
+    ] = "z",
 ) -> None:
     """Calibrate cameras by a board, or convert a calibration, or check a take's.
 
@@ -47,26 +105,27 @@ def calibrate(
     elif source is not None:
         if out is None:
             raise UserError("calibrate --import: expected --out, the file or folder to write")
-        convert(source, kind, out, target, size, units, scale, world, up, _err)
+        match = None if size is None else _SIZE.fullmatch(size)
+        if size is not None and match is None:
+            raise UserError(f"--size {size}: expected width and height in pixels, such as 1920x1080")
+        size_px = None if match is None else (int(match[1]), int(match[2]))
+        if not source.exists():
+            raise UserError(f"{source}: is missing: expected a calibration to import")
+        cameras, remarks = read_any(source, kind, size_px, units, scale, world)
+        write = write_pose2sim if target == "pose2sim" else write_opencv
+        write(out, cameras, up)
+        warn((*remarks, *remarks_on(cameras)), _err)
         say(f"{out}")
     else:
-        said = {
-            "kind": board,
-            "squares": squares,
-            "square_m": square,
-            "marker_m": marker,
-            "dictionary": dictionary,
-            "legacy": legacy,
-        }
+        said: dict[str, Any] = {"kind": board, "squares": squares, "square_m": square, "marker_m": marker}
+        said |= {"dictionary": dictionary, "legacy": legacy}
         if draw is not None:
             draw_board(draw, said, clips, _out)
         elif clips is not None:
             calibrate_by_board(clips, said, lens, out or clips / "calibration.toml", up, _out, _err)
 
 
-def _check_one_is_asked_for(
-    clips: options.ClipsArgument, draw: options.DrawOption, *others: options.CheckOption
-) -> None:
+def _check_one_is_asked_for(clips: Path | None, draw: Path | None, *others: Path | None) -> None:
     """Raise UserError unless one thing is asked for; a board may be drawn as the clips' board.toml says."""
     asked = sum(given is not None for given in (clips, *others))
     if (draw is None and asked != 1) or (draw is not None and any(other is not None for other in others)):

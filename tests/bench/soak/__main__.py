@@ -18,7 +18,7 @@ from bench.soak.fire import BrokenServiceError
 from bench.soak.kills import kill_at_random, show_kills
 from bench.soak.memory import MOST_GROWTH_MIB, show_memory, watch_memory
 from services.mocap.errors import UserError
-from services.runs.failures import Interrupted, ServiceFailedError
+from services.runs import Interrupted, ServiceFailedError
 
 app = typer.Typer(
     no_args_is_help=True,

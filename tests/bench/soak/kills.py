@@ -21,7 +21,7 @@ from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
 from services.runs.launcher import Launcher, free_endpoint
 from services.runs.progress import Progress
-from services.runs.track import Job, track
+from services.runs.track import TakeJob, track
 
 _CAMERAS = 4
 _WORKERS = 4
@@ -105,11 +105,11 @@ def _run(take: Path, out: Path, injector: FaultInjector | None) -> _Outcome:
                 injector.begin(launcher, stopwatch)
 
         try:
-            job = Job(
-                opened,
-                out,
-                range(opened.settings.frames),
-                _WORKERS,
+            job = TakeJob(
+                take=opened,
+                out=out,
+                frames=range(opened.settings.frames),
+                workers=_WORKERS,
                 overlay=False,
                 engine=EngineSettings(threads=1),
                 search=_SEARCH,

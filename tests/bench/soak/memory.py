@@ -22,7 +22,7 @@ from services.mocap.take.layout import SETTINGS, silhouette_folder, silhouette_p
 from services.mocap.take.settings import read_settings, write_settings
 from services.runs.launcher import SERVICES, Launcher
 from services.runs.progress import Progress
-from services.runs.track import Job, track
+from services.runs.track import TakeJob, track
 from services.segmentation.files import write_silhouettes
 
 _MOTION_FRAMES = 30
@@ -73,11 +73,11 @@ def watch_memory(frames: int, progress: Callable[[int], None]) -> Report:
                 _look(launchers[0], run.frames_done, report)
                 progress(run.frames_done)
 
-        job = Job(
-            opened,
-            Path(temporary) / "out",
-            range(frames),
-            _WORKERS,
+        job = TakeJob(
+            take=opened,
+            out=Path(temporary) / "out",
+            frames=range(frames),
+            workers=_WORKERS,
             overlay=False,
             engine=EngineSettings(threads=1),
             search=SearchSettings(),

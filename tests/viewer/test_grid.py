@@ -2,15 +2,14 @@
 
 import pytest
 
-from services.viewer import send_pacing
-from services.viewer.send_pacing import Connection, SendPacing
+from services.viewer.grid import Connection, SendPacing
 
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Its one number is the time."""
     now = [100.0]
-    monkeypatch.setattr(send_pacing.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr("services.viewer.grid.time.monotonic", lambda: now[0])
     return now
 
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
+from services.viewer.controls import Player
 from services.viewer.frame_history import FrameHistory, SolvedFrame
-from services.viewer.player import Player
 
 
 @pytest.fixture

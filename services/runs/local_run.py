@@ -1,0 +1,237 @@
+"""What tracking a recorded take and tracking live have in common: processes started, followed, and ended."""
+
+import json
+import re
+import shutil
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from proto.messages import Telemetry
+from services.mocap.atomic import atomic_file
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.energy.detail.cache import levels_of
+from services.mocap.energy.settings import EngineSettings
+from services.mocap.motion.settings import OutputSettings
+from services.mocap.result.layout import LOGS, RUN_JSON
+from services.mocap.search.settings import SearchSettings
+from services.options import (
+    DEFAULT_OUTPUT,
+    DEFAULT_SEGMENTER,
+    engine_arguments,
+    keys_of_client,
+    output_arguments,
+    search_arguments,
+)  # fmt: skip
+from services.runs import ServiceFailedError
+from services.runs.launcher import SERVICES, Launcher
+from services.runs.progress import Progress, ProgressWatch
+
+LOOK_S = 0.2
+_LEAVE_S = 10.0
+"""How long a coordinator may take to end after the recorder."""
+_STARTING_S = 10.0
+"""How long a recorder may take to start."""
+_CHECKS_S, _CHECK_LOOK_S = 20.0, 0.05
+"""How long segmentation may take for its last checks."""
+
+Words = tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What every run is told."""
+
+    out: Path
+    """The folder of the results."""
+    workers: int
+    """Limb workers."""
+    engine: EngineSettings
+    """Of the coordinator and every worker."""
+    search: SearchSettings
+    """Of the coordinator, whose tasks carry them."""
+    output: OutputSettings = DEFAULT_OUTPUT
+    """How the recorder makes results of the poses."""
+    segmenter: str = DEFAULT_SEGMENTER
+    """What makes the silhouettes."""
+    page: str | None = None
+    """Where browsers can watch, as HOST:PORT; None: nowhere."""
+    keys: Path | None = None
+    """The folder that xormocap keys made, where the coordinator listens beyond this machine."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What tells one kind of run from another."""
+
+    source: Path
+    """The take, or what names the cameras."""
+    endpoint: str
+    """Where the coordinator listens."""
+    coordinator: Words = ()
+    limb_worker: Words = ()
+    recorder: Words = ()
+    """Further arguments of these."""
+    segmentation: Sequence[Words]
+    """Further arguments of each process of segmentation."""
+    actor: Actor | None = None
+    """Whose body is thinned before all start, so that not every process does it at the same time."""
+    first_frame: int = 0
+    rate_s: float
+    """Over how long the rate of frames is shown."""
+    lasting: Words
+    """Kinds of processes whose end is waited for, beside the recorder's."""
+    alone_s: float
+    """How long after the coordinator's end a recorder that still waits for it is left waiting."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run has ended."""
+
+    logs: Path
+    """A temporary folder."""
+    was_stopped: bool
+    told: Telemetry | None
+    """What the coordinator said last."""
+
+
+class StopSignals:
+    """Counts SIGINT and SIGTERM inside its block: the first ends a run in order, the second at once."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __enter__(self) -> Self:
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        self._before = {number: signal.signal(number, self._note) for number in numbers}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _note(self, *_: object) -> None:
+        self.count += 1
+
+
+def run_services(
+    job: Job,
+    plan: Plan,
+    show: Callable[[Progress], None],
+    warn: Callable[[str], None],
+    started: Callable[[Launcher], None],
+) -> Ended:
+    """Start all processes, and watch until they have ended or a second stop is asked for.
+
+    warn is called with each warning of the services at the end; started once with the launcher when all
+    processes run. Raises UserError, or ServiceFailedError, after which the logs stay.
+    """
+    logs = Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
+    kinds = [kind for kind in SERVICES if kind != "viewer" or job.page is not None]
+    try:
+        with StopSignals() as stop, Launcher(logs, kinds) as launcher:
+            if plan.actor is not None and job.search.detail_px > 0:
+                levels_of(build_body(plan.actor))
+            _start(launcher, job, plan)
+            started(launcher)
+            told = _follow(launcher, job, plan, stop, show)
+            for service in ("segmentation", "coordinator", "recorder"):
+                for sentence in launcher.warnings(service):
+                    warn(sentence)
+    except ServiceFailedError as error:
+        raise ServiceFailedError(f"{error}; the logs are in {logs}") from None
+    return Ended(logs, stop.count > 0, told)
+
+
+def _start(launcher: Launcher, job: Job, plan: Plan) -> None:
+    """Start all processes of a run."""
+    source, connect = ("--take", str(plan.source)), ("--connect", _from_here(plan.endpoint))
+    energy, keys = engine_arguments(job.engine), _keys(job)
+    expected = ("--workers", str(job.workers), "--recorders", "1")
+    settings = (*energy, *search_arguments(job.search), "--segmenter", job.segmenter)
+    launcher.start(
+        "coordinator", *source, "--bind", plan.endpoint, *expected, *settings, *plan.coordinator, *keys
+    )
+    launcher.start("limb_worker", *connect, *energy, *plan.limb_worker, *keys, copies=job.workers)
+    for cameras in plan.segmentation:
+        start_segmentation(launcher, job, plan.source, _from_here(plan.endpoint), cameras)
+    results = ("--out", str(job.out), *output_arguments(job.output), *plan.recorder)
+    launcher.start("recorder", *source, *connect, *results, *keys)
+    if job.page is not None:
+        page = ("--bind", job.page, "--results", str(job.out))
+        launcher.start("viewer", *source, *connect, *page, *keys)
+
+
+def start_segmentation(launcher: Launcher, job: Job, source: Path, endpoint: str, cameras: Words) -> None:
+    """Start one process of segmentation; cameras: further arguments."""
+    words = ("--take", str(source), "--connect", endpoint, "--segmenter", job.segmenter)
+    launcher.start("segmentation", *words, *cameras, *_keys(job))
+
+
+def _keys(job: Job) -> Words:
+    return () if job.keys is None else ("--keys", str(job.keys))
+
+
+def _from_here(endpoint: str) -> str:
+    """Where processes on this machine find a coordinator that listens at every address."""
+    return re.sub(r"^tcp://(\*|0\.0\.0\.0):", "tcp://127.0.0.1:", endpoint)
+
+
+def _follow(
+    launcher: Launcher, job: Job, plan: Plan, stop: StopSignals, show: Callable[[Progress], None]
+) -> Telemetry | None:
+    """Watch until all is written, or a second stop is asked for; returns the last telemetry."""
+    ended_s, keys = dict[str, float](), keys_of_client(job.keys, "viewer")
+    with closing(ProgressWatch(_from_here(plan.endpoint), keys, plan.first_frame, plan.rate_s)) as watch:
+        while stop.count < 2:
+            if launcher.is_done("recorder") and all(map(launcher.has_ended, plan.lasting)):
+                break
+            launcher.watch(over=SERVICES if "recorder" in ended_s else ())
+            watch.listen(LOOK_S)
+            progress = watch.progress(launcher.is_done("coordinator"))
+            show(progress)
+            for name in ("coordinator", "recorder"):
+                if launcher.is_done(name):
+                    ended_s.setdefault(name, time.monotonic())
+            if stop.count:
+                launcher.tell_to_stop("coordinator")
+            if "coordinator" in ended_s:
+                alone_s = time.monotonic() - ended_s["coordinator"]
+                alone_s = min(alone_s, launcher.up_s("recorder") - _STARTING_S)
+                if alone_s > plan.alone_s or (stop.count and not progress.frames_done):
+                    launcher.tell_to_stop("recorder")  # it writes what it has
+            elif "recorder" in ended_s and time.monotonic() - ended_s["recorder"] > _LEAVE_S:
+                break
+        launcher.watch(over=SERVICES if launcher.is_done("recorder") else ())
+    deadline_s = time.monotonic() + _CHECKS_S  # of all clean plates: after a few frames some may be left
+    while not stop.count and time.monotonic() < deadline_s and not launcher.has_ended("segmentation"):
+        time.sleep(_CHECK_LOOK_S)
+    return watch.told
+
+
+def written_ns(folder: Path) -> int | None:
+    """When a folder's results were written; None without any."""
+    report = folder / RUN_JSON
+    return report.stat().st_mtime_ns if report.exists() else None
+
+
+def keep_logs(logs: Path, folder: Path) -> None:
+    """Move the logs of a run to its results."""
+    shutil.rmtree(folder / LOGS, ignore_errors=True)
+    shutil.move(logs, folder / LOGS)
+
+
+@contextmanager
+def completed_report(folder: Path, segmenter: str) -> Iterator[dict[str, Any]]:
+    """The run.json of a folder of results, to be added to; what segmented is in it already."""
+    report: dict[str, Any] = json.loads((folder / RUN_JSON).read_text())
+    report["settings"]["segmenter"] = segmenter
+    yield report
+    with atomic_file(folder / RUN_JSON) as part:
+        part.write_text(json.dumps(report, indent=2) + "\n")
