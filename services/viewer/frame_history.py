@@ -9,31 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.take.marks import PARTS
+from services.mocap.take.marks import DISTRUSTED
+from services.mocap.take.quantities import QUANTITIES
 from services.mocap.types import Floats, Ints, Mask
 from services.viewer.metrics import FRAMES
 
 RING_FRAMES = 4096
 """Frames kept in memory, at about 0.5 KB each; two to three minutes of a take at 25 frames per second."""
-STAGES = ("torso", "limbs", "head", "left_arm", "right_arm", "left_leg", "right_leg", "frame")
-"""What a frame's time is told of; limbs are solved side by side, frame is all from one to the next."""
+ON_PAGE = tuple(row for row in QUANTITIES if row.labels and not row.is_live)
+"""Quantities that a page may show; those of cameras are not among them."""
 _FETCHED_FRAMES = 512
 """Older frames that are kept after somebody asked for them."""
 _MOST_BINS = 600
+_COLUMNS = [(row.name, label) for row in ON_PAGE for label in row.labels]
+_COLUMNS_OF = {row.name: [k for k, (name, _) in enumerate(_COLUMNS) if name == row.name] for row in ON_PAGE}
 _ROW = np.dtype(
     [
         ("frame", "i4"),
         ("time_s", "f8"),
         ("pose", "f8", N_DOF),
-        ("energy_px", "f8"),
-        ("confidence", "f8", len(PARTS)),
-        ("distrusted", "?", len(PARTS)),
-        ("part_px", "f8", len(PARTS)),
-        ("seconds", "f8", len(STAGES)),
+        ("numbers", "f8", len(_COLUMNS)),
         ("arrived_s", "f8"),
     ]
 )
-_CURVES = ("frame", "energy_px", "confidence", "part_px", "seconds", "arrived_s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,17 +42,24 @@ class SolvedFrame:
     time_s: float
     pose: Floats
     """(35,) in metres and radians, z-up world."""
-    energy_px: float
-    confidence: Floats
-    """(6,) of PARTS, 0 to 1; NaN where a part was not judged."""
-    distrusted: Mask
-    """(6,) parts that must not be trusted."""
-    part_px: Floats
-    """(6,) of PARTS, the energy near each; NaN where nobody counted it."""
-    seconds: Floats
-    """(8,) of STAGES; NaN where it is not known."""
+    numbers: Floats
+    """(K,) of each label of each quantity ON_PAGE, in their order; NaN where it is not known."""
     arrived_s: float = np.nan
     """When the viewer got it (time.monotonic); NaN for finished takes."""
+
+    def of(self, quantity: str) -> Floats:
+        """A quantity's numbers (k,), one for each of its labels."""
+        return self.numbers[_COLUMNS_OF[quantity]]
+
+    @property
+    def energy_px(self) -> float:
+        """Differing pixels, over all cameras."""
+        return float(self.of("energy_px")[0])
+
+    @property
+    def distrusted(self) -> Mask:
+        """(6,) parts that must not be trusted."""
+        return self.of(DISTRUSTED) > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +67,12 @@ class Stretch:
     """Consecutive known frames (N), in increasing order, as arrays: what curves are drawn from."""
 
     frames: Ints
-    energy_px: Floats
-    confidence: Floats
-    """(N, 6)"""
-    part_px: Floats
-    """(N, 6)"""
-    seconds: Floats
-    """(N, 8)"""
-    arrived_s: Floats
+    numbers: Floats
+    """(N, K) as SolvedFrame has them."""
+
+    def of(self, quantity: str) -> Floats:
+        """A quantity (N, k), a column for each of its labels."""
+        return self.numbers[:, _COLUMNS_OF[quantity]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,13 +208,13 @@ class FrameHistory:
         """What is at hand of frames start up to and without stop."""
         wanted = np.arange(max(start, self.frames.start), min(stop, self.frames.stop))
         if not len(wanted):
-            return Stretch(*(self._rows[name][:0].copy() for name in _CURVES))
+            return Stretch(self._rows["frame"][:0].copy(), self._rows["numbers"][:0].copy())
         with self._lock:
             rows = self._rows[wanted % self.capacity]
         for n in np.flatnonzero(rows["frame"] != wanted).tolist():
             self._fill(rows[n], self._at_hand(int(wanted[n])))
         rows = rows[rows["frame"] == wanted]
-        return Stretch(*(rows[name].copy() for name in _CURVES))
+        return Stretch(rows["frame"].copy(), rows["numbers"].copy())
 
     def _at_hand(self, frame: int) -> SolvedFrame | None:
         """A frame that has left the ring, without asking anybody for it."""

@@ -12,10 +12,12 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.errors import TakeError, UserError
 from services.mocap.motion.angles import joint_angles_deg
 from services.mocap.motion.motion import Motion
+from services.mocap.result.frame_files import FRAME_FILES, read_frame_file
 from services.mocap.result.layout import POSES, POSES_SMOOTH, RUN_JSON
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR
-from services.mocap.take.marks import PARTS
+from services.mocap.take.marks import DISTRUSTED, PARTS
+from services.mocap.take.quantities import Labelled
 from services.mocap.take.tables import PoseTable, read_poses_csv, reference_joints
 from services.mocap.types import Floats, Ints, Mask
 
@@ -71,6 +73,24 @@ class Result:
     def angles_deg(self) -> dict[str, Floats]:
         """Anatomical joint angles (N,) in degrees by name, as angles.csv has them."""
         return joint_angles_deg(self.motion.T_world_joint)
+
+    @cached_property
+    def quantities(self) -> dict[str, Labelled]:
+        """What poses.csv, energies.csv and timings.csv know of the N frames, by a quantity's name and label.
+
+        Files that are of other frames do not count. Raises TakeError for those that cannot be read.
+        """
+        known: dict[str, Labelled] = {
+            "energy_px": {"": self.energies_px},
+            "confidence": dict(zip(PARTS, self.confidence.T, strict=True)),
+            DISTRUSTED: dict(zip(PARTS, self.distrusted.T, strict=True)),
+            **{name: {"": values} for name, values in self.tracked.extra.items()},
+        }
+        for path in (self.folder / name for name in FRAME_FILES):
+            frames, values = read_frame_file(path) if path.exists() else (None, {})
+            if frames is not None and np.array_equal(frames, self.frames):
+                known |= values
+        return known
 
     @property
     def energies_px(self) -> Floats:

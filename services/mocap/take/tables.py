@@ -15,6 +15,7 @@ from services.mocap.body.skeleton import DOFS, JOINT_INDEX
 from services.mocap.errors import TakeError
 from services.mocap.take.csv_columns import Columns, as_cells, read_columns, write_columns
 from services.mocap.take.marks import MARK_COLUMNS, Marks, mark_cells, read_marks
+from services.mocap.take.quantities import FURTHER
 from services.mocap.types import Floats, Ints
 
 REFERENCE_JOINTS: tuple[str, ...] = (
@@ -31,6 +32,7 @@ REFERENCE_JOINTS: tuple[str, ...] = (
 
 _JOINT_COLUMNS = [f"{joint}_{axis}" for joint in REFERENCE_JOINTS for axis in "xyz"]
 _POSE_COLUMNS = [dof.column for dof in DOFS]
+_DIGITS = {row.column.format(label): row.digits for row in FURTHER for label in row.labels}
 _LARGEST_FRAME = 2**31 - 1
 
 
@@ -101,7 +103,7 @@ def write_poses_csv(path: Path, table: PoseTable) -> None:
     }
     columns["energy_px"] = as_cells("energy_px", table.energies_px, ".10g")
     columns |= {} if table.marks is None else mark_cells(table.marks)
-    columns |= {name: as_cells(name, values, ".10g") for name, values in table.extra.items()}
+    columns |= {name: as_cells(name, x, _DIGITS.get(name, ".10g")) for name, x in table.extra.items()}
     write_columns(path, columns)
 
 
