@@ -23,8 +23,7 @@ from services.mocap.export.formats import DEFAULT_FORMATS, FormatName, write_for
 from services.mocap.motion.settings import OutputSettings as OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.layout import RUN_JSON
-from services.mocap.result.result import Result, load_result
-from services.mocap.result.writing import write_tracked
+from services.mocap.result.result import Result, load_result, write_tracked
 from services.mocap.search.chains import distrusted_values
 from services.mocap.search.first_frame import solve_first_frame
 from services.mocap.search.found import FrameSolution

@@ -14,8 +14,7 @@ from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.frame_files import write_frame_files
 from services.mocap.result.layout import OVERLAY, RUN_JSON
-from services.mocap.result.result import load_result
-from services.mocap.result.writing import write_tracked
+from services.mocap.result.result import load_result, write_tracked
 from services.mocap.search.chains import distrusted_values
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import Marks
@@ -25,7 +24,7 @@ from services.mocap.types import Ints
 from services.recorder.collection import Collection
 from services.recorder.live import increasing, is_live
 from services.recorder.result_folder import results_into
-from services.recorder.run_report import Motion, write_run_json
+from services.recorder.run_report import write_run_json
 
 log = logging.getLogger(__name__)
 
@@ -67,14 +66,15 @@ def write_results(
         extra = further_columns(recorded, is_live=live)
         table = PoseTable(frames, times_s, poses, energies_px, extra, marks)
         smooth = shown if output.smooth != "none" else None
-        joints_world_m = write_tracked(part, table, actor, take.settings.up, smooth)
+        joints_world_m = {"accuracy": write_tracked(part, table, actor, take.settings.up, smooth)}
+        if smooth is not None:
+            joints_world_m["accuracy_before_smoothing"] = reference_joints(poses, body.offsets_m)
         stages = sorted({stage for message in recorded for stage in message.seconds})
         write_frame_files(part, frames, recorded, stages, [camera.name for camera in take.cameras])
         if overlay:
             log.info("drawing the overlay")
             write_overlay(part / OVERLAY, take, body, table, hurry)
-        motion = Motion(output, reference_joints(poses, body.offsets_m), joints_world_m, marks)
-        write_run_json(part / RUN_JSON, take, info, actor, recorded, motion)
+        write_run_json(part / RUN_JSON, take, info, actor, recorded, marks, output, joints_world_m)
         formats = [name for name in DEFAULT_FORMATS if report or name != "report"]
         write_defaults(part, load_result(part), formats, log.warning)
     return is_whole

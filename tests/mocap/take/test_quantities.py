@@ -15,7 +15,11 @@ ROWS = {row.name: row for row in QUANTITIES}
 
 def test_rows_have_names_of_their_own_and_are_fields_or_explained() -> None:
     assert len(ROWS) == len(QUANTITIES)
-    columns = [(row.file, row.column.format(label)) for row in QUANTITIES for label in row.labels]
+    columns = [
+        (row.file, column)
+        for row in QUANTITIES
+        for column in {row.column.format(label) for label in row.labels}
+    ]
     assert len(columns) == len(set(columns))
     for row in QUANTITIES:
         assert (row.name in Pose.model_fields) != bool(row.meaning), row.name
