@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 7
+PROTOCOL_VERSION = 8
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
 MAX_TOLD = 200
@@ -38,6 +38,9 @@ Share: TypeAlias = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Setting: TypeAlias = bool | _Whole | _Number | _Text | list[_Whole] | list[_Number]
 Memory: TypeAlias = Annotated[
     dict[Name, Annotated[list[_Whole], Field(max_length=100)]], Field(max_length=20)
+]
+Measured: TypeAlias = Annotated[
+    dict[Name, Annotated[list[Scalar], Field(max_length=MAX_CAMERAS)]], Field(max_length=50)
 ]
 Settings: TypeAlias = Annotated[dict[Name, Setting], Field(max_length=100)]
 
@@ -267,18 +270,12 @@ class Pose(OfRun, type="pose"):
     """Wall time in seconds per stage: torso (or the whole body's alignment), head, limbs; by a limb's name
     what solving it took; frame: since the frame before was published; overhead: the coordinator's processor
     time that went into anything but fitting."""
-    prior: Scalar = 0.0
-    """What being off the pose that is likely without looking counts, beside the energy: the settings
-    steadiness and rest."""
     confidence: Annotated[dict[Part, Share], Field(max_length=6)] = Field(default_factory=dict)
     """How far each part may be trusted in this frame, from 0 to 1; a part that is left out was not judged."""
     distrusted: Annotated[list[Part], Field(max_length=6)] = Field(default_factory=list)
     """Parts that must not be trusted in this frame, none twice; the torso stands for the whole body."""
-    part_px: Annotated[dict[Part, Count], Field(max_length=6)] = Field(default_factory=dict)
-    """The energy by the part that each differing pixel is nearest to; empty where nobody counted."""
-    iou: Annotated[list[Share], Field(max_length=256)] = Field(default_factory=list)
-    """Intersection over union of the body and the silhouette in each camera; 1 where neither shows anything;
-    empty where nobody counted."""
+    measured: Measured = Field(default_factory=dict)
+    """What else was measured of the frame, by name (see What is measured of a frame)."""
     memory: Memory = Field(default_factory=dict)
     """What the coordinator knows by then beside the last two poses, for one that goes on after it."""
     shot: Count = 0

@@ -22,8 +22,7 @@ from services.mocap.export.formats import DEFAULT_FORMATS, FormatName, write_for
 from services.mocap.motion.settings import OutputSettings as OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.layout import RUN_JSON
-from services.mocap.result.result import Result, load_result
-from services.mocap.result.writing import write_tracked
+from services.mocap.result.result import Result, load_result, write_tracked
 from services.mocap.search.chains import distrusted_values
 from services.mocap.search.first_frame import solve_first_frame
 from services.mocap.search.found import FrameSolution
@@ -35,6 +34,7 @@ from services.mocap.take.actor_file import take_actor as take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.folder import open_take as open_take
 from services.mocap.take.marks import Marks
+from services.mocap.take.quantities import further_columns
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import Floats
 from services.recorder.result_folder import results_into
@@ -159,7 +159,7 @@ def write_result(
         np.array([frame.time_s for frame in solved]),
         poses,
         np.array([frame.solution.energy_px for frame in solved]),
-        extra={"prior": np.array([frame.solution.prior for frame in solved])},
+        extra=further_columns([frame.solution for frame in solved], is_live=False),
         marks=(marks := Marks.of([frame.solution for frame in solved])),
     )
     settings, smooth = take.settings, None

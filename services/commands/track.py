@@ -20,7 +20,6 @@ from services.mocap.errors import UserError
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
-from services.mocap.take.frame_range import frame_range
 from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_OUTPUT,
@@ -88,7 +87,7 @@ def track(
     job = TakeJob(
         take=opened,
         out=out or Path("results") / take.resolve().name,
-        frames=frame_range(frames, opened),
+        frames=opened.frame_range(frames),
         workers=workers,
         overlay=overlay,
         engine=engine,

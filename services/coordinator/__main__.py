@@ -24,7 +24,6 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, fitted_pose
 from services.mocap.take.folder import Take
-from services.mocap.take.frame_range import frame_range
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.live import open_source
 from services.options import (
@@ -83,7 +82,7 @@ def main(
         engine_choice = engine_settings(backend, threads)
         search = search_settings(changes or [], settings, len(opened.cameras), preset)
         check_cost(engine_choice, search.cost)
-        plan = _plan(opened, frame_range(frames, opened), search, segmenter, fitted)
+        plan = _plan(opened, opened.frame_range(frames), search, segmenter, fitted)
         with open_engine(engine_choice) as engine:
             log.info("%s", engine)
             Session(plan, engine, bind, stop, admission).run(workers, recorders, _CLIENTS_S)

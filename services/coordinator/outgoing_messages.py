@@ -100,13 +100,13 @@ class OutgoingMessages:
     ) -> Pose:
         """A solved frame, by its number. seconds: since the one before; memory: of what goes on after it."""
         self._seconds = {**solution.seconds, **solution.limb_seconds, "frame": seconds}
+        live = {"cameras_absent": [float(len(frame.absent))]} if frame.shutter_s is not None else {}
         return Pose(
             take=self.take,
             run=self.run,
             frame=number,
             time_s=frame.time_s,
             energy_px=solution.energy_px,
-            prior=solution.prior,
             passes=solution.passes,
             evaluations=solution.evaluations,
             workers=dispatcher.n_workers,
@@ -116,8 +116,7 @@ class OutgoingMessages:
             seconds=self._seconds,
             confidence=solution.confidence,
             distrusted=solution.distrusted,
-            part_px=solution.part_px,
-            iou=solution.iou,
+            measured=solution.measured | live,
             memory=memory,
             shot=frame.shot,
             latency_s=latency_s,

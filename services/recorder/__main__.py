@@ -119,7 +119,7 @@ def serve(
     take = open_source(take_folder)
     about(take=take.settings.name)
     check_out(out)
-    store, is_whole = Store.in_folder(partial_of(out)), False
+    store, is_whole = Store(partial_of(out)), False
     try:
         clear_leftovers(out)
         listener = Listener(take.settings.name, endpoint, store, keys)

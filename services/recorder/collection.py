@@ -36,7 +36,7 @@ class Collection:
             self._describe(message)
         if store.frames:
             self._run = store.pose(store.frames[0]).run
-        if self.info is not None and self._count_held() == self.info.end_frame:
+        if self.info is not None and self.held_end == self.info.end_frame:
             self._end = self.info.end_frame  # nothing can follow
 
     def add(self, message: TakeInfo | Pose | TakeEnd | Blob) -> None:
@@ -109,35 +109,31 @@ class Collection:
         if self.info is None:
             return None
         end = self._end if self._end is not None else self._store.last_frame
-        first = self._count_held()
+        first = self.held_end
         if first >= end:
             return None
         return first, next((f for f in range(first, end) if f in self._store), end)
 
-    def _count_held(self) -> int:
+    @property
+    def held_end(self) -> int:
         """One past the last frame before which all are here."""
         while self.info is not None and self._held_end in self._store:
             self._held_end += 1
         return self._held_end
 
     @property
-    def held_end(self) -> int:
-        """One past the last frame before which all are here."""
-        return self._count_held()
-
-    @property
     def n_recorded(self) -> int:
         """Poses from the first frame on up to the first that is missing."""
-        return 0 if self.info is None else self._count_held() - self.info.first_frame
+        return 0 if self.info is None else self.held_end - self.info.first_frame
 
     def recorded(self) -> list[Pose]:
         """The poses from the first frame on up to the first that is missing."""
-        end = self._count_held()
+        end = self.held_end
         return [self._store.pose(frame) for frame in range(end - self.n_recorded, end)]
 
     def recording(self, take: str) -> Recording:
         """What is here, for a coordinator that may have to go on from it."""
-        info, end = self.info, self._count_held()
+        info, end = self.info, self.held_end
         last = self._store.pose(end - 1) if self.n_recorded else None
         remembered = range(max(end - _REMEMBERED, end - self.n_recorded), end)
         poses = np.array([self._store.pose(frame).pose for frame in remembered], np.float64)

@@ -18,17 +18,6 @@ def is_live(info: TakeInfo) -> bool:
     return info.end_frame == OPEN_END
 
 
-def live_columns(info: TakeInfo, recorded: Sequence[Pose]) -> dict[str, Floats]:
-    """Further columns (N,) of poses.csv; none for recorded takes."""
-    if not is_live(info):
-        return {}
-    return {
-        "shot": np.array([message.shot for message in recorded], np.float64),
-        "latency_s": np.array([message.latency_s for message in recorded]),
-        "cameras_absent": np.array([len(message.absent) for message in recorded], np.float64),
-    }
-
-
 def increasing(times_s: Floats) -> Floats:
     """Times (N,) with those moved on that are not later than the one before: cameras' stamps may jitter."""
     steps_s = np.arange(len(times_s)) * _LEAST_STEP_S

@@ -1,37 +1,30 @@
 """A take's results as files."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from proto.messages import Pose
 from services.mocap.body.actor import build_body
 from services.mocap.errors import UserError
 from services.mocap.export.formats import DEFAULT_FORMATS, write_defaults
 from services.mocap.export.take_overlay import write_overlay
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
-from services.mocap.result.energies import Energies, write_energies_csv
-from services.mocap.result.layout import (
-    ENERGIES,
-    OVERLAY,
-    RUN_JSON,
-    TIMINGS,
-)
-from services.mocap.result.result import load_result
-from services.mocap.result.timings import write_timings_csv
-from services.mocap.result.writing import write_tracked
+from services.mocap.result.frame_files import write_frame_files
+from services.mocap.result.layout import OVERLAY, RUN_JSON
+from services.mocap.result.result import load_result, write_tracked
 from services.mocap.search.chains import distrusted_values
 from services.mocap.take.folder import Take
-from services.mocap.take.marks import PARTS, Marks
+from services.mocap.take.marks import Marks
+from services.mocap.take.quantities import further_columns
 from services.mocap.take.tables import PoseTable, reference_joints
 from services.mocap.types import Ints
 from services.recorder.collection import Collection
-from services.recorder.live import increasing, live_columns
+from services.recorder.live import increasing, is_live
 from services.recorder.result_folder import results_into
-from services.recorder.run_report import Motion, write_run_json
+from services.recorder.run_report import write_run_json
 
 log = logging.getLogger(__name__)
 
@@ -63,38 +56,25 @@ def write_results(
     frames: Ints = np.array([message.frame for message in recorded], np.int32)
     times_s = np.array([message.time_s for message in recorded])
     energies_px = np.array([message.energy_px for message in recorded])
-    priors = np.array([message.prior for message in recorded])
     poses = np.array([message.pose for message in recorded])
     marks = Marks.of(recorded)
-    live = live_columns(info, recorded)
+    live = is_live(info)
     times_s = increasing(times_s)
     shown = smoothed(poses, info.fps, output, distrusted_values(marks), times_s if live else None)
     is_whole = collection.complete if live else len(recorded) == info.end_frame - info.first_frame
     with results_into(out, complete=is_whole) as part:
-        table = PoseTable(frames, times_s, poses, energies_px, marks=marks, extra={"prior": priors, **live})
+        extra = further_columns(recorded, is_live=live)
+        table = PoseTable(frames, times_s, poses, energies_px, extra, marks)
         smooth = shown if output.smooth != "none" else None
-        joints_world_m = write_tracked(part, table, actor, take.settings.up, smooth)
-        write_timings_csv(part / TIMINGS, frames, [message.seconds for message in recorded])
-        energies = _energies_of(recorded, [camera.name for camera in take.cameras])
-        if energies is not None:
-            write_energies_csv(part / ENERGIES, energies)
+        joints_world_m = {"accuracy": write_tracked(part, table, actor, take.settings.up, smooth)}
+        if smooth is not None:
+            joints_world_m["accuracy_before_smoothing"] = reference_joints(poses, body.offsets_m)
+        stages = sorted({stage for message in recorded for stage in message.seconds})
+        write_frame_files(part, frames, recorded, stages, [camera.name for camera in take.cameras])
         if overlay:
             log.info("drawing the overlay")
             write_overlay(part / OVERLAY, take, body, table, hurry)
-        motion = Motion(output, reference_joints(poses, body.offsets_m), joints_world_m, marks)
-        write_run_json(part / RUN_JSON, take, info, actor, recorded, motion)
+        write_run_json(part / RUN_JSON, take, info, actor, recorded, marks, output, joints_world_m)
         formats = [name for name in DEFAULT_FORMATS if report or name != "report"]
         write_defaults(part, load_result(part), formats, log.warning)
     return is_whole
-
-
-def _energies_of(recorded: Sequence[Pose], cameras: Sequence[str]) -> Energies | None:
-    """Where some frames differ from what the cameras saw; None where a coordinator has not counted all."""
-    if any(len(message.part_px) < len(PARTS) or len(message.iou) != len(cameras) for message in recorded):
-        return None
-    return Energies(
-        np.array([message.frame for message in recorded], np.int32),
-        np.array([[message.part_px[part] for part in PARTS] for message in recorded], np.float64),
-        cameras,
-        np.array([message.iou for message in recorded]),
-    )

@@ -3,7 +3,7 @@
 import json
 import platform
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,7 @@ from services.mocap.result.layout import ANGLES, BVH, C3D, GLB, JOINTS, POSES_SM
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import REFERENCE_JOINTS_CSV
 from services.mocap.take.marks import PARTS, Marks
-from services.mocap.take.tables import read_joints_csv
-from services.mocap.take.world import from_take_world
+from services.mocap.take.tables import from_take_world, read_joints_csv
 from services.mocap.types import Floats
 from services.recorder.live import is_live, live_report, rate_fps
 
@@ -31,22 +30,20 @@ _LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 """Stages that five machines would go through side by side, where a coordinator books them one by one."""
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """What was made of the recorded poses."""
-
-    output: OutputSettings
-    tracked_world_m: Floats
-    """(N, 15, 3) joints as they were tracked."""
-    written_world_m: Floats
-    """(N, 15, 3) joints as joints.csv has them, smoothed where that was asked for."""
-    marks: Marks
-
-
 def write_run_json(
-    path: Path, take: Take, info: TakeInfo, actor: Actor, recorded: list[Pose], motion: Motion
+    path: Path,
+    take: Take,
+    info: TakeInfo,
+    actor: Actor,
+    recorded: list[Pose],
+    marks: Marks,
+    output: OutputSettings,
+    joints_world_m: Mapping[str, Floats],
 ) -> None:
-    """Write the report of the recorded poses (N), and of the motion that was made of them."""
+    """Write the report of the recorded poses (N).
+
+    joints_world_m: joints (N, 15, 3) of which the report tells the accuracy, by the name that it has there.
+    """
     report: dict[str, Any] = {
         "take": {
             "name": info.take,
@@ -62,7 +59,7 @@ def write_run_json(
             **{name: version(name) for name in _LIBRARIES},
         },
         "settings": _settings(info, recorded),
-        "output": _output(motion.output),
+        "output": _output(output),
         "units": {"length": "m", "angle": "rad", "energy": "px", "time": "s", "bvh_length": "m"},
         "actor": actor.model_dump(),
         "speed": _speed(recorded),
@@ -70,15 +67,12 @@ def write_run_json(
             "median": float(np.median([message.energy_px for message in recorded])),
             "largest": max(message.energy_px for message in recorded),
         },
-        "trust": _trust(motion.marks),
+        "trust": _trust(marks),
     }
     if is_live(info):
         report["live"] = live_report(info, recorded)
-    of_motion = {"accuracy": motion.written_world_m}
-    if motion.output.smooth != "none":
-        of_motion["accuracy_before_smoothing"] = motion.tracked_world_m
-    for name, joints_world_m in of_motion.items():
-        accuracy = _accuracy(take, recorded, joints_world_m, is_of_shots=is_live(info))
+    for name, joints_m in joints_world_m.items():
+        accuracy = _accuracy(take, recorded, joints_m, is_of_shots=is_live(info))
         if accuracy is not None:
             report[name] = accuracy
     path.write_text(json.dumps(report, indent=2) + "\n")

@@ -8,15 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
 
+from proto.framing import MalformedMessage, decode
 from proto.messages import Pose, PoseRequest, TakeInfo
 from services.mocap.errors import TakeError
 from services.mocap.result.layout import journal_of
-from services.mocap.take.journal_index import JournalIndex
-from services.mocap.take.marks import PARTS
+from services.mocap.take.quantities import numbers_of
 from services.viewer.finished import FinishedTake
-from services.viewer.frame_history import STAGES, SolvedFrame
+from services.viewer.frame_history import ON_PAGE, SolvedFrame
+from services.viewer.journal_index import JournalIndex
 
 CHUNK_FRAMES = 64
 """Poses that the coordinator sends at one request, at most."""
@@ -54,16 +54,14 @@ class Archive:
         try:
             record = self._journal.pose(frame)
             self._problem = f"{self._journal.path} does not hold it"
-            if record is None:
-                return None
-            arrays = {name: np.array(array) for name, array in record.arrays.items()}
-            return solved_frame_of(Pose.model_validate(record.fields | arrays))
+            message = None if record is None else decode(record)
+            return solved_frame_of(message) if isinstance(message, Pose) else None
         except FileNotFoundError:  # not yet, or no longer, since all is among the results
             self._problem = f"there is no journal at {self._journal.path}"
             return self._finished.solved(frame) if self.is_over else None
         except (OSError, TakeError) as problem:
             self._problem = f"the recorder's journal cannot be read: {problem}"
-        except (KeyError, TypeError, ValidationError):
+        except MalformedMessage:
             self._problem = f"{self._journal.path} was written by another version"
         return None
 
@@ -86,11 +84,7 @@ def solved_frame_of(message: Pose) -> SolvedFrame:
         frame=message.frame,
         time_s=message.time_s,
         pose=message.pose,
-        energy_px=message.energy_px,
-        confidence=np.array([message.confidence.get(part, np.nan) for part in PARTS]),
-        distrusted=np.array([part in message.distrusted for part in PARTS]),
-        part_px=np.array([message.part_px.get(part, np.nan) for part in PARTS]),
-        seconds=np.array([message.seconds.get(stage, np.nan) for stage in STAGES]),
+        numbers=np.array([number for row in ON_PAGE for number in numbers_of(message, row, row.labels)]),
     )
 
 

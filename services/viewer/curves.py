@@ -10,9 +10,9 @@ import numpy as np
 import viser
 import viser.uplot
 
-from services.mocap.take.marks import PARTS, Part
+from services.mocap.take.quantities import QUANTITIES, STAGES, Quantity
 from services.mocap.types import Floats, Ints
-from services.viewer.frame_history import STAGES, FrameHistory, Stretch
+from services.viewer.frame_history import FrameHistory, Stretch
 
 SPAN_FRAMES = 300
 """Frames that the curves show, of which those up to the one that is shown are shaded."""
@@ -20,6 +20,7 @@ _HEIGHT_PX = 130
 _PAST = "rgba(16, 42, 67, 0.07)"
 _COLOURS = ("#486581", "#2f9e44", "#f35e00", "#1e96f0", "#9c36b5", "#a67c00")
 _SHOWN_STAGES = ("torso", "limbs", "head", "frame")
+_MARGIN = 1.02
 _STAGE_WORDS = {"torso": "whole body", "limbs": "limbs", "head": "head", "frame": "frame in all"}
 
 
@@ -39,19 +40,25 @@ class Curves:
 
     def __init__(self, gui: viser.GuiApi, history: FrameHistory) -> None:
         self._history = history
-        parts = [_words(part) for part in PARTS]
-        known: tuple[tuple[_Chart, Callable[[Stretch], Floats]], ...] = (
-            (self._chart(gui, "Energy (differing pixels)", ("energy",)), lambda k: k.energy_px[:, None]),
-            (self._chart(gui, "Energy by the nearest part", parts), lambda k: k.part_px),
-            (self._chart(gui, "Confidence", parts, (0, 1.02)), lambda k: k.confidence),
-            (self._chart(gui, "Milliseconds", [_STAGE_WORDS[n] for n in _SHOWN_STAGES]), _milliseconds),
-            (self._chart(gui, "Frames per second", ("tracked",)), _frames_per_s),
-        )
+        known: list[tuple[_Chart, Callable[[Stretch], Floats]]] = [
+            (self._quantity_chart(gui, row), partial(_shown, row)) for row in QUANTITIES if row.chart
+        ]
+        known.append((self._chart(gui, "Frames per second", ("tracked",)), _frames_per_s))
         self._lag = self._chart(gui, "Seconds that this page is behind", ("behind",))
         self._lags_s: deque[tuple[int, Floats]] = deque(maxlen=SPAN_FRAMES)
         self._turns = deque[Draw]([*(partial(self._draw, *chart) for chart in known), self._draw_lag])
         self._drawn: dict[Draw, int] = {}
         """The frame that each was drawn about last."""
+
+    @classmethod
+    def _quantity_chart(cls, gui: viser.GuiApi, row: Quantity) -> _Chart:
+        if row.per == "frame":
+            words = [row.name.partition("_")[0]]
+        else:
+            known = _STAGE_WORDS if row.per == "stage" else {}
+            words = [known.get(label, label.replace("_", " ")) for label in _shown_labels(row)]
+        limits = (0.0, _MARGIN * row.most) if np.isfinite(row.most) else None
+        return cls._chart(gui, row.chart, words, limits)
 
     @staticmethod
     def _chart(
@@ -127,19 +134,20 @@ class Curves:
         return has_any
 
 
-def _milliseconds(known: Stretch) -> Floats:
-    """(N, 4) of the stages that are shown."""
-    return 1e3 * known.seconds[:, [STAGES.index(name) for name in _SHOWN_STAGES]]
+def _shown_labels(row: Quantity) -> tuple[str, ...]:
+    return _SHOWN_STAGES if row.per == "stage" else row.labels
+
+
+def _shown(row: Quantity, known: Stretch) -> Floats:
+    """(N, k) of the labels that are shown; seconds as milliseconds."""
+    values = known.of(row.name)[:, [row.labels.index(label) for label in _shown_labels(row)]]
+    return 1e3 * values if row.unit == "s" else values
 
 
 def _frames_per_s(known: Stretch) -> Floats:
     """(N, 1) how fast frames are tracked."""
     with np.errstate(divide="ignore"):
-        return _smooth(1.0 / known.seconds[:, STAGES.index("frame")])[:, None]
-
-
-def _words(part: Part) -> str:
-    return part.replace("_", " ")
+        return _smooth(1.0 / known.of("seconds")[:, STAGES.index("frame")])[:, None]
 
 
 def _smooth(values: Floats, width: int = 9) -> Floats:

@@ -7,13 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.errors import UserError
-from services.mocap.result.energies import read_energies_csv
-from services.mocap.result.layout import ENERGIES, RUN_JSON, TIMINGS
+from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
-from services.mocap.result.timings import read_timings_csv
-from services.mocap.take.marks import PARTS
-from services.mocap.types import Floats
-from services.viewer.frame_history import STAGES, SolvedFrame
+from services.viewer.frame_history import ON_PAGE, SolvedFrame
 
 log = logging.getLogger(__name__)
 
@@ -23,37 +19,20 @@ class FinishedFrames:
 
     def __init__(self, result: Result) -> None:
         """Raises TakeError where energies or the stages' times cannot be read."""
-        self._result, timings = result, result.folder / TIMINGS
+        self._tracked, known = result.tracked, result.quantities
         self.frames = range(int(result.frames[0]), int(result.frames[-1]) + 1)
-        seconds_of = read_timings_csv(timings) if timings.exists() else {}
         unknown = np.full(len(self.frames), np.nan)
-        self._part_px = _part_px(result)
-        self._seconds = np.column_stack([seconds_of.get(stage, unknown) for stage in STAGES])
+        columns = [known.get(row.name, {}).get(label, unknown) for row in ON_PAGE for label in row.labels]
+        self._numbers = np.column_stack(columns).astype(np.float64)
 
     def solved(self, frame: int) -> SolvedFrame | None:
         """A frame; None for one that was not tracked."""
         if frame not in self.frames:
             return None
-        row, tracked = frame - self.frames.start, self._result.tracked
+        row = frame - self.frames.start
         return SolvedFrame(
-            frame=frame,
-            time_s=float(tracked.times_s[row]),
-            pose=tracked.poses[row],
-            energy_px=float(tracked.energies_px[row]),
-            confidence=self._result.confidence[row],
-            distrusted=self._result.distrusted[row],
-            part_px=self._part_px[row],
-            seconds=self._seconds[row],
+            frame, float(self._tracked.times_s[row]), self._tracked.poses[row], self._numbers[row]
         )
-
-
-def _part_px(result: Result) -> Floats:
-    """(N, 6) the energy of each part; NaN where it was not written."""
-    path = result.folder / ENERGIES
-    known = read_energies_csv(path) if path.exists() else None
-    if known is None or not np.array_equal(known.frames, result.frames):
-        return np.full((len(result.frames), len(PARTS)), np.nan)
-    return known.part_px
 
 
 class FinishedTake:

@@ -7,17 +7,20 @@ from typing import Protocol
 
 import numpy as np
 
+from services.mocap.take.marks import DISTRUSTED
+from services.mocap.take.quantities import QUANTITIES
 from services.mocap.types import Floats, Ints, Mask
 from services.viewer.metrics import FRAMES
 
 KEPT_FRAMES = 4096
 """Frames kept in memory, at about 2 KB each; two to three minutes of a take at 25 frames per second."""
-STAGES = ("torso", "limbs", "head", "left_arm", "right_arm", "left_leg", "right_leg", "frame")
-"""What a frame's time is told of; limbs are solved side by side, frame is all from one to the next."""
+ON_PAGE = tuple(row for row in QUANTITIES if row.labels and not row.is_live)
+"""Quantities that a page may show; those of cameras are not among them."""
 _FETCHED_FRAMES = 512
 """Older frames that are kept after somebody asked for them."""
 _MOST_BINS = 600
-_CURVES = ("frame", "energy_px", "confidence", "part_px", "seconds")
+_COLUMNS = [(row.name, label) for row in ON_PAGE for label in row.labels]
+_COLUMNS_OF = {row.name: [k for k, (name, _) in enumerate(_COLUMNS) if name == row.name] for row in ON_PAGE}
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,17 +31,24 @@ class SolvedFrame:
     time_s: float
     pose: Floats
     """(35,) in metres and radians, z-up world."""
-    energy_px: float
-    confidence: Floats
-    """(6,) of PARTS, 0 to 1; NaN where a part was not judged."""
-    distrusted: Mask
-    """(6,) parts that must not be trusted."""
-    part_px: Floats
-    """(6,) of PARTS, the energy near each; NaN where nobody counted it."""
-    seconds: Floats
-    """(8,) of STAGES; NaN where it is not known."""
+    numbers: Floats
+    """(K,) of each label of each quantity ON_PAGE, in their order; NaN where it is not known."""
     arrived_s: float = np.nan
     """When the viewer got it (time.monotonic); NaN for finished takes."""
+
+    def of(self, quantity: str) -> Floats:
+        """A quantity's numbers (k,), one for each of its labels."""
+        return self.numbers[_COLUMNS_OF[quantity]]
+
+    @property
+    def energy_px(self) -> float:
+        """Differing pixels, over all cameras."""
+        return float(self.of("energy_px")[0])
+
+    @property
+    def distrusted(self) -> Mask:
+        """(6,) parts that must not be trusted."""
+        return self.of(DISTRUSTED) > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +56,12 @@ class Stretch:
     """Consecutive known frames (N), in increasing order, as arrays: what curves are drawn from."""
 
     frames: Ints
-    energy_px: Floats
-    confidence: Floats
-    """(N, 6)"""
-    part_px: Floats
-    """(N, 6)"""
-    seconds: Floats
-    """(N, 8)"""
+    numbers: Floats
+    """(N, K) as SolvedFrame has them."""
+
+    def of(self, quantity: str) -> Floats:
+        """A quantity (N, k), a column for each of its labels."""
+        return self.numbers[:, _COLUMNS_OF[quantity]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +192,8 @@ class FrameHistory:
         """What is at hand of frames start up to and without stop."""
         frames = range(max(start, self.frames.start), min(stop, self.frames.stop))
         known = [solved for solved in map(self._at_hand, frames) if solved is not None]
-        return Stretch(*(np.array([getattr(solved, name) for solved in known]) for name in _CURVES))
+        numbers = np.array([solved.numbers for solved in known]).reshape(len(known), len(_COLUMNS))
+        return Stretch(np.array([solved.frame for solved in known], np.int32), numbers)
 
     def overview(self) -> Overview:
         """The whole take, in at most 600 bins."""

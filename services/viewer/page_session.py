@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 import viser
 
+from services.mocap.take.quantities import STAGES
 from services.viewer.controls import Controls
 from services.viewer.curves import Curves
-from services.viewer.frame_history import STAGES, SolvedFrame
+from services.viewer.frame_history import SolvedFrame
 from services.viewer.grid import CameraGrid, SendPacing
 from services.viewer.markup import lines_of, timeline
 from services.viewer.metrics import BEHIND
@@ -189,7 +190,7 @@ class PageSession:
             ("frame", f"{solved.frame}{of_all}, {solved.time_s:.2f} s, {state}"),
             ("energy", f"{solved.energy_px:.0f} px"),
         ]
-        seconds = solved.seconds[STAGES.index("frame")]
+        seconds = solved.of("seconds")[STAGES.index("frame")]
         if np.isfinite(seconds) and seconds > 0:
             rows.append(("tracking", f"{1 / seconds:.1f} frames per second"))
         if player.is_live and self._behind_s is not None:

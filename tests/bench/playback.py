@@ -62,9 +62,11 @@ class Playback:
             take=self._take.settings.name, run=RUN, frame=frame, time_s=frame / self._take.settings.fps,
             energy_px=500 + 50 * np.sin(frame / 5), passes=1, evaluations=10, workers=4, retries=0,
             backend="cpu", worker_backends={}, seconds={"torso": 0.02, "limbs": 0.01, "frame": 0.04},
-            prior=1.0, confidence={"torso": 0.9, "left_arm": 0.7}, distrusted=[],
-            part_px={part: round(50 + 10 * k * np.sin(frame / 9)) for k, part in enumerate(PARTS)},
-            iou=[0.9] * len(self._take.cameras),
+            confidence={"torso": 0.9, "left_arm": 0.7}, distrusted=[],
+            measured={
+                "prior": [1.0], "iou": [0.9] * len(self._take.cameras),
+                "part_px": [float(round(50 + 10 * k * np.sin(frame / 9))) for k in range(len(PARTS))],
+            },
             pose=self._poses[frame % len(self._poses)],
         )  # fmt: skip
 

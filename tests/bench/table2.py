@@ -14,7 +14,6 @@ from bench.takes import take_folder
 from services.mocap.errors import UserError
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
-from services.mocap.take.frame_range import frame_range
 
 SEQUENCES = {"basic": "A", "dance": "B"}
 """The motion of ours that is like a sequence of the paper's."""
@@ -75,7 +74,7 @@ class Row:
 def measure(name: str, frames: str, ways: Sequence[Way], all_frames: bool) -> Iterator[Row | str]:
     """Measure ways on a take (a folder or a synthetic motion) one by one; one that cannot run says why."""
     folder = take_folder(name)
-    asked = frame_range(frames, open_take(folder))
+    asked = open_take(folder).frame_range(frames)
     plain_s: float | None = None
     for way in ways:
         count = len(asked) if all_frames or way.most_frames is None else min(way.most_frames, len(asked))

@@ -15,8 +15,8 @@ import pytest
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import PRESETS
 from services.mocap.take.folder import open_take
-from services.mocap.take.journal import JOURNAL, read_poses
 from services.mocap.take.tables import read_poses_csv
+from services.recorder.store import Store
 from services.runs import Interrupted, ServiceFailedError
 from services.runs.launcher import Launcher
 from services.runs.progress import Progress
@@ -171,8 +171,9 @@ def test_a_coordinator_that_dies_again_and_again_is_said_and_its_frames_are_kept
     assert len(run.frames()) >= 7
     assert run.frames() == list(range(len(run.frames())))
     shutil.rmtree(str(failure.value).rpartition(" ")[2])  # the logs
-    journal = run.out.with_name("out.partial") / JOURNAL
-    assert read_poses(journal).frames.tolist() == run.frames()
+    store = Store(run.out.with_name("out.partial"))
+    assert sorted(store.frames) == run.frames()
+    store.close(remove=False)
     run.go()  # the same run again goes on from there
     assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
 

@@ -55,7 +55,7 @@ def test_a_damaged_mesh_is_not_kept(task: LimbTask) -> None:
 
 def test_a_recorder_is_not_done_without_the_mesh(tmp_path: Path) -> None:
     rig = blob("rig", Rig(np.ones((1, 3, 4)), np.array([[4, 4]], np.int32)).to_json().encode())
-    collection = Collection(Store.in_folder(tmp_path))
+    collection = Collection(Store(tmp_path))
     info = {"actor": ACTOR.content_hash, "rig": rig.hash, "plan": "0" * 64, "backend": "cpu"}
     info |= {"first_frame": 0, "end_frame": 2, "fps": 25.0, "shards": 1, "threads": 1, "search": {}}
     collection.add(TakeInfo(take="walk", run="0" * 32, backend_reason="asked for", **info))

@@ -8,11 +8,12 @@ from wire_model import field_schema
 
 from field_docstrings import docstrings_of
 from proto import framing, sockets
-from proto.messages import MESSAGES, Message, arrays_of
+from proto.messages import MESSAGES, Message, Pose, arrays_of
 from proto.streams import FROM_CLIENTS, FROM_LIVE_CAMERAS, PUBLISHED, STREAMS, TO_CLIENTS, Flow
 from services.coordinator import deadline
 from services.mocap.body.skeleton import DOFS
 from services.mocap.search.chains import LIMBS
+from services.mocap.take.quantities import QUANTITIES
 
 
 def _row(*cells: object) -> str:
@@ -141,6 +142,21 @@ def pose_table() -> str:
         for k, dof in enumerate(DOFS)
     ]
     return _table(("index", "column of poses.csv", "joint", "role", "axis", "from", "to"), rows)
+
+
+def quantities_table() -> str:
+    """What `measured` of a pose message holds, from the table that the results' files are made from."""
+    rows = [
+        _row(
+            f"`{row.name}`",
+            {"frame": "one", "part": "one per part", "camera": "one per camera"}[row.per],
+            "0 to 1" if row.most == 1.0 else row.unit.replace("1", "number"),
+            row.meaning,
+        )
+        for row in QUANTITIES
+        if row.name not in Pose.model_fields
+    ]
+    return _table(("name", "numbers", "range or unit", "meaning"), rows)
 
 
 def limbs_table() -> str:

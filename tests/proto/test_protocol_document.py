@@ -57,6 +57,7 @@ def test_streams_numbers_pose_and_limbs(document: str) -> None:
         protocol_tables.numbers_table(),
         protocol_tables.pose_table(),
         protocol_tables.limbs_table(),
+        protocol_tables.quantities_table(),
     ):
         assert_says(document, table)
     assert DEFAULT_ENDPOINT in document

@@ -5,6 +5,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from proto.framing import encode
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
 from services.mocap.camera.rig import Rig
-from services.mocap.take.journal import JOURNAL, Journal, Record
+from services.mocap.take.journal import JOURNAL, Journal
 from services.recorder.collection import Collection
 from services.recorder.store import Store
 
@@ -53,7 +54,7 @@ def end(frame: int, run: str = RUN) -> TakeEnd:
 
 
 def store(folder: Path | None = None) -> Store:
-    return Store.in_folder(folder or Path(tempfile.mkdtemp(dir=_TEMPORARY.name)))
+    return Store(folder or Path(tempfile.mkdtemp(dir=_TEMPORARY.name)))
 
 
 def collection(*messages: TakeInfo | Pose | TakeEnd | Blob) -> Collection:
@@ -293,8 +294,11 @@ def test_what_a_recorder_says_that_it_has() -> None:
     np.testing.assert_array_equal(said.poses, [np.full(35, 4 / 7), np.full(35, 5 / 7)])
 
 
-def test_a_journal_of_another_version_is_dropped(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "record", [[], [b""], [msgpack.packb({"v": 1, "type": "take_info", "shapes": [], "take": "walk"})]]
+)
+def test_a_journal_of_another_version_is_dropped(tmp_path: Path, record: list[bytes]) -> None:
     journal = Journal(tmp_path / JOURNAL)
-    journal.append(Record("take_info", {"take": "walk", "of": "another version"}))
+    journal.append(record)
     journal.close()
     assert Collection(store(tmp_path)).info is None

@@ -12,7 +12,7 @@ from proto.messages import Blob, Pose, TakeEnd, TakeInfo
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
-from services.mocap.result.energies import read_energies_csv
+from services.mocap.result.frame_files import read_frame_file
 from services.mocap.search.chains import distrusted_values
 from services.mocap.synth.motion import walk
 from services.mocap.take.folder import open_take
@@ -64,7 +64,7 @@ def results(folder: Path, take: Path, messages: list[Pose], output: OutputSettin
         actor=actor.hash, rig=rig.hash, backend="cpu",
         backend_reason="asked for", threads=1, search={},
     )  # fmt: skip
-    store = Store.in_folder(folder.with_name("out.partial"))
+    store = Store(folder.with_name("out.partial"))
     collection = Collection(store)
     for message in (info, actor, rig, *messages, TakeEnd(take="walk", run=RUN, first_frame=0, end_frame=N)):
         collection.add(message)
@@ -122,16 +122,26 @@ def test_energies_by_part_and_camera_are_written_where_all_were_counted(
     take: Path, truth: Floats, tmp_path: Path
 ) -> None:
     cameras = [camera.name for camera in open_take(take).cameras]
-    part_px = {frame: {part: 10 * k + frame for k, part in enumerate(PARTS)} for frame in range(N)}
-    iou = {frame: [0.9 - 0.01 * frame] * len(cameras) for frame in range(N)}
-    results(tmp_path / "out", take, recorded(truth, part_px=part_px, iou=iou), OutputSettings())
-    found = read_energies_csv(tmp_path / "out" / "energies.csv")
-    assert found.cameras == cameras
-    np.testing.assert_array_equal(found.part_px, [list(part_px[frame].values()) for frame in range(N)])
-    np.testing.assert_allclose(found.iou, [iou[frame] for frame in range(N)], atol=5e-5)
-    del iou[3]
-    results(tmp_path / "other", take, recorded(truth, part_px=part_px, iou=iou), OutputSettings())
-    assert not (tmp_path / "other" / "energies.csv").exists()
+    part_px = [[10.0 * k + frame for k in range(len(PARTS))] for frame in range(N)]
+    iou = [[0.9 - 0.01 * frame] * len(cameras) for frame in range(N)]
+    measured: dict[int, dict[str, list[float]]] = {
+        frame: {"part_px": part_px[frame], "iou": iou[frame]} for frame in range(N)
+    }
+    results(tmp_path / "out", take, recorded(truth, measured=measured), OutputSettings())
+    path = tmp_path / "out" / "energies.csv"
+    parts = [f"energy_{part}_px" for part in PARTS]
+    assert path.read_text().splitlines()[0].split(",") == ["frame", *parts, *(f"iou_{c}" for c in cameras)]
+    frames, found = read_frame_file(path)
+    assert (frames.tolist(), list(found["part_px"]), list(found["iou"])) == ([*range(N)], [*PARTS], cameras)
+    np.testing.assert_array_equal(np.transpose(list(found["part_px"].values())), part_px)
+    np.testing.assert_allclose(np.transpose(list(found["iou"].values())), iou, atol=5e-5)
+    for n, lacking in enumerate(
+        ({"part_px": part_px[3]}, {**measured[3], "iou": [0.9]}, {**measured[3], "iou": [2.0] * len(cameras)})
+    ):
+        results(
+            tmp_path / f"other{n}", take, recorded(truth, measured={**measured, 3: lacking}), OutputSettings()
+        )
+        assert not (tmp_path / f"other{n}" / "energies.csv").exists()
 
 
 def test_marks_reach_the_table_the_report_and_the_smoother(take: Path, truth: Floats, tmp_path: Path) -> None:

@@ -21,9 +21,10 @@ from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import PARTS
+from services.mocap.take.quantities import STAGES
 from services.mocap.take.settings import read_settings
 from services.runs import launcher
-from services.viewer.frame_history import STAGES, SolvedFrame
+from services.viewer.frame_history import ON_PAGE, SolvedFrame
 
 
 @pytest.fixture
@@ -31,17 +32,15 @@ def solved() -> Callable[..., SolvedFrame]:
     """`solved(7)`: frame 7, whose pose, energy and confidence tell it from others."""
 
     def make(frame: int, *, distrusted: tuple[str, ...] = (), arrived_s: float = np.nan) -> SolvedFrame:
-        return SolvedFrame(
-            frame=frame,
-            time_s=frame / 25,
-            pose=np.full(35, 0.001 * frame),
-            energy_px=100.0 + frame,
-            confidence=np.full(len(PARTS), 0.5),
-            distrusted=np.array([part in distrusted for part in PARTS]),
-            part_px=np.full(len(PARTS), 10.0 + frame),
-            seconds=np.full(len(STAGES), 0.04),
-            arrived_s=arrived_s,
-        )
+        known = {
+            "energy_px": [100.0 + frame],
+            "confidence": [0.5] * len(PARTS),
+            "distrusted": [float(part in distrusted) for part in PARTS],
+            "part_px": [10.0 + frame] * len(PARTS),
+            "seconds": [0.04] * len(STAGES),
+        }
+        numbers = [number for row in ON_PAGE for number in known.get(row.name, [np.nan] * len(row.labels))]
+        return SolvedFrame(frame, frame / 25, np.full(35, 0.001 * frame), np.array(numbers), arrived_s)
 
     return make
 

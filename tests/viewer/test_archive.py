@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
 
@@ -15,7 +16,6 @@ from proto.messages import PoseRequest, TakeInfo
 from services.mocap.result.layout import journal_of
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
-from services.mocap.take.journal import Record
 from services.recorder.store import Store
 from services.viewer.archive import Archive, RetryRequests
 
@@ -38,7 +38,7 @@ def asked() -> list[PoseRequest]:
 @pytest.fixture
 def store(result: Path) -> Iterator[Store]:
     """The journal of a recorder whose results will be in the folder."""
-    store = Store.in_folder(journal_of(result).parent)
+    store = Store(journal_of(result).parent)
     yield store
     store.close(remove=True)
 
@@ -53,7 +53,7 @@ def test_the_recorders_journal_is_read_while_it_grows(
         solved = archive.solved(frame)
         assert solved is not None
         np.testing.assert_array_equal(solved.pose, playback.pose(frame).pose)
-        assert solved.energy_px == playback.pose(frame).energy_px and solved.confidence[0] == 0.9
+        assert solved.energy_px == playback.pose(frame).energy_px and solved.of("confidence")[0] == 0.9
     assert archive.solved(2) is None, "and not from results of a run before"
     archive.ask(2)
     assert [(request.first_frame, request.run) for request in asked] == [(2, RUN)]
@@ -92,7 +92,8 @@ def test_the_page_says_why_it_has_not_got_a_frame(
 def test_a_journal_of_another_version_is_said(
     result: Path, info: TakeInfo, store: Store, asked: list[PoseRequest], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    store._journal.append(Record("pose", {"frame": 5, "run": RUN}, {"pose": np.zeros(30)}))
+    header = {"v": 1, "type": "pose", "run": RUN, "frame": 5, "shapes": [[30]]}
+    store._journal.append([msgpack.packb(header), np.zeros(30).tobytes()])
     archive = Archive(info, _FRAMES, result, asked.append, lambda: 1e9)
     assert "was written by another version" in _words_when_nobody_has(archive, monkeypatch)
 

@@ -114,7 +114,7 @@ def test_a_stretch_has_known_frames_only(solved: Make) -> None:
         history.put(solved(frame))
     stretch = history.stretch(-5, 50)
     assert stretch.frames.tolist() == [10, 11, 14]
-    assert stretch.energy_px.tolist() == [110, 111, 114]
+    assert stretch.of("energy_px")[:, 0].tolist() == [110, 111, 114]
     assert history.stretch(80, 20).frames.size == 0
 
 

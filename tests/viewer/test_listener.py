@@ -47,7 +47,7 @@ def test_a_late_viewer_has_all_frames(walk: Take, shows: list[Show]) -> None:
             solved = show.history.solved(frame)
             assert solved is not None
             np.testing.assert_array_equal(solved.pose, playback.pose(frame).pose)
-            assert solved.confidence[0] == 0.9 and np.isnan(solved.confidence[1])
+            assert solved.of("confidence")[0] == 0.9 and np.isnan(solved.of("confidence")[1])
         listener.close()
 
 
@@ -71,7 +71,7 @@ def test_what_nobody_but_the_recorder_has_comes_from_its_journal_with_its_pictur
     monkeypatch.setattr("services.viewer.listener.KEPT_FRAMES", 50)
     with Playback(walk, free_endpoint(), period_s=0.005) as playback:
         playback.forgotten_end = 10_000
-        store = Store.in_folder(journal_of(result).parent)
+        store = Store(journal_of(result).parent)
         for frame in range(100):
             store.keep(playback.pose(frame))
         listener = Listener(playback.endpoint, None, walk, shows.append, result)

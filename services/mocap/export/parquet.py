@@ -13,6 +13,7 @@ from services.mocap.body.skeleton import DOFS
 from services.mocap.result.layout import ANGLES_PARQUET, JOINTS_PARQUET, POSES_PARQUET
 from services.mocap.result.result import Result
 from services.mocap.take.marks import PARTS
+from services.mocap.take.quantities import QUANTITIES
 from services.mocap.take.tables import REFERENCE_JOINTS
 from services.mocap.types import Floats
 
@@ -49,10 +50,12 @@ def _poses(result: Result) -> dict[str, Column]:
     columns: dict[str, Column] = {
         dof.column: (values, dof.unit) for dof, values in zip(DOFS, result.poses.T, strict=True)
     }
-    columns["energy_px"] = (result.energies_px, "px")
-    for part, confidence, distrusted in zip(PARTS, result.confidence.T, result.distrusted.T, strict=True):
-        columns[f"confidence_{part}"] = (confidence, "1")
-        columns[f"distrusted_{part}"] = (distrusted, "1")
+    kept = sorted((row for row in QUANTITIES if row.in_parquet), key=lambda row: row.name)
+    for label in ("", *PARTS):  # what is of the whole frame, then part by part
+        for row in kept:
+            if label in row.labels:
+                name = f"{row.name}_{label}" if label else row.name
+                columns[name] = (result.quantities[row.name][label], row.unit)
     return columns
 
 

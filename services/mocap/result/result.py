@@ -1,22 +1,32 @@
-"""Reading results back: poses.csv and actor.toml are enough, poses_smooth.csv and run.json add to them."""
+"""The files of a result from which all others can be made; poses.csv and actor.toml are enough to read it."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.actor import MESH_FILE, Actor, build_body
+from services.mocap.camera.calibration import Up
 from services.mocap.errors import TakeError, UserError
 from services.mocap.motion.angles import joint_angles_deg
 from services.mocap.motion.motion import Motion
-from services.mocap.result.layout import POSES, POSES_SMOOTH, RUN_JSON
+from services.mocap.result.frame_files import FRAME_FILES, read_frame_file
+from services.mocap.result.layout import JOINTS, POSES, POSES_SMOOTH, RUN_JSON
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR
-from services.mocap.take.marks import PARTS
-from services.mocap.take.tables import PoseTable, read_poses_csv, reference_joints
+from services.mocap.take.marks import DISTRUSTED, PARTS
+from services.mocap.take.quantities import Labelled
+from services.mocap.take.tables import (
+    PoseTable,
+    read_poses_csv,
+    reference_joints,
+    to_take_world,
+    write_joints_csv,
+    write_poses_csv,
+)
 from services.mocap.types import Floats, Ints, Mask
 
 _FPS_OF_ONE_FRAME = 30.0
@@ -72,6 +82,24 @@ class Result:
         """Anatomical joint angles (N,) in degrees by name, as angles.csv has them."""
         return joint_angles_deg(self.motion.T_world_joint)
 
+    @cached_property
+    def quantities(self) -> dict[str, Labelled]:
+        """What poses.csv, energies.csv and timings.csv know of the N frames, by a quantity's name and label.
+
+        Files that are of other frames do not count. Raises TakeError for those that cannot be read.
+        """
+        known: dict[str, Labelled] = {
+            "energy_px": {"": self.energies_px},
+            "confidence": dict(zip(PARTS, self.confidence.T, strict=True)),
+            DISTRUSTED: dict(zip(PARTS, self.distrusted.T, strict=True)),
+            **{name: {"": values} for name, values in self.tracked.extra.items()},
+        }
+        for path in (self.folder / name for name in FRAME_FILES):
+            frames, values = read_frame_file(path) if path.exists() else (None, {})
+            if frames is not None and np.array_equal(frames, self.frames):
+                known |= values
+        return known
+
     @property
     def energies_px(self) -> Floats:
         """(N,) pixels in which model and silhouettes differ, over all cameras, as tracked."""
@@ -88,6 +116,27 @@ class Result:
         """(N, 6) how far each part may be trusted, from 0 to 1; NaN where nobody judged."""
         none = np.full((len(self.frames), len(PARTS)), np.nan)
         return none if self.tracked.marks is None else self.tracked.marks.confidence
+
+
+def write_tracked(
+    folder: Path, tracked: PoseTable, actor: Actor, up: Up, smooth: Floats | None = None
+) -> Floats:
+    """Write poses.csv, joints.csv and actor.toml, and its mesh if it has one.
+
+    up: the axis of the take's world. smooth: (N, 35) poses after smoothing, where that was asked for; then
+    joints.csv is of these, and poses_smooth.csv has them. Returns the joints (N, 15, 3) of joints.csv, in the
+    z-up world.
+    """
+    write_poses_csv(folder / POSES, tracked)
+    shown = tracked if smooth is None else replace(tracked, poses=smooth)
+    if smooth is not None:
+        write_poses_csv(folder / POSES_SMOOTH, shown)
+    joints_world_m = reference_joints(shown.poses, build_body(actor).offsets_m)
+    write_joints_csv(folder / JOINTS, tracked.frames, tracked.times_s, to_take_world(joints_world_m, up))
+    (folder / ACTOR).write_text(actor.to_toml())
+    if actor.mesh is not None:
+        (folder / MESH_FILE).write_bytes(actor.mesh.content)
+    return joints_world_m
 
 
 def load_result(folder: Path | str) -> Result:

@@ -124,7 +124,7 @@ def solve_by_contours(
     shares = error_by_part(model, whole, best.pose)
     found.pose, found.energy_px = best.pose, float(shares.energy_px)
     found.note_shares(shares)
-    found.prior = best.aligned.prior_cost
+    found.measured["prior"] = [float(best.aligned.prior_cost)]
     found.evaluations += search.evaluations + 1
     found.confidence, found.distrusted = confidences(best.aligned.rim_px), trust.distrusted(left)
     trust.remember(left)

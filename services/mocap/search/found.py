@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from services.mocap.search.chains import LimbName
 from services.mocap.search.error_by_part import ErrorByPart
 from services.mocap.search.stages import Solution
-from services.mocap.take.marks import Part
+from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats
 
 
@@ -19,8 +19,6 @@ class FrameSolution:
     energy_px: float
     """Differing pixels of the whole body's full mesh in the whole pictures, over all cameras, whatever was
     minimised."""
-    prior: float = 0.0
-    """What being off the pose that is likely without looking counts, beside the energy."""
     passes: int = 0
     evaluations: int = 0
     """Of the energy; steps of an alignment count as well, since each draws the whole body once."""
@@ -33,10 +31,9 @@ class FrameSolution:
     """0 to 1: the share of each part's visible rim that lies on a contour, where it was looked at."""
     distrusted: list[Part] = field(default_factory=list)
     """Parts whose pose is likely to be wrong; the torso stands for the whole body."""
-    part_px: dict[Part, int] = field(default_factory=dict)
-    """The energy by the part that each differing pixel is nearest to."""
-    iou: list[float] = field(default_factory=list)
-    """Intersection over union of model and input in each camera; 1 where neither shows anything."""
+    measured: dict[str, list[float]] = field(default_factory=lambda: {"prior": [0.0]})
+    """What is only reported, by the name of its row in services.mocap.take.quantities: part_px and iou (see
+    ErrorByPart), prior: what being off the pose that is likely without looking counts, beside the energy."""
 
     def note_limb(self, name: LimbName, solution: Solution) -> None:
         """Book what a limb took."""
@@ -45,7 +42,8 @@ class FrameSolution:
 
     def note_shares(self, shares: ErrorByPart) -> None:
         """Book where the pose and the input differ."""
-        self.part_px, self.iou = shares.part_px, shares.iou
+        self.measured["part_px"] = [float(shares.part_px[part]) for part in PARTS]
+        self.measured["iou"] = shares.iou
 
 
 class Clock:

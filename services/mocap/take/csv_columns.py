@@ -22,17 +22,22 @@ class Columns:
     lines: list[int]
     """(N,) the line that each row is on."""
 
-    def numbers(self, name: str, *, blanks: bool = False) -> Floats:
+    def numbers(self, name: str, *, blanks: bool = False, most: float = np.inf) -> Floats:
         """A column (N,) as finite numbers; blanks: cells may be empty, which makes them NaN.
 
-        Raises TakeError.
+        most: where it is finite, numbers are from 0 to it. Raises TakeError.
         """
-        return np.array(
+        values = np.array(
             [
                 np.nan if blanks and not cell.strip() else self._number(name, line, cell)
                 for line, cell in zip(self.lines, self.cells[name], strict=True)
             ]
         )
+        outside = (values < 0) | (values > most)  # false for NaN
+        if np.isfinite(most) and outside.any():
+            row = int(outside.argmax())
+            raise self.error(name, self.lines[row], f"a number from 0 to {most:g}", self.cells[name][row])
+        return values
 
     def error(self, name: str, line: int, expected: str, found: str) -> TakeError:
         """What to raise for a cell."""

@@ -10,7 +10,7 @@ import numpy as np
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import ColourCorrection, read_colours
-from services.mocap.errors import TakeError, nearest
+from services.mocap.errors import TakeError, UserError, nearest
 from services.mocap.take import layout
 from services.mocap.take.pictures import (
     TrimapReader,
@@ -66,8 +66,13 @@ class Take:
 
     def has_background(self, camera: Camera) -> bool:
         """False for a camera without a clean plate."""
+        return self.plate(camera) is not None
+
+    def plate(self, camera: Camera) -> Path | None:
+        """The file of a camera's clean plate: a video, or else a single picture; None where there is none."""
         video = layout.background_video_path(self.folder, camera.name)
-        return video.exists() or layout.background_picture_path(self.folder, camera.name).exists()
+        picture = layout.background_picture_path(self.folder, camera.name)
+        return next((path for path in (video, picture) if path.exists()), None)
 
     def trimaps(self, camera: Camera, start: int = 0, stop: int | None = None) -> TrimapReader:
         """A camera's raw silhouettes of frames `start` up to and without `stop` (default: the take's end)."""
@@ -77,6 +82,22 @@ class Take:
         )
         end = self.settings.frames if stop is None else stop
         return TrimapReader(folder, start + ahead, end + ahead, self.settings.unsure)
+
+    def frame_range(self, text: str) -> range:
+        """A:B, either of which may be left out, as frames A up to but not including B; raises UserError."""
+        first, colon, end = text.partition(":")
+        n_frames = self.settings.frames
+        try:
+            if not colon:
+                raise ValueError
+            frames = range(int(first or 0), int(end or n_frames))
+        except ValueError:
+            raise UserError(f"--frames {text}: expected A:B, such as 0:50") from None
+        if not 0 <= frames.start < frames.stop <= n_frames:
+            raise UserError(
+                f"--frames {text}: expected a range within 0:{n_frames}, the frames of {self.folder}"
+            )
+        return frames
 
     def without_offsets(self) -> "Take":
         """The same with every camera's files as they are, from their first frame on."""
@@ -106,13 +127,15 @@ class Take:
         return [self.folder / layout.CALIBRATION, *files]
 
     def background(self, camera: Camera) -> Iterator[Bytes]:
-        """A camera's clean-plate pictures, like `video`'s: those of a video, or else the single picture."""
-        video, colour = layout.background_video_path(self.folder, camera.name), self.colours.get(camera.name)
-        if not video.exists():
-            picture = read_picture(layout.background_picture_path(self.folder, camera.name))
+        """A camera's clean-plate pictures, like `video`'s; raises TakeError where there are none."""
+        path, colour = self.plate(camera), self.colours.get(camera.name)
+        if path is None:
+            raise TakeError(f"{self.folder}: has no picture of the empty stage of {camera.name}")
+        if path.suffix == ".png":
+            picture = read_picture(path)
             yield picture if colour is None else colour.apply(picture)
             return
-        with VideoReader(video, colour=colour) as reader:
+        with VideoReader(path, colour=colour) as reader:
             yield from reader
 
 
@@ -176,21 +199,30 @@ def _check_is_recorded(take: Take, camera: Camera, decoded: bool) -> None:
             f"{video}: is missing: expected the video of [{camera.name}] in {layout.CALIBRATION}, or "
             f"silhouettes in {layout.SILHOUETTES}/{camera.name}"
         )
-    plate = layout.background_video_path(take.folder, camera.name)
-    picture = layout.background_picture_path(take.folder, camera.name)
-    if plate.exists():
-        index = index_video(plate)
-        check_size(plate, index.width_px, index.height_px, camera)
-        if decoded:
-            _check_decodes(index, index.n_frames)
-    elif picture.exists():
-        check_png(picture, camera)
-    elif plate.parent.is_dir():
+    plate = take.plate(camera)
+    if plate is not None:
+        check_plate(plate, camera, decoded=decoded)
+        return
+    expected = layout.background_video_path(take.folder, camera.name)
+    if expected.parent.is_dir():
         raise TakeError(
-            f"{plate}: is missing: expected the clean plate of {camera.name} (the empty stage), "
-            f"as this video or as {picture.name}, or no folder "
-            f"{plate.parent.name} at all"
+            f"{expected}: is missing: expected the clean plate of {camera.name} (the empty stage), as this "
+            f"video or as {camera.name}.png, or no folder {expected.parent.name} at all"
         )
+
+
+def check_plate(path: Path, camera: Camera, *, decoded: bool) -> None:
+    """Raises TakeError for a clean plate of another size than the camera's, or a damaged one.
+
+    decoded: whether a video is decoded to find that.
+    """
+    if path.suffix == ".png":
+        check_png(path, camera)
+        return
+    index = index_video(path)
+    check_size(path, index.width_px, index.height_px, camera)
+    if decoded:
+        _check_decodes(index, index.n_frames)
 
 
 def _check_videos(take: Take, in_step: bool, decoded: bool) -> None:

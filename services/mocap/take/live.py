@@ -3,7 +3,6 @@
 What is missing in it is what only recorded takes have: videos, and a number of frames.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,10 @@ from services.mocap.camera.calibration import read_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import read_colours
 from services.mocap.errors import TakeError, load_toml, nearest, validated
-from services.mocap.take.folder import Take, open_take
+from services.mocap.take.folder import Take, check_plate, open_take
 from services.mocap.take.layout import COLOURS
 from services.mocap.take.live_settings import LiveCamera, LiveSettings
-from services.mocap.take.pictures import check_png, check_size, read_picture
 from services.mocap.take.settings import TakeSettings
-from services.mocap.take.video import VideoReader, index_video
-from services.mocap.types import Bytes
 
 OPEN_END = 2**31 - 1
 """The number of frames of live input, which ends when somebody ends it."""
@@ -40,23 +36,6 @@ class LiveTake(Take):
         """See Take: there is none to go back to."""
         return False
 
-    def has_background(self, camera: Camera) -> bool:
-        """See Take."""
-        return self.plate(camera) is not None
-
-    def background(self, camera: Camera) -> Iterator[Bytes]:
-        """See Take; raises TakeError where there is none."""
-        path = self.plate(camera)
-        if path is None:
-            raise TakeError(f"{self.folder}: has no picture of the empty stage of {camera.name}")
-        colour = self.colours.get(camera.name)
-        if path.suffix == ".png":
-            picture = read_picture(path)
-            yield picture if colour is None else colour.apply(picture)
-            return
-        with VideoReader(path, colour=colour) as reader:
-            yield from reader
-
     @property
     def actor_path(self) -> Path | None:
         """See Take: the file that the configuration names, even if it is missing."""
@@ -73,7 +52,7 @@ class LiveTake(Take):
         return {name: [c for c, one in enumerate(self.sources) if one.group == name] for name in names}
 
     def plate(self, camera: Camera) -> Path | None:
-        """The file with a camera's empty stage, where there is one."""
+        """See Take."""
         if self.background_folder is None:
             return None
         paths = [self.background_folder / f"{camera.name}{suffix}" for suffix in (".mp4", ".png")]
@@ -175,8 +154,4 @@ def _check_plates(path: Path, take: LiveTake) -> None:
                 f"{take.background_folder}: holds neither {camera.name}.png nor {camera.name}.mp4: expected "
                 f"the empty stage of every camera, or no background in {path}"
             )
-        if plate.suffix == ".png":
-            check_png(plate, camera)
-        else:
-            index = index_video(plate)
-            check_size(plate, index.width_px, index.height_px, camera)
+        check_plate(plate, camera, decoded=False)

@@ -74,19 +74,12 @@ def read_marks(columns: Columns) -> Marks | None:
     """The marks of a table; None where it has no column of them, as older ones. Raises TakeError."""
     if not any(name in columns.cells for name in MARK_COLUMNS):
         return None
-    confidence = [_confidence(columns, name) for name in _CONFIDENCE_COLUMNS]
+    unknown = np.full(len(columns.lines), np.nan)
+    confidence = [
+        columns.numbers(name, blanks=True, most=1.0) if name in columns.cells else unknown
+        for name in _CONFIDENCE_COLUMNS
+    ]
     return Marks(np.column_stack(confidence), _distrusted(columns))
-
-
-def _confidence(columns: Columns, name: str) -> Floats:
-    if name not in columns.cells:
-        return np.full(len(columns.lines), np.nan)
-    values = columns.numbers(name, blanks=True)
-    outside = (values < 0) | (values > 1)  # false for NaN
-    if outside.any():
-        row = int(outside.argmax())
-        raise columns.error(name, columns.lines[row], "a number from 0 to 1", columns.cells[name][row])
-    return values
 
 
 def _distrusted(columns: Columns) -> Mask:

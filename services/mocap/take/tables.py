@@ -1,7 +1,8 @@
 """joints.csv and poses.csv: results, and references to compare them with, as tables.
 
-Points are in the world of the take's files (services.mocap.take.world turns them), pose parameters as the
-skeleton's table defines them.
+Points and cameras of a take's files (calibration.toml, joints.csv) are in the take's own world, y-up or z-up.
+Pose parameters (poses.csv, `[initial_pose]` in take.toml) always mean the z-up world used inside, since the
+skeleton's table defines them there.
 """
 
 from collections.abc import Mapping
@@ -12,9 +13,12 @@ import numpy as np
 
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import DOFS, JOINT_INDEX
+from services.mocap.camera.calibration import Up
+from services.mocap.camera.camera import R_ZUP_YUP
 from services.mocap.errors import TakeError
 from services.mocap.take.csv_columns import Columns, as_cells, read_columns, write_columns
 from services.mocap.take.marks import MARK_COLUMNS, Marks, mark_cells, read_marks
+from services.mocap.take.quantities import FURTHER
 from services.mocap.types import Floats, Ints
 
 REFERENCE_JOINTS: tuple[str, ...] = (
@@ -31,7 +35,18 @@ REFERENCE_JOINTS: tuple[str, ...] = (
 
 _JOINT_COLUMNS = [f"{joint}_{axis}" for joint in REFERENCE_JOINTS for axis in "xyz"]
 _POSE_COLUMNS = [dof.column for dof in DOFS]
+_DIGITS = {row.column.format(label): row.digits for row in FURTHER for label in row.labels}
 _LARGEST_FRAME = 2**31 - 1
+
+
+def to_take_world(points_world_m: Floats, up: Up) -> Floats:
+    """(…, 3) points of the inside z-up world, in the take's world."""
+    return points_world_m if up == "z" else points_world_m @ R_ZUP_YUP
+
+
+def from_take_world(points_take_m: Floats, up: Up) -> Floats:
+    """(…, 3) points of the take's world, in the inside z-up world."""
+    return points_take_m if up == "z" else points_take_m @ R_ZUP_YUP.T
 
 
 def reference_joints(poses: Floats, offsets_m: Floats) -> Floats:
@@ -101,7 +116,7 @@ def write_poses_csv(path: Path, table: PoseTable) -> None:
     }
     columns["energy_px"] = as_cells("energy_px", table.energies_px, ".10g")
     columns |= {} if table.marks is None else mark_cells(table.marks)
-    columns |= {name: as_cells(name, values, ".10g") for name, values in table.extra.items()}
+    columns |= {name: as_cells(name, x, _DIGITS.get(name, ".10g")) for name, x in table.extra.items()}
     write_columns(path, columns)
 
 

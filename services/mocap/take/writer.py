@@ -18,8 +18,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
 from services.mocap.take import layout
 from services.mocap.take.settings import TakeSettings, write_settings
-from services.mocap.take.tables import write_joints_csv
-from services.mocap.take.world import to_take_world
+from services.mocap.take.tables import to_take_world, write_joints_csv
 from services.mocap.types import Bytes, Floats, Mask, Trimap
 
 NEAR_LOSSLESS_CRF = 12

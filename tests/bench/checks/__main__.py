@@ -17,8 +17,7 @@ from services.mocap.errors import UserError
 from services.mocap.motion.motion import to_y_up
 from services.mocap.result.layout import BVH, C3D, GLB, JOINTS, TRC
 from services.mocap.result.result import Result, load_result
-from services.mocap.take.tables import read_joints_csv
-from services.mocap.take.world import from_take_world
+from services.mocap.take.tables import from_take_world, read_joints_csv
 from services.mocap.types import Floats
 
 _CLOSE_MM = 1.0

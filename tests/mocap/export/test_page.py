@@ -6,17 +6,19 @@ import re
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import cv2
 import numpy as np
 import pytest
 
+from services.mocap.errors import TakeError
 from services.mocap.export.page.key_frames import key_frames
 from services.mocap.export.page.page import write_report
-from services.mocap.result.energies import Energies, read_energies_csv, write_energies_csv
+from services.mocap.result.frame_files import read_frame_file, write_frame_file, write_frame_files
 from services.mocap.result.result import load_result
-from services.mocap.result.timings import read_timings_csv, write_timings_csv
+from services.mocap.take.marks import PARTS
 from services.mocap.take.writer import video_writer
 
 VOID = {"meta", "br", "img", "hr", "link", "input"}
@@ -109,11 +111,13 @@ def test_all_that_a_run_knows_is_told(folder: Path) -> None:
     }
     (folder / "run.json").write_text(json.dumps(run))
     frames = np.arange(100, 116, dtype=np.int32)
-    write_timings_csv(folder / "timings.csv", frames, [{"frame": 0.05, "torso": 0.01}] * 16)
-    iou = np.full((16, 2), 0.9)
-    iou[7, 1] = 0.3
-    energies = Energies(frames, np.full((16, 6), 50.0), ["cam01", "cam <2>"], iou)
-    write_energies_csv(folder / "energies.csv", energies)
+    seconds = {"frame": np.full(16, 0.05), "torso": np.full(16, 0.01)}
+    write_frame_file(folder / "timings.csv", frames, {"seconds": seconds})
+    dips = np.full(16, 0.9)
+    dips[7] = 0.3
+    part_px = {part: np.full(16, 50.0) for part in PARTS}
+    energies = {"part_px": part_px, "iou": {"cam01": np.full(16, 0.9), "cam <2>": dips}}
+    write_frame_file(folder / "energies.csv", frames, energies)
     page = page_of(folder)
     for words in (
         *("left arm", "cam01 (0.900)", "cam &lt;2&gt; (0.863)"),
@@ -126,13 +130,16 @@ def test_all_that_a_run_knows_is_told(folder: Path) -> None:
 
 def test_energies_go_there_and_back(tmp_path: Path) -> None:
     frames, rng = np.array([4, 5, 6], np.int32), np.random.default_rng(0)
-    part_px, iou = np.floor(100 * rng.random((3, 6))), np.round(rng.random((3, 2)), 4)
-    write_energies_csv(tmp_path / "energies.csv", Energies(frames, part_px, ["a, b", "c"], iou))
-    found = read_energies_csv(tmp_path / "energies.csv")
-    np.testing.assert_array_equal(found.frames, frames)
-    np.testing.assert_array_equal(found.part_px, part_px)
-    np.testing.assert_array_equal(found.iou, iou)
-    assert found.cameras == ["a, b", "c"]
+    part_px = {part: np.floor(100 * rng.random(3)) for part in PARTS}
+    iou = {camera: np.round(rng.random(3), 4) for camera in ("a, b", "c")}
+    path = tmp_path / "energies.csv"
+    write_frame_file(path, frames, {"part_px": part_px, "iou": iou})
+    found_frames, found = read_frame_file(path)
+    np.testing.assert_array_equal(found_frames, frames)
+    np.testing.assert_equal(found, {"part_px": part_px, "iou": iou})
+    path.write_text(path.read_text().replace(f",{iou['c'][1]}", ",1.5"))
+    with pytest.raises(TakeError, match=r"line 3: iou_c: expected a number from 0 to 1, found '1.5'"):
+        read_frame_file(path)
 
 
 def test_key_frames_are_the_overlays(folder: Path) -> None:
@@ -159,8 +166,12 @@ def test_an_overlay_of_other_frames_or_a_broken_one_is_left_out(folder: Path) ->
 
 
 def test_timings_go_there_and_back(tmp_path: Path) -> None:
-    write_timings_csv(tmp_path / "timings.csv", np.array([4, 5], np.int32), [{"frame": 0.5}, {"head": 0.25}])
-    found = read_timings_csv(tmp_path / "timings.csv")
-    assert {stage: values.tolist() for stage, values in found.items()} == {
+    solved = [SimpleNamespace(measured={}, seconds=seconds) for seconds in ({"frame": 0.5}, {"head": 0.25})]
+    write_frame_files(tmp_path, np.array([4, 5], np.int32), solved, ["frame", "head"], ["cam01"])
+    assert [path.name for path in tmp_path.iterdir()] == ["timings.csv"], "nobody counted pixels"
+    assert (tmp_path / "timings.csv").read_text().splitlines()[0] == "frame,frame_s,head_s"
+    frames, found = read_frame_file(tmp_path / "timings.csv")
+    assert frames.tolist() == [4, 5]
+    assert {stage: values.tolist() for stage, values in found["seconds"].items()} == {
         "frame": [0.5, 0.0], "head": [0.0, 0.25],
     }  # fmt: skip

@@ -17,6 +17,7 @@ from services.mocap.search.part_confidence import PartConfidence, confidences, d
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.single_person import uncovered_share
+from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats
 
 SETTINGS = SearchSettings()
@@ -91,8 +92,8 @@ def test_nobody_is_in_doubt_for_unsure_pixels(model: Model, truth: Floats, half_
     found = solve_by_contours(model, picture, truth[None], SETTINGS, LocalLimbs(model), trust)
     assert found.passes == 0
     assert found.distrusted == []
-    assert found.part_px["left_leg"] < 30
-    assert min(found.iou) > 0.97
+    assert found.measured["part_px"][PARTS.index("left_leg")] < 30
+    assert min(found.measured["iou"]) > 0.97
 
 
 def test_a_little_that_is_sure_is_not_taken_for_all(model: Model, truth: Floats) -> None:

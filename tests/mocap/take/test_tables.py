@@ -14,12 +14,13 @@ from services.mocap.errors import TakeError
 from services.mocap.take.tables import (
     REFERENCE_JOINTS,
     PoseTable,
+    from_take_world,
     read_joints_csv,
     read_poses_csv,
+    to_take_world,
     write_joints_csv,
     write_poses_csv,
 )
-from services.mocap.take.world import from_take_world, to_take_world
 from services.mocap.types import Floats
 
 LENGTHS = st.integers(1, 6)

@@ -12,7 +12,6 @@ from matplotlib.ticker import ScalarFormatter
 
 from services.mocap.export.tiles import LEFT_BGR, RIGHT_BGR
 from services.mocap.motion.angles import ANGLES
-from services.mocap.result.energies import Energies
 from services.mocap.result.result import Result
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
@@ -73,12 +72,12 @@ def energy(result: Result) -> str:
     return svg_of(1.9 if prior is None else 3.2, draw)
 
 
-def parts(result: Result, energies: Energies) -> str:
+def parts(result: Result, part_px: Mapping[str, Floats]) -> str:
     """The energy over time by the part that it is near to, limbs in the colours of their sides."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for part, values in zip(PARTS, energies.part_px.T, strict=True):
+        for part, values in part_px.items():
             side, _, limb = part.rpartition("_")
             style = "--" if limb == "leg" or part == "head" else "-"
             axes.plot(result.times_s, values, style, color=_COLOURS[side], label=part.replace("_", " "))
@@ -89,18 +88,18 @@ def parts(result: Result, energies: Energies) -> str:
     return svg_of(2.2, draw)
 
 
-def overlaps_over_time(result: Result, energies: Energies) -> str:
+def overlaps_over_time(result: Result, iou: Mapping[str, Floats]) -> str:
     """Intersection over union over time, a curve for each camera."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, max(len(energies.cameras), 1)))
-        for colour, camera, values in zip(colours, energies.cameras, energies.iou.T, strict=True):
+        colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, max(len(iou), 1)))
+        for colour, (camera, values) in zip(colours, iou.items(), strict=True):
             axes.plot(result.times_s, values, color=colour, label=f"{camera} ({values.mean():.3f})")
         axes.set_ylabel("IoU")
         _legend_beside(axes)
         _finish([axes], result)
-        axes.set_ylim(max(0.0, float(energies.iou.min()) - 0.02), 1.0)
+        axes.set_ylim(max(0.0, min(float(values.min()) for values in iou.values()) - 0.02), 1.0)
 
     return svg_of(2.2, draw)
 
