@@ -12,9 +12,9 @@ from services.mocap.errors import UserError
 from services.mocap.synth.bvh_file import BvhMotion, read_bvh
 from services.mocap.synth.choreography import A_POSE
 from services.mocap.synth.gait import min_jerk
-from services.mocap.synth.motion import STAND_S
 from services.mocap.synth.rest_pose import RestPose, read_rest_pose, scale_m
 from services.mocap.synth.retarget import joint_errors_m, retarget
+from services.mocap.synth.walk import STAND_S
 from services.mocap.types import Floats
 
 _BLEND_S = 0.7
@@ -26,12 +26,12 @@ _FASTEST_M_S = 25.0
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """What a file became."""
+    """What the actor does."""
 
     poses: Floats
     """(N, 35)"""
-    joint_error_m: float
-    """Mean distance of the joints from the file's, had it the actor's bone lengths."""
+    joint_error_m: float | None = None
+    """Of a BVH file: mean distance of the joints from the file's, had it the actor's bone lengths."""
 
 
 def perform_bvh(path: Path, n_frames: int | None, start_s: float, fps: float, body: Body) -> Performance:

@@ -79,15 +79,7 @@ class RestPose:
 
 def shortest_turn(start: Floats, end: Floats) -> Floats:
     """R (3, 3) that turns the direction of one vector into that of another by the shortest way."""
-    a, b = start / np.linalg.norm(start), end / np.linalg.norm(end)
-    axis, cosine = np.cross(a, b), float(a @ b)
-    if cosine < -1.0 + 1e-9:  # half a turn, about any axis across
-        across = np.cross(a, np.eye(3)[np.abs(a).argmin()])
-        axis, angle = across / np.linalg.norm(across), np.pi
-    else:
-        sine = float(np.linalg.norm(axis))
-        axis, angle = axis / max(sine, 1e-12), np.arctan2(sine, cosine)
-    R: Floats = Rotation.from_rotvec(axis * angle).as_matrix()
+    R: Floats = Rotation.align_vectors(end[None], start[None])[0].as_matrix()
     return R
 
 

@@ -8,8 +8,8 @@ from services.mocap.body.actor import Body
 from services.mocap.synth.basic import BASIC
 from services.mocap.synth.choreography import HANGING, Choreography
 from services.mocap.synth.dance import DANCE
-from services.mocap.synth.motion import STAND_S
 from services.mocap.synth.staging import perform
+from services.mocap.synth.walk import STAND_S
 from services.mocap.types import Floats
 
 ROUND_S = 400 / 15

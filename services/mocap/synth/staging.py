@@ -3,7 +3,7 @@
 from math import ceil
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+from scipy.ndimage import gaussian_filter1d
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, joint_transforms
@@ -11,7 +11,7 @@ from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, SIDES, Side
 from services.mocap.synth.choreography import HANGING, TOE_OUT, Choreography, Leg
 from services.mocap.synth.footwork import FootTrack, track_foot
 from services.mocap.synth.gait import SoleRoll
-from services.mocap.synth.legs import put_feet, reach_m
+from services.mocap.synth.legs import hip_rise_m, put_feet, reach_m, smoothed_from_below
 from services.mocap.types import Floats, Ints
 
 _DENSE_HZ = 240  # at least
@@ -27,30 +27,18 @@ def perform(choreography: Choreography, n_frames: int, fps: float, body: Body) -
     substeps = ceil(_DENSE_HZ / fps)
     rate_hz = fps * substeps
     time_s = np.arange(ceil((n_frames / fps + 0.5) * rate_hz)) / rate_hz
-    tracks = _tracks(choreography, time_s, body)
-    poses = _upper_body(choreography, time_s)
+    roll, play = SoleRoll(body), choreography.score.play
+    hop_m = play("hop", time_s) * body.height_m
+    tracks: dict[Side, FootTrack] = {}
+    for side, foot in choreography.feet.items():
+        tracks[side] = track_foot(time_s, foot, roll, np.radians(play(f"{side}_heel", time_s)), hop_m)
+    poses = np.zeros((len(time_s), N_DOF))
+    for name in _UPPER_DOFS:
+        poses[:, DOF_INDEX[name]] = np.radians(play(name, time_s))
     _put_root(poses, choreography, tracks, time_s, body)
     frames = np.arange(n_frames, dtype=np.int32) * substeps
     standing = put_feet(poses[frames], body.offsets_m, {s: tracks[s].targets.at(frames) for s in SIDES})
     return _free_legs(standing, choreography, time_s, frames)
-
-
-def _tracks(choreography: Choreography, time_s: Floats, body: Body) -> dict[Side, FootTrack]:
-    roll, play = SoleRoll(body), choreography.score.play
-    hop_m = play("hop", time_s) * body.height_m
-    return {
-        side: track_foot(
-            time_s, choreography.feet[side], roll, np.radians(play(f"{side}_heel", time_s)), hop_m
-        )
-        for side in SIDES
-    }
-
-
-def _upper_body(choreography: Choreography, time_s: Floats) -> Floats:
-    poses = np.zeros((len(time_s), N_DOF))
-    for name in _UPPER_DOFS:
-        poses[:, DOF_INDEX[name]] = np.radians(choreography.score.play(name, time_s))
-    return poses
 
 
 def _put_root(
@@ -79,14 +67,12 @@ def _ceiling_m(
     hips_m = joint_transforms(poses, body.offsets_m)[:, :, :3, 3]
     hop_m, ceilings_m = choreography.score.play("hop", time_s) * body.height_m, []
     for side in SIDES:
-        way_m = tracks[side].targets.ankle_world_m - hips_m[:, JOINT_INDEX[f"{side}_hip"]]
-        reach2 = (_BEND * reach_m(body.offsets_m, side)) ** 2 - (way_m[:, :2] ** 2).sum(axis=1)
+        ankle_m, hip_m = tracks[side].targets.ankle_world_m, hips_m[:, JOINT_INDEX[f"{side}_hip"]]
+        rise_m = hip_rise_m(ankle_m, hip_m, _BEND * reach_m(body.offsets_m, side))
         released_m = 0.3 * body.height_m * choreography.score.play(f"{side}_free", time_s)
-        ceilings_m.append(way_m[:, 2] + np.sqrt(np.maximum(reach2, 0.0)) + released_m - hop_m)
+        ceilings_m.append(rise_m + released_m - hop_m)
     radius = round(0.08 / float(time_s[1] - time_s[0]))
-    lowest_m = minimum_filter1d(np.minimum(*ceilings_m), 2 * radius + 1, mode="nearest")
-    smooth_m: Floats = gaussian_filter1d(lowest_m, radius / 3, mode="nearest", truncate=3.0)
-    return smooth_m + hop_m
+    return smoothed_from_below(np.minimum(*ceilings_m), radius) + hop_m
 
 
 def _free_legs(poses: Floats, choreography: Choreography, time_s: Floats, frames: Ints) -> Floats:

@@ -14,11 +14,12 @@ from services.mocap.body.kinematics import joint_positions
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.synth.backdrop import RoomView, view_room
-from services.mocap.synth.motion import STAND_S
-from services.mocap.synth.motions import Motion, make_motion
+from services.mocap.synth.bvh_performance import Performance
+from services.mocap.synth.motions import make_motion
 from services.mocap.synth.render import Model, expose, render
 from services.mocap.synth.room import room_patches
 from services.mocap.synth.studio import STAGE_HEIGHT_M, STAGE_RADIUS_M, studio_cameras
+from services.mocap.synth.walk import STAND_S
 from services.mocap.take import layout
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import PoseTable, reference_joints, write_poses_csv
@@ -46,7 +47,7 @@ def write_synthetic_take(
     height_m: float = 1.75,
     n_cameras: int = 8,
     progress: Callable[[int, int], None] | None = None,
-) -> Motion:
+) -> Performance:
     """Write a take of an actor of a height in a motion (see make_motion), seen by a ring of cameras.
 
     Beside the files of every take it holds reference/joints.csv, reference/poses.csv and the exact
@@ -73,7 +74,10 @@ def write_synthetic_take(
         _write_poses(writer, made.poses, body, fps)
         patches = room_patches(seed, radius_m / STAGE_RADIUS_M)
         views = [(camera, view_room(camera, patches, seed)) for camera in cameras]
-        _write_backgrounds(writer, views, seed)
+        for c, (camera, view) in enumerate(views):
+            with writer.background_video(camera) as video:
+                for frame in range(BACKGROUND_FRAMES):
+                    video.write(expose(view.picture, np.random.default_rng((seed, 3, c, frame))))
         _write_videos(writer, views, Model(body), made.poses, seed, progress)
     return made
 
@@ -124,13 +128,6 @@ def _write_poses(writer: TakeWriter, poses: Floats, body: Body, fps: float) -> N
     frames = np.arange(len(poses), dtype=np.int32)
     table = PoseTable(frames, frames / fps, poses, energies_px=np.zeros(len(poses)))
     write_poses_csv(writer.folder / "reference/poses.csv", table)
-
-
-def _write_backgrounds(writer: TakeWriter, views: Views, seed: int) -> None:
-    for c, (camera, view) in enumerate(views):
-        with writer.background_video(camera) as video:
-            for frame in range(BACKGROUND_FRAMES):
-                video.write(expose(view.picture, np.random.default_rng((seed, 3, c, frame))))
 
 
 def _write_videos(
