@@ -6,8 +6,7 @@ from pathlib import Path
 
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
-from services.mocap.export.fit_sheet import Seen
-from services.mocap.export.unsure_sheet import draw_unsure_sheet
+from services.mocap.export.fit_sheet import Seen, draw_unsure_sheet
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.writer import write_picture

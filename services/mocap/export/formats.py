@@ -13,7 +13,7 @@ from services.mocap.export.bone_names import Naming
 from services.mocap.export.bvh import write_bvh
 from services.mocap.export.c3d import write_c3d
 from services.mocap.export.glb import write_glb
-from services.mocap.export.take_overlay import write_overlay
+from services.mocap.export.overlay import write_overlay
 from services.mocap.export.trc import write_trc
 from services.mocap.motion.rest import Rest
 from services.mocap.result.layout import (

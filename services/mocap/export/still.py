@@ -1,12 +1,14 @@
 """One frame as a picture: a camera's view with the model over it."""
 
+from contextlib import ExitStack
+
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.camera.undistort import Undistorter
 from services.mocap.errors import UserError, nearest
 from services.mocap.export.model_painter import ModelPainter
-from services.mocap.export.tiles import draw_tile, grid_for, trimap_picture
+from services.mocap.export.overlay import pictures_of
+from services.mocap.export.tiles import draw_tile, grid_for
 from services.mocap.result.result import Result
 from services.mocap.take.folder import Take
 from services.mocap.types import Bytes
@@ -25,12 +27,7 @@ def draw_frame(result: Result, take: Take, camera: str, frame: int, *, width_px:
     if not rows.size:
         raise UserError(f"frame {frame}: expected one from {result.frames[0]} to {result.frames[-1]}")
     seen = by_name[camera]
-    undistorter = Undistorter(seen)
-    if take.has_video(seen):
-        with take.video(seen, frame, frame + 1) as video:
-            picture = undistorter.image(next(iter(video)))
-    else:
-        trimap = next(iter(take.trimaps(seen, frame, frame + 1)))
-        picture = trimap_picture(undistorter.trimap(trimap))
+    with ExitStack() as stack:
+        picture = next(pictures_of(take, seen, frame, frame + 1, stack))
     mask = ModelPainter(result.motion.body, Rig.of((seen,))).segment_masks(result.poses[rows[0]])[0]
     return draw_tile(picture, mask, grid_for([seen], width_px or seen.width_px))

@@ -63,10 +63,11 @@ class Model:
         self._albedo_bgr = _dressed(body)
         starts = np.cumsum([0] + [len(v) for v in body.vertices_m[:-1]])
         faces = [f + s for f, s in zip(body.faces, starts, strict=True)]
-        self._faces = np.concatenate(faces).astype(np.int32)
+        self.faces: Ints = np.concatenate(faces).astype(np.int32)
+        """(F, 3)"""
 
-    def pose(self, pose: Floats) -> Figure:
-        """The figure in a (35,) pose."""
+    def posed(self, pose: Floats) -> tuple[Floats, Floats]:
+        """Vertices in the world, in metres, and their normals, (V, 3) each, in a (35,) pose."""
         T_world_segment = segment_transforms(pose[None], self._body.offsets_m)[0]
         vertices_world_m = np.concatenate(
             [v @ T[:3, :3].T + T[:3, 3] for v, T in zip(self._body.vertices_m, T_world_segment, strict=True)]
@@ -74,9 +75,14 @@ class Model:
         normals = np.concatenate(
             [n @ T[:3, :3].T for n, T in zip(self._normals, T_world_segment, strict=True)]
         )
+        return vertices_world_m, normals
+
+    def pose(self, pose: Floats) -> Figure:
+        """The figure in a (35,) pose."""
+        vertices_world_m, normals = self.posed(pose)
         light = _AMBIENT + _DIFFUSE * np.maximum(normals @ LIGHT_WORLD, 0.0) + _SKY * normals[:, 2]
         bgr = (self._albedo_bgr * light[:, None]).astype(np.float32)
-        return Figure(vertices_world_m, bgr, self._faces, _cast_shadow(vertices_world_m, bgr, self._faces))
+        return Figure(vertices_world_m, bgr, self.faces, _cast_shadow(vertices_world_m, bgr, self.faces))
 
 
 def _dressed(body: Body) -> Floats:

@@ -10,7 +10,7 @@ from jinja2 import Environment, StrictUndefined
 from services.mocap.atomic import atomic_file
 from services.mocap.export.page import charts
 from services.mocap.export.page.key_frames import key_frames
-from services.mocap.result.energies import Energies, read_energies_csv
+from services.mocap.result.energies import read_energies_csv
 from services.mocap.result.layout import ENERGIES, OVERLAY, TIMINGS
 from services.mocap.result.result import Result
 from services.mocap.result.timings import read_timings_csv
@@ -65,8 +65,9 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
         "expected pose costs. Red: frames that are not to be trusted.",
         charts.energy(result),
     )
-    energies = _energies(result)
-    if energies is not None:
+    energies_csv, timings_csv = result.folder / ENERGIES, result.folder / TIMINGS
+    energies = read_energies_csv(energies_csv) if energies_csv.exists() else None
+    if energies is not None and np.array_equal(energies.frames, result.frames):
         yield (
             "Energy by part",
             "The same, each pixel counted to the part of the body that it is nearest to; legs, head dashed.",
@@ -98,21 +99,10 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
         "After the recommendations of the ISB, in degrees; angles.csv has all of them.",
         charts.angles(result),
     )
-    seconds = _seconds(result)
+    seconds = read_timings_csv(timings_csv) if timings_csv.exists() else {}
+    seconds = {stage: values for stage, values in seconds.items() if len(values) == len(result.frames)}
     if seconds:
         yield "Time per frame", "Wall time of every frame and its stages.", charts.timings(result, seconds)
-
-
-def _energies(result: Result) -> Energies | None:
-    path = result.folder / ENERGIES
-    energies = read_energies_csv(path) if path.exists() else None
-    return energies if energies is not None and np.array_equal(energies.frames, result.frames) else None
-
-
-def _seconds(result: Result) -> dict[str, Any]:
-    path = result.folder / TIMINGS
-    seconds = read_timings_csv(path) if path.exists() else {}
-    return {stage: values for stage, values in seconds.items() if len(values) == len(result.frames)}
 
 
 def _distrusted(result: Result) -> str:
