@@ -9,8 +9,7 @@ from rich.table import Table
 
 from services.commands.consoles import warn
 from services.commands.take_outlines import outlines_of
-from services.mocap.calibration.agreeing import Agreement, agreement_of, likely_mistake
-from services.mocap.calibration.hull_shares import filled_by_others
+from services.mocap.calibration.agreeing import Agreement, agreement_of, filled_by_others, likely_mistake
 from services.mocap.calibration.remarks import remarks_on
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError

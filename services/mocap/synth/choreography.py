@@ -18,7 +18,7 @@ TOE_OUT = radians(9)
 LIMIT_MARGIN = radians(2)
 """All keys of joints stay this far within the limits."""
 
-STAGE = ("shift_ahead", "shift_left", "drop", "hop", "trunk_turn", "left_heel", "right_heel")
+BODY_CHANNELS = ("shift_ahead", "shift_left", "drop", "hop", "trunk_turn", "left_heel", "right_heel")
 """Channels beside the joints': the pelvis against its place over the feet, how far the knees give way (shares
 of the leg's length), jumps, the trunk's turn against the feet, the rise of each heel."""
 FREE = ("left_free", "right_free")
@@ -85,7 +85,7 @@ class Choreography:
         self.height_m = body.height_m
         self._apart_m = _STANCE * float(body.offsets_m[JOINT_INDEX["left_hip"], 1])
         rest = dict.fromkeys(("root_lean", "root_pitch", "head_pitch", "head_lean", "head_turn"), 0.0)
-        rest |= dict.fromkeys(STAGE + FREE, 0.0)
+        rest |= dict.fromkeys(BODY_CHANNELS + FREE, 0.0)
         for side in SIDES:
             rest |= A_POSE.channels(side) | _LOOSE.channels(side)
         self.score = Score(rest)
@@ -105,7 +105,7 @@ class Choreography:
                 raise ValueError(f"a movement ends with its {side} leg in the air")
 
     def put(self, beat: float, **values: float) -> None:
-        """Set keys of trunk, head, stage and single joints, in degrees.
+        """Set keys of trunk, head, the body as a whole and single joints, in degrees.
 
         Raises ValueError where a joint would come nearer to its limits than the margin.
         """

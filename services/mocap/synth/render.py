@@ -10,9 +10,9 @@ from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import segment_transforms
 from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.camera import Camera
-from services.mocap.synth.backdrop import RoomView, Singles
+from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.synth.raster import draw
-from services.mocap.synth.room import LIGHT_WORLD
+from services.mocap.synth.room import LIGHT_WORLD, RoomView
 from services.mocap.types import Bytes, Floats, Ints, Mask
 
 SHADOW = 0.6

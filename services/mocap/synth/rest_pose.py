@@ -45,14 +45,12 @@ class RestPose:
     @property
     def leg(self) -> float:
         """From hip to knee to ankle, mean of both sides, in the file's unit."""
-        return float(
-            np.mean(
-                [self._bone(f"{s}_hip", f"{s}_knee") + self._bone(f"{s}_knee", f"{s}_ankle") for s in SIDES]
-            )
-        )
-
-    def _bone(self, joint: str, child: str) -> float:
-        return float(np.linalg.norm(self.places[child] - self.places[joint]))
+        bones = [
+            self.places[f"{side}_{child}"] - self.places[f"{side}_{joint}"]
+            for side in SIDES
+            for joint, child in (("hip", "knee"), ("knee", "ankle"))
+        ]
+        return float(np.linalg.norm(bones, axis=1).sum()) / len(SIDES)
 
     def alignment(self, joint: str, child: str, offsets_m: Floats) -> Floats:
         """R (3, 3) that turns our bone from joint to child, as it is in our rest pose, into the file's."""

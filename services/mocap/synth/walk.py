@@ -1,21 +1,111 @@
-"""The synthetic actor's motion: an A pose, a walk on a circle, the arms raised, a turn on the spot.
+"""The synthetic actor's walk: an A pose, a walk on a circle, the arms raised, a turn on the spot.
 
 Feet are planned first (gait), then the pelvis as high as both legs reach, then the legs by inverse
-kinematics (legs); the arms and the head move along.
+kinematics (legs); trunk, head and arms go along: sway and turn of the pelvis, arm swing, raised arms.
 """
 
-from math import ceil
+from dataclasses import dataclass
+from math import ceil, pi, radians
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import joint_transforms
-from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, SIDES
+from services.mocap.body.kinematics import N_DOF, joint_transforms
+from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, SIDES, Side
 from services.mocap.synth.gait import Path, SoleRoll, Step, foot_targets, make_steps, min_jerk
-from services.mocap.synth.legs import hip_rise_m, put_feet, reach_m, smoothed_from_below
-from services.mocap.synth.upper_body import Arms, Stride, upper_body
+from services.mocap.synth.legs import hip_rise_m, put_feet, reach_m, set_ball_joint, smoothed_from_below
 from services.mocap.types import Floats
+
+_A_POSE, _HANGING, _RAISED = radians(45), radians(11), {"left": radians(165), "right": radians(152)}
+_DROP_S = 0.6  # from the A pose to hanging arms
+_RAISE_RAD_S = 5.0  # the arms go up no faster
+_SWING, _SWING_BIAS = radians(23), radians(3)
+_SWAY_M = 0.018
+
+
+@dataclass(frozen=True, eq=False)
+class Stride:
+    """The rhythm of a row of steps."""
+
+    activity: Floats
+    """(N,) 0 while standing, 1 while stepping."""
+    left_ahead: Floats
+    """(N,) the left leg's lead, from -1 (right leg ahead) to 1, times the activity."""
+    left_loaded: Floats
+    """(N,) 1 in the middle of the left leg's stance, -1 in that of the right one, times the activity."""
+
+    @classmethod
+    def of(cls, time_s: Floats, steps: list[Step]) -> "Stride":
+        """The rhythm at (N,) times."""
+        start_s, end_s, period_s = steps[0].start_s, steps[-1].start_s + steps[-1].period_s, steps[0].period_s
+        ramp_s = min(0.45, (end_s - start_s) / 2)
+        activity = min_jerk((time_s - start_s) / ramp_s) - min_jerk((time_s - end_s + ramp_s) / ramp_s)
+        phase = pi * (time_s - start_s) / period_s
+        sign = 1.0 if steps[0].side == "left" else -1.0
+        return cls(activity, -sign * activity * np.cos(phase), -sign * activity * np.sin(phase))
+
+
+@dataclass(frozen=True)
+class Arms:
+    """When, in seconds, the arms drop from the A pose, go up, and are down again."""
+
+    drop_s: float
+    raise_s: float
+    lower_s: float
+    end_s: float
+
+    def abduction(self, time_s: Floats, side: Side) -> Floats:
+        """The arm's angle (N,) from hanging straight down, sideways, in radians."""
+        raise_s = 0.95 * (self.lower_s - self.raise_s)
+        lift = min(_RAISED[side] - _HANGING, _RAISE_RAD_S * raise_s / 1.875)
+        up = min_jerk((time_s - self.raise_s) / raise_s)
+        down = min_jerk((time_s - self.lower_s) / max(0.8 * (self.end_s - self.lower_s), raise_s))
+        dropped = min_jerk((time_s - self.drop_s) / _DROP_S)
+        return _A_POSE + (_HANGING - _A_POSE) * dropped + lift * (up - down)
+
+
+def upper_body(path: Path, walking: Stride, turning: Stride, arms: Arms) -> Floats:
+    """Poses (N, 35) at the path's (N,) times with everything set but the root's height and the legs."""
+    poses = np.zeros((len(path.time_s), N_DOF))
+
+    def put(name: str, values: Floats) -> None:
+        poses[:, DOF_INDEX[name]] = values
+
+    position_m, heading = path.place(path.turns)
+    sway_m = _SWAY_M * (walking.left_loaded + turning.left_loaded)
+    put("root_x", position_m[:, 0] - sway_m * np.sin(heading))
+    put("root_y", position_m[:, 1] + sway_m * np.cos(heading))
+    put("root_heading", heading - radians(4) * walking.left_ahead)
+    put("root_lean", radians(-3) * walking.activity)  # into the curve, which bends to the left
+    put("root_pitch", radians(3) * walking.activity)
+    put("head_pitch", radians(-2) * walking.activity + radians(4) * turning.activity)
+    put("head_lean", radians(2) * walking.activity)
+    put(
+        "head_turn",
+        radians(9) * walking.activity + radians(4) * walking.left_ahead + radians(14) * turning.activity,
+    )
+    for side in SIDES:
+        lead = (-1.0 if side == "left" else 1.0) * (walking.left_ahead + 0.3 * turning.left_ahead)
+        forward = _SWING * lead + _SWING_BIAS * walking.activity
+        _put_arm(poses, side, forward, arms.abduction(path.time_s, side))
+        put(f"{side}_elbow_flexion", radians(14) + radians(13) * lead + radians(8) * walking.activity)
+        put(f"{side}_wrist_flexion", radians(6) + radians(5) * lead)
+    return poses
+
+
+def _put_arm(poses: Floats, side: Side, forward: Floats, abduction: Floats) -> None:
+    """Point the upper arm (N,) radians forward of and away from hanging down, the elbow bending forward."""
+    sign = 1.0 if side == "left" else -1.0
+    zero = np.zeros_like(forward)
+    # Hanging straight down and turned away from the body first, then swung about the lateral axis.
+    along = sign * np.stack([zero, sign * np.sin(abduction), -np.cos(abduction)], axis=1)
+    ahead = np.stack([zero + 1.0, zero, zero], axis=1)
+    R_sideways = np.stack([ahead, along, np.cross(ahead, along)], axis=2)
+    cosine, sine = np.cos(forward), np.sin(forward)
+    R_forward = np.stack([cosine, zero, -sine, zero, zero + 1.0, zero, sine, zero, cosine], axis=1)
+    set_ball_joint(poses, f"{side}_shoulder", R_forward.reshape(-1, 3, 3) @ R_sideways)
+
 
 STAND_S = 0.7
 """How long the actor stands in the A pose at the beginning."""

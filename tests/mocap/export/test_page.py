@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from services.mocap.export.page.key_frames import key_frames
-from services.mocap.export.page.page import write_report
+from services.mocap.export.page.html_report import key_frames, write_report
 from services.mocap.result.energies import Energies, read_energies_csv, write_energies_csv
 from services.mocap.result.result import load_result
 from services.mocap.result.timings import read_timings_csv, write_timings_csv

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from reference_rasteriser import rasterise
 from services.mocap.body.actor import Body
-from services.mocap.energy.reference import rasterise
 from services.mocap.synth.raster import SAMPLES, draw
 from services.mocap.synth.render import Model
 from services.mocap.synth.studio import studio_cameras

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from reference_rasteriser import rasterise
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
-from services.mocap.energy.reference import rasterise
 from services.mocap.errors import UserError
 from services.mocap.synth.render import NOISE, Model
 from services.mocap.synth.take import BACKGROUND_FRAMES, write_synthetic_take

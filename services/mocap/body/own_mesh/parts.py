@@ -146,10 +146,7 @@ def _joint(path: Path, joint: str, parts: dict[str, Part], height: float) -> Flo
         raise UserError(f"{path}: {names} do not touch: expected parts that are in place, as of one body")
     reach = least + _TOUCHING * height
     shared = np.concatenate(
-        [
-            one.vertices[(one_off <= reach) | one_inside],
-            other.vertices[(other_off <= reach) | other_inside],
-        ]
+        [one.vertices[(one_off <= reach) | one_inside], other.vertices[(other_off <= reach) | other_inside]]
     )
     middle: Floats = (shared.min(axis=0) + shared.max(axis=0)) / 2
     return middle
