@@ -18,6 +18,9 @@ _DECISIVE = 2.0
 """How many times less a camera must be off, once turned or mirrored, for that to be what is wrong with it."""
 _FEWEST_LEFT = 2
 
+_VOXEL_M = 0.05
+_REACH_M = 1.6
+
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
@@ -96,12 +99,8 @@ def _flipped(outline: Outline | None, camera: Camera, flip: tuple[float, float])
     return Outline(rays_world(pixel, camera), outline.cut_off)
 
 
-_VOXEL_M = 0.05
-_REACH_M = 1.6
-
-
 def filled_by_others(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Floats:
-    """(C,) of silhouettes (C, H, W) of one moment; NaN for a camera that shows nobody.
+    """(C,) of silhouettes (C, H, W) of one moment; NaN for a camera that does not show the actor.
 
     possible (C, H, W): what may be actor, by default the silhouettes; it leaves the hull room. Raises
     TakeError where the cameras' rays do not even come near to each other.

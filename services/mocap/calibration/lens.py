@@ -18,6 +18,17 @@ N_INTRINSICS = 9
 """fx, fy, cx, cy and five coefficients, of which those that a lens lacks stay zero."""
 _NEAREST_M = 1e-3
 
+FEWEST_VIEWS = 6
+_MOST_VIEWS = 40
+_SPOILED_PX, _SPOILED_RATIO = 1.0, 3.0
+"""A view whose error is beyond both, in pixels and against the median view's, is left out."""
+_ROUNDS = 3
+_FLAGS: dict[Lens, int] = {
+    "normal": cv2.CALIB_FIX_K3,
+    "wide": 0,
+    "fisheye": cv2.CALIB_RECOMPUTE_EXTRINSIC + cv2.CALIB_FIX_SKEW,
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
@@ -79,18 +90,6 @@ def _fisheye(x: Floats, y: Floats, values: Floats) -> tuple[Floats, Floats]:
     bent = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
     scale = np.where(r > 1e-9, bent / np.maximum(r, 1e-9), 1.0)
     return x * scale, y * scale
-
-
-FEWEST_VIEWS = 6
-_MOST_VIEWS = 40
-_SPOILED_PX, _SPOILED_RATIO = 1.0, 3.0
-"""A view whose error is beyond both, in pixels and against the median view's, is left out."""
-_ROUNDS = 3
-_FLAGS: dict[Lens, int] = {
-    "normal": cv2.CALIB_FIX_K3,
-    "wide": 0,
-    "fisheye": cv2.CALIB_RECOMPUTE_EXTRINSIC + cv2.CALIB_FIX_SKEW,
-}
 
 
 def estimate_intrinsics(sightings: Sightings, board: Board, lens: Lens) -> tuple[Intrinsics, list[int]]:

@@ -60,7 +60,7 @@ class Solution:
 def solve_rig(seen: list[Sightings], board: Board, lens: Lens, show: Show) -> Solution:
     """Calibrate cameras by their sightings, among them one of moment ORIGIN_FRAME in one of them or more.
 
-    Raises CalibrationError where there is too little to go by.
+    Raises CalibrationError where the sightings do not determine the cameras.
     """
     show("lens by lens", 0.0)
     lenses, spoiled = zip(*[estimate_intrinsics(s, board, lens) for s in seen], strict=True)

@@ -17,6 +17,9 @@ _BENT_SHARE, _BENT_PX = 0.03, 3.0
 """How far corners may be off a plane's picture, as a share of the board's size in it: a lens bends by that
 much, while corners that were taken for others are off by whole squares."""
 
+_CHESS_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
+_NO_SIZE = (0, 0)
+
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
@@ -81,10 +84,6 @@ def _look(sighting: Sighting) -> Floats:
     (xx, xy), (_, yy) = np.cov(points.T)
     size = np.sqrt(np.sqrt(max(xx * yy - xy**2, 1e-9)))
     return np.array([*points.mean(axis=0), 3 * size, 100 * np.log(xx / yy), 100 * xy / np.sqrt(xx * yy)])
-
-
-_CHESS_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
-_NO_SIZE = (0, 0)
 
 
 class Detector:

@@ -1,7 +1,7 @@
 """Colour correction of cameras, and the file that keeps it: colour.toml, one table per camera.
 
 A table holds `matrix`, 3 rows of 4 numbers: from linear red, green, blue (0 to 1) and one to corrected ones.
-Pictures are taken for sRGB: video cameras' curves are near enough for what is left after a fit.
+Pictures are assumed to be sRGB: the curves of video cameras differ by less than the residuals of a fit.
 """
 
 from collections.abc import Iterable, Mapping

@@ -18,7 +18,7 @@ RIGHT_BGR = (240, 150, 30)
 MISSED_BGR, BEYOND_BGR = (0, 235, 255), (255, 0, 255)
 """Actor that the model misses, and model beyond the actor."""
 UNSURE_BGR = (255, 255, 0)
-"""What nobody is sure of."""
+"""Pixels that may be actor or background."""
 _OPACITY = 0.5
 _OUTLINE_BGR = (255, 255, 255)
 _HALO_BGR = (0, 0, 0)

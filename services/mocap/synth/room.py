@@ -18,6 +18,8 @@ LIGHT_WORLD: Floats = np.array([0.42, 0.28, 0.863]) / np.linalg.norm([0.42, 0.28
 
 _HALF_X_M, _HALF_Y_M, _WALL_M = 5.6, 5.2, 9.0  # the cameras stand up to 4.4 m from the middle
 
+_RAYS = 2  # per pixel and axis, so that edges are soft
+
 
 @dataclass(frozen=True, eq=False)
 class Patch:
@@ -128,9 +130,6 @@ def _light(patch: Patch, points_world_m: Floats) -> Floats:
     away2 = ((points_world_m - 2.5 * LIGHT_WORLD) ** 2).sum(axis=1)
     light: Floats = (0.78 + 0.14 * facing) * (0.72 + 0.4 * np.exp(-away2 / 32.0))
     return light
-
-
-_RAYS = 2  # per pixel and axis, so that edges are soft
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,12 @@ _UPPER_DOFS = (
     *(name for side in SIDES for name in HANGING.channels(side)),
 )
 
+ROUND_S = 400 / 15
+"""The paper's sequences are about 400 frames at 15 frames a second: so long is one round, in seconds."""
+_FIRST_MOVEMENT_S = STAND_S + 0.5
+
+Movement = Callable[[Choreography], None]
+
 
 def perform(choreography: Choreography, n_frames: int, fps: float, body: Body) -> Floats:
     """Poses (n_frames, 35) of the choreography's first n_frames / fps seconds."""
@@ -92,13 +98,6 @@ def _free_legs(poses: Floats, choreography: Choreography, time_s: Floats, frames
             poses[:, DOF_INDEX[name]] += share * (posed - poses[:, DOF_INDEX[name]])
         poses[:, DOF_INDEX[f"{side}_ankle_inversion"]] *= 1.0 - share
     return poses
-
-
-ROUND_S = 400 / 15
-"""The paper's sequences are about 400 frames at 15 frames a second: so long is one round, in seconds."""
-_FIRST_MOVEMENT_S = STAND_S + 0.5
-
-Movement = Callable[[Choreography], None]
 
 
 def basic(n_frames: int, fps: float, body: Body, seed: int = 0) -> Floats:

@@ -23,6 +23,23 @@ _RAISE_RAD_S = 5.0  # the arms go up no faster
 _SWING, _SWING_BIAS = radians(23), radians(3)
 _SWAY_M = 0.018
 
+STAND_S = 0.7
+"""How long the actor stands in the A pose at the beginning."""
+SHORTEST_S = 2.0
+"""The whole motion takes at least this long; a shorter take shows its beginning."""
+MAX_JOINT_SPEED_RAD_S = 9.0
+"""No joint turns faster about any of its axes."""
+
+_CIRCLE_M = 0.7
+_SPEED_HEIGHTS_S = 0.57  # 1 m/s for someone 1.75 m tall
+_TURN_RAD_S = 1.6
+_RAMP_S = 0.45  # from standing to full speed
+_STEP_S = 0.56
+_DENSE_HZ = 240  # at least: path and pelvis are planned on a grid as fine as this
+_LEAD_S = 0.2  # from the end of the A pose to the first step, whose heel rises before
+_LAST_STEP_S = 0.35
+_BEND = 0.997  # of the straight leg's length: knees are never locked
+
 
 @dataclass(frozen=True, eq=False)
 class Stride:
@@ -105,24 +122,6 @@ def _put_arm(poses: Floats, side: Side, forward: Floats, abduction: Floats) -> N
     cosine, sine = np.cos(forward), np.sin(forward)
     R_forward = np.stack([cosine, zero, -sine, zero, zero + 1.0, zero, sine, zero, cosine], axis=1)
     set_ball_joint(poses, f"{side}_shoulder", R_forward.reshape(-1, 3, 3) @ R_sideways)
-
-
-STAND_S = 0.7
-"""How long the actor stands in the A pose at the beginning."""
-SHORTEST_S = 2.0
-"""The whole motion takes at least this long; a shorter take shows its beginning."""
-MAX_JOINT_SPEED_RAD_S = 9.0
-"""No joint turns faster about any of its axes."""
-
-_CIRCLE_M = 0.7
-_SPEED_HEIGHTS_S = 0.57  # 1 m/s for someone 1.75 m tall
-_TURN_RAD_S = 1.6
-_RAMP_S = 0.45  # from standing to full speed
-_STEP_S = 0.56
-_DENSE_HZ = 240  # at least: path and pelvis are planned on a grid as fine as this
-_LEAD_S = 0.2  # from the end of the A pose to the first step, whose heel rises before
-_LAST_STEP_S = 0.35
-_BEND = 0.997  # of the straight leg's length: knees are never locked
 
 
 def walk(n_frames: int, fps: float, body: Body) -> Floats:

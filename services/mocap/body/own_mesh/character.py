@@ -6,6 +6,9 @@ import numpy as np
 
 from services.mocap.types import Floats, Ints, Mask
 
+_NEAREST_END = 0.02
+"""A cut keeps this share of an edge away from its ends, which avoids slivers."""
+
 
 @dataclass(frozen=True, eq=False)
 class Piece:
@@ -50,10 +53,6 @@ def welded(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Ints]:
     joined = place.reshape(-1)[faces]
     whole = np.all(joined != np.roll(joined, 1, axis=1), axis=1)
     return vertices[first], joined[whole].astype(np.int32), first.astype(np.int32)
-
-
-_NEAREST_END = 0.02
-"""A cut keeps this share of an edge away from its ends, so that no slivers come about."""
 
 
 def cut_where(vertices: Floats, faces: Ints, field: Floats) -> Piece:

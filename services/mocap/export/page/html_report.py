@@ -20,8 +20,10 @@ from services.mocap.result.timings import read_timings_csv
 from services.mocap.take.video import VideoReader, index_video
 from services.mocap.types import Bytes, Floats
 
-_WIDTH_PX = 1200
-_QUALITY = 78
+_PICTURE_WIDTH_PX = 1200
+_JPEG_QUALITY = 78
+_TEMPLATE = Path(__file__).with_name("report.html.j2")
+Rows = list[tuple[str, str]]
 
 
 @dataclass(frozen=True)
@@ -60,15 +62,11 @@ def key_frames(overlay: Path, frames: list[int], energies_px: Floats) -> list[Ke
 
 def _jpeg(picture: Bytes) -> str:
     height_px, width_px = picture.shape[:2]
-    if width_px > _WIDTH_PX:
-        size = (_WIDTH_PX, round(height_px * _WIDTH_PX / width_px))
+    if width_px > _PICTURE_WIDTH_PX:
+        size = (_PICTURE_WIDTH_PX, round(height_px * _PICTURE_WIDTH_PX / width_px))
         picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
-    _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
     return base64.b64encode(encoded.tobytes()).decode("ascii")
-
-
-_TEMPLATE = Path(__file__).with_name("report.html.j2")
-Rows = list[tuple[str, str]]
 
 
 def write_report(path: Path, result: Result) -> None:
