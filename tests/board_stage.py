@@ -10,14 +10,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from services.mocap.calibration.board import Board
-from services.mocap.calibration.poses import Pose
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME
+from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.calibration.sightings import Sighting, Sightings
 from services.mocap.camera.camera import Camera
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes, Floats
 
-FLAT = Pose(np.eye(3), np.zeros(3))
+FLAT = RigidTransform(np.eye(3), np.zeros(3))
 """On the floor, in the middle."""
 _SQUARE_PX = 32
 CAMERA_CRF = 20
@@ -48,7 +48,7 @@ def ring(
     return cameras
 
 
-def between(one: Camera, other: Camera, rng: np.random.Generator) -> Pose:
+def between(one: Camera, other: Camera, rng: np.random.Generator) -> RigidTransform:
     """T_world_board of a board held up to two cameras."""
     middle_m = (one.centre_world_m + other.centre_world_m) / 2
     at_m = middle_m * rng.uniform(0.0, 0.65) + 0.5 * rng.standard_normal(3)
@@ -58,7 +58,7 @@ def between(one: Camera, other: Camera, rng: np.random.Generator) -> Pose:
     towards /= np.linalg.norm(towards)
     side = np.cross(rng.standard_normal(3), towards)
     side /= np.linalg.norm(side)
-    return Pose(np.stack([side, np.cross(towards, side), towards], axis=1), at_m)
+    return RigidTransform(np.stack([side, np.cross(towards, side), towards], axis=1), at_m)
 
 
 def distorted_px(camera: Camera, points_world_m: Floats) -> Floats:
@@ -69,7 +69,7 @@ def distorted_px(camera: Camera, points_world_m: Floats) -> Floats:
     return project(*order, camera.K, camera.distortion)[0].reshape(-1, 2)
 
 
-def sees(camera: Camera, board: Board, pose: Pose, steepest: float = _STEEPEST) -> bool:
+def sees(camera: Camera, board: Board, pose: RigidTransform, steepest: float = _STEEPEST) -> bool:
     """Whether the print faces a camera that is not too near."""
     away_m = camera.centre_world_m - pose.t_m
     distance_m = np.linalg.norm(away_m)
@@ -78,7 +78,7 @@ def sees(camera: Camera, board: Board, pose: Pose, steepest: float = _STEEPEST) 
 
 
 def look(
-    camera: Camera, board: Board, pose: Pose, noise_px: float, rng: np.random.Generator
+    camera: Camera, board: Board, pose: RigidTransform, noise_px: float, rng: np.random.Generator
 ) -> Sighting | None:
     """The corners that a camera sees, with noise; None where too few are in its picture."""
     if not sees(camera, board, pose):
@@ -97,7 +97,7 @@ class Scene:
 
     cameras: list[Camera]
     board: Board
-    moments: list[tuple[Pose, tuple[int, ...]]]
+    moments: list[tuple[RigidTransform, tuple[int, ...]]]
     """T_world_board, and the cameras that may see it."""
 
 
@@ -147,12 +147,12 @@ def _rays(camera: Camera) -> Floats:
 
 
 def picture(
-    camera: Camera, board: Board, pose: Pose | None, rng: np.random.Generator, noise: float = 2.0
+    camera: Camera, board: Board, pose: RigidTransform | None, rng: np.random.Generator, noise: float = 2.0
 ) -> Bytes:
     """A grey picture (H, W, 3) of the board before a dim background, with lens distortion, soft and noisy."""
     level = np.full((camera.height_px, camera.width_px), 90.0, np.float32)
     if pose is not None and sees(camera, board, pose, 0.1):
-        T_camera_board = Pose(camera.R_camera_world, camera.t_camera_world_m) @ pose
+        T_camera_board = RigidTransform(camera.R_camera_world, camera.t_camera_world_m) @ pose
         to_board = np.linalg.inv(np.column_stack([T_camera_board.R[:, :2], T_camera_board.t_m]))
         plane = _rays(camera) @ to_board.T
         print_ = cv2.GaussianBlur(board.draw(_SQUARE_PX), (0, 0), 0.7)

@@ -16,7 +16,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
-from services.mocap.synth.motion import walk
+from services.mocap.synth.walk import walk
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.marks import Marks

@@ -18,7 +18,7 @@ keep_compiled_code()
 
 if TYPE_CHECKING:
     from services.mocap.body.skeleton import DOF_NAMES, JOINT_NAMES, SEGMENT_NAMES
-    from services.mocap.export.still import draw_frame
+    from services.mocap.export.overlay import draw_frame
     from services.mocap.result.result import Result, load_result
     from services.mocap.take.folder import Take, open_take
     from services.mocap.take.marks import PARTS
@@ -29,7 +29,7 @@ _HOMES = {
     "Result": "result.result",
     "open_take": "take.folder",
     "Take": "take.folder",
-    "draw_frame": "export.still",
+    "draw_frame": "export.overlay",
     "DOF_NAMES": "body.skeleton",
     "JOINT_NAMES": "body.skeleton",
     "SEGMENT_NAMES": "body.skeleton",

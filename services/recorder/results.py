@@ -9,7 +9,7 @@ import numpy as np
 from services.mocap.body.actor import build_body
 from services.mocap.errors import UserError
 from services.mocap.export.formats import DEFAULT_FORMATS, write_defaults
-from services.mocap.export.take_overlay import write_overlay
+from services.mocap.export.overlay import write_overlay
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.frame_files import write_frame_files

@@ -9,8 +9,7 @@ import numpy as np
 
 from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
-from services.mocap.export.fit_sheet import Seen
-from services.mocap.export.unsure_sheet import draw_unsure_sheet
+from services.mocap.export.fit_sheet import Seen, draw_unsure_sheet
 from services.mocap.search.unsure_shares import REMEDY, UNTOLD, may_be_actor, without_rims
 from services.mocap.take import layout
 from services.mocap.take.folder import Take

@@ -15,8 +15,8 @@ from services.mocap.search.first_frame import model_of
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker
-from services.mocap.synth.motion import STAND_S
 from services.mocap.synth.motions import make_motion
+from services.mocap.synth.walk import STAND_S
 from services.mocap.types import Floats, Mask
 
 MOTIONS = ("walk", "basic", "dance")

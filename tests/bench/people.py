@@ -20,7 +20,7 @@ from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SEGMENTS
-from services.mocap.synth.motion import STAND_S, walk
+from services.mocap.synth.walk import STAND_S, walk
 from services.mocap.types import Bytes, Floats, Mask
 from services.segmentation.cleanup import SegmentationSettings, cleanup
 

@@ -14,7 +14,7 @@ from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.frame_files import read_frame_file
 from services.mocap.search.chains import distrusted_values
-from services.mocap.synth.motion import walk
+from services.mocap.synth.walk import walk
 from services.mocap.take.folder import open_take
 from services.mocap.take.marks import PARTS, Marks
 from services.mocap.take.tables import read_joints_csv, read_poses_csv, reference_joints, write_joints_csv

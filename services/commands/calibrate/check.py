@@ -10,9 +10,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from services.commands.consoles import table_of, warn
-from services.mocap.calibration.agreeing import Agreement, agreement_of, likely_mistake
+from services.mocap.calibration.agreeing import Agreement, agreement_of, filled_by_others, likely_mistake
 from services.mocap.calibration.epipolar_tangents import Outline, outline_of
-from services.mocap.calibration.hull_shares import filled_by_others
 from services.mocap.calibration.remarks import remarks_on
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.lens import N_COEFFICIENTS, N_INTRINSICS, Intrinsics, project
-from services.mocap.calibration.poses import Pose
+from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.calibration.sightings import Sightings
 from services.mocap.types import Floats, Ints, Mask
 
@@ -50,11 +50,11 @@ class Estimate:
     """What is known so far; the rig frame is that of the first camera."""
 
     lenses: list[Intrinsics]
-    cameras: list[Pose]
+    cameras: list[RigidTransform]
     """T_camera_rig."""
     frames: list[int]
     """The number of each moment …"""
-    boards: list[Pose]
+    boards: list[RigidTransform]
     """… and T_rig_board in it."""
 
 
@@ -138,7 +138,7 @@ class _Problem:
     def estimate(self, x: Floats) -> Estimate:
         """What the minimiser's parameters lead to."""
         values, R, t_m = self._changed(*self._changes(x))
-        poses = [Pose(*pose) for pose in zip(R, t_m, strict=True)]
+        poses = [RigidTransform(*pose) for pose in zip(R, t_m, strict=True)]
         lenses = [replace(lens, values=v) for lens, v in zip(self._start.lenses, values, strict=True)]
         return replace(self._start, lenses=lenses, cameras=poses[: len(values)], boards=poses[len(values) :])
 
@@ -191,18 +191,13 @@ class _Problem:
 
         Coefficients that a lens lacks and the first camera's place, which is the rig's, never change.
         """
-        values = self._values + np.where(self._free, of_cameras[:, :N_INTRINSICS], 0.0) * _scale(self._values)
+        scale = np.ones_like(self._values)
+        scale[:, :4] = self._values[:, :2].mean(axis=1, keepdims=True)  # pixels change by the focal length
+        values = self._values + np.where(self._free, of_cameras[:, :N_INTRINSICS], 0.0) * scale
         moves = np.vstack([of_cameras[:, N_INTRINSICS:], of_boards])
         moves[0] = 0.0
         R = Rotation.from_rotvec(moves[:, :3]).as_matrix() @ self._R
         return values, R, self._t_m + moves[:, 3:]
-
-
-def _scale(values: Floats) -> Floats:
-    """(C, 9) what lens values (C, 9) change by per unit: pixels by the focal length."""
-    scale = np.ones_like(values)
-    scale[:, :4] = values[:, :2].mean(axis=1, keepdims=True)
-    return scale
 
 
 def _whitening(slope: Floats, block: Ints, n_blocks: int) -> Floats:

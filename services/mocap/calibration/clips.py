@@ -5,6 +5,7 @@ intrinsics/<camera>.mp4 or <camera>/        the board close before one camera al
 origin/<camera>.mp4, .png or <camera>/      the board lying still where the world's origin shall be
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,9 +57,10 @@ class Clip:
         return sorted(file for file in self.path.iterdir() if file.suffix.lower() in _PICTURES)
 
     def _numbers(self) -> list[int]:
-        ends = [_number_at_end(file.stem) for file in self._files()]
-        numbers = [end for end in ends if end is not None]
-        return numbers if len(set(numbers)) == len(ends) else list(range(len(ends)))
+        files = self._files()
+        ends = [re.search(r"[0-9]+$", file.stem) for file in files]
+        numbers = [int(end[0]) for end in ends if end]
+        return numbers if len(set(numbers)) == len(files) else list(range(len(files)))
 
 
 def find_clips(folder: Path) -> list[Clip]:
@@ -68,22 +70,13 @@ def find_clips(folder: Path) -> list[Clip]:
         if path.name.startswith(".") or path.name in (INTRINSICS, ORIGIN):
             continue
         if path.is_dir():
-            clip = (
-                Clip(path.name, path) if any(f.suffix.lower() in _PICTURES for f in path.iterdir()) else None
-            )
+            camera, is_clip = path.name, any(file.suffix.lower() in _PICTURES for file in path.iterdir())
         else:
-            clip = Clip(path.stem, path) if path.suffix.lower() in (*_VIDEOS, *_PICTURES) else None
-        if clip is None:
-            continue
-        if clip.camera in clips:
+            camera, is_clip = path.stem, path.suffix.lower() in (*_VIDEOS, *_PICTURES)
+        if is_clip and camera in clips:
             raise CalibrationError(
-                f"{path}: is a second clip of {clip.camera} beside {clips[clip.camera].path.name}: keep one "
-                "of them"
+                f"{path}: is a second clip of {camera} beside {clips[camera].path.name}: keep one of them"
             )
-        clips[clip.camera] = clip
+        if is_clip:
+            clips[camera] = Clip(camera, path)
     return sorted(clips.values(), key=lambda clip: clip.camera)
-
-
-def _number_at_end(stem: str) -> int | None:
-    digits = stem[len(stem.rstrip("0123456789")) :]
-    return int(digits) if digits else None

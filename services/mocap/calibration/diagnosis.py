@@ -8,9 +8,8 @@ import numpy as np
 
 from services.mocap.calibration.board import DICTIONARIES, FEWEST_SQUARES, Board
 from services.mocap.calibration.clips import Clip
-from services.mocap.calibration.detection import Detector, grey_of
-from services.mocap.calibration.intrinsics import FEWEST_VIEWS
-from services.mocap.calibration.sightings import Sightings
+from services.mocap.calibration.lens import FEWEST_VIEWS
+from services.mocap.calibration.sightings import Detector, Sightings, grey_of
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Bytes, Floats, Ints
 
@@ -30,7 +29,10 @@ def check_prints(looked: list[tuple[Clip, Sightings]], board: Board) -> None:
     """
     for number, (clip, sightings) in enumerate(looked):
         if (board.kind == "charuco" and number == 0) or len(sightings.by_frame) < FEWEST_VIEWS:
-            problem = _what_is_wrong(_samples(clip), board)
+            every = -(-clip.n_frames() // _SAMPLES)
+            samples = [grey_of(picture) for _, picture in clip.pictures(every)]
+            find_problem = _wrong_markers if board.kind == "charuco" else _wrong_chessboard
+            problem = find_problem(samples, board)
             if problem is not None:
                 raise CalibrationError(f"{clip.path}: {problem}")
         if len(sightings.by_frame) < FEWEST_VIEWS:
@@ -47,11 +49,11 @@ def check_same_pictures(seen: list[Sightings]) -> None:
         shared = sorted(one.by_frame.keys() & other.by_frame.keys())
         if len(shared) < _FEWEST_SAME:
             continue
-        same = 0
-        for frame in shared:
-            a, b = one.by_frame[frame], other.by_frame[frame]
-            if np.array_equal(a.corners, b.corners):
-                same += bool(np.abs(a.points_px - b.points_px).max() < _SAME_PX)
+        pairs = [(one.by_frame[frame], other.by_frame[frame]) for frame in shared]
+        same = sum(
+            np.array_equal(a.corners, b.corners) and np.abs(a.points_px - b.points_px).max() < _SAME_PX
+            for a, b in pairs
+        )
         if same >= _SAME_SHARE * len(shared):
             raise CalibrationError(
                 f"{one.camera} and {other.camera}: show the very same pictures: one clip is there under two "
@@ -59,20 +61,16 @@ def check_same_pictures(seen: list[Sightings]) -> None:
             )
 
 
-def _samples(clip: Clip) -> list[Bytes]:
-    """Some pictures of a clip, in grey."""
-    every = -(-clip.n_frames() // _SAMPLES)
-    return [grey_of(picture) for _, picture in clip.pictures(every)]
-
-
-def _what_is_wrong(pictures: list[Bytes], board: Board) -> str | None:
-    return _wrong_markers(pictures, board) if board.kind == "charuco" else _wrong_chessboard(pictures, board)
-
-
 def _wrong_chessboard(pictures: list[Bytes], board: Board) -> str | None:
     """Another size of chessboard that is seen more often than the one named."""
     # each size is looked for in all of them, which takes long in large pictures
-    pictures = [_shrunk(picture) for picture in pictures[:: max(1, len(pictures) // _FEW_SAMPLES)]]
+    pictures = pictures[:: max(1, len(pictures) // _FEW_SAMPLES)]
+    share = min(1.0, _SHRUNK_WIDTH_PX / pictures[0].shape[1]) if pictures else 1.0
+    area = cv2.INTER_AREA
+    pictures = [
+        np.asarray(cv2.resize(picture, None, fx=share, fy=share, interpolation=area), np.uint8)
+        for picture in pictures
+    ]
     best = max(_sizes_near(board), key=lambda other: _n_found(pictures, other))
     if _n_found(pictures, best) <= max(_n_found(pictures, board), 1):
         return None
@@ -80,11 +78,6 @@ def _wrong_chessboard(pictures: list[Bytes], board: Board) -> str | None:
         f"shows a chessboard of {best.columns}x{best.rows} squares and not of {board.columns}x{board.rows}: "
         f"give --squares {best.columns}x{best.rows} (squares are counted, not the corners between them)"
     )
-
-
-def _shrunk(picture: Bytes) -> Bytes:
-    share = min(1.0, _SHRUNK_WIDTH_PX / picture.shape[1])
-    return np.asarray(cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _sizes_near(board: Board) -> Iterable[Board]:
@@ -164,7 +157,9 @@ def _wrong_layout(views: list[tuple[Ints, Floats]], board: Board) -> str | None:
 
 def _misplaced(views: list[tuple[Ints, Floats]], board: Board) -> float:
     """How far markers are off where a board has them, in squares: the median over some pictures."""
-    places = _marker_places(board)
+    row, column = np.indices((board.rows, board.columns))
+    white = (row + column) % 2 == (not (board.legacy and board.rows % 2 == 0))
+    places = np.stack([column[white], row[white]], axis=1) + 0.5  # (n_markers, 2) their middles, in squares
     off = []
     for ids, middles_px in views:
         if ids.max() >= len(places):
@@ -174,11 +169,3 @@ def _misplaced(views: list[tuple[Ints, Floats]], board: Board) -> float:
         mapped = None if H is None else cv2.perspectiveTransform(middles_px[None], H)[0]
         off.append(np.inf if mapped is None else float(np.linalg.norm(mapped - places[ids], axis=1).max()))
     return float(np.median(off))
-
-
-def _marker_places(board: Board) -> Floats:
-    """(n_markers, 2) the middles of a board's markers, in squares."""
-    row, column = np.indices((board.rows, board.columns))
-    first_has_none = not (board.legacy and board.rows % 2 == 0)
-    white = (row + column) % 2 == first_has_none
-    return np.stack([column[white], row[white]], axis=1) + 0.5

@@ -56,8 +56,8 @@ class Touches:
         inside = (low >= 0) & (low + (share[:, 0] > 0) < len(frames))
         low = np.where(inside, low, 0)
         high = np.minimum(low + 1, len(frames) - 1)
-        at = np.where(share > 0, (1 - share) * self.angles_second[low] + share * self.angles_second[high],
-                      self.angles_second[low])  # fmt: skip
+        before, after = self.angles_second[low], self.angles_second[high]
+        at = np.where(share > 0, (1 - share) * before + share * after, before)
         off: Floats = np.where(inside[:, None], np.abs(self.angles_first - at), np.nan) * self.px_per_rad
         return off
 
@@ -70,15 +70,24 @@ def outline_of(trimap: Trimap, camera: Camera) -> Outline | None:
     """
     if (trimap == ACTOR).mean() < _SMALLEST_SHARE:
         return None
-    contour = _with_what_may_belong_to_it(max(_contours(trimap == ACTOR), key=cv2.contourArea), trimap)
+    contour = max(_contours(trimap == ACTOR), key=cv2.contourArea)
+    if (trimap == UNSURE).any():
+        x, y = contour[0, 0].tolist()
+        possible = _contours(trimap != BACKGROUND)
+        contour = next(c for c in possible if cv2.pointPolygonTest(c, (x, y), False) >= 0)
     corners = cv2.convexHull(contour)[:, 0]
     hull_px, (height, width) = corners.astype(np.float64), trimap.shape
     cut_off = np.any((hull_px < 1) | (hull_px > (width - 2, height - 2)), axis=1)
     cut_off |= trimap[corners[:, 1], corners[:, 0]] == UNSURE
-    rays = (
-        np.column_stack([hull_px, np.ones(len(hull_px))]) @ np.linalg.inv(camera.K).T @ camera.R_camera_world
-    )
-    return Outline(rays / np.linalg.norm(rays, axis=1, keepdims=True), cut_off)
+    return Outline(rays_world(hull_px, camera), cut_off)
+
+
+def rays_world(points_px: Floats, camera: Camera) -> Floats:
+    """(n, 3) unit vectors from a camera's centre through points (n, 2) of its undistorted picture."""
+    homogeneous = np.column_stack([points_px, np.ones(len(points_px))])
+    rays: Floats = homogeneous @ np.linalg.inv(camera.K).T @ camera.R_camera_world
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return rays
 
 
 def _contours(mask: Mask) -> Sequence[MatLike]:
@@ -86,19 +95,9 @@ def _contours(mask: Mask) -> Sequence[MatLike]:
     return cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
 
 
-def _with_what_may_belong_to_it(contour: MatLike, trimap: Trimap) -> MatLike:
-    """A contour of the actor's in a trimap (H, W), and what is unsure beside it."""
-    if not (trimap == UNSURE).any():
-        return contour
-    x, y = contour[0, 0].tolist()
-    around = [c for c in _contours(trimap != BACKGROUND) if cv2.pointPolygonTest(c, (x, y), False) >= 0]
-    return around[0]
-
-
 def touches_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]) -> list[Touches]:
     """All pairs of cameras that stand apart; outlines: per camera, of each frame."""
-    pairs = combinations(range(len(cameras)), 2)
-    found = [_touches(a, b, cameras, outlines) for a, b in pairs]
+    found = [_touches(a, b, cameras, outlines) for a, b in combinations(range(len(cameras)), 2)]
     return [touches for touches in found if touches is not None]
 
 

@@ -7,11 +7,10 @@ import numpy as np
 
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.clips import INTRINSICS, ORIGIN, Clip, find_clips
-from services.mocap.calibration.detection import Detector, look_through
 from services.mocap.calibration.diagnosis import check_prints, check_same_pictures
 from services.mocap.calibration.lens import Lens
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Show, Solution, solve_rig
-from services.mocap.calibration.sightings import Sighting, Sightings, is_usable
+from services.mocap.calibration.sightings import Detector, Sighting, Sightings, is_usable, look_through
 from services.mocap.errors import CalibrationError
 
 _MOST_LOOKED_AT = 300
@@ -50,31 +49,26 @@ def calibrate_clips(folder: Path, board: Board, lens: Lens, show: Show) -> tuple
 
 def _sightings(clip: Clip, folder: Path, detector: Detector) -> Sightings:
     """All that a camera saw: of its clip, of its own clip for the lens, and of the origin."""
-    every = -(-clip.n_frames() // _MOST_LOOKED_AT)
-    seen = look_through(clip.camera, clip.pictures(every), detector)
+
+    def look(at: Clip, most: int) -> Sightings:
+        return look_through(clip.camera, at.pictures(-(-at.n_frames() // most)), detector)
+
+    seen = look(clip, _MOST_LOOKED_AT)
     by_frame = dict(seen.by_frame)
-    for other in find_clips(folder / INTRINSICS):
-        if other.camera == clip.camera:
-            every = -(-other.n_frames() // _MOST_LOOKED_AT)
-            alone = _of_same_size(other, look_through(clip.camera, other.pictures(every), detector), seen)
-            by_frame.update({-1 - frame: sighting for frame, sighting in alone.by_frame.items()})
-    for other in find_clips(folder / ORIGIN):
-        if other.camera == clip.camera:
-            every = -(-other.n_frames() // _MOST_OF_ORIGIN)
-            still = _of_same_size(other, look_through(clip.camera, other.pictures(every), detector), seen)
-            origin = _at_rest(other, list(still.by_frame.values()), detector.board)
-            by_frame.update({} if origin is None else {ORIGIN_FRAME: origin})
+    for kind, most in ((INTRINSICS, _MOST_LOOKED_AT), (ORIGIN, _MOST_OF_ORIGIN)):
+        for other in (other for other in find_clips(folder / kind) if other.camera == clip.camera):
+            found = look(other, most)
+            if found.n_looked_at and seen.n_looked_at and found.size_px != seen.size_px:
+                (width, height), (first_width, first_height) = found.size_px, seen.size_px
+                raise CalibrationError(
+                    f"{other.path}: is {width}x{height} pixels, but the camera's other clip is "
+                    f"{first_width}x{first_height}: record all clips of a camera with the same settings"
+                )
+            if kind == INTRINSICS:
+                by_frame.update({-1 - frame: sighting for frame, sighting in found.by_frame.items()})
+            elif (origin := _at_rest(other, list(found.by_frame.values()), detector.board)) is not None:
+                by_frame[ORIGIN_FRAME] = origin
     return replace(seen, by_frame=by_frame)
-
-
-def _of_same_size(clip: Clip, found: Sightings, first: Sightings) -> Sightings:
-    if found.n_looked_at and first.n_looked_at and found.size_px != first.size_px:
-        (width, height), (first_width, first_height) = found.size_px, first.size_px
-        raise CalibrationError(
-            f"{clip.path}: is {width}x{height} pixels, but the camera's other clip is "
-            f"{first_width}x{first_height}: record all clips of a camera with the same settings"
-        )
-    return found
 
 
 def _at_rest(clip: Clip, sightings: list[Sighting], board: Board) -> Sighting | None:

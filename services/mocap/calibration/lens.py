@@ -1,4 +1,4 @@
-"""Lens models for many points at once, as OpenCV has them: what the bundle adjustment differentiates."""
+"""Lenses: OpenCV's models for many points at once, and a first estimate of one camera's by its sightings."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -6,6 +6,9 @@ from typing import Literal, TypeAlias
 import cv2
 import numpy as np
 
+from services.mocap.calibration.board import Board
+from services.mocap.calibration.sightings import Sightings, spread_out
+from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
 Lens: TypeAlias = Literal["normal", "wide", "fisheye"]
@@ -14,6 +17,17 @@ N_COEFFICIENTS: dict[Lens, int] = {"normal": 4, "wide": 5, "fisheye": 4}
 N_INTRINSICS = 9
 """fx, fy, cx, cy and five coefficients, of which those that a lens lacks stay zero."""
 _NEAREST_M = 1e-3
+
+FEWEST_VIEWS = 6
+_MOST_VIEWS = 40
+_SPOILED_PX, _SPOILED_RATIO = 1.0, 3.0
+"""A view whose error is beyond both, in pixels and against the median view's, is left out."""
+_ROUNDS = 3
+_FLAGS: dict[Lens, int] = {
+    "normal": cv2.CALIB_FIX_K3,
+    "wide": 0,
+    "fisheye": cv2.CALIB_RECOMPUTE_EXTRINSIC + cv2.CALIB_FIX_SKEW,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,3 +90,87 @@ def _fisheye(x: Floats, y: Floats, values: Floats) -> tuple[Floats, Floats]:
     bent = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
     scale = np.where(r > 1e-9, bent / np.maximum(r, 1e-9), 1.0)
     return x * scale, y * scale
+
+
+def estimate_intrinsics(sightings: Sightings, board: Board, lens: Lens) -> tuple[Intrinsics, list[int]]:
+    """A camera's lens, and the frames that do not fit to the others.
+
+    Raises CalibrationError where there are too few views, or views that say too little.
+    """
+    frames = spread_out(sightings.by_frame, sorted(sightings.by_frame), _MOST_VIEWS)
+    spoiled: list[int] = []
+    for _ in range(_ROUNDS):
+        if len(frames) < FEWEST_VIEWS:
+            raise CalibrationError(
+                f"{sightings.camera}: only {len(frames)} views of the board that fit together: expected "
+                f"{FEWEST_VIEWS} or more: show the board nearer, slanted, and all over the picture"
+            )
+        found, errors_px = _calibrate(sightings, frames, board, lens)
+        limit_px = max(_SPOILED_PX, _SPOILED_RATIO * float(np.median(errors_px)))
+        bad = [frame for frame, error_px in zip(frames, errors_px, strict=True) if error_px > limit_px]
+        if not bad:
+            break
+        spoiled += bad
+        frames = [frame for frame in frames if frame not in bad]
+    return found, spoiled
+
+
+def _calibrate(
+    sightings: Sightings, frames: list[int], board: Board, lens: Lens
+) -> tuple[Intrinsics, Floats]:
+    """The lens by some frames, and each frame's error (n,) in pixels."""
+    views = [sightings.by_frame[frame] for frame in frames]
+    corners = [board.corners_m[view.corners][:, None] for view in views]
+    points = [view.points_px[:, None] for view in views]
+    fit = _fit_fisheye if lens == "fisheye" else _fit
+    try:
+        K, distortion, errors_px = fit(corners, points, sightings.size_px, _FLAGS[lens])
+    except cv2.error:
+        raise CalibrationError(
+            f"{sightings.camera}: its views of the board do not determine the lens: show the board slanted, "
+            "in the corners of the picture too"
+        ) from None
+    values = np.zeros(N_INTRINSICS)
+    values[:4] = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    count = N_COEFFICIENTS[lens]
+    values[4 : 4 + count] = np.ravel(distortion)[:count]
+    # The principal point lies within the picture, and the focal length is no telescope's.
+    (fx, fy, cx, cy), (width, height) = values[:4], sightings.size_px
+    inside = 0 <= cx <= width - 1 and 0 <= cy <= height - 1
+    if not (inside and 0.1 * width < fx < 50 * width and 0.5 < fx / fy < 2):
+        raise CalibrationError(
+            f"{sightings.camera}: its views of the board give an impossible lens (focal length {fx:.0f} px, "
+            f"principal point {cx:.0f}, {cy:.0f} in {width}x{height} pixels): show the board slanted in all "
+            "directions, near and far, and check the board's size"
+        )
+    return Intrinsics(lens, sightings.size_px, values), errors_px
+
+
+def _fit(
+    corners: list[Floats], points: list[Floats], size_px: tuple[int, int], flags: int
+) -> tuple[Floats, Floats, Floats]:
+    """K (3, 3), coefficients, and the error of each view (n,), root mean square in pixels."""
+    found = cv2.calibrateCameraExtended(
+        [corner.astype(np.float32) for corner in corners],
+        [point.astype(np.float32) for point in points],
+        size_px,
+        np.eye(3),
+        np.zeros(5),
+        flags=flags,
+    )
+    return np.asarray(found[1]), np.asarray(found[2]), np.ravel(found[-1]).astype(np.float64)
+
+
+def _fit_fisheye(
+    corners: list[Floats], points: list[Floats], size_px: tuple[int, int], flags: int
+) -> tuple[Floats, Floats, Floats]:
+    """The same of OpenCV's fisheye model, whose function wants points in rows: (1, n, …)."""
+    corners, points = [np.swapaxes(corner, 0, 1) for corner in corners], [p.swapaxes(0, 1) for p in points]
+    _, K, distortion, *poses = cv2.fisheye.calibrate(
+        corners, points, size_px, np.eye(3), np.zeros(4), flags=flags
+    )
+    errors_px = []
+    for corner, point, turn, shift in zip(corners, points, *poses, strict=True):
+        off_px = cv2.fisheye.projectPoints(corner, turn, shift, K, distortion)[0] - point
+        errors_px.append(float(np.sqrt((off_px**2).sum(axis=-1).mean())))
+    return np.asarray(K), np.asarray(distortion), np.array(errors_px)

@@ -31,7 +31,11 @@ def check_mirroring(
         for link in bad
         if worst in (link.first, link.second)
     ]
-    if not _fits_once_flipped(worst, others, seen, lenses, board):
+    views = [flipped(seen[worst], board), *(seen[c] for c in others)]
+    fitting = [_flipped_lens(lenses[worst]), *(lenses[c] for c in others)]
+    sights = [sights_of(view, board, lens) for view, lens in zip(views, fitting, strict=True)]
+    flipped_links = [link for link in find_links(views, sights, board, fitting) if link.first == 0]
+    if any(link.agreeing < LEAST_AGREEING for link in flipped_links):
         return
     names = [seen[c].camera for c in sorted({worst, *others})]
     who = seen[worst].camera if len(others) > 1 else f"one of {' and '.join(names)}"
@@ -40,16 +44,6 @@ def check_mirroring(
         f"{', '.join(seen[c].camera for c in others) if len(others) > 1 else 'the other'}: switch mirroring "
         "off in the camera, or flip its clips"
     )
-
-
-def _fits_once_flipped(
-    camera: int, others: list[int], seen: Sequence[Sightings], lenses: Sequence[Intrinsics], board: Board
-) -> bool:
-    views = [flipped(seen[camera], board), *(seen[c] for c in others)]
-    fitting = [flipped_lens(lenses[camera]), *(lenses[c] for c in others)]
-    sights = [sights_of(view, board, lens) for view, lens in zip(views, fitting, strict=True)]
-    links = [link for link in find_links(views, sights, board, fitting) if link.first == 0]
-    return all(link.agreeing >= LEAST_AGREEING for link in links)
 
 
 def flipped(sightings: Sightings, board: Board) -> Sightings:
@@ -68,7 +62,7 @@ def flipped(sightings: Sightings, board: Board) -> Sightings:
     return replace(sightings, by_frame=views)
 
 
-def flipped_lens(lens: Intrinsics) -> Intrinsics:
+def _flipped_lens(lens: Intrinsics) -> Intrinsics:
     """The lens of a camera whose pictures are flipped left to right."""
     values = lens.values.copy()
     values[_CX] = lens.size_px[0] - 1 - values[_CX]

@@ -7,7 +7,7 @@ import numpy as np
 
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.lens import Intrinsics
-from services.mocap.calibration.poses import IDENTITY, Pose, board_in_camera
+from services.mocap.calibration.rigid_transform import IDENTITY, RigidTransform, board_in_camera
 from services.mocap.calibration.sightings import Sightings, spread_out
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
@@ -20,7 +20,7 @@ LEAST_AGREEING = 0.4
 AGREEING_PX_PER_WIDTH = 0.02
 """How far off the median moment may be in one camera when predicted from the other, per pixel of width."""
 
-Sights = dict[int, list[Pose]]
+Sights = dict[int, list[RigidTransform]]
 """T_camera_board by frame: one, or two where the direction is in doubt."""
 
 
@@ -30,7 +30,7 @@ class Link:
 
     first: int
     second: int
-    T_second_first: Pose
+    T_second_first: RigidTransform
     n_shared: int
     """Moments."""
     error_px: float
@@ -82,7 +82,12 @@ def _link(
 
 
 def _off_px(
-    R: Floats, t_m: Floats, in_a: list[Pose], in_b: list[Pose], board: Board, lens_b: Intrinsics
+    R: Floats,
+    t_m: Floats,
+    in_a: list[RigidTransform],
+    in_b: list[RigidTransform],
+    board: Board,
+    lens_b: Intrinsics,
 ) -> Floats:
     """(K,) how far the board's outline is off in the second camera, by each of K relative poses.
 
@@ -100,7 +105,7 @@ def _off_px(
     return np.asarray(np.min(errors, axis=0) * lens_b.values[0], np.float64)
 
 
-def chain(names: list[str], links: list[Link]) -> list[Pose]:
+def chain(names: list[str], links: list[Link]) -> list[RigidTransform]:
     """T_camera_first for every camera, along the strongest links.
 
     Raises CalibrationError where cameras are left that share no moments with the others, or whose moments do
@@ -110,7 +115,12 @@ def chain(names: list[str], links: list[Link]) -> list[Pose]:
     while len(placed) < len(names):
         open_ends = [link for link in links if (link.first in placed) != (link.second in placed)]
         if not open_ends:
-            raise CalibrationError(_not_linked([names[c] for c in placed], names))
+            others = [name for c, name in enumerate(names) if c not in placed]
+            raise CalibrationError(
+                f"{', '.join(others)}: never or hardly ever see the board in the same moments as "
+                f"{', '.join(names[c] for c in placed)}: show it to cameras of both groups at once, in "
+                f"{FEWEST_SHARED} places or more, and check that all clips show the same moments"
+            )
         link = max(open_ends, key=lambda link: link.strength)
         if link.agreeing < LEAST_AGREEING:
             raise CalibrationError(
@@ -124,12 +134,3 @@ def chain(names: list[str], links: list[Link]) -> list[Pose]:
         else:
             placed[link.first] = link.T_second_first.inverse @ placed[link.second]
     return [placed[c] for c in range(len(names))]
-
-
-def _not_linked(together: list[str], names: list[str]) -> str:
-    others = [name for name in names if name not in together]
-    return (
-        f"{', '.join(others)}: never or hardly ever see the board in the same moments as "
-        f"{', '.join(together)}: show it to cameras of both groups at once, in {FEWEST_SHARED} places or "
-        "more, and check that all clips show the same moments"
-    )

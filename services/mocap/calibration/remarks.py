@@ -8,7 +8,6 @@ import numpy as np
 from services.mocap.calibration.coverage import covered_share
 from services.mocap.calibration.rig_solving import Solution
 from services.mocap.camera.camera import Camera
-from services.mocap.types import Floats
 
 _UPSIDE_DOWN, _LEVEL = -0.5, 0.5
 """Of the cosine between a picture's upward direction and the world's."""
@@ -23,52 +22,39 @@ _LITTLE_COVERED = 0.4
 
 def remarks_on(cameras: Sequence[Camera]) -> list[str]:
     """One sentence for each oddity of cameras in a z-up world whose origin is on the floor of the stage."""
-    return [*_on_heights(cameras), *_on_turns(cameras), *_on_pairs(cameras), *_on_scale(cameras)]
-
-
-def _on_turns(cameras: Sequence[Camera]) -> list[str]:
-    """Upside down, on their sides, or all of them: then rather the origin's board is not on the floor."""
-    upward = np.array([-camera.R_camera_world[1, 2] for camera in cameras])
-    if np.median(upward) < _LEVEL:
-        return [
-            "most cameras are tilted against the floor by more than 60 degrees: check that the board at "
-            "the origin lay flat on the floor, print up, and that the pictures are upright"
-        ]
-    return [
-        f"{camera.name}: hangs upside down, its pictures show the floor above; the calibration holds for "
-        "them as they are: do not turn the videos"
-        for camera, up in zip(cameras, upward, strict=True)
-        if up < _UPSIDE_DOWN
-    ]
-
-
-def _on_heights(cameras: Sequence[Camera]) -> list[str]:
-    low = [camera for camera in cameras if camera.centre_world_m[2] < _UNDERGROUND_M]
-    return [
+    remarks = [
         f"{camera.name}: stands {-camera.centre_world_m[2]:.2f} m under the floor: check that the board at "
         "the origin lay on the floor, print up"
-        for camera in low
+        for camera in cameras
+        if camera.centre_world_m[2] < _UNDERGROUND_M
     ]
-
-
-def _on_pairs(cameras: Sequence[Camera]) -> list[str]:
-    return [
+    upward = np.array([-camera.R_camera_world[1, 2] for camera in cameras])
+    if np.median(upward) < _LEVEL:  # all of them: then rather the origin's board is not on the floor
+        remarks.append(
+            "most cameras are tilted against the floor by more than 60 degrees: check that the board at "
+            "the origin lay flat on the floor, print up, and that the pictures are upright"
+        )
+    else:
+        remarks += [
+            f"{camera.name}: hangs upside down, its pictures show the floor above; the calibration holds for "
+            "them as they are: do not turn the videos"
+            for camera, up in zip(cameras, upward, strict=True)
+            if up < _UPSIDE_DOWN
+        ]
+    remarks += [
         f"{one.name} and {other.name}: stand in the same place and look the same way: check that they are "
         "not one camera under two names"
         for one, other in combinations(cameras, 2)
         if np.linalg.norm(one.centre_world_m - other.centre_world_m) < _SAME_PLACE_M
         and one.R_camera_world[2] @ other.R_camera_world[2] > _SAME_COSINE
     ]
-
-
-def _on_scale(cameras: Sequence[Camera]) -> list[str]:
-    away_m: Floats = np.linalg.norm([camera.centre_world_m for camera in cameras], axis=1)
-    if _NEAR_M < np.median(away_m) < _FAR_M:
-        return []
-    return [
-        f"the cameras stand {np.median(away_m):.2g} m from the origin (median): check the side of the "
-        "board's squares, or the units"
-    ]
+    away_m = float(np.median(np.linalg.norm([camera.centre_world_m for camera in cameras], axis=1)))
+    if not _NEAR_M < away_m < _FAR_M:
+        remarks.append(
+            f"the cameras stand {away_m:.2g} m from the origin (median): check the side of the board's "
+            "squares, or the units"
+        )
+    return remarks
 
 
 def remarks_on_views(solution: Solution) -> list[str]:

@@ -7,11 +7,10 @@ import numpy as np
 
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.bundle import Corners, Estimate, adjust, corners_of, residuals_px
-from services.mocap.calibration.intrinsics import estimate_intrinsics
-from services.mocap.calibration.lens import Intrinsics, Lens
+from services.mocap.calibration.lens import Intrinsics, Lens, estimate_intrinsics
 from services.mocap.calibration.mirroring import check_mirroring
 from services.mocap.calibration.pairs import Link, Sights, chain, find_links, sights_of
-from services.mocap.calibration.poses import Pose
+from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.calibration.sightings import ENOUGH_CORNERS, Sightings, spread_out
 from services.mocap.camera.camera import Camera
 from services.mocap.types import Floats, Mask
@@ -61,11 +60,14 @@ class Solution:
 def solve_rig(seen: list[Sightings], board: Board, lens: Lens, show: Show) -> Solution:
     """Calibrate cameras by their sightings, among them one of moment ORIGIN_FRAME in one of them or more.
 
-    Raises CalibrationError where there is too little to go by.
+    Raises CalibrationError where the sightings do not determine the cameras.
     """
     show("lens by lens", 0.0)
     lenses, spoiled = zip(*[estimate_intrinsics(s, board, lens) for s in seen], strict=True)
-    kept = [_without(s, bad) for s, bad in zip(seen, spoiled, strict=True)]
+    kept = [
+        replace(s, by_frame={frame: view for frame, view in s.by_frame.items() if frame not in bad})
+        for s, bad in zip(seen, spoiled, strict=True)
+    ]
     show("pairs of cameras", 0.2)
     sights = [sights_of(s, board, i) for s, i in zip(kept, lenses, strict=True)]
     links = find_links(kept, sights, board, list(lenses))
@@ -76,11 +78,6 @@ def solve_rig(seen: list[Sightings], board: Board, lens: Lens, show: Show) -> So
     show("all cameras together", 0.4)
     estimate, corners = _adjusted(Estimate(list(lenses), cameras, frames, boards), kept, board, show)
     return _solution(seen, estimate, corners, kept, links)
-
-
-def _without(sightings: Sightings, frames: list[int]) -> Sightings:
-    kept = {frame: view for frame, view in sightings.by_frame.items() if frame not in frames}
-    return replace(sightings, by_frame=kept)
 
 
 def _chosen_moments(seen: list[Sightings], links: list[Link]) -> list[int]:
@@ -97,7 +94,9 @@ def _chosen_moments(seen: list[Sightings], links: list[Link]) -> list[int]:
     return sorted(chosen)
 
 
-def _board_in_rig(frame: int, sights: list[Sights], cameras: list[Pose], board: Board) -> Pose:
+def _board_in_rig(
+    frame: int, sights: list[Sights], cameras: list[RigidTransform], board: Board
+) -> RigidTransform:
     """T_rig_board in a moment: of what the cameras say alone, that which is nearest to all the others."""
     told = [
         [cameras[c].inverse @ pose for pose in of_camera[frame]]
@@ -163,7 +162,7 @@ def _solution(
     return Solution(tuple(cameras), corners, off_px, tuple(n_views), tuple(n_bad), tuple(links))
 
 
-def camera_of(name: str, lens: Intrinsics, T_camera_world: Pose) -> Camera:
+def camera_of(name: str, lens: Intrinsics, T_camera_world: RigidTransform) -> Camera:
     """A lens at a place, as a camera."""
     return Camera(
         name=name,

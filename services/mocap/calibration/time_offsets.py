@@ -8,9 +8,9 @@ from services.mocap.calibration.epipolar_tangents import Touches
 from services.mocap.types import Floats
 
 STEP = 0.5
-"""Offsets are told to half a frame."""
+"""Resolution of the offsets, in frames."""
 _CAP_PX_PER_WIDTH = 0.04
-"""A frame that is off by more than this share of the width, by errors of segmentation, counts as so much."""
+"""Frames that are off by more than this share of the width, by errors of segmentation, are capped at it."""
 _FEWEST_FRAMES = 8
 _ROUNDS = 20
 _NEXT = 1.5

@@ -4,7 +4,7 @@ A table holds name, size, matrix, distortions, rotation (world to camera), trans
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 import tomli_w
@@ -58,12 +58,10 @@ class _CameraTable(BaseModel):
     @classmethod
     def _is_rotation(cls, rotation: list[float] | list[list[float]]) -> list[float] | list[list[float]]:
         R = np.array(rotation)
-        if R.ndim == 2:
-            determinant = np.linalg.det(R)
-            if not np.allclose(R @ R.T, np.eye(3), atol=_ROTATION_TOLERANCE):
-                raise ValueError(f"not a rotation (its rows are not orthonormal): {_EXPORT_AGAIN}")
-            if determinant < 0:
-                raise ValueError(f"not a rotation (determinant -1, mirrored axes): {_EXPORT_AGAIN}")
+        if R.ndim == 2 and not np.allclose(R @ R.T, np.eye(3), atol=_ROTATION_TOLERANCE):
+            raise ValueError(f"not a rotation (its rows are not orthonormal): {_EXPORT_AGAIN}")
+        if R.ndim == 2 and np.linalg.det(R) < 0:
+            raise ValueError(f"not a rotation (determinant -1, mirrored axes): {_EXPORT_AGAIN}")
         return rotation
 
     @model_validator(mode="after")
@@ -113,9 +111,20 @@ def write_calibration(path: Path, cameras: tuple[Camera, ...], up: Up) -> None:
     """Writes cameras of the inside z-up world; up: the axis that points up in the file's world."""
     if up == "y":
         cameras = tuple(camera.with_world_turned(R_ZUP_YUP.T) for camera in cameras)
-    text = tomli_w.dumps({camera.name: _table(camera) for camera in cameras})
+    tables = {
+        camera.name: {
+            "name": camera.name,
+            "size": [camera.width_px, camera.height_px],
+            "matrix": camera.K.tolist(),
+            "distortions": camera.distortion.tolist(),
+            "rotation": Rotation.from_matrix(camera.R_camera_world).as_rotvec().tolist(),
+            "translation": camera.t_camera_world_m.tolist(),
+            "fisheye": camera.fisheye,
+        }
+        for camera in cameras
+    }
     with atomic_file(path) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(tomli_w.dumps(tables), encoding="utf-8")
 
 
 def _camera(table: _CameraTable) -> Camera:
@@ -131,18 +140,6 @@ def _camera(table: _CameraTable) -> Camera:
         t_camera_world_m=np.array(table.translation),
         fisheye=table.fisheye,
     )
-
-
-def _table(camera: Camera) -> dict[str, Any]:
-    return {
-        "name": camera.name,
-        "size": [camera.width_px, camera.height_px],
-        "matrix": camera.K.tolist(),
-        "distortions": camera.distortion.tolist(),
-        "rotation": Rotation.from_matrix(camera.R_camera_world).as_rotvec().tolist(),
-        "translation": camera.t_camera_world_m.tolist(),
-        "fisheye": camera.fisheye,
-    }
 
 
 def _check_together(path: Path, tables: list[str], cameras: tuple[Camera, ...]) -> None:

@@ -1,12 +1,11 @@
 """Colour correction of cameras, and the file that keeps it: colour.toml, one table per camera.
 
 A table holds `matrix`, 3 rows of 4 numbers: from linear red, green, blue (0 to 1) and one to corrected ones.
-Pictures are taken for sRGB: video cameras' curves are near enough for what is left after a fit.
+Pictures are assumed to be sRGB: the curves of video cameras differ by less than the residuals of a fit.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -49,14 +48,11 @@ class ColourCorrection:
 
     def apply(self, picture_bgr: Bytes) -> Bytes:
         """A picture (H, W, 3) with its colours as they should be."""
-        mixed = cv2.transform(cv2.LUT(picture_bgr, _LINEAR), self._steps_bgr)
+        # The same for blue, green, red from 0 to 65535.
+        steps_bgr = np.column_stack([self.matrix[::-1, 2::-1], self.matrix[::-1, 3] * _MOST])
+        mixed = cv2.transform(cv2.LUT(picture_bgr, _LINEAR), steps_bgr)
         corrected: Bytes = _LEVELS[mixed]
         return corrected
-
-    @cached_property
-    def _steps_bgr(self) -> Floats:
-        """(3, 4) the same for blue, green, red from 0 to 65535."""
-        return np.column_stack([self.matrix[::-1, 2::-1], self.matrix[::-1, 3] * _MOST])
 
 
 _Four = Annotated[list[float], Field(min_length=4, max_length=4)]

@@ -68,20 +68,17 @@ class Cost:
         if prices is None:
             raise ValueError("prices: the picture needs them, since pixels cost their distance")
         on_input, counted = unpack(picture.silhouettes, n_cameras), ~unpack(picture.ignored, n_cameras)
+        cap_px = np.inf
+        if self.camera_cap > 0:
+            foreground_px = float(np.median(np.count_nonzero(on_input, axis=(1, 2))))
+            cap_px = max(self.camera_cap * foreground_px, 1.0) * (self.distance_cap_px or 1.0)
         price = np.where(counted, prices, np.int32(0))
         return Tally(
             gain=np.where(on_input, -price, price),
             blank=np.sum(price, axis=(1, 2), where=on_input, dtype=np.int64),
             weights=self.weights(n_cameras) / steps,
-            cap=self._cap(on_input) * steps,
+            cap=cap_px * steps,
         )
-
-    def _cap(self, on_input: Mask) -> float:
-        """In pixels; infinity for none."""
-        if self.camera_cap <= 0:
-            return np.inf
-        foreground_px = float(np.median(np.count_nonzero(on_input, axis=(1, 2))))
-        return max(self.camera_cap * foreground_px, 1.0) * (self.distance_cap_px or 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,11 +96,6 @@ class Tally:
     """(C,) pixels per step, times the camera's weight."""
     cap: float
     """In steps; infinity for none."""
-
-    @property
-    def is_sum(self) -> bool:
-        """Whether the energy is a plain sum of the cameras' E_c."""
-        return bool(self.cap == np.inf and np.all(self.weights == self.weights[0]))
 
     def energies(self, per_camera: NDArray[np.int64]) -> Floats:
         """Energies (N,) in pixels of cameras' E_c (N, C) in steps."""

@@ -6,29 +6,25 @@ missing a program gets a software renderer and is told nothing.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-
-from services.mocap.energy.egl_files import (
-    FILENAMES,
-    FOLDERS,
-    exists,
-    find,
-    library_folders,
-    may_be_opened,
-    mesa_card,
-    mesa_driver,
-    render_nodes,
-    text,
-    vendor_files,
-)
 
 PACKAGES = "libegl1 libgl1 libgl1-mesa-dri"
 """What Debian and Ubuntu call libEGL, libGL and Mesa's drivers."""
 CAPABILITIES = "NVIDIA_DRIVER_CAPABILITIES"
 INDEX_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
 """Where a user says which EGL device to take; glcontext heeds it."""
+_FILENAMES, _FOLDERS = "__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS"
+"""Environment variables that say where vendor files are."""
+_VENDOR_FOLDERS = ("etc/glvnd/egl_vendor.d", "usr/share/glvnd/egl_vendor.d")
+_LIBRARY_FOLDERS = (
+    *("usr/local/nvidia/lib64", "usr/local/lib", "usr/lib/*-linux-gnu*", "lib/*-linux-gnu*"),
+    *("usr/lib64", "usr/lib"),
+)
+_DRIVERS = ("dri/*_dri.so", "libgallium-*.so")  # of Mesa: one a file, and since 24.2 all in one
+_CARDS = {"0x1002": "AMD", "0x8086": "Intel"}  # by PCI's number of the maker
+_DISPLAY_CLASS = "0x03"
 _WANTED_CAPABILITIES = "graphics,compute,utility"
 _MESA_LIBRARY = "libEGL_mesa.so.0"
 _NVIDIA_LIBRARY = "libEGL_nvidia.so.0"
@@ -68,24 +64,25 @@ class EglSetup:
     @classmethod
     def look(cls, root: Path = Path("/"), env: Mapping[str, str] = os.environ) -> "EglSetup":
         """Look below a root folder, in the way that an environment says."""
-        folders, nodes = library_folders(root, env), render_nodes(root)
-        vendors = {path: text(path) for path in vendor_files(root, env)}
+        folders = _paths(env.get("LD_LIBRARY_PATH")) + _found(root, _LIBRARY_FOLDERS)  # as the loader looks
+        nodes = _found(root, ("dev/dri/renderD*",))
+        vendors = {path: _text(path) for path in _vendor_files(root, env)}
         of_nvidia = [path for path, content in vendors.items() if "libEGL_nvidia" in content]
-        has_mesa = bool(find(folders, _MESA_LIBRARY) and mesa_driver(folders, env))
+        has_mesa = bool(_find(folders, _MESA_LIBRARY)) and _has_mesa_driver(folders, env)
         return cls(
-            libegl=find(folders, "libEGL.so.1"),
-            libgl=find(folders, "libGL.so.1"),
+            libegl=_find(folders, "libEGL.so.1"),
+            libgl=_find(folders, "libGL.so.1"),
             vendor_files=tuple(vendors),
-            nvidia_driver=exists(root / "proc/driver/nvidia/version")
+            nvidia_driver=_exists(root / "proc/driver/nvidia/version")
             or any((root / "dev").glob("nvidia[0-9]*")),
-            nvidia_library=find(folders, _NVIDIA_LIBRARY),
+            nvidia_library=_find(folders, _NVIDIA_LIBRARY),
             nvidia_vendor_file=next(iter(of_nvidia), None),
             capabilities=env.get(CAPABILITIES),
-            overriding=next((name for name in (FILENAMES, FOLDERS) if env.get(name)), None),
+            overriding=next((name for name in (_FILENAMES, _FOLDERS) if env.get(name)), None),
             mesa_is_whole=has_mesa or not any("libEGL_mesa" in content for content in vendors.values()),
-            mesa_card=mesa_card(root),
+            mesa_card=_mesa_card(root),
             render_nodes=tuple(nodes),
-            closed_nodes=tuple(node for node in nodes if not may_be_opened(node)),
+            closed_nodes=tuple(node for node in nodes if not os.access(node, os.R_OK | os.W_OK)),
         )
 
     @property
@@ -141,4 +138,58 @@ class EglSetup:
             return f"unset {self.overriding}: what it names does not lead to NVIDIA's driver"
         if self.nvidia_vendor_file is None:
             return f"write {_NVIDIA_VENDOR_TEXT} to {_NVIDIA_VENDOR_FILE}"
+        return ""
+
+
+def _paths(listed: str | None) -> list[Path]:
+    """The paths of an environment variable."""
+    return [Path(name) for name in (listed or "").split(":") if name]
+
+
+def _found(root: Path, patterns: Iterable[str]) -> list[Path]:
+    return [path for pattern in patterns for path in sorted(root.glob(pattern))]
+
+
+def _find(folders: Iterable[Path], name: str) -> Path | None:
+    """The first file of that name."""
+    return next((folder / name for folder in folders if _exists(folder / name)), None)
+
+
+def _has_mesa_driver(folders: Iterable[Path], env: Mapping[str, str]) -> bool:
+    """Whether Mesa has any driver: without one its part of EGL has nothing that draws."""
+    named = any(_found(folder, ("*_dri.so",)) for folder in _paths(env.get("LIBGL_DRIVERS_PATH")))
+    return named or any(_found(folder, _DRIVERS) for folder in folders)
+
+
+def _vendor_files(root: Path, env: Mapping[str, str]) -> list[Path]:
+    """As libglvnd finds them: files named in the environment, or else those of folders named there, or else
+    those of the usual folders, by name."""
+    if env.get(_FILENAMES):
+        return [path for path in _paths(env[_FILENAMES]) if _exists(path)]
+    folders = _paths(env.get(_FOLDERS)) or [root / folder for folder in _VENDOR_FOLDERS]
+    return [path for folder in folders for path in _found(folder, ("*.json",))]
+
+
+def _mesa_card(root: Path) -> str:
+    """Who made the graphics card that Mesa drives, AMD or Intel; empty without one."""
+    for device in _found(root, ("sys/bus/pci/devices/*",)):
+        maker = _CARDS.get(_text(device / "vendor").strip())
+        if maker and _text(device / "class").startswith(_DISPLAY_CLASS):
+            return maker
+    return ""
+
+
+def _exists(path: Path) -> bool:
+    """Whether there is such a file, as far as this user can see."""
+    try:
+        return path.exists()
+    except OSError:  # a folder that may not be looked into
+        return False
+
+
+def _text(path: Path) -> str:
+    """A file's text; empty where it cannot be read."""
+    try:
+        return path.read_text(errors="replace")
+    except OSError:
         return ""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
@@ -11,38 +11,24 @@ from services.mocap.energy.gl.device import GlLostError, GlUnavailableError
 from services.mocap.energy.picture import Region
 from services.mocap.types import Bytes, Floats
 
+if TYPE_CHECKING:  # the engine makes fallbacks
+    from services.mocap.energy.engine import Engine
+
 T = TypeVar("T")
 
 
-class Source(Protocol):
-    """Something that makes backends, and can be told that those which it makes do not work."""
-
-    @property
-    def name(self) -> str:
-        """That of the backends it makes now."""
-        ...
-
-    def make(self, body: Body, rig: Rig) -> Backend:
-        """A backend as it makes them now."""
-        ...
-
-    def fall_back(self, error: Exception) -> None:
-        """Make others from now on, because of an error."""
-        ...
-
-
 class FallbackBackend:
-    """The backend that its source makes now; not to be shared between threads."""
+    """The backend that its engine makes now; not to be shared between threads."""
 
-    def __init__(self, source: Source, body: Body, rig: Rig) -> None:
-        self._source, self._body, self._rig = source, body, rig
+    def __init__(self, engine: "Engine", body: Body, rig: Rig) -> None:
+        self._engine, self._body, self._rig = engine, body, rig
         self._made: tuple[str, Backend] | None = None
         self.attempt(lambda _: None)
 
     @property
     def name(self) -> str:
         """See Backend.name: changes where the GPU fails."""
-        return self._source.name
+        return self._engine.name
 
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy; the energy goes on with the other backend too."""
@@ -57,7 +43,7 @@ class FallbackBackend:
     def close(self) -> None:
         """See Backend.close."""
         made, self._made = self._made, None
-        if made is not None and made[0] == self._source.name:  # else its GPU is gone, and its buffers with it
+        if made is not None and made[0] == self._engine.name:  # else its GPU is gone, and its buffers with it
             with suppress(GlLostError):
                 made[1].close()
 
@@ -66,13 +52,13 @@ class FallbackBackend:
         try:
             return work(self._backend())
         except (GlLostError, GlUnavailableError) as error:
-            self._source.fall_back(error)
+            self._engine.fall_back(error)
             return work(self._backend())
 
     def _backend(self) -> Backend:
-        """The backend; made anew where its source has fallen back since, on whoever's behalf."""
-        if self._made is None or self._made[0] != self._source.name:
-            self._made = self._source.name, self._source.make(self._body, self._rig)
+        """The backend; made anew where its engine has fallen back since, on whoever's behalf."""
+        if self._made is None or self._made[0] != self._engine.name:
+            self._made = self._engine.name, self._engine.make(self._body, self._rig)
         return self._made[1]
 
 

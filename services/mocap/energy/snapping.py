@@ -27,12 +27,8 @@ def project_range(xyz_m: Floats, start: int, end: int, M: Floats, uv: Ints) -> N
 
     Vertices behind the near plane get the coordinates that they would have at its depth.
     """
-    m00, m01, m02, m03 = (
-        M[0, 0],
-        M[0, 1],
-        M[0, 2],
-        M[0, 3],
-    )  # named, so that nothing stands against vector code
+    # Named, so that nothing stands against vector code.
+    m00, m01, m02, m03 = M[0, 0], M[0, 1], M[0, 2], M[0, 3]
     m10, m11, m12, m13 = M[1, 0], M[1, 1], M[1, 2], M[1, 3]
     m20, m21, m22, m23 = M[2, 0], M[2, 1], M[2, 2], M[2, 3]
     for vertex in range(start, end):

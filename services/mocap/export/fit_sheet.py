@@ -1,13 +1,21 @@
-"""The picture of a fit: all cameras with the model over what they saw, before and after."""
+"""Sheets of all cameras: a fit over what they saw, before and after; what cannot be told from background."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.export.tiles import BEYOND_BGR, MISSED_BGR, UNSURE_BGR, Grid, draw_difference, grid_for
+from services.mocap.export.tiles import (
+    BEYOND_BGR,
+    MISSED_BGR,
+    UNSURE_BGR,
+    Grid,
+    draw_difference,
+    draw_unsure,
+    grid_for,
+    write_text,
+)
 from services.mocap.types import ACTOR, Bytes, Floats, Mask, Trimap
 
 _SCREEN_WIDTH_PX = 1920
@@ -15,7 +23,8 @@ _NARROWEST_PX, _WIDEST_PX = 240, 480
 _HEADER_PX, _GAP_PX = 34, 10
 _MARGIN = 0.08
 """Round the actor, as a share of the actor's height and width in the picture."""
-_WHITE_BGR, _BLACK_BGR = (255, 255, 255), (0, 0, 0)
+_WHITE_BGR = (255, 255, 255)
+_TEXT_SCALE = 0.55
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +54,7 @@ def draw_fit(seen: Sequence[Seen], states: Sequence[Shown]) -> Bytes:
 
     What the model leaves of a silhouette is yellow, what it covers beyond it magenta, what is unsure cyan.
     """
-    grid = sheet_grid([one.camera for one in seen])
+    grid = _sheet_grid(seen)
     cuts = [
         _cut((one.trimap == ACTOR) | np.any([state.segment_masks[c] > 0 for state in states], axis=0), grid)
         for c, one in enumerate(seen)
@@ -53,8 +62,20 @@ def draw_fit(seen: Sequence[Seen], states: Sequence[Shown]) -> Bytes:
     return np.vstack([_block(seen, state, cuts, grid) for state in states])[:-_GAP_PX]
 
 
-def sheet_grid(cameras: Sequence[Camera]) -> Grid:
+def draw_unsure_sheet(seen: Sequence[Seen], titles: Sequence[str]) -> Bytes:
+    """The sheet (H, W, 3): a tile with its title for each camera, unsure pixels cyan."""
+    grid = _sheet_grid(seen)
+    sheet: Bytes = np.zeros((grid.rows * grid.tile_height_px, grid.columns * grid.tile_width_px, 3), np.uint8)
+    for c, (one, title) in enumerate(zip(seen, titles, strict=True)):
+        tile = draw_unsure(one.picture, one.trimap, grid)
+        write_text(tile, title, (8, 20), UNSURE_BGR, _TEXT_SCALE)
+        grid.paste(sheet, c, tile)
+    return sheet
+
+
+def _sheet_grid(seen: Sequence[Seen]) -> Grid:
     """The grid of a sheet that is as wide as a screen, or less where cameras are few."""
+    cameras = [one.camera for one in seen]
     columns = grid_for(cameras, _WIDEST_PX).columns
     return grid_for(cameras, int(np.clip(_SCREEN_WIDTH_PX / columns, _NARROWEST_PX, _WIDEST_PX)))
 
@@ -62,16 +83,14 @@ def sheet_grid(cameras: Sequence[Camera]) -> Grid:
 def _block(seen: Sequence[Seen], state: Shown, cuts: list[tuple[slice, slice]], grid: Grid) -> Bytes:
     width_px, height_px = grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px
     block: Bytes = np.zeros((_HEADER_PX + height_px + _GAP_PX, width_px, 3), np.uint8)
-    end = write_text(block, state.title, (10, _HEADER_PX - 11), _WHITE_BGR)
+    end = write_text(block, state.title, (10, _HEADER_PX - 11), _WHITE_BGR, _TEXT_SCALE)
     for text, colour_bgr in (("missed", MISSED_BGR), ("beyond", BEYOND_BGR), ("unsure", UNSURE_BGR)):
-        end = write_text(block, text, (end + 20, _HEADER_PX - 11), colour_bgr)
+        end = write_text(block, text, (end + 20, _HEADER_PX - 11), colour_bgr, _TEXT_SCALE)
     for c, one in enumerate(seen):
         model, cut = state.segment_masks[c], cuts[c]
         tile = draw_difference(one.picture[cut], one.trimap[cut], model[cut], grid)
-        write_text(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), _WHITE_BGR)
-        x, y = grid.tile_origin_px(c)
-        y += _HEADER_PX
-        block[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
+        write_text(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), _WHITE_BGR, _TEXT_SCALE)
+        grid.paste(block[_HEADER_PX:], c, tile)
     return block
 
 
@@ -93,15 +112,3 @@ def _span(middle: float, length: float, limit: int) -> slice:
     length = min(round(length), limit)
     start = int(np.clip(round(middle - length / 2), 0, limit - length))
     return slice(start, start + length)
-
-
-def write_text(
-    picture: Bytes, text: str, origin_px: tuple[int, int], colour_bgr: tuple[int, int, int]
-) -> int:
-    """Write with a shadow, from the left end of the base line on; returns the x where the text ends."""
-    x, y = origin_px
-    font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.55
-    cv2.putText(picture, text, (x + 1, y + 1), font, scale, _BLACK_BGR, 1, cv2.LINE_AA)
-    cv2.putText(picture, text, origin_px, font, scale, colour_bgr, 1, cv2.LINE_AA)
-    (width_px, _), _ = cv2.getTextSize(text, font, scale, 1)
-    return x + int(width_px)

@@ -11,10 +11,9 @@ from services.mocap.errors import UserError
 from services.mocap.export.angles_csv import write_angles_csv
 from services.mocap.export.bone_names import Naming
 from services.mocap.export.bvh import write_bvh
-from services.mocap.export.c3d import write_c3d
 from services.mocap.export.glb import write_glb
-from services.mocap.export.take_overlay import write_overlay
-from services.mocap.export.trc import write_trc
+from services.mocap.export.marker_files import write_c3d, write_trc
+from services.mocap.export.overlay import write_overlay
 from services.mocap.motion.rest import Rest
 from services.mocap.result.layout import (
     ANGLES,
@@ -97,7 +96,9 @@ def _overlay(folder: Path, result: Result, options: Options) -> None:
 
 
 def _report(folder: Path, result: Result, _: Options) -> None:
-    from services.mocap.export.page.page import write_report  # Matplotlib may be missing, and takes a second
+    from services.mocap.export.page.html_report import (
+        write_report,  # Matplotlib may be missing, and takes a second
+    )
 
     write_report(folder / REPORT, result)
 

@@ -31,8 +31,11 @@ def joint_errors(estimated_m: Floats, reference_m: Floats) -> JointErrors:
     Raises ValueError on other shapes and on numbers that are not finite: a hole must not pass as an error
     of zero, nor vanish from a mean.
     """
-    _check("estimated_m", estimated_m)
-    _check("reference_m", reference_m)
+    for name, joints_m in (("estimated_m", estimated_m), ("reference_m", reference_m)):
+        if joints_m.ndim != 3 or len(joints_m) == 0 or joints_m.shape[1:] != (len(REFERENCE_JOINTS), 3):
+            raise ValueError(f"{name}: expected shape (N, {len(REFERENCE_JOINTS)}, 3), got {joints_m.shape}")
+        if not np.isfinite(joints_m).all():
+            raise ValueError(f"{name}: expected finite numbers")
     if len(estimated_m) != len(reference_m):
         raise ValueError(f"estimated_m has {len(estimated_m)} frames, reference_m {len(reference_m)}")
     errors_mm = 1000.0 * np.linalg.norm(estimated_m - reference_m, axis=-1)
@@ -43,10 +46,3 @@ def joint_errors(estimated_m: Floats, reference_m: Floats) -> JointErrors:
         p95_mm=float(np.percentile(errors_mm, 95)),
         lost_limbs=[(int(n), REFERENCE_JOINTS[j]) for n, j in np.argwhere(errors_mm > LOST_LIMB_MM)],
     )
-
-
-def _check(name: str, joints_m: Floats) -> None:
-    if joints_m.ndim != 3 or len(joints_m) == 0 or joints_m.shape[1:] != (len(REFERENCE_JOINTS), 3):
-        raise ValueError(f"{name}: expected shape (N, {len(REFERENCE_JOINTS)}, 3), got {joints_m.shape}")
-    if not np.isfinite(joints_m).all():
-        raise ValueError(f"{name}: expected finite numbers")

@@ -1,23 +1,65 @@
-"""The overlay video: all cameras on one sheet, with the model drawn over what each of them saw."""
+"""The overlay: the model drawn over what the cameras saw, as a video of all cameras or a picture of one."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from services.mocap.body.actor import Body
 from services.mocap.camera.camera import Camera
-from services.mocap.export.tiles import LEFT_BGR, RIGHT_BGR, draw_tile, grid_for, trimap_picture
+from services.mocap.camera.rig import Rig
+from services.mocap.camera.undistort import Undistorter
+from services.mocap.errors import UserError, nearest
+from services.mocap.export.model_painter import ModelPainter
+from services.mocap.export.tiles import LEFT_BGR, RIGHT_BGR, draw_tile, grid_for, trimap_picture, write_text
+from services.mocap.result.result import Result
+from services.mocap.take.folder import Take
+from services.mocap.take.tables import PoseTable
 from services.mocap.take.writer import video_writer
-from services.mocap.types import Bytes, Trimap
+from services.mocap.types import Bytes
 
 HEADER_PX = 40
 """Height of the line of text above the tiles."""
 _CRF = 20  # for looking at
-_WHITE_BGR, _BLACK_BGR = (255, 255, 255), (0, 0, 0)
+_WHITE_BGR = (255, 255, 255)
+_TEXT_SCALE = 0.6
+
+
+class _Hurried(Exception):  # noqa: N818  (a request, not an error)
+    """Drawing was cut short."""
+
+
+def write_overlay(path: Path, take: Take, body: Body, table: PoseTable, hurry: Callable[[], bool]) -> None:
+    """Draw poses of consecutive frames of a take; a camera without a video shows its silhouettes.
+
+    hurry: asked at every frame; when it says so nothing is written.
+    """
+    start, stop = int(table.frames[0]), int(table.frames[-1]) + 1
+    painter = ModelPainter(body, Rig.of(take.cameras))
+    with suppress(_Hurried), ExitStack() as stack:
+        of_cameras = [pictures_of(take, camera, start, stop, stack) for camera in take.cameras]
+        writer = stack.enter_context(OverlayWriter(path, take.cameras, take.settings.fps))
+        for n, frame in enumerate(table.frames.tolist()):
+            if hurry():
+                raise _Hurried
+            masks = painter.segment_masks(table.poses[n])
+            pictures = [next(of_camera) for of_camera in of_cameras]
+            writer.add(frame, float(table.times_s[n]), pictures, masks, float(table.energies_px[n]))
+
+
+def pictures_of(take: Take, camera: Camera, start: int, stop: int, stack: ExitStack) -> Iterator[Bytes]:
+    """A camera's undistorted pictures (H, W, 3); its silhouettes in greys where it has no video.
+
+    stack: what the video stays open in.
+    """
+    undistorter = Undistorter(camera)
+    if take.has_video(camera):
+        return map(undistorter.image, stack.enter_context(take.video(camera, start, stop)))
+    return (trimap_picture(undistorter.trimap(trimap)) for trimap in take.trimaps(camera, start, stop))
 
 
 class OverlayWriter:
@@ -54,47 +96,26 @@ class OverlayWriter:
         self,
         frame_index: int,
         time_s: float,
-        images: Sequence[Bytes | None],
+        pictures: Sequence[Bytes],
         segment_masks: Sequence[Bytes] | Bytes,
         energy: float,
-        *,
-        trimaps: Sequence[Trimap] | None = None,
     ) -> None:
         """Draw and write one frame.
 
-        images: per camera the undistorted picture (H, W, 3), or None where there is none; there the
-        trimap (H, W), if trimaps are given, is drawn in greys in its place, else the ground stays black.
-        segment_masks: per camera (H, W), 0 = no model, 1 = centre, 2 = left limb, 3 = right limb; or
-        (C, H, W). energy: in pixels. Raises ValueError on a number or size of them that is not the cameras'.
+        pictures: per camera, undistorted (H, W, 3). segment_masks: per camera (H, W), 0 = no model,
+        1 = centre, 2 = left limb, 3 = right limb; or (C, H, W). energy: in pixels. Raises ValueError on a
+        number or size of them that is not the cameras'.
         """
         sheet = np.zeros((*self.size_px[::-1], 3), np.uint8)
         _write_header(sheet, f"frame {frame_index}    {time_s:.3f} s    energy {energy:.0f} px")
-        inputs = zip(
-            self._cameras,
-            images,
-            segment_masks,
-            [None] * len(self._cameras) if trimaps is None else trimaps,
-            strict=True,
-        )
-        for index, (camera, image, segment_mask, trimap) in enumerate(inputs):
+        inputs = zip(self._cameras, pictures, segment_masks, strict=True)
+        for index, (camera, picture, segment_mask) in enumerate(inputs):
             _check_size(camera, segment_mask)
-            tile = draw_tile(_picture(camera, image, trimap), segment_mask, self._grid)
-            _write_text(tile, camera.name, (8, 22), _WHITE_BGR)
-            x, y = self._grid.tile_origin_px(index)
-            below_header = sheet[HEADER_PX:]
-            below_header[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
+            _check_size(camera, picture)
+            tile = draw_tile(picture, segment_mask, self._grid)
+            write_text(tile, camera.name, (8, 22), _WHITE_BGR, _TEXT_SCALE)
+            self._grid.paste(sheet[HEADER_PX:], index, tile)
         self._video.write(sheet)
-
-
-def _picture(camera: Camera, image: Bytes | None, trimap: Trimap | None) -> Bytes:
-    """What the model is drawn over, (H, W, 3)."""
-    if image is not None:
-        _check_size(camera, image)
-        return image
-    if trimap is not None:
-        _check_size(camera, trimap)
-        return trimap_picture(trimap)
-    return np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
 
 
 def _check_size(camera: Camera, picture: NDArray[np.generic]) -> None:
@@ -106,20 +127,27 @@ def _check_size(camera: Camera, picture: NDArray[np.generic]) -> None:
 def _write_header(sheet: Bytes, text: str) -> None:
     """The line of text at the left, the colours of the limbs at the right where there is room."""
     baseline = HEADER_PX - 13
-    end = _write_text(sheet, text, (10, baseline), _WHITE_BGR)
+    end = write_text(sheet, text, (10, baseline), _WHITE_BGR, _TEXT_SCALE)
     x = sheet.shape[1] - 110
     if x > end:
-        x = _write_text(sheet, "left", (x, baseline), LEFT_BGR)
-        _write_text(sheet, "right", (x + 10, baseline), RIGHT_BGR)
+        x = write_text(sheet, "left", (x, baseline), LEFT_BGR, _TEXT_SCALE)
+        write_text(sheet, "right", (x + 10, baseline), RIGHT_BGR, _TEXT_SCALE)
 
 
-def _write_text(
-    picture: Bytes, text: str, origin_px: tuple[int, int], colour_bgr: tuple[int, int, int]
-) -> int:
-    """Write with a shadow, from the left end of the base line on; returns the x where the text ends."""
-    x, y = origin_px
-    font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.6
-    cv2.putText(picture, text, (x + 1, y + 1), font, scale, _BLACK_BGR, 1, cv2.LINE_AA)
-    cv2.putText(picture, text, origin_px, font, scale, colour_bgr, 1, cv2.LINE_AA)
-    (width_px, _), _ = cv2.getTextSize(text, font, scale, 1)
-    return x + int(width_px)
+def draw_frame(result: Result, take: Take, camera: str, frame: int, *, width_px: int | None = None) -> Bytes:
+    """A camera's picture of a frame with the motion's model over it, (H, W, 3) in BGR order.
+
+    camera: its name; frame: its number in the take; width_px: of the drawn picture, the camera's by default.
+    Raises UserError where the take has no such camera, or the result no such frame.
+    """
+    by_name = {one.name: one for one in take.cameras}
+    if camera not in by_name:
+        raise UserError(f"{camera}: unknown camera: {nearest(camera, by_name)}")
+    rows = np.flatnonzero(result.frames == frame)
+    if not rows.size:
+        raise UserError(f"frame {frame}: expected one from {result.frames[0]} to {result.frames[-1]}")
+    seen = by_name[camera]
+    with ExitStack() as stack:
+        picture = next(pictures_of(take, seen, frame, frame + 1, stack))
+    mask = ModelPainter(result.motion.body, Rig.of((seen,))).segment_masks(result.poses[rows[0]])[0]
+    return draw_tile(picture, mask, grid_for([seen], width_px or seen.width_px))

@@ -18,7 +18,7 @@ RIGHT_BGR = (240, 150, 30)
 MISSED_BGR, BEYOND_BGR = (0, 235, 255), (255, 0, 255)
 """Actor that the model misses, and model beyond the actor."""
 UNSURE_BGR = (255, 255, 0)
-"""What nobody is sure of."""
+"""Pixels that may be actor or background."""
 _OPACITY = 0.5
 _OUTLINE_BGR = (255, 255, 255)
 _HALO_BGR = (0, 0, 0)
@@ -34,7 +34,7 @@ _SCREEN_SHAPE = (16, 9)
 _FULL_GRID_ZOOM = 0.7
 """How much smaller than in the best grid the tiles may be for the sake of a grid without gaps."""
 
-# By the values of a segment mask: the fill's colour times its coverage, and the coverage itself.
+# By the values of a segment mask: the fill's colour times its coverage (3) and the coverage (1), 0 to 255.
 _FILL: Bytes = np.array(
     [(0, 0, 0, 0), (*CENTRE_BGR, 255), (*LEFT_BGR, 255), (*RIGHT_BGR, 255)], dtype=np.uint8
 )
@@ -60,6 +60,11 @@ class Grid:
         row, column = divmod(index, self.columns)
         return column * self.tile_width_px, row * self.tile_height_px
 
+    def paste(self, sheet: Bytes, index: int, tile: Bytes) -> None:
+        """Put a tile into its place in a sheet."""
+        x, y = self.tile_origin_px(index)
+        sheet[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
+
 
 def grid_for(cameras: Sequence[Camera], tile_width_px: int) -> Grid:
     """The grid that shows the cameras largest on a wide screen; one without gaps may show them a bit smaller.
@@ -79,6 +84,17 @@ def grid_for(cameras: Sequence[Camera], tile_width_px: int) -> Grid:
     enough = _FULL_GRID_ZOOM * max(map(zoom, grids))
     full = [grid for grid in grids if grid.columns * grid.rows == count and zoom(grid) >= enough]
     return max(full or grids, key=lambda grid: (round(zoom(grid), 6), -grid.columns * grid.rows))
+
+
+def write_text(
+    picture: Bytes, text: str, origin_px: tuple[int, int], colour_bgr: tuple[int, int, int], scale: float
+) -> int:
+    """Write with a shadow, from the left end of the base line on; returns the x where the text ends."""
+    (x, y), font = origin_px, cv2.FONT_HERSHEY_SIMPLEX
+    cv2.putText(picture, text, (x + 1, y + 1), font, scale, (0, 0, 0), 1, cv2.LINE_AA)
+    cv2.putText(picture, text, origin_px, font, scale, colour_bgr, 1, cv2.LINE_AA)
+    (width_px, _), _ = cv2.getTextSize(text, font, scale, 1)
+    return x + int(width_px)
 
 
 def trimap_picture(trimap: Trimap) -> Bytes:
@@ -102,8 +118,11 @@ def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
     the shape of the picture is not the tile's, black bars fill the rest.
     """
     size = _fitting(segment_mask.shape, grid)
-    shown = _draw_model(_resized(picture, size), _resized(_FILL[segment_mask], size))
-    return _centred(shown, grid)
+    shown, fill = _resized(picture, size), _resized(_FILL[segment_mask], size)
+    coverage = fill[..., 3:] / np.float32(255.0)
+    drawn = np.rint(shown * (1.0 - _OPACITY * coverage) + _OPACITY * fill[..., :3]).astype(np.uint8)
+    _outline(drawn, fill[..., 3], _OUTLINE_BGR)
+    return _centred(drawn, grid)
 
 
 def draw_difference(picture: Bytes, trimap: Trimap, segment_mask: Bytes, grid: Grid) -> Bytes:
@@ -163,15 +182,6 @@ def _resized(picture: Bytes, size: tuple[int, int]) -> Bytes:
     shrinks = size[0] < picture.shape[1]
     resized = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
     return np.asarray(resized, np.uint8)
-
-
-def _draw_model(picture: Bytes, fill: Bytes) -> Bytes:
-    """Blend the fill (H, W, 4), colour times coverage and coverage, into a picture and outline it."""
-    coverage = fill[..., 3:] / np.float32(255.0)
-    blended = picture * (1.0 - _OPACITY * coverage) + _OPACITY * fill[..., :3]
-    drawn = np.rint(blended).astype(np.uint8)
-    _outline(drawn, fill[..., 3], _OUTLINE_BGR)
-    return drawn
 
 
 def _outline(drawn: Bytes, coverage: Bytes, colour_bgr: tuple[int, int, int]) -> None:

@@ -2,14 +2,14 @@
 
 import cv2
 import numpy as np
-import trimesh
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import N_DOF, segment_transforms
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_NAMES, SIDES
+from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
-from services.mocap.synth.backdrop import Singles
 from services.mocap.synth.raster import draw
+from services.mocap.synth.render import Model
 from services.mocap.types import Bytes, Floats, Ints
 
 N_VIEWS = 8
@@ -25,6 +25,7 @@ _NAMES = ("front", "front left", "left", "back left", "back", "back right", "rig
 
 _PAPER_BGR, _TENTHS_BGR, _HALVES_BGR, _INK_BGR = (250,) * 3, (228,) * 3, (185,) * 3, (70,) * 3
 _SKIN = np.array((190.0, 195.0, 200.0))
+_TINTS = {"left": LEFT_BGR, "right": RIGHT_BGR}
 _TINT = 0.35
 """Share of the sides' colours, those of the overlay, in the body's."""
 _LIGHT = np.array((0.45, 0.35, 0.82))  # towards it, in the body's frame of the front view
@@ -37,40 +38,19 @@ def draw_turntable(body: Body) -> Bytes:
     The views run from the front counter-clockwise as seen from above. All are in one scale; lines are 10 cm
     apart, the strong ones half a metre, counted up from the floor and sideways from the hips' middle.
     """
-    pose = _standing()
-    pose[DOF_INDEX["root_z"]] = -body.lowest_point_m(pose)
-    vertices_m, normals, bgr, faces = _posed(body, pose)
-    reach_m = float(np.linalg.norm(vertices_m[:, :2], axis=1).max()) + _MARGIN_M / 2
-    tiles = [_view(vertices_m, normals, bgr, faces, view, reach_m) for view in range(N_VIEWS)]
-    rows = [np.hstack(tiles[i : i + _COLUMNS]) for i in range(0, N_VIEWS, _COLUMNS)]
-    return np.vstack(rows)
-
-
-def _standing() -> Floats:
     pose = np.zeros(N_DOF)
     for side in SIDES:
         pose[DOF_INDEX[f"{side}_shoulder_elevation"]] = -_ARMS_DOWN_RAD
         pose[DOF_INDEX[f"{side}_hip_abduction"]] = _LEGS_APART_RAD
-    return pose
-
-
-def _posed(body: Body, pose: Floats) -> tuple[Floats, Floats, Floats, Ints]:
-    """Vertices (V, 3), their normals and colours (V, 3) each, and faces (F, 3) of a pose (35,)."""
-    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
-    vertices_m, normals, bgr, faces, count = [], [], [], [], 0
-    for name, v, f, T in zip(SEGMENT_NAMES, body.vertices_m, body.faces, T_world_segment, strict=True):
-        vertices_m.append(v @ T[:3, :3].T + T[:3, 3])
-        normals.append(trimesh.Trimesh(v, f, process=False).vertex_normals @ T[:3, :3].T)
-        bgr.append(np.tile(_colour(name), (len(v), 1)))
-        faces.append(f + np.int32(count))
-        count += len(v)
-    return np.vstack(vertices_m), np.vstack(normals), np.vstack(bgr), np.vstack(faces)
-
-
-def _colour(segment: str) -> Floats:
-    side = segment.partition("_")[0]
-    tint = {"left": LEFT_BGR, "right": RIGHT_BGR}.get(side, CENTRE_BGR)
-    return (1.0 - _TINT) * _SKIN + _TINT * np.array(tint)
+    pose[DOF_INDEX["root_z"]] = -body.lowest_point_m(pose)
+    model = Model(body)
+    vertices_m, normals = model.posed(pose)
+    tints = np.array([_TINTS.get(name.partition("_")[0], CENTRE_BGR) for name in SEGMENT_NAMES])
+    bgr = ((1.0 - _TINT) * _SKIN + _TINT * tints).repeat([*map(len, body.vertices_m)], axis=0)
+    reach_m = float(np.linalg.norm(vertices_m[:, :2], axis=1).max()) + _MARGIN_M / 2
+    tiles = [_view(vertices_m, normals, bgr, model.faces, view, reach_m) for view in range(N_VIEWS)]
+    rows = [np.hstack(tiles[i : i + _COLUMNS]) for i in range(0, N_VIEWS, _COLUMNS)]
+    return np.vstack(rows)
 
 
 def _view(vertices_m: Floats, normals: Floats, bgr: Floats, faces: Ints, view: int, reach_m: float) -> Bytes:

@@ -18,23 +18,20 @@ _CURLED = Arm(-74, 8, 125, twist=4)
 def _raise_to_front(c: Choreography) -> None:
     for beat, arm in ((0.0, HANGING), (0.6, _FRONT_LOW), (1.2, _FRONT), (1.4, _FRONT), (2.0, _FRONT_LOW)):
         c.arms(beat, arm, arm)
-    c.arms(2.6, HANGING, HANGING)
-    c.done(2.6)
+    c.done(2.6, arms=HANGING)
 
 
 def _raise_to_side(c: Choreography) -> None:
     for beat, arm in ((0.0, HANGING), (0.8, _SIDE), (1.5, _UP), (1.7, _UP), (2.4, _SIDE)):
         c.arms(beat, arm, arm)
-    c.arms(3.2, HANGING, HANGING)
-    c.done(3.2)
+    c.done(3.2, arms=HANGING)
 
 
 def _bend_elbows(c: Choreography) -> None:
     c.arms(0.0, HANGING, HANGING)
     c.arms(0.8, _CURLED, HANGING)
     c.arms(1.5, HANGING, _CURLED)
-    c.arms(2.2, HANGING, HANGING)
-    c.done(2.2)
+    c.done(2.2, arms=HANGING)
 
 
 def _squat(c: Choreography) -> None:
@@ -47,8 +44,7 @@ def _squat(c: Choreography) -> None:
     c.hold_arms(1.5)
     c.arms(2.0, _FRONT_LOW, _FRONT_LOW)
     c.put(2.6, drop=0.0, root_pitch=0.0, shift_ahead=0.0, head_pitch=0.0)
-    c.arms(2.6, HANGING, HANGING)
-    c.done(2.6)
+    c.done(2.6, arms=HANGING)
 
 
 def _bend_forward(c: Choreography) -> None:
@@ -58,8 +54,7 @@ def _bend_forward(c: Choreography) -> None:
     c.put(1.2, root_pitch=62.0, shift_ahead=-0.07, drop=0.01, head_pitch=12.0)
     c.hold(1.4, "root_pitch", "shift_ahead", "drop", "head_pitch")
     c.put(2.5, root_pitch=0.0, shift_ahead=0.0, drop=0.0, head_pitch=0.0)
-    c.arms(2.5, HANGING, HANGING)
-    c.done(2.5)
+    c.done(2.5, arms=HANGING)
 
 
 def _bend_sideways(c: Choreography) -> None:
@@ -75,8 +70,7 @@ def _bend_sideways(c: Choreography) -> None:
     c.put(2.5, root_lean=20.0, shift_left=-0.03)
     c.arms(3.1, Arm(-10, 2, 6), HANGING)
     c.put(3.5, root_lean=0.0, shift_left=0.0)
-    c.arms(3.6, HANGING, HANGING)
-    c.done(3.6)
+    c.done(3.6, arms=HANGING)
 
 
 def _turn_trunk(c: Choreography) -> None:
@@ -87,8 +81,7 @@ def _turn_trunk(c: Choreography) -> None:
     c.put(1.9, trunk_turn=-32.0, head_turn=-15.0)
     c.hold_arms(2.1)
     c.put(2.7, trunk_turn=0.0, head_turn=0.0)
-    c.arms(2.7, HANGING, HANGING)
-    c.done(2.7)
+    c.done(2.7, arms=HANGING)
 
 
 def _turn_head(c: Choreography) -> None:
@@ -111,8 +104,7 @@ def _lift_knees(c: Choreography) -> None:
     c.step("right", (1.5, 2.7))
     c.free_leg("right", (1.5, 2.7), Leg(80, 6, 90, ankle=-10))
     c.hold_arms(2.2)
-    c.arms(2.8, HANGING, HANGING)
-    c.done(2.8)
+    c.done(2.8, arms=HANGING)
 
 
 def _step_around(c: Choreography) -> None:
@@ -129,8 +121,7 @@ def _step_around(c: Choreography) -> None:
     c.arms(2.2, Arm(-50, 10, 20), Arm(-50, 10, 20))
     c.step("right", (2.4, 2.9))
     c.put(3.0, drop=0.0)
-    c.arms(3.0, HANGING, HANGING)
-    c.done(3.0)
+    c.done(3.0, arms=HANGING)
 
 
 def _turn_around(c: Choreography) -> None:
@@ -143,8 +134,7 @@ def _turn_around(c: Choreography) -> None:
     c.hold_arms(3.8)
     c.hold(3.8, "head_turn")
     c.put(4.6, head_turn=0.0)
-    c.arms(4.6, HANGING, HANGING)
-    c.done(4.6)
+    c.done(4.6, arms=HANGING)
 
 
 BASIC: tuple[Callable[[Choreography], None], ...] = (

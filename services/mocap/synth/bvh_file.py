@@ -4,7 +4,6 @@ The PyPI readers (bvh, bvhio, bvhsdk) stop at broken files with a bare traceback
 by frame; the format is small enough to be read here, with one clear sentence for what is wrong.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -64,21 +63,17 @@ class BvhMotion:
         places, R = np.empty((len(at_s), len(self.joints), 3)), np.empty((len(at_s), len(self.joints), 3, 3))
         for j, joint in enumerate(self.joints):
             local = np.stack([np.interp(at_s, frames_s, x) for x in self.positions_local[:, j].T], axis=1)
-            turn = _slerp(frames_s, self.rotations_local[:, j], at_s)
+            turns = Rotation.from_quat(self.rotations_local[:, j])
+            if len(frames_s) == 1:
+                turn = np.repeat(turns.as_matrix(), len(at_s), axis=0)
+            else:
+                turn = Slerp(frames_s, turns)(np.minimum(at_s, frames_s[-1])).as_matrix()
             if joint.parent < 0:
                 places[:, j], R[:, j] = local, turn
             else:
                 places[:, j] = places[:, joint.parent] + np.einsum("tij,tj->ti", R[:, joint.parent], local)
                 R[:, j] = R[:, joint.parent] @ turn
         return places, R
-
-
-def _slerp(frames_s: Floats, quaternions: Floats, at_s: Floats) -> Floats:
-    turns = Rotation.from_quat(quaternions)
-    if len(frames_s) == 1:
-        return np.repeat(turns.as_matrix(), len(at_s), axis=0)
-    matrices: Floats = Slerp(frames_s, turns)(np.minimum(at_s, frames_s[-1])).as_matrix()
-    return matrices
 
 
 def read_bvh(path: Path) -> BvhMotion:
@@ -96,10 +91,11 @@ def read_bvh(path: Path) -> BvhMotion:
 
 
 def _read_hierarchy(path: Path, text: str) -> list[BvhJoint]:
-    """All joints and tips; a second ROOT, of another actor, and what comes after it are left out."""
+    """All joints and tips; raises UserError for a second ROOT, which is another actor's."""
     joints: list[BvhJoint] = []
     open_joints: list[int] = []
-    for words in _lines(text):
+    lines = text.replace("{", "\n{\n").replace("}", "\n}\n").splitlines()
+    for words in (line.split() for line in lines if line.strip()):
         keyword = words[0].upper()
         if keyword == "ROOT" and joints:
             raise UserError(f"{path}: has more than one ROOT: expected the motion of one actor")
@@ -115,26 +111,15 @@ def _read_hierarchy(path: Path, text: str) -> list[BvhJoint]:
             x, y, z = _numbers(path, words[1:4], 3, f"OFFSET of {joints[-1].name}")
             joints[-1].offset = (x, y, z)
         elif keyword == "CHANNELS" and joints:
-            joints[-1].channels = _channels(path, joints[-1].name, words[2:])
+            joints[-1].channels = [name.lower() for name in words[2:]]
+            if unknown := [name for name in joints[-1].channels if name not in _POSITIONS + _ROTATIONS]:
+                raise UserError(
+                    f"{path}: CHANNELS of {joints[-1].name}: {in_short(unknown[0])}: expected Xposition, …, "
+                    "Zrotation"
+                )
     if not joints or open_joints:
         raise UserError(f"{path}: HIERARCHY: expected a ROOT with its joints, every {{ closed by a }}")
     return joints
-
-
-def _lines(text: str) -> Iterator[list[str]]:
-    for line in text.replace("{", "\n{\n").replace("}", "\n}\n").splitlines():
-        if words := line.split():
-            yield words
-
-
-def _channels(path: Path, joint: str, names: list[str]) -> list[str]:
-    channels = [name.lower() for name in names]
-    for name in channels:
-        if name not in _POSITIONS + _ROTATIONS:
-            raise UserError(
-                f"{path}: CHANNELS of {joint}: {in_short(name)}: expected Xposition, …, Zrotation"
-            )
-    return channels
 
 
 def _numbers(path: Path, words: list[str], count: int, what: str) -> list[float]:

@@ -18,7 +18,7 @@ TOE_OUT = radians(9)
 LIMIT_MARGIN = radians(2)
 """All keys of joints stay this far within the limits."""
 
-STAGE = ("shift_ahead", "shift_left", "drop", "hop", "trunk_turn", "left_heel", "right_heel")
+BODY_CHANNELS = ("shift_ahead", "shift_left", "drop", "hop", "trunk_turn", "left_heel", "right_heel")
 """Channels beside the joints': the pelvis against its place over the feet, how far the knees give way (shares
 of the leg's length), jumps, the trunk's turn against the feet, the rise of each heel."""
 FREE = ("left_free", "right_free")
@@ -85,7 +85,7 @@ class Choreography:
         self.height_m = body.height_m
         self._apart_m = _STANCE * float(body.offsets_m[JOINT_INDEX["left_hip"], 1])
         rest = dict.fromkeys(("root_lean", "root_pitch", "head_pitch", "head_lean", "head_turn"), 0.0)
-        rest |= dict.fromkeys(STAGE + FREE, 0.0)
+        rest |= dict.fromkeys(BODY_CHANNELS + FREE, 0.0)
         for side in SIDES:
             rest |= A_POSE.channels(side) | _LOOSE.channels(side)
         self.score = Score(rest)
@@ -93,26 +93,37 @@ class Choreography:
         self.feet: dict[Side, Foot] = {side: Foot(side, self._stand(side)) for side in SIDES}
         self.now_s, self.tempo, self.mirrored = 0.0, 1.0, False
 
-    def done(self, beats: float) -> None:
-        """End a movement: its last beat is the next one's first; channels hold what they have until then."""
+    def done(self, beats: float, arms: Arm | None = None) -> None:
+        """End a movement, with both arms in a pose if one is given.
+
+        Its last beat is the next one's first; channels keep their values until then.
+        """
+        self.arms(beats, arms, arms)
         self.now_s += beats * self.tempo
         for side in SIDES:
             if self.score.last(f"{side}_free"):
                 raise ValueError(f"a movement ends with its {side} leg in the air")
 
     def put(self, beat: float, **values: float) -> None:
-        """Set keys of trunk, head, stage and single joints."""
-        keys = {}
-        for name, value in values.items():
-            sign = -1.0 if self.mirrored and name in TURNED_BY_MIRROR else 1.0
-            keys[self._sided(name)] = _within_limits(self._sided(name), sign * value)
+        """Set keys of trunk, head, the body as a whole and single joints, in degrees.
+
+        Raises ValueError where a joint would come nearer to its limits than the margin.
+        """
+        keys = {
+            self._sided(name): -value if self.mirrored and name in TURNED_BY_MIRROR else value
+            for name, value in values.items()
+        }
+        for name, value in keys.items():
+            i = DOF_INDEX.get(name)
+            if i is not None and not (LOWER[i] + LIMIT_MARGIN <= radians(value) <= UPPER[i] - LIMIT_MARGIN):
+                raise ValueError(f"{name} = {value}: expected within the joint's limits with a margin")
         self.score.put(self._time_s(beat), **keys)
 
     def arms(self, beat: float, left: Arm | None = None, right: Arm | None = None) -> None:
         """Set keys of one arm or both; left is the leading side."""
-        for side, arm in (("left", left), ("right", right)):
+        for side, arm in zip(SIDES, (left, right), strict=True):
             if arm is not None:
-                self.put(beat, **arm.channels("left" if side == "left" else "right"))
+                self.put(beat, **arm.channels(side))
 
     def hold_arms(self, beat: float) -> None:
         """Keep both arms until a beat as their last keys say."""
@@ -132,7 +143,7 @@ class Choreography:
         ahead, out: of the foot's place in the stance, to the side it is on. turn: degrees to the leading
         side, of the foot against where the dancer faces. lift: 0 turns on the ball of the foot.
         """
-        real = self._real(side)
+        real = _other(side) if self.mirrored else side
         sign = (1.0 if real == "left" else -1.0) * out * self.height_m
         lead = -1.0 if self.mirrored else 1.0
         stand = self._stand(real)
@@ -171,14 +182,13 @@ class Choreography:
     def _time_s(self, beat: float) -> float:
         return self.now_s + beat * self.tempo
 
-    def _real(self, side: Side) -> Side:
-        return side if not self.mirrored else ("right" if side == "left" else "left")
-
     def _sided(self, name: str) -> str:
         side, _, rest = name.partition("_")
-        if self.mirrored and side in SIDES:
-            return f"{'right' if side == 'left' else 'left'}_{rest}"
-        return name
+        return f"{_other(side)}_{rest}" if self.mirrored and side in SIDES else name
+
+
+def _other(side: str) -> Side:
+    return "right" if side == "left" else "left"
 
 
 def turn_in_steps(c: Choreography, start: float, end: float, n: int, lift: float) -> None:
@@ -191,12 +201,3 @@ def turn_in_steps(c: Choreography, start: float, end: float, n: int, lift: float
         if i < n:
             c.face(turn=360.0 / n)
         c.step(SIDES[i % 2], (start + i * each, start + (i + 0.9) * each), lift=lift)
-
-
-def _within_limits(name: str, value: float) -> float:
-    """A key in degrees; raises ValueError where a joint would come nearer to its limits than the margin."""
-    if name in DOF_INDEX:
-        i = DOF_INDEX[name]
-        if not LOWER[i] + LIMIT_MARGIN <= radians(value) <= UPPER[i] - LIMIT_MARGIN:
-            raise ValueError(f"{name} = {value}: expected within the joint's limits with a margin")
-    return value

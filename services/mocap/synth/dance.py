@@ -42,8 +42,7 @@ def _arm_circles(c: Choreography) -> None:
         sway = 9.0 if i % 4 in (0, 1) else -9.0
         c.put(0.3 * (i + 1), root_lean=-sway, drop=0.025, trunk_turn=2 * sway, head_turn=-sway)
     c.put(3.0, root_lean=0.0, drop=0.0, trunk_turn=0.0, head_turn=0.0)
-    c.arms(3.0, HANGING, HANGING)
-    c.done(3.0)
+    c.done(3.0, arms=HANGING)
 
 
 def _kick_ahead(c: Choreography) -> None:
@@ -91,9 +90,8 @@ def _pirouette(c: Choreography) -> None:
     c.hold(1.6, "left_heel", "head_turn")
     c.arms(1.9, _SECOND, _SECOND)
     c.put(2.0, drop=0.05, left_heel=0.0, head_turn=0.0)
-    c.arms(2.5, HANGING, HANGING)
     c.put(2.5, drop=0.0)
-    c.done(2.5)
+    c.done(2.5, arms=HANGING)
 
 
 def _spin_in_steps(c: Choreography) -> None:
@@ -105,9 +103,8 @@ def _spin_in_steps(c: Choreography) -> None:
     c.hold_arms(1.3)
     c.arms(2.0, _HIGH, _SECOND)
     c.put(2.0, drop=0.02, head_turn=0.0)
-    c.arms(2.6, HANGING, HANGING)
     c.put(2.6, drop=0.0)
-    c.done(2.6)
+    c.done(2.6, arms=HANGING)
 
 
 def _cross_steps(c: Choreography) -> None:
@@ -123,9 +120,8 @@ def _cross_steps(c: Choreography) -> None:
     c.arms(1.4, _SECOND, _ROUND_WAIST)
     c.put(1.4, drop=0.03, root_lean=5.0, trunk_turn=8.0)
     c.step("left", (1.5, 1.85))
-    c.arms(2.0, HANGING, HANGING)
     c.put(2.0, drop=0.0, root_lean=0.0, trunk_turn=0.0)
-    c.done(2.0)
+    c.done(2.0, arms=HANGING)
 
 
 def _leap(c: Choreography) -> None:
@@ -180,9 +176,8 @@ def _lunge(c: Choreography) -> None:
     c.step("left", (1.2, 1.6))
     c.arms(1.45, _SECOND, _HIGH)
     c.put(1.6, drop=0.01, root_lean=0.0, root_pitch=0.0, shift_left=0.0, trunk_turn=0.0)
-    c.arms(1.95, HANGING, HANGING)
     c.put(1.95, drop=0.0)
-    c.done(1.95)
+    c.done(1.95, arms=HANGING)
 
 
 def _wring(c: Choreography) -> None:
@@ -194,8 +189,7 @@ def _wring(c: Choreography) -> None:
         c.arms(0.6 + 0.63 * i, front, back)
         c.put(0.6 + 0.63 * i, trunk_turn=turn, head_turn=0.5 * turn, drop=0.03)
     c.put(2.45, trunk_turn=0.0, head_turn=0.0, drop=0.0)
-    c.arms(2.45, HANGING, HANGING)
-    c.done(2.45)
+    c.done(2.45, arms=HANGING)
 
 
 def _knee_to_elbow(c: Choreography) -> None:
@@ -212,9 +206,8 @@ def _knee_to_elbow(c: Choreography) -> None:
         c.put(start + 0.4, root_pitch=14.0, trunk_turn=16.0 * sign, drop=0.01)
         c.arms(start + 0.8, fists, fists)
         c.put(start + 0.8, root_pitch=2.0, trunk_turn=0.0, drop=0.02)
-    c.arms(2.2, HANGING, HANGING)
     c.put(2.2, root_pitch=0.0, drop=0.0)
-    c.done(2.2)
+    c.done(2.2, arms=HANGING)
 
 
 DANCE: tuple[Callable[[Choreography], None], ...] = (

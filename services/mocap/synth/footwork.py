@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from services.mocap.body.skeleton import Side
-from services.mocap.synth.gait import SoleRoll, min_jerk
+from services.mocap.synth.gait import SoleRoll, bump, min_jerk
 from services.mocap.synth.legs import FootTargets
 from services.mocap.types import Floats
 
@@ -109,7 +109,9 @@ def track_foot(time_s: Floats, foot: Foot, roll: SoleRoll, heel_rise: Floats, ho
     )
     on_ball_m = roll.ball_m * np.clip(heel_rise / _ON_BALL, 0.0, 1.0)
     support_xy_m = xyw[:, :2] + on_ball_m[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
-    return FootTrack(targets, _softened(load, time_s), yaw, support_xy_m)
+    # The weight goes over before a foot lifts and after it lands, as fast as people shift it.
+    soft = gaussian_filter1d(load, 0.09 / float(time_s[1] - time_s[0]), mode="nearest", truncate=3.0)
+    return FootTrack(targets, soft, yaw, support_xy_m)
 
 
 def _way(start: Place, end: Place, done: Floats, about_m: float) -> Floats:
@@ -129,16 +131,6 @@ def _step_pitch(time_s: Floats, move: Move, stride_m: float) -> Floats:
     """The foot's pitch (N,) around a step: the heel rises as the foot lifts, the toes as it lands."""
     size, swing_s = 0.35 + 0.65 * min(1.0, stride_m / _FULL_STRIDE_M), move.end_s - move.start_s
     before_s = min(0.2, 0.5 * swing_s)
-    heel = _bump(time_s, move.start_s - before_s, move.start_s, move.start_s + 0.5 * swing_s)
-    toes = _bump(time_s, move.end_s - 0.4 * swing_s, move.end_s, move.end_s + 0.15)
+    heel = bump(time_s, move.start_s - before_s, move.start_s, move.start_s + 0.5 * swing_s)
+    toes = bump(time_s, move.end_s - 0.4 * swing_s, move.end_s, move.end_s + 0.15)
     return size * (_HEEL_RISE * heel - _TOE_RISE * toes)
-
-
-def _bump(time_s: Floats, start_s: float, peak_s: float, end_s: float) -> Floats:
-    return min_jerk((time_s - start_s) / (peak_s - start_s)) - min_jerk((time_s - peak_s) / (end_s - peak_s))
-
-
-def _softened(load: Floats, time_s: Floats) -> Floats:
-    """The weight goes over before a foot lifts and after it lands, as fast as people shift it."""
-    soft: Floats = gaussian_filter1d(load, 0.09 / float(time_s[1] - time_s[0]), mode="nearest", truncate=3.0)
-    return soft

@@ -137,12 +137,12 @@ def foot_targets(
 def _step_pitch(time_s: Floats, step: Step) -> Floats:
     """The foot's pitch (N,) around a step: the heel rises before the foot lifts, the toes before it lands."""
     swing_s = step.land_s - step.lift_s
-    heel = _bump(time_s, step.lift_s - 0.52 * step.period_s, step.lift_s, step.lift_s + 0.55 * swing_s)
-    toes = _bump(time_s, step.land_s - 0.45 * swing_s, step.land_s, step.land_s + 0.2 * step.period_s)
+    heel = bump(time_s, step.lift_s - 0.52 * step.period_s, step.lift_s, step.lift_s + 0.55 * swing_s)
+    toes = bump(time_s, step.land_s - 0.45 * swing_s, step.land_s, step.land_s + 0.2 * step.period_s)
     return _HEEL_RISE * heel - _TOE_RISE * toes
 
 
-def _bump(time_s: Floats, start_s: float, peak_s: float, end_s: float) -> Floats:
+def bump(time_s: Floats, start_s: float, peak_s: float, end_s: float) -> Floats:
     """0 up to the start, 1 at the peak, 0 from the end on, without corners."""
     return min_jerk((time_s - start_s) / (peak_s - start_s)) - min_jerk((time_s - peak_s) / (end_s - peak_s))
 

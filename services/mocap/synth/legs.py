@@ -7,6 +7,7 @@ ankle until the foot points where it should.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 from scipy.spatial.transform import Rotation
 
 from services.mocap.body.kinematics import joint_transforms
@@ -37,6 +38,20 @@ def reach_m(offsets_m: Floats, side: Side) -> float:
     )
 
 
+def hip_rise_m(ankle_world_m: Floats, hip_world_m: Floats, reach_m: float) -> Floats:
+    """How much higher (N,) a hip (N, 3) may be until a leg of some reach to an ankle (N, 3) is straight."""
+    way_m = ankle_world_m - hip_world_m
+    height2 = reach_m**2 - (way_m[:, :2] ** 2).sum(axis=1)
+    return np.asarray(way_m[:, 2] + np.sqrt(np.maximum(height2, 0.0)), np.float64)
+
+
+def smoothed_from_below(values: Floats, radius: int) -> Floats:
+    """Values (N,) smoothed over some samples to both sides, never above the values themselves."""
+    lowest = minimum_filter1d(values, 2 * radius + 1, mode="nearest")
+    smooth: Floats = gaussian_filter1d(lowest, radius / 3, mode="nearest", truncate=3.0)
+    return smooth
+
+
 def put_feet(poses: Floats, offsets_m: Floats, targets: dict[Side, FootTargets]) -> Floats:
     """The (N, 35) poses with the legs set so that the feet meet their targets, the root staying as it is.
 
@@ -51,25 +66,19 @@ def put_feet(poses: Floats, offsets_m: Floats, targets: dict[Side, FootTargets])
         to_ankle_m = target.ankle_world_m - T_world_joint[:, hip, :3, 3]
         to_ankle_m = np.einsum("nij,nj->ni", R_pelvis_world, to_ankle_m)
         R_pelvis_foot = R_pelvis_world @ target.R_world_foot
-        poses[:, knee], behind = _bend_knee(np.linalg.norm(to_ankle_m, axis=1), offsets_m, side)
-        R_hip, R_ankle = _turn_leg_plane(to_ankle_m, behind, poses[:, knee], R_pelvis_foot)
+        thigh_m, shank_m = (
+            np.linalg.norm(offsets_m[JOINT_INDEX[f"{side}_{joint}"]]) for joint in ("knee", "ankle")
+        )
+        distance_m = np.linalg.norm(to_ankle_m, axis=1)
+        cosine = (distance_m**2 - thigh_m**2 - shank_m**2) / (2 * thigh_m * shank_m)
+        flexion = np.arccos(np.clip(cosine, -1.0, 1.0))
+        # How far the ankle then lies behind the thigh's line, about the hip's lateral axis.
+        behind = np.arctan2(shank_m * np.sin(flexion), thigh_m + shank_m * np.cos(flexion))
+        poses[:, knee] = flexion
+        R_hip, R_ankle = _turn_leg_plane(to_ankle_m, behind, flexion, R_pelvis_foot)
         set_ball_joint(poses, f"{side}_hip", R_hip)
         set_ball_joint(poses, f"{side}_ankle", R_ankle)
     return poses
-
-
-def _bend_knee(distance_m: Floats, offsets_m: Floats, side: Side) -> tuple[Floats, Floats]:
-    """Knee flexion (N,) that brings the ankle to a distance from the hip, and the angle (N,) about the
-
-    hip's lateral axis by which the ankle then lies behind the thigh's line.
-    """
-    thigh_m, shank_m = (
-        np.linalg.norm(offsets_m[JOINT_INDEX[f"{side}_{joint}"]]) for joint in ("knee", "ankle")
-    )
-    cosine = (distance_m**2 - thigh_m**2 - shank_m**2) / (2 * thigh_m * shank_m)
-    flexion = np.arccos(np.clip(cosine, -1.0, 1.0))
-    behind = np.arctan2(shank_m * np.sin(flexion), thigh_m + shank_m * np.cos(flexion))
-    return flexion, behind
 
 
 def _turn_leg_plane(

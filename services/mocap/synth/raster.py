@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, project_snapped
-from services.mocap.synth.backdrop import Singles
 from services.mocap.types import Floats, Ints, Mask
 
 SAMPLES = 3
@@ -28,11 +28,7 @@ class Layer:
 
 
 def draw(
-    vertices_world_m: Floats,
-    bgr: Singles,
-    faces: Ints,
-    P_px_world: Floats,
-    size_px: tuple[int, int],
+    vertices_world_m: Floats, bgr: Singles, faces: Ints, P_px_world: Floats, size_px: tuple[int, int]
 ) -> Layer:
     """Draw a closed mesh with a colour per vertex.
 

@@ -8,11 +8,11 @@ import trimesh
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.camera import Camera
-from services.mocap.synth.backdrop import RoomView, Singles
-from services.mocap.synth.clothes import dress
+from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.synth.raster import draw
-from services.mocap.synth.room import LIGHT_WORLD
+from services.mocap.synth.room import LIGHT_WORLD, RoomView
 from services.mocap.types import Bytes, Floats, Ints, Mask
 
 SHADOW = 0.6
@@ -24,6 +24,18 @@ FLICKER = 0.005
 
 _FLOOR_HALF_M, _FLOOR_CELL_M, _PENUMBRA_M = 3.2, 0.016, 0.03
 _AMBIENT, _DIFFUSE, _SKY = 0.42, 0.62, 0.10
+
+_SKIN = (138.0, 168.0, 214.0)
+_SHIRT = (52.0, 96.0, 206.0)
+_TROUSERS = (122.0, 74.0, 46.0)
+_SHOES = (44.0, 46.0, 52.0)
+_HAIR = (34.0, 48.0, 66.0)
+_BELT = (30.0, 34.0, 40.0)
+
+_PLAIN = {
+    "torso": _SHIRT, "neck": _SKIN, "head": _SKIN, "upper_arm": _SHIRT, "forearm": _SKIN, "hand": _SKIN,
+    "pelvis": _TROUSERS, "thigh": _TROUSERS, "shank": _TROUSERS, "foot": _SHOES,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +60,14 @@ class Model:
         self._body = body
         pairs = list(zip(body.vertices_m, body.faces, strict=True))
         self._normals = [trimesh.Trimesh(v, f, process=False).vertex_normals for v, f in pairs]
-        self._albedo_bgr = dress(body)
+        self._albedo_bgr = _dressed(body)
         starts = np.cumsum([0] + [len(v) for v in body.vertices_m[:-1]])
-        self._faces = np.concatenate([f + s for f, s in zip(body.faces, starts, strict=True)]).astype(
-            np.int32
-        )
+        faces = [f + s for f, s in zip(body.faces, starts, strict=True)]
+        self.faces: Ints = np.concatenate(faces).astype(np.int32)
+        """(F, 3)"""
 
-    def pose(self, pose: Floats) -> Figure:
-        """The figure in a (35,) pose."""
+    def posed(self, pose: Floats) -> tuple[Floats, Floats]:
+        """Vertices in the world, in metres, and their normals, (V, 3) each, in a (35,) pose."""
         T_world_segment = segment_transforms(pose[None], self._body.offsets_m)[0]
         vertices_world_m = np.concatenate(
             [v @ T[:3, :3].T + T[:3, 3] for v, T in zip(self._body.vertices_m, T_world_segment, strict=True)]
@@ -63,9 +75,33 @@ class Model:
         normals = np.concatenate(
             [n @ T[:3, :3].T for n, T in zip(self._normals, T_world_segment, strict=True)]
         )
+        return vertices_world_m, normals
+
+    def pose(self, pose: Floats) -> Figure:
+        """The figure in a (35,) pose."""
+        vertices_world_m, normals = self.posed(pose)
         light = _AMBIENT + _DIFFUSE * np.maximum(normals @ LIGHT_WORLD, 0.0) + _SKY * normals[:, 2]
         bgr = (self._albedo_bgr * light[:, None]).astype(np.float32)
-        return Figure(vertices_world_m, bgr, self._faces, _cast_shadow(vertices_world_m, bgr, self._faces))
+        return Figure(vertices_world_m, bgr, self.faces, _cast_shadow(vertices_world_m, bgr, self.faces))
+
+
+def _dressed(body: Body) -> Floats:
+    """BGR (V, 3) in grey levels under full light, for the vertices of all segments one after the other."""
+    rng = np.random.default_rng(7)  # the weave of the cloth; the same in every take
+    colours = []
+    for name, vertices_m in zip(SEGMENT_NAMES, body.vertices_m, strict=True):
+        kind = name.removeprefix("left_").removeprefix("right_")
+        bgr = np.tile(_PLAIN[kind], (len(vertices_m), 1))
+        x, y, z = vertices_m.T / body.height_m
+        if kind == "upper_arm":
+            bgr[np.abs(y) > 0.095] = _SKIN  # short sleeves
+        elif kind == "pelvis":
+            bgr[z > 0.042] = _BELT
+            bgr[z > 0.058] = _SHIRT
+        elif kind == "head":
+            bgr[(z > 0.072) | (z - 0.9 * x > 0.052)] = _HAIR
+        colours.append(bgr * rng.normal(1.0, 0.025, (len(bgr), 1)))
+    return np.concatenate(colours)
 
 
 def _cast_shadow(vertices_world_m: Floats, bgr: Singles, faces: Ints) -> Singles:

@@ -45,14 +45,12 @@ class RestPose:
     @property
     def leg(self) -> float:
         """From hip to knee to ankle, mean of both sides, in the file's unit."""
-        return float(
-            np.mean(
-                [self._bone(f"{s}_hip", f"{s}_knee") + self._bone(f"{s}_knee", f"{s}_ankle") for s in SIDES]
-            )
-        )
-
-    def _bone(self, joint: str, child: str) -> float:
-        return float(np.linalg.norm(self.places[child] - self.places[joint]))
+        bones = [
+            self.places[f"{side}_{child}"] - self.places[f"{side}_{joint}"]
+            for side in SIDES
+            for joint, child in (("hip", "knee"), ("knee", "ankle"))
+        ]
+        return float(np.linalg.norm(bones, axis=1).sum()) / len(SIDES)
 
     def alignment(self, joint: str, child: str, offsets_m: Floats) -> Floats:
         """R (3, 3) that turns our bone from joint to child, as it is in our rest pose, into the file's."""
@@ -79,15 +77,7 @@ class RestPose:
 
 def shortest_turn(start: Floats, end: Floats) -> Floats:
     """R (3, 3) that turns the direction of one vector into that of another by the shortest way."""
-    a, b = start / np.linalg.norm(start), end / np.linalg.norm(end)
-    axis, cosine = np.cross(a, b), float(a @ b)
-    if cosine < -1.0 + 1e-9:  # half a turn, about any axis across
-        across = np.cross(a, np.eye(3)[np.abs(a).argmin()])
-        axis, angle = across / np.linalg.norm(across), np.pi
-    else:
-        sine = float(np.linalg.norm(axis))
-        axis, angle = axis / max(sine, 1e-12), np.arctan2(sine, cosine)
-    R: Floats = Rotation.from_rotvec(axis * angle).as_matrix()
+    R: Floats = Rotation.align_vectors(end[None], start[None])[0].as_matrix()
     return R
 
 

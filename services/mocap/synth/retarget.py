@@ -57,7 +57,7 @@ def retarget(places: Floats, R: Floats, rest: RestPose, body: Body) -> Floats:
     poses, slack = np.empty_like(guesses), 1e-9
     for n, guess in enumerate(guesses):
         found = least_squares(
-            _residuals,
+            lambda pose, *fixed: _residuals(pose[None], *fixed)[0],
             np.clip(guess, LOWER + slack, UPPER - slack),
             jac=_jacobian,
             bounds=(LOWER, UPPER),
@@ -156,12 +156,7 @@ def _first_guess(targets: Targets) -> Floats:
     return poses
 
 
-def _residuals(pose: Floats, offsets_m: Floats, targets: Targets, n: int) -> Floats:
-    alone: Floats = _many_residuals(pose[None], offsets_m, targets, n)[0]
-    return alone
-
-
-def _many_residuals(poses: Floats, offsets_m: Floats, targets: Targets, n: int) -> Floats:
+def _residuals(poses: Floats, offsets_m: Floats, targets: Targets, n: int) -> Floats:
     """(P, R) in metres: places, bones, and turns times their lever, of poses (P, 35) against frame n."""
     T = joint_transforms(poses, offsets_m)
     joints_m = T[:, :, :3, 3]
@@ -175,7 +170,7 @@ def _many_residuals(poses: Floats, offsets_m: Floats, targets: Targets, n: int) 
 def _jacobian(pose: Floats, offsets_m: Floats, targets: Targets, n: int) -> Floats:
     """(R, 35) by central differences, all poses in one batch."""
     step = 1e-6
-    ends = _many_residuals(
+    ends = _residuals(
         np.concatenate([pose + step * np.eye(N_DOF), pose - step * np.eye(N_DOF)]), offsets_m, targets, n
     )
     slopes: Floats = (ends[:N_DOF] - ends[N_DOF:]).T / (2 * step)

@@ -67,7 +67,7 @@ def studio_cameras(
 
 
 def _stage_rim_world_m(radius_m: float, height_m: float) -> Floats:
-    """(128, 3) points around the bottom and the top of the stage: its hull, near enough."""
+    """(128, 3) points around the bottom and the top of the stage, close to its convex hull."""
     angle = np.linspace(0.0, 2 * pi, 64, endpoint=False)
     rim = radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
     return np.vstack([np.column_stack([rim, np.full(64, z)]) for z in (0.0, height_m)])

@@ -13,12 +13,11 @@ from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
-from services.mocap.synth.backdrop import RoomView, view_room
-from services.mocap.synth.motion import STAND_S
-from services.mocap.synth.motions import Motion, make_motion
+from services.mocap.synth.motions import Performance, make_motion
 from services.mocap.synth.render import Model, expose, render
-from services.mocap.synth.room import room_patches
+from services.mocap.synth.room import RoomView, room_patches, view_room
 from services.mocap.synth.studio import STAGE_HEIGHT_M, STAGE_RADIUS_M, studio_cameras
+from services.mocap.synth.walk import STAND_S
 from services.mocap.take import layout
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import PoseTable, reference_joints, write_poses_csv
@@ -46,7 +45,7 @@ def write_synthetic_take(
     height_m: float = 1.75,
     n_cameras: int = 8,
     progress: Callable[[int, int], None] | None = None,
-) -> Motion:
+) -> Performance:
     """Write a take of an actor of a height in a motion (see make_motion), seen by a ring of cameras.
 
     Beside the files of every take it holds reference/joints.csv, reference/poses.csv and the exact
@@ -70,10 +69,16 @@ def write_synthetic_take(
     )
     cameras = studio_cameras(n_cameras, stage_radius_m=radius_m, stage_height_m=top_m)
     with take_writer(folder, settings, cameras) as writer:
-        _write_poses(writer, made.poses, body, fps)
+        writer.reference_joints(reference_joints(made.poses, body.offsets_m))
+        frames = np.arange(n_frames, dtype=np.int32)
+        truth = PoseTable(frames, frames / fps, made.poses, energies_px=np.zeros(n_frames))
+        write_poses_csv(writer.folder / "reference/poses.csv", truth)
         patches = room_patches(seed, radius_m / STAGE_RADIUS_M)
         views = [(camera, view_room(camera, patches, seed)) for camera in cameras]
-        _write_backgrounds(writer, views, seed)
+        for c, (camera, view) in enumerate(views):
+            with writer.background_video(camera) as video:
+                for frame in range(BACKGROUND_FRAMES):
+                    video.write(expose(view.picture, np.random.default_rng((seed, 3, c, frame))))
         _write_videos(writer, views, Model(body), made.poses, seed, progress)
     return made
 
@@ -83,17 +88,13 @@ def _check(
 ) -> None:
     """Raise UserError with one sentence for the first number that is out of range."""
     low_m, high_m = HEIGHTS_M
+    held = f"{low_m} to {high_m} m, what the studio's pictures hold"
     for name, value, fits, expected in (
         ("frames", n_frames, n_frames is None or n_frames >= 1, "1 or more"),
         ("start", start_s, start_s >= 0, "0 seconds or more"),
         ("fps", fps, 1 <= fps <= 240, "1 to 240 frames per second"),
         ("seed", seed, seed >= 0, "0 or more"),
-        (
-            "height",
-            height_m,
-            low_m <= height_m <= high_m,
-            f"{low_m} to {high_m} m, what the studio's pictures hold",
-        ),
+        ("height", height_m, low_m <= height_m <= high_m, held),
         ("cameras", n_cameras, 1 <= n_cameras <= 64, "1 to 64"),
     ):
         if not fits:
@@ -116,21 +117,6 @@ def stage_size_m(poses: Floats, body: Body) -> tuple[float, float]:
             f" {LARGEST_STAGE_M} m, what a studio holds: take a part of it, with --start and --frames"
         )
     return max(STAGE_RADIUS_M, radius_m), max(STAGE_HEIGHT_M, top_m)
-
-
-def _write_poses(writer: TakeWriter, poses: Floats, body: Body, fps: float) -> None:
-    """The truth: joints.csv, and poses.csv, whose energy against the exact silhouettes is zero."""
-    writer.reference_joints(reference_joints(poses, body.offsets_m))
-    frames = np.arange(len(poses), dtype=np.int32)
-    table = PoseTable(frames, frames / fps, poses, energies_px=np.zeros(len(poses)))
-    write_poses_csv(writer.folder / "reference/poses.csv", table)
-
-
-def _write_backgrounds(writer: TakeWriter, views: Views, seed: int) -> None:
-    for c, (camera, view) in enumerate(views):
-        with writer.background_video(camera) as video:
-            for frame in range(BACKGROUND_FRAMES):
-                video.write(expose(view.picture, np.random.default_rng((seed, 3, c, frame))))
 
 
 def _write_videos(

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from reference_rasteriser import rasterise
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import segment_transforms
 from services.mocap.camera.camera import Camera
@@ -12,7 +13,6 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.energy.reference import rasterise
 from services.mocap.types import Floats, Mask
 
 ALL = tuple(range(16))

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from services.mocap.errors import UserError
-from services.mocap.export.c3d import write_c3d
-from services.mocap.export.trc import write_trc
+from services.mocap.export.marker_files import write_c3d, write_trc
 from services.mocap.result.result import Result, load_result
 from services.mocap.take.tables import REFERENCE_JOINTS
 

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from services.mocap.errors import TakeError
-from services.mocap.export.page.key_frames import key_frames
-from services.mocap.export.page.page import write_report
+from services.mocap.export.page.html_report import key_frames, write_report
 from services.mocap.result.frame_files import read_frame_file, write_frame_file, write_frame_files
 from services.mocap.result.result import load_result
 from services.mocap.take.marks import PARTS

@@ -12,7 +12,7 @@ from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.motion.root import ROOT_TURN, root_rotations
 from services.mocap.motion.settings import OutputSettings, Smoother
 from services.mocap.motion.smoothing import rts, smoothed
-from services.mocap.synth.motion import walk
+from services.mocap.synth.walk import walk
 from services.mocap.take.tables import reference_joints
 from services.mocap.types import Floats
 

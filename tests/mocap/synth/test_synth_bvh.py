@@ -9,12 +9,12 @@ from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.errors import UserError
 from services.mocap.export.bvh import write_bvh
 from services.mocap.synth.bvh_file import read_bvh
-from services.mocap.synth.bvh_performance import perform_bvh
-from services.mocap.synth.motion import STAND_S
+from services.mocap.synth.motions import perform_bvh
 from services.mocap.synth.rest_pose import read_rest_pose
 from services.mocap.synth.retarget import joint_errors_m, retarget
 from services.mocap.synth.rounds import dance
 from services.mocap.synth.take import write_synthetic_take
+from services.mocap.synth.walk import STAND_S
 from services.mocap.types import Floats
 
 MIXAMO = {

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
+from reference_rasteriser import rasterise
 from services.mocap.body.actor import Body
-from services.mocap.energy.reference import rasterise
-from services.mocap.synth.motion import walk
 from services.mocap.synth.raster import SAMPLES, draw
 from services.mocap.synth.render import Model
 from services.mocap.synth.studio import studio_cameras
+from services.mocap.synth.walk import walk
 from services.mocap.types import Floats, Ints, Mask
 
 # Looks along +z from the origin: a point (x, y, 1) is seen at the pixel (x, y).

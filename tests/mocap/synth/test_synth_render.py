@@ -4,11 +4,10 @@ import pytest
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.camera import Camera
-from services.mocap.synth.backdrop import RoomView, view_room
-from services.mocap.synth.motion import walk
 from services.mocap.synth.render import FLICKER, NOISE, SHADOW, Figure, Model, expose, render, shadowed
-from services.mocap.synth.room import LIGHT_WORLD, room_patches
+from services.mocap.synth.room import LIGHT_WORLD, RoomView, room_patches, view_room
 from services.mocap.synth.studio import studio_cameras
+from services.mocap.synth.walk import walk
 
 CAMERAS = studio_cameras()
 

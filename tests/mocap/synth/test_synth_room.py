@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from services.mocap.synth.backdrop import view_room
-from services.mocap.synth.room import LIGHT_WORLD, room_patches
+from services.mocap.synth.room import LIGHT_WORLD, room_patches, view_room
 from services.mocap.synth.studio import studio_cameras
 
 CAMERAS = studio_cameras(3, 80, 60)

@@ -8,10 +8,10 @@ from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.kinematics import joint_transforms, segment_transforms
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, LOWER, SEGMENT_INDEX, SIDES, UPPER
 from services.mocap.synth.choreography import Choreography
-from services.mocap.synth.motion import STAND_S
 from services.mocap.synth.rounds import basic, dance
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.synth.take import stage_size_m
+from services.mocap.synth.walk import STAND_S
 from services.mocap.types import Floats
 
 Rounds = Callable[[int, float, Body, int], Floats]

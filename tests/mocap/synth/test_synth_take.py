@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
+from reference_rasteriser import rasterise
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
-from services.mocap.energy.reference import rasterise
 from services.mocap.errors import UserError
-from services.mocap.synth.motion import walk
 from services.mocap.synth.render import NOISE, Model
 from services.mocap.synth.take import BACKGROUND_FRAMES, write_synthetic_take
+from services.mocap.synth.walk import walk
 from services.mocap.take.folder import open_take
 from services.mocap.take.pictures import read_silhouette
 from services.mocap.take.tables import REFERENCE_JOINTS, read_joints_csv, read_poses_csv

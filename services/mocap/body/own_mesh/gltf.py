@@ -1,7 +1,6 @@
 """glTF 2.0 files as far as a body needs them: meshes, nodes and skins (trimesh reads no skins)."""
 
 import base64
-import json
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,16 +8,15 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+import pygltflib
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from services.mocap.errors import UserError
 from services.mocap.types import Floats, Ints
 
-_MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-_TRIANGLES = 4
 _PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 
 
@@ -71,11 +69,15 @@ class Gltf:
 def read_gltf(path: Path) -> Gltf:
     """Read a .glb, .vrm or .gltf file; raises UserError where it is not one that can be read."""
     try:
-        document, binary = _document(path)
-        packed = [name for name in _PACKED if name in document.get("extensionsRequired", [])]
+        content = path.read_bytes()
+        if content.startswith(b"glTF"):
+            document = pygltflib.GLTF2.load_from_bytes(content)
+        else:
+            document = pygltflib.GLTF2.gltf_from_json(content.decode("utf-8"))
+        packed = [name for name in _PACKED if name in document.extensionsRequired]
         if packed:
             raise UserError(f"{path}: is compressed by {packed[0]}: export it again without compression")
-        return _checked(_Reader(path, document, binary).read())
+        return _checked(_Reader(path.parent, document).read())
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}): expected a glTF file") from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error, RecursionError):
@@ -106,128 +108,106 @@ def _scales(T: Floats) -> Floats:
     return np.asarray(np.linalg.det(T[..., :3, :3]) + 0.0 * T.sum(axis=(-2, -1)), np.float64)
 
 
-def _document(path: Path) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a file, and its binary chunk if it has one."""
-    content = path.read_bytes()
-    if len(content) < 12 or struct.unpack_from("<I", content)[0] != _MAGIC:
-        return json.loads(content.decode("utf-8")), b""
-    chunks: dict[int, bytes] = {}
-    at = 12
-    while at + 8 <= len(content):
-        length, kind = struct.unpack_from("<II", content, at)
-        chunks.setdefault(kind, content[at + 8 : at + 8 + length])
-        at += 8 + length
-    return json.loads(chunks[_JSON_CHUNK].decode("utf-8")), chunks.get(_BINARY_CHUNK, b"")
-
-
 class _Reader:
     """Takes a document apart; raises KeyError and the like where it does not hold together."""
 
-    def __init__(self, path: Path, document: dict[str, Any], binary: bytes) -> None:
-        self._folder, self._document = path.parent, document
-        self._buffers = [self._buffer(buffer, binary) for buffer in document.get("buffers", [])]
+    def __init__(self, folder: Path, document: pygltflib.GLTF2) -> None:
+        self._folder, self._document = folder, document
+        self._buffers = [self._buffer(buffer.uri) for buffer in document.buffers]
 
     def read(self) -> Gltf:
-        meshes = self._document.get("meshes", [])
+        meshes = [
+            tuple(self._primitive(p) for p in mesh.primitives if p.mode == pygltflib.TRIANGLES)
+            for mesh in self._document.meshes
+        ]
         return Gltf(
             nodes=self._nodes(),
-            mesh_names=tuple(str(mesh.get("name", "")) for mesh in meshes),
-            meshes=tuple(
-                tuple(
-                    self._primitive(p) for p in mesh["primitives"] if p.get("mode", _TRIANGLES) == _TRIANGLES
-                )
-                for mesh in meshes
-            ),
-            skins=tuple(self._skin(skin) for skin in self._document.get("skins", [])),
+            mesh_names=tuple(mesh.name or "" for mesh in self._document.meshes),
+            meshes=tuple(meshes),
+            skins=tuple(self._skin(skin) for skin in self._document.skins),
         )
 
-    def _buffer(self, buffer: dict[str, Any], binary: bytes) -> bytes:
-        uri = buffer.get("uri")
+    def _buffer(self, uri: str | None) -> bytes:
         if uri is None:
-            return binary
+            return self._document.binary_blob() or b""
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2])
         return (self._folder / Path(unquote(uri)).name).read_bytes()  # beside the file, nowhere else
 
     def _accessor(self, index: int) -> NDArray[Any]:
         """(N, k) an accessor's elements; whole numbers that stand for 0 to 1 as such."""
-        accessor = self._document["accessors"][index]
-        count, width = int(accessor["count"]), _WIDTHS[accessor["type"]]
-        dtype = np.dtype(_DTYPES[accessor["componentType"]])
-        values = np.zeros((count, width), dtype)
-        if "bufferView" in accessor:
-            values = self._view(accessor["bufferView"], accessor.get("byteOffset", 0), count, width, dtype)
-        if "sparse" in accessor:
-            values = self._with_sparse(values.copy(), accessor["sparse"])
-        if accessor.get("normalized"):
+        accessor = self._document.accessors[index]
+        dtype = np.dtype(_DTYPES[accessor.componentType])
+        values = np.zeros((accessor.count, _WIDTHS[accessor.type]), dtype)
+        if accessor.bufferView is not None:
+            values = self._view(accessor, accessor.count, values.shape[1], dtype)
+        if accessor.sparse is not None:
+            where, count = accessor.sparse.indices, accessor.sparse.count
+            rows = self._view(where, count, 1, np.dtype(_DTYPES[where.componentType]))[:, 0]
+            values = values.copy()
+            values[rows] = self._view(accessor.sparse.values, count, values.shape[1], dtype)
+        if accessor.normalized:
             return np.maximum(values / np.iinfo(dtype).max, -1.0)
         return values
 
-    def _with_sparse(self, values: NDArray[Any], sparse: dict[str, Any]) -> NDArray[Any]:
-        where, what, count = sparse["indices"], sparse["values"], int(sparse["count"])
-        index_type = np.dtype(_DTYPES[where["componentType"]])
-        rows = self._view(where["bufferView"], where.get("byteOffset", 0), count, 1, index_type)[:, 0]
-        values[rows] = self._view(
-            what["bufferView"], what.get("byteOffset", 0), count, values.shape[1], values.dtype
-        )
-        return values
-
-    def _view(self, index: int, offset: int, count: int, width: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-        view = self._document["bufferViews"][index]
+    def _view(self, place: Any, count: int, width: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """(count, width) numbers at the bufferView and byteOffset of a place."""
+        view = self._document.bufferViews[place.bufferView]
         size = width * dtype.itemsize
-        stride = view.get("byteStride") or size
-        start = view.get("byteOffset", 0) + offset
-        data = np.frombuffer(self._buffers[view["buffer"]], np.uint8)
+        stride, start = view.byteStride or size, (view.byteOffset or 0) + (place.byteOffset or 0)
+        data = np.frombuffer(self._buffers[view.buffer], np.uint8)
         if start < 0 or stride < size or count < 0 or start + (count - 1) * stride + size > len(data):
             raise ValueError("an accessor goes beyond its buffer")
         rows = np.lib.stride_tricks.as_strided(data[start:], (count, size), (stride, 1), writeable=False)
         return np.ascontiguousarray(rows).view(dtype).reshape(count, width)
 
-    def _primitive(self, primitive: dict[str, Any]) -> Primitive:
-        attributes = primitive["attributes"]
+    def _primitive(self, primitive: pygltflib.Primitive) -> Primitive:
+        attributes = vars(primitive.attributes)
         vertices = self._accessor(attributes["POSITION"]).astype(np.float64)
-        if "indices" in primitive:
-            corners = self._accessor(primitive["indices"])[:, 0].astype(np.int64)
+        if primitive.indices is not None:
+            corners = self._accessor(primitive.indices)[:, 0].astype(np.int64)
         else:
             corners = np.arange(len(vertices))
         faces = corners[: len(corners) // 3 * 3].reshape(-1, 3)
         if not np.isfinite(vertices).all() or (faces.size and faces.max() >= len(vertices)):
             raise ValueError("broken triangles")
         bones, weights = [np.zeros((len(vertices), 0), np.int64)], [np.zeros((len(vertices), 0))]
-        for name in sorted(attributes):  # JOINTS_1 and so on, where more than four bones move a vertex
-            if name.startswith("JOINTS_"):
-                bones.append(self._accessor(attributes[name]).astype(np.int64))
+        for name, index in sorted(attributes.items()):  # JOINTS_1 where more than four bones move a vertex
+            if name.startswith("JOINTS_") and index is not None:
+                bones.append(self._accessor(index).astype(np.int64))
                 weights.append(self._accessor(attributes[name.replace("JOINTS", "WEIGHTS")]).astype(float))
         moved = np.hstack(bones), np.hstack(weights)
         if moved[0].shape != moved[1].shape or not np.isfinite(moved[1]).all():
             raise ValueError("broken weights")
         return Primitive(vertices, faces.astype(np.int32), *moved)
 
-    def _skin(self, skin: dict[str, Any]) -> Skin:
-        joints = tuple(int(joint) for joint in skin["joints"])
-        if "inverseBindMatrices" in skin:
-            matrices = self._accessor(skin["inverseBindMatrices"]).astype(np.float64)
-            return Skin(joints, matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[: len(joints)])
-        return Skin(joints, np.tile(np.eye(4), (len(joints), 1, 1)))
+    def _skin(self, skin: pygltflib.Skin) -> Skin:
+        joints = tuple(skin.joints)
+        if skin.inverseBindMatrices is None:
+            return Skin(joints, np.tile(np.eye(4), (len(joints), 1, 1)))
+        matrices = self._accessor(skin.inverseBindMatrices).astype(np.float64)
+        return Skin(joints, matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[: len(joints)])
 
     def _nodes(self) -> tuple[Node, ...]:
-        described = self._document.get("nodes", [])
-        parents: dict[int, int] = {c: n for n, node in enumerate(described) for c in node.get("children", [])}
-        roles = self._roles()
+        nodes = self._document.nodes
+        parents = {child: n for n, node in enumerate(nodes) for child in node.children}
+        names = self._vrm_bones()
+        placed: dict[int, Floats] = {}
+
+        def place(n: int) -> Floats:
+            """(4, 4) a node in the world; nodes that are their own parents end in RecursionError."""
+            if n not in placed:
+                placed[n] = place(parents[n]) @ _local(nodes[n]) if n in parents else _local(nodes[n])
+            return placed[n]
+
         return tuple(
-            Node(
-                name=roles.get(n, str(node.get("name", ""))),
-                parent=parents.get(n),
-                T_world_node=_placed(n, described, parents),
-                mesh=node.get("mesh"),
-                skin=node.get("skin"),
-            )
-            for n, node in enumerate(described)
+            Node(names.get(n, node.name or ""), parents.get(n), place(n), node.mesh, node.skin)
+            for n, node in enumerate(nodes)
         )
 
-    def _roles(self) -> dict[int, str]:
+    def _vrm_bones(self) -> dict[int, str]:
         """Node -> the bone that a VRM file says it is, whatever it is called."""
-        extensions = self._document.get("extensions", {})
+        extensions = self._document.extensions or {}
         bones = extensions.get("VRMC_vrm", {}).get("humanoid", {}).get("humanBones", {})
         if bones:
             return {int(bone["node"]): str(name) for name, bone in bones.items()}
@@ -235,23 +215,11 @@ class _Reader:
         return {int(bone["node"]): str(bone["bone"]) for bone in older}
 
 
-def _placed(node: int, described: list[dict[str, Any]], parents: dict[int, int]) -> Floats:
-    """(4, 4) a node in the world."""
-    T, depth = _local(described[node]), 0
-    while node in parents:
-        node, depth = parents[node], depth + 1
-        if depth > len(described):
-            raise ValueError("nodes are their own parents")
-        T = _local(described[node]) @ T
-    return T
-
-
-def _local(node: dict[str, Any]) -> Floats:
-    if "matrix" in node:
-        return np.array(node["matrix"], np.float64).reshape(4, 4).T
+def _local(node: pygltflib.Node) -> Floats:
+    """(4, 4) a node in its parent."""
+    if node.matrix is not None:
+        return np.array(node.matrix, np.float64).reshape(4, 4).T
     T = np.eye(4)
-    T[:3, :3] = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix() * node.get(
-        "scale", (1, 1, 1)
-    )
-    T[:3, 3] = node.get("translation", (0, 0, 0))
+    T[:3, :3] = Rotation.from_quat(node.rotation or (0, 0, 0, 1)).as_matrix() * (node.scale or (1, 1, 1))
+    T[:3, 3] = node.translation or (0, 0, 0)
     return T

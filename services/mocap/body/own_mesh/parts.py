@@ -76,12 +76,12 @@ def _parts_of_obj(text: str) -> list[Part]:
         elif line[0] == "f":
             parts.setdefault(name, []).append(line)
     # A header of all vertices before each part's faces keeps their numbers right, even counted backwards.
-    return [_part(name, "\n".join([*vertices, *faces])) for name, faces in parts.items()]
-
-
-def _part(name: str, text: str) -> Part:
-    mesh = trimesh.load_mesh(trimesh.util.wrap_as_stream(text), file_type="obj", process=False)
-    return Part(name, np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32))
+    found = []
+    for name, faces in parts.items():
+        part = trimesh.util.wrap_as_stream("\n".join([*vertices, *faces]))
+        mesh = trimesh.load_mesh(part, file_type="obj", process=False)
+        found.append(Part(name, np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)))
+    return found
 
 
 def parts_of_gltf(gltf: Gltf) -> list[Part]:
@@ -146,10 +146,7 @@ def _joint(path: Path, joint: str, parts: dict[str, Part], height: float) -> Flo
         raise UserError(f"{path}: {names} do not touch: expected parts that are in place, as of one body")
     reach = least + _TOUCHING * height
     shared = np.concatenate(
-        [
-            one.vertices[(one_off <= reach) | one_inside],
-            other.vertices[(other_off <= reach) | other_inside],
-        ]
+        [one.vertices[(one_off <= reach) | one_inside], other.vertices[(other_off <= reach) | other_inside]]
     )
     middle: Floats = (shared.min(axis=0) + shared.max(axis=0)) / 2
     return middle

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.body.humanoid_names import matched_joints
-from services.mocap.body.own_mesh.character import NEEDED_JOINTS, Character, Piece, welded
-from services.mocap.body.own_mesh.cutting import cut_where
+from services.mocap.body.own_mesh.character import NEEDED_JOINTS, Character, Piece, cut_where, welded
 from services.mocap.body.own_mesh.gltf import Gltf, Node, Primitive, Skin
 from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_JOINT, SEGMENT_NAMES
 from services.mocap.errors import UserError

@@ -3,7 +3,6 @@
 Pixel centres lie at halves there, at whole numbers here.
 """
 
-from collections import Counter
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -15,7 +14,7 @@ from services.mocap.types import Floats
 
 CAMERAS, IMAGES = "cameras.txt", "images.txt"
 _HALF_PX = 0.5
-# Where each parameter goes in (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6); f is both fx and fy.
+# The parameters of each model in their order; f is both fx and fy.
 _MODELS: dict[str, tuple[str, ...]] = {
     "SIMPLE_PINHOLE": ("f", "cx", "cy"),
     "PINHOLE": ("fx", "fy", "cx", "cy"),
@@ -33,7 +32,10 @@ def read_colmap(folder: Path) -> Loose:
     """A camera for every image, named like the folder it is in where each image has one of its own."""
     lenses = {row[0]: row[1:] for row in _rows(folder / CAMERAS)}
     images = _rows(folder / IMAGES, every=2)
-    names = _names([PurePosixPath(" ".join(row[9:])) for row in images])
+    files = [PurePosixPath(" ".join(row[9:])) for row in images]
+    folders = [file.parent.name for file in files]
+    has_folders = all(folders) and len(set(folders)) == len(folders)  # cam01/000.png, cam02/000.png, …
+    names = folders if has_folders else [file.stem for file in files]
     path = folder / IMAGES
     cameras = []
     for name, row in zip(names, images, strict=True):
@@ -60,28 +62,19 @@ def _camera(path: Path, name: str, lens: list[str], R: Floats, t: Floats) -> Loo
         raise CalibrationError(
             f"{path}: model {model}: expected {len(_MODELS[model])} parameters, found {len(given)}"
         )
-    value = dict.fromkeys(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), 0.0) | dict(
-        zip(_MODELS[model], given, strict=True)
-    )
-    fx, fy = value.get("fx", value.get("f", 0.0)), value.get("fy", value.get("f", 0.0))
+    value = dict(zip(_MODELS[model], given, strict=True))
+    fx, fy = value.get("fx", value.get("f")), value.get("fy", value.get("f"))
     fisheye = model.endswith("FISHEYE")
     coefficients = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
     return LooseCamera(
         name=name,
         K=np.array([[fx, 0.0, value["cx"] - _HALF_PX], [0.0, fy, value["cy"] - _HALF_PX], [0.0, 0.0, 1.0]]),
-        distortion=np.array([value[name] for name in coefficients]),
+        distortion=np.array([value.get(name, 0.0) for name in coefficients]),
         R=R,
         t=t,
         size_px=(int(width), int(height)),
         fisheye=fisheye,
     )
-
-
-def _names(images: list[PurePosixPath]) -> list[str]:
-    """cam01 for cam01/000.png where every image has another folder, else the picture's own name."""
-    folders = [image.parent.name for image in images]
-    own = [folder for folder, count in Counter(folders).items() if count == 1 and folder]
-    return folders if len(own) == len(images) else [image.stem for image in images]
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:

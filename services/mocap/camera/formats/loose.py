@@ -42,8 +42,7 @@ class Loose:
 def array_of(value: object, shape: tuple[int, ...], where: str) -> Floats:
     """Numbers from a file in a shape, -1 for any length; raises CalibrationError, beginning with where."""
     try:
-        array = np.asarray(value, np.float64)
-        reshaped = array.reshape(shape)
+        reshaped = np.asarray(value, np.float64).reshape(shape)
     except (TypeError, ValueError):
         raise CalibrationError(f"{where}: expected numbers of shape {shape}, found something else") from None
     if not np.isfinite(reshaped).all():

@@ -69,24 +69,16 @@ def _camera(path: Path, number: int, tag: Element) -> LooseCamera:
     fx, fy, cx, cy, skew = _numbers(
         tag, where, "intrinsic", ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew")
     )
-    k1, k2, k3, p1, p2 = _numbers(
-        tag,
-        where,
-        "intrinsic",
-        (*(f"radialDistortion{i}" for i in (1, 2, 3)), "tangentalDistortion1", "tangentalDistortion2"),
-    )
+    k1, k2, k3 = _numbers(tag, where, "intrinsic", tuple(f"radialDistortion{i}" for i in (1, 2, 3)))
+    p1, p2 = _numbers(tag, where, "intrinsic", ("tangentalDistortion1", "tangentalDistortion2"))
     place_mm = np.array(_numbers(tag, where, "transform", ("x", "y", "z")))
     names = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
     R = _R_OPENCV_QUALISYS @ rotation_of(_numbers(tag, where, "transform", names), where)
+    K = np.array([[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, _PER_PIXEL]]) / _PER_PIXEL
+    K[:2, 2] -= left, top
     return LooseCamera(
         name=serial,
-        K=np.array(
-            [
-                [fx / _PER_PIXEL, skew / _PER_PIXEL, cx / _PER_PIXEL - left],
-                [0.0, fy / _PER_PIXEL, cy / _PER_PIXEL - top],
-                [0.0, 0.0, 1.0],
-            ]
-        ),
+        K=K,
         distortion=np.array([k1, k2, p1, p2, k3]),
         R=R,
         t=-R @ place_mm * _MM,

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from services.mocap.camera.camera import Camera
+from services.mocap.camera.camera import R_ZUP_YUP, Camera
 from services.mocap.camera.formats import colmap, storage
 from services.mocap.camera.formats.colmap import read_colmap
 from services.mocap.camera.formats.loose import Loose, LooseCamera
@@ -34,7 +34,7 @@ _SURELY_MM = 50.0
 # Turns a world in which that axis points up into one in which z does.
 _R_ZUP: dict[Axis, Floats] = {
     "z": np.eye(3),
-    "y": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    "y": R_ZUP_YUP,
     "-y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
     "-z": np.diag([1.0, -1.0, -1.0]),
 }
@@ -55,7 +55,13 @@ def read_any(
     remarks = list(loose.remarks)
     metres = _METRES[units] if units != "auto" else loose.metres
     if metres is None:
-        metres = _guessed_unit(path, loose.cameras, remarks)
+        centres = np.array([-camera.R.T @ camera.t for camera in loose.cameras])
+        metres = _METRES["m"]
+        if np.ptp(centres, axis=0).max() > _SURELY_MM:
+            metres = _METRES["mm"]
+            remarks.append(
+                f"{path}: its lengths are taken for millimetres, by their size: --units says otherwise"
+            )
     cameras = tuple(
         _camera(path, camera, size_px, metres * scale).with_world_turned(_R_ZUP[up])
         for camera in loose.cameras
@@ -90,46 +96,31 @@ def format_of(path: Path) -> Format:
     )
 
 
-def _guessed_unit(path: Path, cameras: list[LooseCamera], remarks: list[str]) -> float:
-    centres = np.array([-camera.R.T @ camera.t for camera in cameras])
-    if np.ptp(centres, axis=0).max() <= _SURELY_MM:
-        return 1.0
-    remarks.append(f"{path}: its lengths are taken for millimetres, by their size: --units says otherwise")
-    return _METRES["mm"]
-
-
 def _camera(path: Path, camera: LooseCamera, size_px: tuple[int, int] | None, metres: float) -> Camera:
     size_px = camera.size_px or size_px
     if size_px is None:
         raise CalibrationError(
             f"{path}: does not say how large {camera.name}'s pictures are: give --size WxH"
         )
-    return Camera(
-        name=camera.name,
-        width_px=size_px[0],
-        height_px=size_px[1],
-        K=camera.K,
-        distortion=_coefficients(path, camera),
-        R_camera_world=camera.R,
-        t_camera_world_m=camera.t * metres,
-        fisheye=camera.fisheye,
-    )
-
-
-def _coefficients(path: Path, camera: LooseCamera) -> Floats:
-    """As many as calibration.toml allows: zeros are added, and zeros at the end are left out."""
-    given = camera.distortion
+    # As many coefficients as calibration.toml allows: zeros are added, and zeros at the end are left out.
     lengths = (4,) if camera.fisheye else _LENGTHS
-    used = int(np.flatnonzero(given).max(initial=-1)) + 1
+    used = int(np.flatnonzero(camera.distortion).max(initial=-1)) + 1
     fitting = next((length for length in lengths if length >= used), None)
     if fitting is None:
         raise CalibrationError(
             f"{path}: {camera.name} has {used} lens coefficients: expected at most {lengths[-1]}: calibrate "
             "it with a simpler lens model"
         )
-    coefficients = np.zeros(fitting)
-    coefficients[: min(used, fitting)] = given[:used]
-    return coefficients
+    return Camera(
+        name=camera.name,
+        width_px=size_px[0],
+        height_px=size_px[1],
+        K=camera.K,
+        distortion=np.pad(camera.distortion[:used], (0, fitting - used)),
+        R_camera_world=camera.R,
+        t_camera_world_m=camera.t * metres,
+        fisheye=camera.fisheye,
+    )
 
 
 def _look_together(cameras: tuple[Camera, ...]) -> bool:

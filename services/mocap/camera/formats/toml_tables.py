@@ -13,14 +13,13 @@ _NAMES = ("name", "port", "cam_id")
 
 def read_toml(path: Path) -> Loose:
     """Every table with a matrix and distortions; those that say ignore = true are passed over."""
-    found, ignored, cameras = dict(_tables(load_toml(path, CalibrationError), "")), [], []
-    for key, table in found.items():
+    cameras, remarks = [], []
+    for key, table in _tables(load_toml(path, CalibrationError), ""):
         if table.get("ignore") is True:
-            ignored.append(key)
-            continue
-        cameras.append(_camera(f"{path}: [{key}]", key, table))
-    remarks = tuple(f"{path}: [{key}]: says ignore = true and is passed over" for key in ignored)
-    return Loose(cameras, None, remarks)
+            remarks.append(f"{path}: [{key}]: says ignore = true and is passed over")
+        else:
+            cameras.append(_camera(f"{path}: [{key}]", key, table))
+    return Loose(cameras, None, tuple(remarks))
 
 
 def _tables(tables: dict[str, Any], before: str) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -42,7 +41,10 @@ def _camera(where: str, key: str, table: dict[str, Any]) -> LooseCamera:
             "there"
         )
     said = next((table[name] for name in _NAMES if name in table), None)
-    name = said if isinstance(said, str) else _numbered(key, said)
+    last = key.rsplit(".", 1)[-1]
+    if said is not None and last.isdecimal():
+        last = f"cam_{last}"  # caliscope's, whose key is only its number
+    name = said if isinstance(said, str) else last
     size = None
     if "size" in table:
         width, height = array_of(table["size"], (2,), f"{where} size")
@@ -56,9 +58,3 @@ def _camera(where: str, key: str, table: dict[str, Any]) -> LooseCamera:
         size_px=size,
         fisheye=table.get("fisheye") is True,
     )
-
-
-def _numbered(key: str, number: object) -> str:
-    """cam_1 for a table of caliscope's, whose key is only its number; else the last part of the key."""
-    last = key.rsplit(".", 1)[-1]
-    return f"cam_{last}" if last.isdecimal() and number is not None else last

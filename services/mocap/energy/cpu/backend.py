@@ -11,7 +11,7 @@ from services.mocap.body.kinematics import joint_transforms, moving_joints
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import n_planes
-from services.mocap.energy.cpu.collecting import Canvas, empty_canvas, summed_gain
+from services.mocap.energy.cpu.collecting import empty_canvas, summed_gain
 from services.mocap.energy.cpu.evaluation import cover, evaluate
 from services.mocap.energy.cpu.facing import lenses_of
 from services.mocap.energy.cpu.mesh import FlatMesh
@@ -24,7 +24,7 @@ from services.mocap.types import Bytes, Floats
 class CpuBackend:
     """Evaluates one body before one camera rig; not to be called by several threads at once.
 
-    threads: how many cores a batch is spread over; 0 for all there are.
+    threads: how many cores a batch is spread over; 0 for all that this process may use.
     """
 
     name = "cpu"
@@ -32,7 +32,8 @@ class CpuBackend:
     def __init__(self, body: Body, rig: Rig, threads: int = 1) -> None:
         self._body = body
         self._rig = rig
-        self._n_threads = threads or _n_cores()
+        n_cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        self._n_threads = threads or n_cores
         self._pool = ThreadPoolExecutor(self._n_threads, "energy") if self._n_threads > 1 else None
 
     def energy(self, problem: Problem) -> Energy:
@@ -44,7 +45,10 @@ class CpuBackend:
         mesh, scratches = self._detailed if problem.detail_px > 0 else self._full
         cameras, gain_sums = self._cameras(region), summed_gain(tally.gain)
         costs = np.array([tally.blank, tally.weights, np.full(self._rig.n_cameras, tally.cap)])
-        lanes = [(base.copy(), T_world_joint.copy(), scratch, _canvas(region)) for scratch in scratches]
+        lanes = [
+            (base.copy(), T_world_joint.copy(), scratch, empty_canvas(region.height_px, region.width_px))
+            for scratch in scratches
+        ]
 
         def run(lane: int, values: Floats, energies: Floats) -> None:
             pose, transforms, scratch, canvas = lanes[lane]
@@ -76,7 +80,7 @@ class CpuBackend:
         T_world_joint = joint_transforms(poses, self._body.offsets_m)
         cover(
             T_world_joint, np.array(segments, np.int32), self._cameras(region), detail_px,
-            mesh, scratches[0], _canvas(region), planes,
+            mesh, scratches[0], empty_canvas(region.height_px, region.width_px), planes,
         )  # fmt: skip
         return planes
 
@@ -100,12 +104,3 @@ class CpuBackend:
         """End the threads."""
         if self._pool is not None:
             self._pool.shutdown()
-
-
-def _n_cores() -> int:
-    """Those that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _canvas(region: Region) -> Canvas:
-    return empty_canvas(region.height_px, region.width_px)

@@ -1,21 +1,36 @@
 """Compiled sums along pixel rows: from where outlines cross them to which pixels are covered."""
 
-from typing import TypeAlias
+from collections.abc import Callable
+from typing import Any, TypeAlias, cast
 
 import numba
 import numpy as np
+from llvmlite import ir
+from numba.extending import intrinsic
 
 from services.mocap.energy.cost import Counts
 from services.mocap.energy.cpu.arrays import Shorts, Words
-from services.mocap.energy.cpu.bits import lowest_bit
 from services.mocap.types import Bytes, Ints
 
 Canvas: TypeAlias = tuple[Shorts, Words, Ints]
-"""Winding (H, W): what crosses each row of a picture from one column to the next, by its sign; a bit for
-every column of a row (H, words) that is crossed; the first row and the last row + 1 (2,) of those that may
-be. What crosses right of the picture leaves nothing."""
+"""winding (H, W): signed outline crossings at the left edge of each pixel; a pixel is covered where the
+running sum of its row is positive. crossed (H, words): a bit for every column of a row that is crossed.
+extent (2,): the first row and the last row + 1 of those that may be crossed. Crossings right of the picture
+leave nothing."""
 _BITS, _LOG2_BITS = 64, 6
 """Of a word."""
+
+
+def _lowest_bit(_context: Any, _word: Any) -> Any:
+    def generate(_: Any, builder: ir.IRBuilder, __: Any, arguments: Any) -> Any:
+        zero_is_undefined = ir.Constant(ir.IntType(1), 1)
+        return builder.cttz(arguments[0], zero_is_undefined)
+
+    return numba.uint64(numba.uint64), generate
+
+
+lowest_bit = cast(Callable[[np.uint64], np.uint64], intrinsic(_lowest_bit))
+"""The number of the lowest bit that is set; one has to be. For compiled code only."""
 
 
 def empty_canvas(height_px: int, width_px: int) -> Canvas:
@@ -25,7 +40,7 @@ def empty_canvas(height_px: int, width_px: int) -> Canvas:
 
 
 def summed_gain(gain: Counts) -> Counts:
-    """What the pixels left of each column, and left of the end, gain in all (C, H, W + 1); gain (C, H, W)."""
+    """Row prefix sums (C, H, W + 1) of gain (C, H, W): sums[c, y, x] = gain[c, y, :x].sum()."""
     n_cameras, height_px, width_px = gain.shape
     sums = np.zeros((n_cameras, height_px, width_px + 1), np.int32)
     np.cumsum(gain, axis=2, out=sums[:, :, 1:])

@@ -91,7 +91,9 @@ def _blocks(level: Level, sphere_m: Floats, first_vertex: int) -> tuple[NDArray[
         return tuple(np.zeros(shape) for shape in ((0, BLOCK, 4), (0, BLOCK, 8), (0, 9)))
     edges, sides = closed_edges(level.faces)
     planes = _planes(level.vertices_m - sphere_m[:3], level.faces)[sides]
-    order = _in_blocks(planes[:, 0, :3] + planes[:, 1, :3])
+    directions = planes[:, 0, :3] + planes[:, 1, :3]
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    order = _in_blocks(directions / np.maximum(lengths, _SHORTEST_NORMAL), np.arange(len(directions)))
     return (
         _filled(edges[order] + first_vertex, np.full(4, first_vertex)),
         _filled(planes[order].reshape(-1, 8), np.array([0.0, 0, 0, _NO_OFFSET] * 2)),
@@ -118,21 +120,18 @@ def _planes(vertices_m: Floats, faces: Ints) -> Singles:
     return np.column_stack([normals, np.sum(normals * a, axis=1)]).astype(np.float32)
 
 
-def _in_blocks(directions: Singles) -> NDArray[np.int64]:
-    """An order (E,) of edges that puts those of like direction (E, 3) into the same block."""
-    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    return _split(directions / np.maximum(lengths, _SHORTEST_NORMAL), np.arange(len(directions)))
+def _in_blocks(directions: Singles, members: NDArray[np.int64]) -> NDArray[np.int64]:
+    """An order of edges that puts those of like unit direction (E, 3) into the same block.
 
-
-def _split(directions: Singles, members: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Order members by halving them across their widest spread until they fit into a block."""
+    Members are halved across their widest spread until they fit into a block.
+    """
     if len(members) <= BLOCK:
         return members
     mine = directions[members]
     members = members[np.argsort(mine[:, np.ptp(mine, axis=0).argmax()], kind="stable")]
     n_blocks = -(-len(members) // BLOCK)
     half = n_blocks // 2 * BLOCK
-    return np.concatenate([_split(directions, members[:half]), _split(directions, members[half:])])
+    return np.concatenate([_in_blocks(directions, members[:half]), _in_blocks(directions, members[half:])])
 
 
 def _filled(rows: NDArray[_Number], filler: NDArray[Any]) -> NDArray[_Number]:

@@ -14,7 +14,7 @@ from services.mocap.body.kinematics import SEGMENT_JOINTS
 from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
-from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, find_candidates, look
+from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, PX_PER_M, find_candidates, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.snapping import depth_range, project_range
 from services.mocap.types import Bytes, Floats, Ints
@@ -22,8 +22,8 @@ from services.mocap.types import Bytes, Floats, Ints
 MeshArrays: TypeAlias = tuple[Floats, Indices, Singles, Singles, Ints, Floats, Floats]
 """A FlatMesh as a plain tuple: numba's cache on disk cannot be read once a named one has been renamed."""
 Scratch: TypeAlias = tuple[Bytes, Indices, Ints, Floats, Ints, Floats, Singles]
-"""(BLOCK + B,) flags; (E + 1,) edges found; (2, V) snapped vertices; (V,) depths; (E + 1, 7) crossings; the
-M (3, 4) and eye (EYE_SIZE,) of look."""
+"""flags (BLOCK + B,); edges found (E + 1,); snapped vertices uv (2, V); depth_m (V,); crossings (E + 1, 7);
+the M (3, 4) and eye (EYE_SIZE,) of look."""
 
 
 def scratch_for(mesh: FlatMesh) -> Scratch:
@@ -56,35 +56,28 @@ def draw(
     T_world_joint (17, 4, 4); P_px_world (3, 4) and lens (LENS_SIZE,): the camera; detail_px: thinned levels
     may be off by this much.
     """
-    spheres_m, errors_m = mesh[5], mesh[6]
+    xyz_m, edges, planes, block_planes, starts, spheres_m, errors_m = mesh
+    flags, found, uv, depth_m, crossings, M, eye = scratch
     height_px, width_px = canvas[0].shape
-    M, eye = scratch[5], scratch[6]
     for s in segments:
         T_world_segment = T_world_joint[SEGMENT_JOINTS[s]]
         compose(P_px_world, T_world_segment, M)
         seen_as = look(T_world_segment, M, lens, spheres_m[s], width_px, height_px, eye)
         if seen_as == HIDDEN:
             continue
-        level = 0 if seen_as == NEAR else _coarsest(errors_m, s, detail_px / eye[6])
-        n = _find(level * errors_m.shape[1] + s, seen_as, M, eye, mesh, scratch, height_px)
-        wind(scratch[4], n, canvas)
-
-
-@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _find(
-    part: int, view: int, M: Floats, eye: Singles, mesh: MeshArrays, scratch: Scratch, height_px: int
-) -> int:
-    """Write a part's crossings with pixel rows to scratch; returns how many."""
-    xyz_m, edges, planes, block_planes, starts = mesh[:5]
-    flags, found, uv, depth_m, crossings = scratch[:5]
-    vertex, vertex_end = starts[0, part], starts[0, part + 1]
-    block, block_end = starts[1, part], starts[1, part + 1]
-    project_range(xyz_m, vertex, vertex_end, M, uv)
-    if view == NEAR:
-        depth_range(xyz_m, vertex, vertex_end, M, depth_m)
-        return find_near_crossings(BLOCK * block, BLOCK * block_end, edges, uv, depth_m, height_px, crossings)
-    n = find_candidates(planes, block_planes, block, block_end, eye, flags, found)
-    return find_crossings(found, n, edges, uv, height_px, crossings)
+        level = 0 if seen_as == NEAR else _coarsest(errors_m, s, detail_px / eye[PX_PER_M])
+        part = level * errors_m.shape[1] + s
+        block, block_end = starts[1, part], starts[1, part + 1]
+        project_range(xyz_m, starts[0, part], starts[0, part + 1], M, uv)
+        if seen_as == NEAR:
+            depth_range(xyz_m, starts[0, part], starts[0, part + 1], M, depth_m)
+            n = find_near_crossings(
+                BLOCK * block, BLOCK * block_end, edges, uv, depth_m, height_px, crossings
+            )
+        else:
+            n_found = find_candidates(planes, block_planes, block, block_end, eye, flags, found)
+            n = find_crossings(found, n_found, edges, uv, height_px, crossings)
+        wind(crossings, n, canvas)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

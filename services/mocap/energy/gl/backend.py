@@ -12,20 +12,71 @@ elsewhere a vertex in a great many may snap one step of 1/256 pixel off.
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numba
 import numpy as np
 
 from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import (
+    N_DOF,
+    SEGMENT_JOINTS,
+    joint_transforms,
+    moving_joints,
+    place_joints,
+)
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, n_planes
 from services.mocap.energy.cost import Counts
 from services.mocap.energy.cpu.collecting import summed_gain
 from services.mocap.energy.gl.device import GlDevice, GlLostError
-from services.mocap.energy.gl.drawing import Drawer, Part, Scene
+from services.mocap.energy.gl.drawing import Drawer, Drawing, Part
 from services.mocap.energy.gl.mesh import GlMesh
-from services.mocap.energy.gl.posing import ALL_DOFS, Posing
 from services.mocap.energy.picture import Region
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Bytes, Floats, Ints
+
+ALL_DOFS = tuple(range(N_DOF))
+
+
+class Posing:
+    """How the drawn segments follow from the parameters that vary; the other joints stay where they are."""
+
+    def __init__(
+        self, base_pose: Floats, dofs: tuple[int, ...], segments: tuple[int, ...], offsets_m: Floats
+    ) -> None:
+        self._dofs = np.array(dofs, np.int32)
+        self._moving = moving_joints(dofs, segments)
+        self._carriers = SEGMENT_JOINTS[list(segments)]
+        self._offsets_m = offsets_m
+        self._pose = np.array(base_pose, np.float64)
+        self._T_world_joint = joint_transforms(self._pose[None], offsets_m)[0]
+
+    def transforms(self, values: Floats) -> Floats:
+        """T_world_segment (N, S, 3, 4), the rows that are not constant, of values (N, d)."""
+        T_world_segment = np.empty((len(values), len(self._carriers), 3, 4))
+        _pose_all(
+            np.array(values, np.float64, order="C"), self._dofs, self._moving, self._carriers,
+            self._offsets_m, self._pose, self._T_world_joint, T_world_segment,
+        )  # fmt: skip
+        return T_world_segment
+
+
+@numba.njit(cache=True, nogil=True)
+def _pose_all(
+    values: Floats,
+    dofs: Ints,
+    moving: Ints,
+    carriers: Ints,
+    offsets_m: Floats,
+    pose: Floats,
+    T_world_joint: Floats,
+    T_world_segment: Floats,
+) -> None:
+    for n in range(len(values)):
+        for k in range(len(dofs)):
+            pose[dofs[k]] = values[n, k]
+        place_joints(pose, offsets_m, moving, T_world_joint)
+        for s in range(len(carriers)):
+            T_world_segment[n, s] = T_world_joint[carriers[s], :3]
 
 
 class GlBackend:
@@ -49,14 +100,15 @@ class GlBackend:
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy. Costs a pass over the picture; every call sends transforms and gets sums."""
         tally = problem.cost.tally(problem.picture)
-        scene = self._scene(problem.segments, problem.picture.region, _by_column(tally.gain))
+        gain_sums = np.ascontiguousarray(summed_gain(tally.gain).transpose(0, 2, 1))
+        drawing = self._drawing(problem.segments, problem.picture.region, gain_sums)
         posing = Posing(problem.base_pose, problem.dofs, problem.segments, self._body.offsets_m)
 
         def evaluate(values: Floats) -> Floats:
             per_camera = np.tile(tally.blank, (len(values), 1))
             per_image = per_camera.reshape(-1)
             with self._current():
-                for part in self._drawn(scene, posing, values):
+                for part in self._drawn(drawing, posing, values):
                     per_image[part.first : part.last] += self._drawer.sums(part)
             return tally.energies(per_camera)
 
@@ -70,12 +122,12 @@ class GlBackend:
         detail_px: float = 0.0,  # noqa: ARG002  (always the full mesh)
     ) -> Bytes:
         """See Backend.coverage; draws the full mesh, whatever detail_px allows."""
-        n_cameras, scene = self._rig.n_cameras, self._scene(segments, region, None)
+        n_cameras, drawing = self._rig.n_cameras, self._drawing(segments, region, None)
         masks: Bytes = np.zeros((len(poses) * n_cameras, region.height_px, region.width_px), np.uint8)
         with self._current():
             posing = Posing(np.zeros(len(ALL_DOFS)), ALL_DOFS, segments, self._body.offsets_m)
-            for part in self._drawn(scene, posing, poses):
-                covered = self._drawer.covered(scene, part)
+            for part in self._drawn(drawing, posing, poses):
+                covered = self._drawer.covered(drawing, part)
                 masks[part.first : part.last] = np.unpackbits(
                     covered, axis=2, count=region.width_px, bitorder="little"
                 )
@@ -99,28 +151,23 @@ class GlBackend:
         with self._device.current():
             yield
 
-    def _scene(self, segments: tuple[int, ...], region: Region, gain_sums: Counts | None) -> Scene:
+    def _drawing(self, segments: tuple[int, ...], region: Region, gain_sums: Counts | None) -> Drawing:
         with self._current():
             selection = self._mesh.select(segments)
         P_px_world = region.projections(self._rig)
-        scene = Scene(selection, P_px_world, region.width_px, region.height_px, gain_sums)
+        drawing = Drawing(selection, P_px_world, region.width_px, region.height_px, gain_sums)
         if segments:
-            self._drawer.images_per_part(scene)
-        return scene
+            self._drawer.images_per_part(drawing)
+        return drawing
 
-    def _drawn(self, scene: Scene, posing: Posing, values: Floats) -> Iterator[Part]:
+    def _drawn(self, drawing: Drawing, posing: Posing, values: Floats) -> Iterator[Part]:
         """Draw values (N, d), and yield every part once the one after it is under way."""
         before = None
-        for part in self._drawer.parts(scene, len(values)):
-            first, last = part.first // scene.n_cameras, -(-part.last // scene.n_cameras)
-            self._drawer.draw(scene, part, posing.transforms(values[first:last]))
+        for part in self._drawer.parts(drawing, len(values)):
+            first, last = part.first // drawing.n_cameras, -(-part.last // drawing.n_cameras)
+            self._drawer.draw(drawing, part, posing.transforms(values[first:last]))
             if before is not None:
                 yield before
             before = part
         if before is not None:
             yield before
-
-
-def _by_column(gain: Counts) -> Counts:
-    """What the pixels left of each column gain (C, W + 1, H), of gain (C, H, W)."""
-    return np.ascontiguousarray(summed_gain(gain).transpose(0, 2, 1))

@@ -122,7 +122,8 @@ class GlDevice:
             with self.context:
                 self._entered = True
                 yield self.context
-                self._check()
+                if (error := self.context.error) != "GL_NO_ERROR":
+                    raise GlLostError(f"{self.renderer} stopped working: OpenGL reports {error}")
         except moderngl.Error as problem:
             raise GlLostError(f"{self.renderer} stopped working: {_first_line(problem)}") from None
         finally:
@@ -152,11 +153,6 @@ class GlDevice:
             raise GlUnavailableError(
                 f"{self.renderer}: the kernel {name} does not compile: {_first_line(problem)}"
             ) from None
-
-    def _check(self) -> None:
-        error = self.context.error
-        if error != "GL_NO_ERROR":
-            raise GlLostError(f"{self.renderer} stopped working: OpenGL reports {error}")
 
 
 def _first_line(problem: Exception) -> str:

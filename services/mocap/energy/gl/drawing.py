@@ -29,7 +29,7 @@ _Target = str | moderngl.Buffer
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Drawing:
     """What stays the same over the batches of a problem."""
 
     selection: Selection
@@ -61,10 +61,6 @@ class Scene:
             "spans": 8 * height,
         }
 
-    def gain_bytes(self) -> int:
-        """What gain_sums need."""
-        return 0 if self.gain_sums is None else self.gain_sums.nbytes
-
 
 @dataclass(frozen=True)
 class Part:
@@ -82,49 +78,54 @@ class Drawer:
         self._device = device
         self._mesh = mesh
         self._buffers: dict[str, moderngl.Buffer] = {}
-        self._scene: Scene | None = None
+        self._drawing: Drawing | None = None
 
-    def images_per_part(self, scene: Scene) -> int:
-        """How many images of a scene a part has at most; raises GlUnavailableError where not even one fits,
+    def images_per_part(self, drawing: Drawing) -> int:
+        """How many images of a drawing a part has at most; raises GlUnavailableError where not even one fits,
         or what stays the same over all images does not."""
-        needs, limit = scene.scratch_bytes(), self._device.max_buffer_bytes
+        needs, limit = drawing.scratch_bytes(), self._device.max_buffer_bytes
         most = min(
             SCRATCH_BYTES // sum(needs.values()),
             limit // max(needs.values()),
-            MAX_GROUPS * GROUP // scene.height_px,
+            MAX_GROUPS * GROUP // drawing.height_px,
             _PART_IMAGES,
         )
-        if most < 1 or scene.gain_bytes() > limit:
+        gain_bytes = 0 if drawing.gain_sums is None else drawing.gain_sums.nbytes
+        if most < 1 or gain_bytes > limit:
             raise GlUnavailableError(
-                f"{scene.n_cameras} cameras of {scene.width_px} x {scene.height_px} pixels are too many for "
-                f"the gl backend, whose buffers on {self._device.renderer} hold "
+                f"{drawing.n_cameras} cameras of {drawing.width_px} x {drawing.height_px} pixels are too "
+                f"many for the gl backend, whose buffers on {self._device.renderer} hold "
                 f"{min(limit, SCRATCH_BYTES) >> 20} MiB"
             )
         return most
 
-    def parts(self, scene: Scene, n_poses: int) -> Iterator[Part]:
+    def parts(self, drawing: Drawing, n_poses: int) -> Iterator[Part]:
         """Cut a batch up, into nothing where nothing is drawn."""
-        if not scene.selection.segments:
+        if not drawing.selection.segments:
             return
-        most = self.images_per_part(scene)
-        n_images = n_poses * scene.n_cameras
+        most = self.images_per_part(drawing)
+        n_images = n_poses * drawing.n_cameras
         for k, first in enumerate(range(0, n_images, most)):
             yield Part(first, min(first + most, n_images), k % 2)
 
-    def draw(self, scene: Scene, part: Part, T_world_segment: Floats) -> None:
+    def draw(self, drawing: Drawing, part: Part, T_world_segment: Floats) -> None:
         """Draw a part's outlines and collect them: as sums of gain, or as covered pixels.
 
         T_world_segment (N, S, 3, 4): of the drawn segments, from the pose of the part's first image on.
         """
-        self._set_scene(scene)
-        selection, n, lane = scene.selection, part.last - part.first, part.lane
-        for name, n_bytes in scene.scratch_bytes().items():
+        if self._drawing is not drawing:
+            self._write("cameras", drawing.P_px_world)
+            if drawing.gain_sums is not None:
+                self._write("gains", drawing.gain_sums)
+            self._drawing = drawing
+        selection, n, lane = drawing.selection, part.last - part.first, part.lane
+        for name, n_bytes in drawing.scratch_bytes().items():
             self._reserve(name, n * n_bytes)
         self._reserve(f"sums{lane}", 8 * n)
         self._write(f"transforms{lane}", T_world_segment)
         n_slots = len(selection.segments)
-        sizes = (n, part.first % scene.n_cameras, scene.n_cameras, n_slots, selection.n_vertices)
-        self._write(f"part{lane}", np.array([*sizes, scene.width_px, scene.height_px, 0], np.uint32))
+        sizes = (n, part.first % drawing.n_cameras, drawing.n_cameras, n_slots, selection.n_vertices)
+        self._write(f"part{lane}", np.array([*sizes, drawing.width_px, drawing.height_px, 0], np.uint32))
         self._buffers[f"part{lane}"].bind_to_uniform_block(0)
         transforms, sums, spheres = f"transforms{lane}", f"sums{lane}", selection.spheres
         vertices, edges = self._mesh.vertices, self._mesh.edges
@@ -135,9 +136,9 @@ class Drawer:
         self._run(
             "outline", selection.n_edge_chunks, n, "shown", edge_chunks, edges, "uv", "winding", "spans"
         )
-        rows = -(-n * scene.height_px // GROUP)
-        if scene.gain_sums is None:
-            self._reserve(f"covered{lane}", 4 * n * scene.height_px * scene.covered_words)
+        rows = -(-n * drawing.height_px // GROUP)
+        if drawing.gain_sums is None:
+            self._reserve(f"covered{lane}", 4 * n * drawing.height_px * drawing.covered_words)
             self._run("cover", rows, 1, "winding", "spans", f"covered{lane}")
         else:
             self._run("gain", rows, 1, "winding", "spans", "gains", f"sums{lane}")
@@ -146,10 +147,10 @@ class Drawer:
         """Wait for a part, and return what the covered pixels of each of its images gain in all."""
         return np.frombuffer(self._buffers[f"sums{part.lane}"].read(8 * (part.last - part.first)), np.int64)
 
-    def covered(self, scene: Scene, part: Part) -> Bytes:
+    def covered(self, drawing: Drawing, part: Part) -> Bytes:
         """Wait for a part, and return its images' covered pixels (images, H, 4 words): bit k of byte j of a
         row is pixel 8 j + k."""
-        shape = (part.last - part.first, scene.height_px, 4 * scene.covered_words)
+        shape = (part.last - part.first, drawing.height_px, 4 * drawing.covered_words)
         return np.frombuffer(self._buffers[f"covered{part.lane}"].read(prod(shape)), np.uint8).reshape(shape)
 
     def release(self) -> None:
@@ -157,13 +158,6 @@ class Drawer:
         for buffer in self._buffers.values():
             buffer.release()
         self._buffers.clear()
-
-    def _set_scene(self, scene: Scene) -> None:
-        if self._scene is not scene:
-            self._write("cameras", scene.P_px_world)
-            if scene.gain_sums is not None:
-                self._write("gains", scene.gain_sums)
-            self._scene = scene
 
     def _run(self, name: str, x: int, y: int, *buffers: _Target) -> None:
         """Run a kernel on x times y work groups with its buffers in the order of their bindings."""

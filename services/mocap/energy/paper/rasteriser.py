@@ -3,11 +3,17 @@
 Every camera's geometry is flattened to one depth, which decreases from camera to camera. The depth test
 (less) then lets each pixel take each camera's bit exactly once, and additive blending puts it beside the
 others: the paper's stencil trick with what moderngl offers, and with no clear between cameras.
+
+The vertex shader poses vertices and flattens them to their camera's depth; the fragment shader carries its
+bit. Corners are divided by their depth in the shader and not by the rasteriser: with w = 1 and the same z at
+all three corners every fragment of a camera has exactly that z, so that the depth test lets one of them pass
+and no second one.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import moderngl
 import numpy as np
@@ -15,13 +21,24 @@ import numpy as np
 from services.mocap.body.actor import Body
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, n_planes
 from services.mocap.energy.gl.device import GlDevice
-from services.mocap.energy.paper.kept import Kept
-from services.mocap.energy.paper.shaders import FRAGMENT_SHADER, ROWS_PER_MATRIX, vertex_shader
+from services.mocap.energy.snapping import NEAR_M
 from services.mocap.types import Bytes, Floats
 
 _MOST_MESHES = 32
 _MOST_TARGETS = 16
 _BYTES_PER_ROW = 16
+_ROWS_PER_MATRIX = 3
+_FRAGMENT_SHADER = """#version 430
+flat in float bit;
+layout(location = 0) out float plane;
+
+void main() {
+    plane = bit;
+}
+"""
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +66,29 @@ class _Target:
         self._depth.release()
 
 
+class Kept(Generic[Key, Value]):
+    """Values by key, at most `most` of them: the one that was asked for longest ago goes first."""
+
+    def __init__(self, make: Callable[[Key], Value], release: Callable[[Value], None], most: int) -> None:
+        self._make, self._release, self._most = make, release, most
+        self._values: dict[Key, Value] = {}
+
+    def __getitem__(self, key: Key) -> Value:
+        """The key's value, which holds until the next one is asked for."""
+        value = self._values.pop(key, None)
+        if value is None:
+            value = self._make(key)
+        self._values[key] = value  # the last one now
+        if len(self._values) > self._most:
+            self._release(self._values.pop(next(iter(self._values))))
+        return value
+
+    def clear(self) -> None:
+        """Release all of them."""
+        while self._values:
+            self._release(self._values.popitem()[1])
+
+
 class Rasteriser:
     """Draws one body for a number of cameras; every GL object that it makes is released by close."""
 
@@ -56,9 +96,9 @@ class Rasteriser:
         self._device, self._faces, self._n_cameras = device, body.faces, n_cameras
         self._first_vertex = np.cumsum([0, *map(len, body.vertices_m)])
         n_segments = len(body.vertices_m)
-        plane_rows = CAMERAS_PER_PLANE * n_segments * ROWS_PER_MATRIX
+        plane_rows = CAMERAS_PER_PLANE * n_segments * _ROWS_PER_MATRIX
         with device.current() as context:
-            self._program = context.program(vertex_shader(n_segments), FRAGMENT_SHADER)
+            self._program = context.program(_vertex_shader(n_segments), _FRAGMENT_SHADER)
             self._nothing = context.detect_framebuffer(0)
             self._vertices = context.buffer(_interleaved(body.vertices_m))
             self._matrices = context.buffer(reserve=n_planes(n_cameras) * plane_rows * _BYTES_PER_ROW)
@@ -120,6 +160,32 @@ class Rasteriser:
         indices = self._device.context.buffer(np.concatenate(faces).astype(np.uint32))
         content = [(self._vertices, "3f 1i", "xyz_m", "segment")]
         return _Mesh(indices, self._device.context.vertex_array(self._program, content, indices))
+
+
+def _vertex_shader(n_segments: int) -> str:
+    """Poses a segment's vertices before the camera that gl_InstanceID counts.
+
+    A corner nearer than NEAR_M goes so far out of the clip volume that clipping cuts its triangle off at the
+    corners that stay: nothing of it is left.
+    """
+    return f"""#version 430
+in vec3 xyz_m;
+in int segment;
+layout(std140, binding = 0) uniform Matrices {{
+    vec4 rows[{CAMERAS_PER_PLANE * n_segments * _ROWS_PER_MATRIX}];
+}};
+flat out float bit;
+
+void main() {{
+    int first = {_ROWS_PER_MATRIX} * ({n_segments} * gl_InstanceID + segment);
+    vec4 point = vec4(xyz_m, 1.0);
+    float depth_m = dot(rows[first + 2], point);
+    vec2 place = vec2(dot(rows[first], point), dot(rows[first + 1], point)) / max(depth_m, {NEAR_M});
+    float camera_z = 1.0 - float(gl_InstanceID + 1) / {CAMERAS_PER_PLANE}.0;
+    gl_Position = vec4(place, depth_m < {NEAR_M} ? -1e20 : camera_z, 1.0);
+    bit = float(1 << gl_InstanceID) / 255.0;
+}}
+"""
 
 
 def _interleaved(vertices_m: Sequence[Floats]) -> bytes:

@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from services.mocap.body.own_mesh.character import Piece
+from services.mocap.body.own_mesh.character import Piece, cut_where
 from services.mocap.body.own_mesh.closing import closed
-from services.mocap.body.own_mesh.cutting import cut_where
 from services.mocap.body.surface import is_closed
 from services.mocap.types import Ints
 

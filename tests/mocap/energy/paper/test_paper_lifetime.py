@@ -13,7 +13,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.gl.device import GlDevice, GlLostError
 from services.mocap.energy.paper.backend import PaperBackend
-from services.mocap.energy.paper.kept import Kept
+from services.mocap.energy.paper.rasteriser import Kept
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Floats
 

@@ -13,7 +13,7 @@ from services.mocap.types import Floats
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class RigidTransform:
     """A rigid transform: x_to = R @ x_from + t_m."""
 
     R: Floats
@@ -21,13 +21,13 @@ class Pose:
     t_m: Floats
     """(3,)"""
 
-    def __matmul__(self, other: "Pose") -> "Pose":
-        return Pose(self.R @ other.R, self.R @ other.t_m + self.t_m)
+    def __matmul__(self, other: "RigidTransform") -> "RigidTransform":
+        return RigidTransform(self.R @ other.R, self.R @ other.t_m + self.t_m)
 
     @property
-    def inverse(self) -> "Pose":
+    def inverse(self) -> "RigidTransform":
         """The way back."""
-        return Pose(self.R.T, -self.R.T @ self.t_m)
+        return RigidTransform(self.R.T, -self.R.T @ self.t_m)
 
     def apply(self, points_m: Floats) -> Floats:
         """(…, 3) points, moved."""
@@ -35,10 +35,10 @@ class Pose:
         return moved
 
 
-IDENTITY = Pose(np.eye(3), np.zeros(3))
+IDENTITY = RigidTransform(np.eye(3), np.zeros(3))
 
 
-def board_in_camera(sighting: Sighting, board: Board, intrinsics: Intrinsics) -> list[Pose]:
+def board_in_camera(sighting: Sighting, board: Board, intrinsics: Intrinsics) -> list[RigidTransform]:
     """T_camera_board by one sighting, the better one first.
 
     A small flat board can be seen from two directions nearly alike: then both are given.
@@ -49,7 +49,7 @@ def board_in_camera(sighting: Sighting, board: Board, intrinsics: Intrinsics) ->
         corners_m, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE
     )
     poses = [
-        Pose(Rotation.from_rotvec(np.ravel(turn)).as_matrix(), np.ravel(shift).astype(np.float64))
+        RigidTransform(Rotation.from_rotvec(np.ravel(turn)).as_matrix(), np.ravel(shift).astype(np.float64))
         for turn, shift in zip(turns[:count], shifts[:count], strict=True)
     ]
     return [pose for pose in poses if np.isfinite(pose.R).all() and pose.apply(corners_m)[:, 2].min() > 0]

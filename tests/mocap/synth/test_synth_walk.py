@@ -4,8 +4,8 @@ import pytest
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.kinematics import joint_transforms, segment_transforms
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, LOWER, SEGMENT_INDEX, SIDES, UPPER
-from services.mocap.synth.motion import MAX_JOINT_SPEED_RAD_S, STAND_S, walk
 from services.mocap.synth.studio import studio_cameras
+from services.mocap.synth.walk import MAX_JOINT_SPEED_RAD_S, STAND_S, walk
 from services.mocap.types import Floats
 
 TIMINGS = [(30, 15.0), (60, 15.0), (106, 15.0), (300, 15.0), (120, 29.97), (360, 60.0)]

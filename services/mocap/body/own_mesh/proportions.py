@@ -34,7 +34,10 @@ def in_rest_pose(character: Character) -> Character:
     turned: dict[str, Floats] = {name: np.eye(3) for name in SEGMENT_NAMES}
     joints = {name: at[name] for name in ("neck", "head")} | {"pelvis": np.zeros(3)}
     joints["waist"] = _WAIST_SHARE * at["neck"]
-    pieces = {name: _moved(piece, R, middle) for name, piece in character.pieces.items()}
+    pieces = {
+        name: Piece(piece.vertices @ R.T - middle, piece.faces, piece.cut)
+        for name, piece in character.pieces.items()
+    }
     for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
         for limb, along in ((_ARM, (0.0, sign, 0.0)), (_LEG, (0.0, 0.0, -1.0))):
             _straighten(side, limb, np.array(along), at, joints, turned)
@@ -78,10 +81,6 @@ def _toes_forward(foot: Floats) -> Floats:
     return np.asarray(Rotation.from_euler("z", -np.arctan2(toes[1], toes[0])).as_matrix(), np.float64)
 
 
-def _moved(piece: Piece, R: Floats, middle: Floats) -> Piece:
-    return Piece(piece.vertices @ R.T - middle, piece.faces, piece.cut)
-
-
 def _into_body_axes(joints: dict[str, Floats]) -> Floats:
     """(3, 3) from the file's axes to ours: told by where head, hips, left and right are, whatever is up."""
     hips = (joints["left_hip"] + joints["right_hip"]) / 2
@@ -106,17 +105,17 @@ def body_mesh(character: Character, where: str) -> BodyMesh:
     height = top - bottom
     joints["head_top"] = joints["head"] + (_HEAD_TOP_FORWARD * height, 0.0, 0.0)
     joints["head_top"][2] = top
-    offsets = np.array(
-        [joints[j.name] - (joints[j.parent] if j.parent else joints["pelvis"]) for j in JOINTS]
-    ) / max(height, 1e-12)
-    offsets = _symmetric(offsets)
-    vertices = {
-        name: (piece.vertices - joints[SEGMENT_JOINT[name]]) / max(height, 1e-12)
-        for name, piece in pieces.items()
-    }
+    unit = max(height, 1e-12)
+    offsets = _symmetric(np.array([joints[j.name] - joints[j.parent or "pelvis"] for j in JOINTS]) / unit)
+    vertices = {name: (piece.vertices - joints[SEGMENT_JOINT[name]]) / unit for name, piece in pieces.items()}
     lengths = _lengths(offsets, vertices)
-    _check(lengths, where)
     ratios = {name: length / BONES[name].length_heights for name, length in lengths.items()}
+    for name, ratio in ratios.items():
+        if not _RATIO_RANGE[0] <= ratio <= _RATIO_RANGE[1]:
+            raise UserError(
+                f"{where}: its {name.replace('_', ' ')} is {ratio:.2f} times as long as a person's of that "
+                "height: expected a whole human body whose parts or bones are named rightly"
+            )
     inverse = {name: 1.0 / ratio for name, ratio in ratios.items()}
     segments = []
     for name in SEGMENT_NAMES:
@@ -160,14 +159,3 @@ def _lengths(offsets: Floats, vertices: dict[str, Floats]) -> dict[str, float]:
         "shank": offset("left_ankle", 2),
         "foot": mean_of_sides("foot", lambda v: float(np.ptp(v[:, 0]))),
     }
-
-
-def _check(lengths: dict[str, float], where: str) -> None:
-    low, high = _RATIO_RANGE
-    for name, length in lengths.items():
-        ratio = length / BONES[name].length_heights
-        if not low <= ratio <= high:
-            raise UserError(
-                f"{where}: its {name.replace('_', ' ')} is {ratio:.2f} times as long as a person's of that "
-                "height: expected a whole human body whose parts or bones are named rightly"
-            )

@@ -30,7 +30,8 @@ def _fill(corners: Ints, mask: Mask) -> None:
     """Set the pixels whose centres lie in one triangle, corners (3, 2) in 1/256 pixel."""
     height, width = mask.shape
     a, c, b = corners  # counter-clockwise on the screen, where y points down, turned to clockwise
-    if _cross(b - a, c - a) <= 0:
+    (abx, aby), (acx, acy) = (b - a).tolist(), (c - a).tolist()
+    if abx * acy - aby * acx <= 0:
         return
     x0, y0 = np.maximum(-(-corners.min(axis=0) // SUBPIXEL), 0)
     x1, y1 = np.minimum(corners.max(axis=0) // SUBPIXEL + 1, (width, height))
@@ -44,7 +45,3 @@ def _fill(corners: Ints, mask: Mask) -> None:
         top_or_left = (dy == 0 and dx > 0) or dy < 0
         inside &= area >= 0 if top_or_left else area > 0
     mask[y0:y1, x0:x1] |= inside
-
-
-def _cross(a: Ints, b: Ints) -> int:
-    return int(a[0]) * int(b[1]) - int(a[1]) * int(b[0])
