@@ -16,6 +16,7 @@ from proto.sockets import receive, send, wait
 from services.blob_store import BlobStore
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
+from services.pose_size import with_whole_poses
 
 _ASK_AGAIN_S = 0.5
 _MOST_AT_ONCE = 500
@@ -66,7 +67,7 @@ class Follower(ABC):
         for line in (self._poses, self._tasks):
             for _ in range(_MOST_AT_ONCE):
                 try:
-                    message = receive(line.socket)
+                    message = with_whole_poses(receive(line.socket))
                 except MalformedMessage as error:
                     log.warning("dropped a malformed message: %s", error)
                     continue

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from services.mocap.body.humanoid_names import bone_names
 from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import JOINT_INDEX
-from services.mocap.export.bone_names import bone_names
 from services.mocap.motion.rest import rest_rotations, turns_from_rest
 from services.mocap.types import Floats
 

@@ -12,6 +12,7 @@ from services.limb_worker.metrics import HELD, WAITING, note_answer
 from services.limb_worker.solver import LimbSolver, UnusableBlobError
 from services.limb_worker.turns import Turns
 from services.mocap.energy.engine import Engine
+from services.pose_size import with_whole_poses
 from services.process import DROPPED, about
 
 _LOOK_S = 0.2
@@ -45,6 +46,7 @@ class Worker:
 
     def _act(self, number: int, message: Message) -> None:
         """Act on one message of a coordinator."""
+        message = with_whole_poses(message)
         if isinstance(message, LimbTask):
             self._turns.add(number, message)
             self._ask_for(number, message)

@@ -17,6 +17,7 @@ from proto.streams import DEFAULT_ENDPOINT
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import partial_of
 from services.mocap.take.live import open_source
+from services.pose_size import with_whole_poses
 from services.process import (
     DEFAULT_OUTPUT,
     DROPPED,
@@ -68,9 +69,9 @@ class Listener:
         """Wait for messages a moment, take them in, and ask for what is missing."""
         wait([self._poses.socket, self._link.socket], _LOOK_S)
         try:
-            while (message := receive(self._poses.socket)) is not None:
+            while (message := with_whole_poses(receive(self._poses.socket))) is not None:
                 self._take_in(message)
-            while (message := self._link.receive()) is not None:
+            while (message := with_whole_poses(self._link.receive())) is not None:
                 self._take_in(message)
         except MalformedMessage as error:
             DROPPED.inc()

@@ -11,11 +11,11 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
 
 from services.mocap.body.body_mesh import BodyMesh, OwnMesh, generic_mesh
-from services.mocap.body.bones import BONES, bare, scales_across, stretched_offsets, trunk_widening
+from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_widening
 from services.mocap.body.kinematics import N_DOF, segment_transforms
 from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
 from services.mocap.body.shape import SegmentMesh
-from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENT_NAMES
+from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
 from services.mocap.types import Floats, Ints
 
 DEFAULT_HEIGHT_M = 1.72
@@ -149,10 +149,10 @@ def build_body(actor: Actor) -> Body:
     }
     shaped_m: dict[SegmentMesh, Floats] = {}
     vertices_m = []
-    for name, form in zip(SEGMENT_NAMES, mesh.left_forms, strict=True):
+    for segment, form in zip(SEGMENTS, mesh.left_forms, strict=True):
         if form not in shaped_m:
-            shaped_m[form] = _shaped(bare(name), form, actor, ratios)
-        vertices_m.append(shaped_m[form] * _MIRROR if name.startswith("right_") else shaped_m[form])
+            shaped_m[form] = _shaped(segment.row.name, form, actor, ratios)
+        vertices_m.append(shaped_m[form] * _MIRROR if segment.side == "right" else shaped_m[form])
     return Body(
         offsets_m=stretched_offsets(mesh.offsets_heights * actor.height, ratios),
         vertices_m=tuple(vertices_m),

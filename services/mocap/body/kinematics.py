@@ -10,7 +10,7 @@ from services.mocap.body.skeleton import (
     LOWER,
     SEGMENT_JOINT,
     UPPER,
-    dof_range,
+    dofs_of,
 )
 from services.mocap.types import Floats, Ints
 
@@ -25,7 +25,10 @@ _ROLES = {
 PARENT: Ints = np.array([-1 if j.parent is None else JOINT_INDEX[j.parent] for j in JOINTS], np.int32)
 DOF_ROLE: Ints = np.array([_ROLES[dof.role] for dof in DOFS], np.int32)
 DOF_AXIS: Floats = np.array([dof.axis for dof in DOFS])
-DOF_RANGE: Ints = np.array([dof_range(j.name) for j in JOINTS], np.int32)
+DOF_RANGE: Ints = np.array(
+    [(dofs[0], dofs[-1] + 1) if (dofs := dofs_of(joint.name)) else (0, 0) for joint in JOINTS], np.int32
+)
+"""(J, 2) the first of each joint's parameters, which stand in a row, and the one after the last."""
 _ALL_JOINTS: Ints = np.arange(N_JOINTS, dtype=np.int32)
 SEGMENT_JOINTS: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()], np.int32)
 """(16,) the joint that carries each segment."""

@@ -21,6 +21,8 @@ from services.mocap.body.skeleton import (
     JOINTS,
     SEGMENT_JOINT,
     SEGMENT_NAMES,
+    SEGMENTS,
+    TIP_JOINTS,
 )
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
 from services.mocap.motion.motion import Motion, rotations_to_y_up, to_y_up
@@ -29,8 +31,8 @@ from services.mocap.types import Floats, Ints
 
 _COLOURS_BGR = {"centre": CENTRE_BGR, "left": LEFT_BGR, "right": RIGHT_BGR}
 _ROUGHNESS = 0.8
-_NODE_NAMES = (*SEGMENT_NAMES, "head_top")
-_NODE_JOINTS = (*SEGMENT_JOINT.values(), "head_top")
+_NODE_NAMES = (*SEGMENT_NAMES, *TIP_JOINTS)
+_NODE_JOINTS = (*SEGMENT_JOINT.values(), *TIP_JOINTS)
 _LEAST_NORMAL = 1e-12
 
 
@@ -81,18 +83,17 @@ class _File:
 
     def add_body(self, body: Body) -> None:
         """One mesh for each segment, in their order."""
-        for name, vertices_m, faces in zip(SEGMENT_NAMES, body.vertices_m, body.faces, strict=True):
+        for segment, vertices_m, faces in zip(SEGMENTS, body.vertices_m, body.faces, strict=True):
             attributes = gltf.Attributes(
                 POSITION=self._vertices(to_y_up(vertices_m)),
                 NORMAL=self._vertices(_normals(vertices_m, faces)),
             )
-            side = name.split("_")[0]
             primitive = gltf.Primitive(
                 attributes=attributes,
                 indices=self._indices(faces),
-                material=list(_COLOURS_BGR).index(side if side in _COLOURS_BGR else "centre"),
+                material=list(_COLOURS_BGR).index(segment.side or "centre"),
             )
-            self._document.meshes.append(gltf.Mesh(name=name, primitives=[primitive]))
+            self._document.meshes.append(gltf.Mesh(name=segment.name, primitives=[primitive]))
 
     def add_nodes(self, offsets_m: Floats, quaternions: Floats) -> None:
         """The skeleton, in one pose: each node's place (J, 3) and turn (J, 4) against its parent."""

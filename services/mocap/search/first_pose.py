@@ -7,7 +7,7 @@ from math import pi, radians
 import numpy as np
 
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
-from services.mocap.body.skeleton import DOF_INDEX, SIDES
+from services.mocap.body.skeleton import DOF_INDEX, DOFS, JOINTS, SEGMENTS, SIDES, Dof
 from services.mocap.energy.picture import Picture
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
@@ -102,12 +102,25 @@ def _turned_round(pose: Floats) -> Floats:
             other = DOF_INDEX["right_" + name.removeprefix("left_")]
             turned[[d, other]] = pose[[other, d]]
     turned[DOF_INDEX["root_heading"]] += pi
-    for name in ("root_lean", "root_pitch", "head_lean", "head_pitch"):
-        turned[DOF_INDEX[name]] *= -1.0
-    for side in SIDES:
-        for name in ("shoulder_forward", "hip_flexion"):
-            turned[DOF_INDEX[f"{side}_{name}"]] *= -1.0
+    turned[_OTHER_WAY] *= -1.0
     return clip_to_limits(turned)
+
+
+def _bends_the_other_way(dof: Dof) -> bool:
+    """Whether somebody who looks alike from afar, but faces the other way, has a parameter's opposite.
+
+    Trunk and head lean and pitch in the world as before. Arms and legs, whose left is right, go on pointing
+    forward or back as before from shoulder and hip; knees, elbows, hands and feet bend in one way only.
+    """
+    about_x, _, about_z = dof.axis
+    if dof.joint not in _TRUNK_AND_NEXT or dof.role not in ("lean", "pitch", "swing"):
+        return False
+    return about_x == 0.0 if dof.name.startswith(SIDES) else about_z == 0.0
+
+
+_TRUNK = {segment.joint for segment in SEGMENTS if segment.part == "torso"}
+_TRUNK_AND_NEXT = _TRUNK | {joint.name for joint in JOINTS if joint.parent in _TRUNK}
+_OTHER_WAY = [d for d, dof in enumerate(DOFS) if _bends_the_other_way(dof)]
 
 
 def standing_pose(model: Model, hull: Hull) -> Floats:

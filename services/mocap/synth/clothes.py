@@ -3,7 +3,7 @@
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import SEGMENT_NAMES
+from services.mocap.body.skeleton import SEGMENTS
 from services.mocap.types import Floats
 
 _SKIN = (138.0, 168.0, 214.0)
@@ -13,19 +13,16 @@ _SHOES = (44.0, 46.0, 52.0)
 _HAIR = (34.0, 48.0, 66.0)
 _BELT = (30.0, 34.0, 40.0)
 
-_PLAIN = {
-    "torso": _SHIRT, "neck": _SKIN, "head": _SKIN, "upper_arm": _SHIRT, "forearm": _SKIN, "hand": _SKIN,
-    "pelvis": _TROUSERS, "thigh": _TROUSERS, "shank": _TROUSERS, "foot": _SHOES,
-}  # fmt: skip
+_PLAIN = {"shirt": _SHIRT, "skin": _SKIN, "trousers": _TROUSERS, "shoes": _SHOES}
 
 
 def dress(body: Body) -> Floats:
     """BGR (V, 3) in grey levels under full light, for the vertices of all segments one after the other."""
     rng = np.random.default_rng(7)  # the weave of the cloth; the same in every take
     colours = []
-    for name, vertices_m in zip(SEGMENT_NAMES, body.vertices_m, strict=True):
-        kind = name.removeprefix("left_").removeprefix("right_")
-        bgr = np.tile(_PLAIN[kind], (len(vertices_m), 1))
+    for segment, vertices_m in zip(SEGMENTS, body.vertices_m, strict=True):
+        kind = segment.row.name
+        bgr = np.tile(_PLAIN[segment.row.garment], (len(vertices_m), 1))
         x, y, z = vertices_m.T / body.height_m
         if kind == "upper_arm":
             bgr[np.abs(y) > 0.095] = _SKIN  # short sleeves

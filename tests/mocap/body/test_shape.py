@@ -15,10 +15,10 @@ from services.mocap.body.shape_loft import Loft, loft_mesh
 from services.mocap.body.skeleton import (
     JOINT_INDEX,
     JOINTS,
-    PELVIS_HEIGHT,
     SEGMENT_JOINT,
     SEGMENT_NAMES,
 )
+from services.mocap.body.skeleton_table import PELVIS_HEIGHT
 from services.mocap.types import Floats
 
 OFFSETS_HEIGHTS = np.array([joint.offset_heights for joint in JOINTS])

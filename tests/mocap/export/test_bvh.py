@@ -11,10 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.mocap.body.humanoid_names import matched_joints
+from services.mocap.body.humanoid_names import Naming, bone_names, matched_joints
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, JOINT_NAMES, JOINTS, LOWER, UPPER
-from services.mocap.export.bone_names import Naming, bone_names
 from services.mocap.export.bvh import write_bvh
 from services.mocap.motion.rest import Rest, rest_pose
 from services.mocap.types import Floats

@@ -1,9 +1,10 @@
-"""What any file is made into first: 16 pieces of surface about named joints, in the file's own frame."""
+"""What any file is made into first: a surface for each segment, and named joints, in the file's own frame."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from services.mocap.body.skeleton import SEGMENTS
 from services.mocap.types import Floats, Ints, Mask
 
 
@@ -29,15 +30,7 @@ class Character:
     """By segment."""
 
 
-NEEDED_JOINTS = (
-    "neck",
-    "head",
-    *(
-        f"{side}_{joint}"
-        for side in ("left", "right")
-        for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-    ),
-)
+NEEDED_JOINTS = tuple(segment.joint for segment in SEGMENTS if segment.part != "torso")
 
 
 def welded(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Ints]:
