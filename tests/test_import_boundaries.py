@@ -9,8 +9,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ("services.process", "services.follower", "services.blob_store", "services.pose_size")
-"""What services share: the entry of all, the size of poses, and what followers of a coordinator share; beside the
-services, not in one."""
+"""What services share: the entry of all, the size of poses, and what those share that only follow a
+coordinator; beside the services, not in one."""
 NO_SERVICES = ("commands", "runs")
 COMMAND = ("services.cli", "services.library", *(f"services.{folder}" for folder in NO_SERVICES))
 """The command starts the services and may use what they are made of."""
