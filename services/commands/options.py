@@ -10,7 +10,7 @@ from services.mocap.body.own_mesh.importing import import_mesh
 
 MeshOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="Fit this mesh: a skinned character (.glb) or 16 named parts (.obj, .glb)."),
+    typer.Option(help="Fit this mesh: a skinned character (.glb) or named parts (.obj, .glb)."),
 ]
 TakeFolder: TypeAlias = Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")]
 

@@ -43,7 +43,7 @@ class SolvedFrame:
     frame: int
     time_s: float
     pose: Floats
-    """(35,) in metres and radians, z-up world."""
+    """(D,) in metres and radians, z-up world."""
     energy_px: float
     confidence: Floats
     """(6,) of PARTS, 0 to 1; NaN where a part was not judged."""

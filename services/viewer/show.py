@@ -41,7 +41,7 @@ SEGMENT_PARENTS: tuple[str | None, ...] = tuple(
     next((name for name, carrier in SEGMENT_JOINT.items() if carrier == JOINTS[joint].parent), None)
     for joint in SEGMENT_JOINTS.tolist()
 )
-"""(16,) the segment that carries each segment; None for the pelvis."""
+"""(S,) the segment that carries each segment; None for the pelvis."""
 _R_T_POSE = rest_rotations("T")
 
 
@@ -50,13 +50,13 @@ class Placed:
     """How segments are turned, each in the one that carries it, where it stands as far off as ever."""
 
     wxyz: Floats
-    """(16, 4) rotations as quaternions; the pelvis's in the z-up world."""
+    """(S, 4) rotations as quaternions; the pelvis's in the z-up world."""
     root_m: Floats
     """(3,) where the pelvis is in the world."""
 
 
 def placed_segments(body: Body, pose: Floats) -> Placed:
-    """The 16 segments of a body in a pose (35,)."""
+    """The segments of a body in a pose (D,)."""
     T_world_joint = joint_transforms(pose[None], body.offsets_m)
     turns = turns_from_rest(T_world_joint, _R_T_POSE)[0, SEGMENT_JOINTS]
     return Placed(_wxyz(turns), T_world_joint[0, 0, :3, 3])

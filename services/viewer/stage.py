@@ -30,7 +30,7 @@ def rgb_of(name: str) -> tuple[int, int, int]:
 
 
 def _distrusted_segments(distrusted: Mask) -> Mask:
-    """(16,) segments of the parts (6,) that must not be trusted; where the torso is wrong, all are."""
+    """(S,) segments of the parts (6,) that must not be trusted; where the torso is wrong, all are."""
     segments: Mask = np.full(len(SEGMENT_NAMES), bool(distrusted[PARTS.index("torso")]))
     for part, stage in PART_STAGES.items():
         segments[list(stage.segments)] |= distrusted[PARTS.index(part)]
@@ -109,7 +109,7 @@ class Stage:
                 frustum.visible = visible
 
     def trail(self, poses: Floats | None) -> None:
-        """Draw where wrists and ankles went in poses (N, 35), in order; None: no trails."""
+        """Draw where wrists and ankles went in poses (N, D), in order; None: no trails."""
         if poses is None or len(poses) < 2:
             for line in self._trails:
                 if line.visible:

@@ -28,9 +28,7 @@ _ANGLES = Turns(
 )
 _PAPER_DOFS = sum((2 if row.paired else 1) * len(row.parameters) for row in skeleton_table.ROWS)
 _BENDING = replace(skeleton_table.TORSO, parameters=_WAIST, angles=(_ANGLES,))
-skeleton_table.ROWS = tuple(
-    _BENDING if row is skeleton_table.TORSO else row for row in skeleton_table.ROWS
-)  # type: ignore[assignment]
+skeleton_table.ROWS = tuple(_BENDING if row is skeleton_table.TORSO else row for row in skeleton_table.ROWS)  # type: ignore[assignment]
 
 # Only now, as they take the table in.
 from proto.framing import decode, encode  # noqa: E402
@@ -108,7 +106,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Take:
 
 
 def test_the_waist_has_parameters_and_the_torsos_stage_finds_them() -> None:
-    assert N_DOF == _PAPER_DOFS + len(WAIST)
+    assert _PAPER_DOFS + len(WAIST) == N_DOF
     assert set(WAIST) < set(TORSO.dofs)
     chains = (*TORSO.dofs, *HEAD.dofs, *(d for limb in LIMBS.values() for d in limb.dofs))
     assert sorted(chains) == list(range(N_DOF))

@@ -16,6 +16,7 @@ from playwright.sync_api import Browser
 from bench.chromium import chromium_path, open_chromium
 from playback import Playback
 from services.mocap.body.actor import Actor
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take, open_take
@@ -34,7 +35,7 @@ def solved() -> Callable[..., SolvedFrame]:
         return SolvedFrame(
             frame=frame,
             time_s=frame / 25,
-            pose=np.full(35, 0.001 * frame),
+            pose=np.full(N_DOF, 0.001 * frame),
             energy_px=100.0 + frame,
             confidence=np.full(len(PARTS), 0.5),
             distrusted=np.array([part in distrusted for part in PARTS]),

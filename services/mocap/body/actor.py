@@ -105,7 +105,7 @@ class Body:
     """An actor's skeleton and segment meshes in metres."""
 
     offsets_m: Floats
-    """(17, 3) each joint relative to its parent in the rest pose."""
+    """(J, 3) each joint relative to its parent in the rest pose."""
     vertices_m: tuple[Floats, ...]
     """Per segment (V, 3), in the segment's frame."""
     faces: tuple[Ints, ...]
@@ -116,7 +116,7 @@ class Body:
 
     @cached_property
     def centres_m(self) -> Floats:
-        """(16, 3) mean surface point of each segment in its own frame."""
+        """(S, 3) mean surface point of each segment in its own frame."""
         return np.array([vertices.mean(axis=0) for vertices in self.vertices_m])
 
     @property
@@ -131,7 +131,7 @@ class Body:
         return self.pelvis_height_m + float(offset_m + self.vertices_m[SEGMENT_INDEX["head"]][:, 2].max())
 
     def lowest_point_m(self, pose: Floats) -> float:
-        """Smallest z in the world of any vertex in a (35,) pose."""
+        """Smallest z in the world of any vertex in a (D,) pose."""
         T_world_segment = segment_transforms(pose[None], self.offsets_m)[0]
         return min(
             float((vertices @ T[2, :3]).min() + T[2, 3])

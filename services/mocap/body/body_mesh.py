@@ -1,4 +1,4 @@
-"""What an actor's body is made from: 16 closed meshes about a skeleton, the generic body's or a user's own.
+"""What an actor's body is made from: closed meshes about a skeleton, the generic body's or a user's own.
 
 Whatever its own proportions, a mesh is kept stretched to the generic bones, so that one set of rules shapes
 them all; how long its bones are stands beside it. An own mesh is named by the SHA-256 of its file.
@@ -39,7 +39,7 @@ class BodyMesh:
     """In the order of SEGMENT_NAMES, stretched to the generic bones; only the width of the trunk, and what
     bones do not stretch, is the mesh's own."""
     offsets_heights: Floats
-    """(17, 3) each joint relative to its parent, likewise."""
+    """(J, 3) each joint relative to its parent, likewise."""
     lengths_heights: dict[str, float]
     """How long each bone really is (names: BONES), in body heights."""
 

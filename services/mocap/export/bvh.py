@@ -46,7 +46,7 @@ def write_bvh(
 ) -> None:
     """Write poses as a BVH file, whole or not at all.
 
-    poses: (N, 35) in metres and radians in the z-up world inside, N >= 1. offsets_m: (17, 3), each joint
+    poses: (N, D) in metres and radians in the z-up world inside, N >= 1. offsets_m: (J, 3), each joint
     relative to its parent in the skeleton's T pose. unit: of the file's lengths. rest: the pose of the file's
     offsets, from which its angles count. The angles go on from frame to frame without jumps: a second full
     turn ends at 720°. Raises ValueError on no frames, on another shape and on numbers that are not finite.
@@ -87,7 +87,7 @@ def _written_joints(name: str) -> Iterator[str]:
 def _with_tips(offsets_m: Floats, R_world_rest: Floats) -> Floats:
     """(J + T, 3) places against the parents in a rest pose: the joints, the root's zero, then the T tips.
 
-    offsets_m: (17, 3) in the T pose. R_world_rest: (17, 3, 3) of the rest pose.
+    offsets_m: (J, 3) in the T pose. R_world_rest: (J, 3, 3) of the rest pose.
     """
     tips_m = []
     for name, tip_heights in _TIPS_HEIGHTS.items():

@@ -24,7 +24,7 @@ class ModelPainter:
         self._backend, self._region, self._sizes_px = CpuBackend(body, rig), Region.whole(rig), rig.sizes_px
 
     def segment_masks(self, pose: Floats) -> list[Bytes]:
-        """Per camera (h, w) of a pose (35,): 0 = no model, 1 = centre, 2 = left limbs, 3 = right limbs."""
+        """Per camera (h, w) of a pose (D,): 0 = no model, 1 = centre, 2 = left limbs, 3 = right limbs."""
         masks: list[Bytes] = [np.zeros((height, width), np.uint8) for width, height in self._sizes_px]
         for value, segments in _SIDES:
             planes = self._backend.coverage(pose[None], segments, self._region)[0]

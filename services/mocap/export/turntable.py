@@ -55,7 +55,7 @@ def _standing() -> Floats:
 
 
 def _posed(body: Body, pose: Floats) -> tuple[Floats, Floats, Floats, Ints]:
-    """Vertices (V, 3), their normals and colours (V, 3) each, and faces (F, 3) of a pose (35,)."""
+    """Vertices (V, 3), their normals and colours (V, 3) each, and faces (F, 3) of a pose (D,)."""
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
     vertices_m, normals, bgr, faces, count = [], [], [], [], 0
     for name, v, f, T in zip(SEGMENT_NAMES, body.vertices_m, body.faces, T_world_segment, strict=True):

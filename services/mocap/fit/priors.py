@@ -34,22 +34,22 @@ class Quadratic:
     shape_slopes: Floats
     """(S,) half the gradient."""
     pose_diagonal: Floats
-    """(35,) the same in every frame."""
+    """(D,) the same in every frame."""
     pose_slopes: Floats
-    """(F, 35)"""
+    """(F, D)"""
 
 
 class Prior:
     """Pulls shapes to the generic one, and poses to those that were begun with."""
 
     def __init__(self, poses: Floats, weight_px3: float = WEIGHT_PX3) -> None:
-        """poses (F, 35): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3."""
+        """poses (F, D): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3."""
         self._poses, self.weight_px3 = poses, weight_px3
         self._pose_precision = np.array([_deviation(dof) ** -2 for dof in DOFS])
         self._shape_precision = np.asarray(np.linalg.inv(COVARIANCE), np.float64)
 
     def cost(self, x: Floats, poses: Floats, n_views: int) -> float:
-        """What a shape vector and poses (F, 35) cost, seen in n_views."""
+        """What a shape vector and poses (F, D) cost, seen in n_views."""
         per_frame = float(((poses - self._poses) ** 2 @ self._pose_precision).sum()) / len(poses)
         return self.weight_px3 * n_views * (float(x @ self._shape_precision @ x) + per_frame)
 

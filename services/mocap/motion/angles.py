@@ -61,7 +61,7 @@ twice: the first three cannot tell flexion from rotation with the arm straight s
 def joint_angles_deg(T_world_joint: Floats) -> dict[str, Floats]:
     """Angles (N,) in degrees of N consecutive frames, by name; sided ones begin with left_ or right_.
 
-    T_world_joint: (N, 17, 4, 4). Angles go on from frame to frame without jumps of whole turns, from a first
+    T_world_joint: (N, J, 4, 4). Angles go on from frame to frame without jumps of whole turns, from a first
     frame within half a turn.
     """
     turns = R_ISB_ZUP @ turns_from_rest(T_world_joint, rest_rotations("hanging")) @ R_ISB_ZUP.T
@@ -77,7 +77,7 @@ def joint_angles_deg(T_world_joint: Floats) -> dict[str, Floats]:
 
 
 def _column(angles_deg: Floats, angle: Angle, side: str) -> Floats:
-    """(N,) of all joints' angles (N, 17, 3) about the axes of its order."""
+    """(N,) of all joints' angles (N, J, 3) about the axes of its order."""
     joint = JOINT_INDEX[f"{side}_{angle.joint}".removeprefix("_")]
     column: Floats = angle.sign * angles_deg[:, joint, angle.place] + 0.0  # no -0
     return column

@@ -19,7 +19,7 @@ _GIMBAL_LOCK = 1e-7
 
 
 def root_rotations(poses: Floats) -> Rotation:
-    """The rotations R_world_body of poses (N, 35)."""
+    """The rotations R_world_body of poses (N, D)."""
     return Rotation.from_euler(_ORDER, poses[:, ROOT_TURN])
 
 

@@ -28,9 +28,9 @@ def smoothed(
     distrusted: Mask | None = None,
     times_s: Floats | None = None,
 ) -> Floats:
-    """Poses (N, 35) of consecutive frames as the settings want them; N >= 1.
+    """Poses (N, D) of consecutive frames as the settings want them; N >= 1.
 
-    distrusted: (N, 35) values that should not be trusted; rts bridges them from both sides.
+    distrusted: (N, D) values that should not be trusted; rts bridges them from both sides.
     times_s: (N,) of frames that do not come evenly, which one-euro heeds.
     """
     if settings.smooth == "none":
@@ -43,7 +43,7 @@ def smoothed(
 
 
 def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = None) -> Floats:
-    """Poses (N, 35) without what is faster than cutoff_hz, where half of the amplitude passes; nothing lags.
+    """Poses (N, D) without what is faster than cutoff_hz, where half of the amplitude passes; nothing lags.
 
     This is the Rauch-Tung-Striebel smoother of a body whose velocities wander at random. It is computed as
     the cubic smoothing spline, which is the same estimate: see Wahba 1978, and Weinert, Byrd and Sidhu 1980.

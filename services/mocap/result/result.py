@@ -53,7 +53,7 @@ class Result:
 
     @property
     def poses(self) -> Floats:
-        """(N, 35) pose parameters in metres and radians, in the order of DOF_NAMES."""
+        """(N, D) pose parameters in metres and radians, in the order of DOF_NAMES."""
         return self.motion.poses
 
     @property

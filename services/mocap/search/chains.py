@@ -74,7 +74,7 @@ def window_size_px(stage: Stage, rig: Rig) -> int:
 def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:
     """Where the windows (C, 2) lie when a stage's segments are centred in them, kept inside the pictures.
 
-    pose (35,) says where the segments are. The paper, section 4.2.
+    pose (D,) says where the segments are. The paper, section 4.2.
     """
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0, list(stage.segments)]
     centres_m = body.centres_m[list(stage.segments)]
@@ -92,7 +92,7 @@ _DOFS: dict[str, tuple[int, ...]] = {"head": HEAD.dofs, **{name: limb.dofs for n
 
 
 def distrusted_values(marks: Marks) -> Mask:
-    """Which values of the poses (N, 35) should not be trusted; where the torso is wrong, none should be."""
+    """Which values of the poses (N, D) should not be trusted; where the torso is wrong, none should be."""
     values: Mask = np.zeros((len(marks.distrusted), N_DOF), bool)
     for part, frames in zip(PARTS, marks.distrusted.T, strict=True):
         dofs = list(_DOFS.get(part, range(N_DOF)))

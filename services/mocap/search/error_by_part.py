@@ -48,7 +48,7 @@ class ErrorByPart:
 
 
 def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
-    """Draw a pose (35,) and count."""
+    """Draw a pose (D,) and count."""
     covered = model.backend.coverage(pose[None], ALL_SEGMENTS, whole.region)[0]
     counted = ~whole.ignored
     differing = (covered ^ whole.silhouettes) & counted
@@ -62,7 +62,7 @@ def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
 def pixels_by_part(planes: Bytes, model: Model, pose: Floats) -> dict[Part, int]:
     """Set bits of planes (P, H, W) by the part whose joints and middles of segments are nearest to them.
 
-    That is told in the pictures, of a pose (35,).
+    That is told in the pictures, of a pose (D,).
     """
     counts: Ints = np.zeros(len(PARTS), np.int32)
     _count_nearest(planes, _points_px(model.rig, _points_m(model, pose)), _POINT_PARTS, counts)

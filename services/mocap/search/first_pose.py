@@ -82,7 +82,7 @@ def _energy_px(solution: FrameSolution) -> float:
 def _first_look(
     model: Model, picture: Picture, start: Floats, settings: SearchSettings, limbs: LimbPool
 ) -> FrameSolution:
-    """One pass from a start pose (35,), its limbs searched first, far and wide.
+    """One pass from a start pose (D,), its limbs searched first, far and wide.
 
     The hull tells where the trunk is, to a hand's breadth; limbs that point elsewhere would drag it away.
     """
@@ -95,7 +95,7 @@ def _first_look(
 
 
 def _turned_round(pose: Floats) -> Floats:
-    """The pose (35,) that looks most alike from far away, facing the other way: left is right."""
+    """The pose (D,) that looks most alike from far away, facing the other way: left is right."""
     turned = pose.copy()
     for name, d in DOF_INDEX.items():
         if name.startswith("left_"):
@@ -124,7 +124,7 @@ _OTHER_WAY = [d for d, dof in enumerate(DOFS) if _bends_the_other_way(dof)]
 
 
 def standing_pose(model: Model, hull: Hull) -> Floats:
-    """The T pose (35,) upright on the hull's lowest point, facing along x."""
+    """The T pose (D,) upright on the hull's lowest point, facing along x."""
     pose = np.zeros(N_DOF)
     pose[:2] = hull.axis_world_m
     pose[2] = hull.bottom_m + model.body.pelvis_height_m
@@ -132,7 +132,7 @@ def standing_pose(model: Model, hull: Hull) -> Floats:
 
 
 def _starts(model: Model, hull: Hull, facing_rad: float | None) -> Floats:
-    """Standing poses (N, 35) on the hull's lowest point: all headings, arm heights and strides."""
+    """Standing poses (N, D) on the hull's lowest point: all headings, arm heights and strides."""
     if facing_rad is None:
         headings = np.arange(_HEADINGS) * (2 * pi / _HEADINGS)
     else:

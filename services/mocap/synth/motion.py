@@ -53,7 +53,7 @@ class _Timeline:
 
 
 def walk(n_frames: int, fps: float, body: Body) -> Floats:
-    """Poses (n_frames, 35) of the whole motion, fitted into n_frames / fps seconds but no less than 2.
+    """Poses (n_frames, D) of the whole motion, fitted into n_frames / fps seconds but no less than 2.
 
     It starts at (0, -0.7) m facing +x and walks around the origin. Where time is short, movements get
     smaller, not faster. The lowest vertex of every frame touches the floor z = 0.

@@ -31,7 +31,7 @@ class Motion:
     """What the actor does."""
 
     poses: Floats
-    """(N, 35)"""
+    """(N, D)"""
     joint_error_m: float | None = None
     """Of a BVH file: mean distance of the joints from the file's, had it the actor's bone lengths."""
 

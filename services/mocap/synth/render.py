@@ -55,7 +55,7 @@ class Model:
         )
 
     def pose(self, pose: Floats) -> Figure:
-        """The figure in a (35,) pose."""
+        """The figure in a (D,) pose."""
         T_world_segment = segment_transforms(pose[None], self._body.offsets_m)[0]
         vertices_world_m = np.concatenate(
             [v @ T[:3, :3].T + T[:3, 3] for v, T in zip(self._body.vertices_m, T_world_segment, strict=True)]

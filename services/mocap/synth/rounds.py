@@ -20,12 +20,12 @@ Movement = Callable[[Choreography], None]
 
 
 def basic(n_frames: int, fps: float, body: Body, seed: int = 0) -> Floats:
-    """Poses (n_frames, 35) of slow single movements; see _rounds."""
+    """Poses (n_frames, D) of slow single movements; see _rounds."""
     return _rounds(BASIC, n_frames, fps, body, seed, in_order=True)
 
 
 def dance(n_frames: int, fps: float, body: Body, seed: int = 0) -> Floats:
-    """Poses (n_frames, 35) of a fast dance with the whole body; see _rounds."""
+    """Poses (n_frames, D) of a fast dance with the whole body; see _rounds."""
     return _rounds(DANCE, n_frames, fps, body, seed, in_order=False)
 
 

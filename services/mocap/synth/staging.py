@@ -23,7 +23,7 @@ _UPPER_DOFS = (
 
 
 def perform(choreography: Choreography, n_frames: int, fps: float, body: Body) -> Floats:
-    """Poses (n_frames, 35) of the choreography's first n_frames / fps seconds."""
+    """Poses (n_frames, D) of the choreography's first n_frames / fps seconds."""
     substeps = ceil(_DENSE_HZ / fps)
     rate_hz = fps * substeps
     time_s = np.arange(ceil((n_frames / fps + 0.5) * rate_hz)) / rate_hz

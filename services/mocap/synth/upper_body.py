@@ -60,7 +60,7 @@ class Arms:
 
 
 def upper_body(path: Path, walking: Stride, turning: Stride, arms: Arms) -> Floats:
-    """Poses (N, 35) at the path's (N,) times with everything set but the root's height and the legs."""
+    """Poses (N, D) at the path's (N,) times with everything set but the root's height and the legs."""
     poses = np.zeros((len(path.time_s), N_DOF))
 
     def put(name: str, values: Floats) -> None:

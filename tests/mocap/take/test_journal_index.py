@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.errors import TakeError
 from services.mocap.take.journal import JOURNAL, POSE, Journal, Record
 from services.mocap.take.journal_index import JournalIndex
 
 
 def pose(frame: int, run: str = "now") -> Record:
-    return Record(POSE, {"frame": frame, "run": run}, {"pose": np.full(35, float(frame))})
+    return Record(POSE, {"frame": frame, "run": run}, {"pose": np.full(N_DOF, float(frame))})
 
 
 def begun(run: str) -> Record:
@@ -32,7 +33,7 @@ def test_what_is_written_meanwhile_is_found_in_any_order(tmp_path: Path, index: 
     for frame in (10, 12, 11):
         journal.append(pose(frame))
         found = index.pose(frame)
-        assert found is not None and found.arrays["pose"].tolist() == [frame] * 35
+        assert found is not None and found.arrays["pose"].tolist() == [frame] * N_DOF
     assert [frame for frame in range(5, 15) if index.pose(frame) is not None] == [10, 11, 12]
     journal.close()
 

@@ -135,7 +135,7 @@ def body_mesh(character: Character, where: str) -> BodyMesh:
 
 
 def _symmetric(offsets: Floats) -> Floats:
-    """(17, 3) with left and right joints the mean of both sides."""
+    """(J, 3) with left and right joints the mean of both sides."""
     both = offsets.copy()
     for j, joint in enumerate(JOINTS):
         if joint.name.startswith("left_"):

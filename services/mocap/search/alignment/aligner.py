@@ -55,11 +55,11 @@ class Aligned:
     """Where an alignment ended."""
 
     pose: Floats
-    """(35,)"""
+    """(D,)"""
     prior_cost: float
     """What being off the pose that is likely without looking counts: weights times the squares of how far."""
     rim_px: Floats
-    """(16, SHARES) per segment, summed over the cameras: the length of its rim that shows, what of it lies on
+    """(S, SHARES) per segment, summed over the cameras: the length of its rim that shows, what of it lies on
     a contour, and what found none in reach; and the length of which unsure pixels hide where it should be."""
 
 
@@ -87,7 +87,7 @@ class Aligner:
         dofs: tuple[int, ...] = tuple(range(N_DOF)),
         segments: tuple[int, ...] = ALL_SEGMENTS,
     ) -> Aligned:
-        """Move parameters of a pose (35,) so that segments' rims lie on the contours of a picture.
+        """Move parameters of a pose (D,) so that segments' rims lie on the contours of a picture.
 
         The picture is at full resolution: whole ones, or windows. A rim outside of it does not count.
         """
@@ -139,7 +139,7 @@ def _seen(picture: Picture) -> Input:
 
 
 def _prior(expected: Floats, settings: SearchSettings) -> Floats:
-    """(3, 35) as follow takes it: a pose between the expected one and rest, how firmly, the longest steps."""
+    """(3, D) as follow takes it: a pose between the expected one and rest, how firmly, the longest steps."""
     rest = settings.rest * _REST_SHARES
     weights = settings.steadiness + rest
     likely = expected * np.divide(settings.steadiness, weights, out=np.zeros(N_DOF), where=weights > 0)
