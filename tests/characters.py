@@ -119,7 +119,7 @@ def write_skinned_glb(
 
 
 def write_parts_obj(path: Path, actor: Actor, pose: Floats, names: dict[str, str] | None = None) -> None:
-    """Write an actor in a pose (D,) as one object per segment, z-up, in metres; names: segment -> other name."""
+    """Write an actor in a pose (D,) as one object per segment, z-up, in metres; names: segment -> other."""
     body = build_body(actor)
     T_segment = segment_transforms(pose[None], body.offsets_m)[0]
     lines, count = [], 1

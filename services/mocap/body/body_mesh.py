@@ -55,14 +55,13 @@ class BodyMesh:
         forms = []
         for segment in self.segments:
             twin = left.get(segment.name.replace("right_", "left_", 1), segment)
-            mirrored = segment if twin is segment else _mirrored(segment, twin.name)
+            mirrored = segment
+            if twin is not segment:
+                vertices_heights, faces = segment.vertices_heights * _MIRROR, segment.faces[:, ::-1]
+                mirrored = SegmentMesh(twin.name, vertices_heights, faces)
             alike = np.array_equal(mirrored.vertices_heights, twin.vertices_heights)
             forms.append(twin if alike else mirrored)
         return tuple(forms)
-
-
-def _mirrored(segment: SegmentMesh, name: str) -> SegmentMesh:
-    return SegmentMesh(name, segment.vertices_heights * _MIRROR, segment.faces[:, ::-1])
 
 
 @cache

@@ -95,9 +95,12 @@ def factors_along(
     extent: "width" or "depth". form: the segment on the left, the generic one by default. All factors are
     exactly 1 where all controls are.
     """
-    form = form or _generic(segment)
+    if form is None:  # the generic segment, on the left where there are two
+        form = generic_segments()[SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]]
     own = _controls(segment, extent, profiles)
-    factors: Floats | float = 1.0 if own is None else _blend(_weights(form, segment, len(own)), own)
+    factors: Floats | float = 1.0
+    if own is not None:  # differences from 1, so that rounding leaves the generic body as it is
+        factors = 1.0 + _weights(form, segment, len(own)) @ (own - 1.0)
     for neighbour, at, end in ((_CONTINUED.get(segment), 0, -1), (_CONTINUES.get(segment), 1, 0)):
         controls = None if neighbour is None else _controls(neighbour, extent, profiles)
         if controls is not None:
@@ -134,17 +137,6 @@ def _nearest_factor(segment: str, extent: str, profiles: dict[str, Profile]) -> 
 
 def _controls(segment: str, extent: str, profiles: dict[str, Profile]) -> Floats | None:
     return np.array(getattr(profiles[segment], extent)) if segment in profiles else None
-
-
-def _blend(weights: Floats, controls: Floats) -> Floats:
-    # Differences from 1, so that rounding leaves the generic body as it is.
-    factors: Floats = 1.0 + weights @ (controls - 1.0)
-    return factors
-
-
-def _generic(segment: str) -> SegmentMesh:
-    """The generic segment, on the left where there are two."""
-    return generic_segments()[SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]]
 
 
 @lru_cache(_FORMS_KEPT)

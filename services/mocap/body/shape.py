@@ -37,14 +37,11 @@ def generic_segments() -> tuple[SegmentMesh, ...]:
             left = built[f"left_{segment.row.name}"]
             vertices_heights, faces = left.vertices_heights * (1.0, -1.0, 1.0), left.faces[:, ::-1].copy()
         else:
-            vertices_heights, faces = _joined([loft_mesh(loft, _EDGE_HEIGHTS) for loft in segment.row.lofts])
+            parts = [loft_mesh(loft, _EDGE_HEIGHTS) for loft in segment.row.lofts]
+            first = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
+            vertices_heights = np.vstack([vertices for vertices, _ in parts])
+            of_all = [own + start for (_, own), start in zip(parts, first[:-1], strict=True)]
+            faces = np.vstack(of_all).astype(np.int32)
         vertices_heights.flags.writeable = faces.flags.writeable = False  # one copy is shared by all callers
         built[segment.name] = SegmentMesh(segment.name, vertices_heights, faces)
     return tuple(built.values())
-
-
-def _joined(parts: list[tuple[Floats, Ints]]) -> tuple[Floats, Ints]:
-    """Vertices (V, 3) and faces (F, 3) of several closed surfaces as one mesh."""
-    first = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-    faces = [part_faces + start for (_, part_faces), start in zip(parts, first[:-1], strict=True)]
-    return np.vstack([vertices for vertices, _ in parts]), np.vstack(faces).astype(np.int32)

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, SIDES
+from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, SIDES, sided
 from services.mocap.body.skeleton_table import ROWS
 from services.mocap.motion.rest import rest_rotations, turns_from_rest
 from services.mocap.motion.root import continuous_angles
@@ -68,19 +68,13 @@ def joint_angles_deg(T_world_joint: Floats) -> dict[str, Floats]:
     left = [joint.startswith("left_") for joint in JOINT_NAMES]
     turns[:, left] = _MIRROR @ turns[:, left] @ _MIRROR
     by_order = {order: np.degrees(apart(turns)) for order, apart in _APART.items()}
-    return {
-        f"{side}_{angle.name}".removeprefix("_"): _column(by_order[angle.order], angle, side)
-        for side in ("", *SIDES)
-        for angle in ANGLES
-        if angle.is_sided == bool(side)
-    }
-
-
-def _column(angles_deg: Floats, angle: Angle, side: str) -> Floats:
-    """(N,) of all joints' angles (N, J, 3) about the axes of its order."""
-    joint = JOINT_INDEX[f"{side}_{angle.joint}".removeprefix("_")]
-    column: Floats = angle.sign * angles_deg[:, joint, angle.place] + 0.0  # no -0
-    return column
+    angles_deg: dict[str, Floats] = {}
+    for side in (None, *SIDES):
+        for angle in ANGLES:
+            if angle.is_sided == (side is not None):
+                of_joint = by_order[angle.order][:, JOINT_INDEX[sided(angle.joint, side)]]
+                angles_deg[sided(angle.name, side)] = angle.sign * of_joint[:, angle.place] + 0.0  # no -0
+    return angles_deg
 
 
 def _yxz(R: Floats) -> Floats:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.motion.one_euro import OneEuro
-from services.mocap.motion.root import ROOT_TURN, root_angles, root_rotations
+from services.mocap.motion.root import ROOT_TURN, root_angles, root_rotations, without_flips
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.types import Floats, Mask
 
@@ -52,7 +52,7 @@ def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = N
     """
     if len(poses) < _FEWEST:
         return poses.copy()
-    values = np.column_stack([poses, _without_flips(root_rotations(poses).as_quat())])
+    values = np.column_stack([poses, without_flips(root_rotations(poses).as_quat())])
     weights = np.ones(values.shape)
     if distrusted is not None:
         turn = distrusted[:, ROOT_TURN].any(axis=1, keepdims=True)
@@ -74,11 +74,3 @@ def _spline(values: Floats, weights: Floats, fps: float, cutoff_hz: float) -> Fl
         columns = kind_of_column.ravel() == kind
         found[:, columns] = make_smoothing_spline(times_s, values[:, columns], weight, roughness)(times_s)
     return found
-
-
-def _without_flips(quaternions: Floats) -> Floats:
-    """Quaternions (N, 4), each on the same side as the one before: q and -q turn alike."""
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-    signs = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
-    aligned: Floats = quaternions * np.concatenate([[1.0], signs])[:, None]
-    return aligned

@@ -15,7 +15,6 @@ from services.mocap.body.own_mesh.rest import body_mesh, in_rest_pose
 from services.mocap.body.own_mesh.skin import character_of_skin
 from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.errors import UserError
-from services.mocap.types import Floats, Ints
 
 _GLTF = (".glb", ".gltf", ".vrm")
 _PARTS = (".obj", ".ply")
@@ -88,15 +87,10 @@ def _thinned(piece: Piece, share: float) -> Piece:
 
 def _check_volumes(path: Path, pieces: dict[str, Piece]) -> None:
     extent = max(float(np.ptp(np.concatenate([p.vertices for p in pieces.values()])[:, 2])), 1e-12)
-    flat = [
-        name.replace("_", " ")
-        for name, piece in pieces.items()
-        if _volume(piece.vertices, piece.faces) < _LEAST_VOLUME * extent**3
-    ]
+    flat = []
+    for name, piece in pieces.items():
+        a, b, c = (piece.vertices - piece.vertices.mean(axis=0))[piece.faces].transpose(1, 0, 2)
+        if float(np.einsum("fi,fi->", a, np.cross(b, c))) / 6.0 < _LEAST_VOLUME * extent**3:
+            flat.append(name.replace("_", " "))
     if flat:
         raise UserError(f"{path}: its {', '.join(flat)} has no volume: expected closed surfaces, not sheets")
-
-
-def _volume(vertices: Floats, faces: Ints) -> float:
-    a, b, c = (vertices - vertices.mean(axis=0))[faces].transpose(1, 0, 2)
-    return float(np.einsum("fi,fi->", a, np.cross(b, c))) / 6.0

@@ -66,12 +66,12 @@ def _parts_of_obj(text: str) -> list[Part]:
         elif line[0] == "f":
             parts.setdefault(name, []).append(line)
     # A header of all vertices before each part's faces keeps their numbers right, even counted backwards.
-    return [_part(name, "\n".join([*vertices, *faces])) for name, faces in parts.items()]
-
-
-def _part(name: str, text: str) -> Part:
-    mesh = trimesh.load_mesh(trimesh.util.wrap_as_stream(text), file_type="obj", process=False)
-    return Part(name, np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32))
+    made = []
+    for name, faces in parts.items():
+        text = "\n".join([*vertices, *faces])
+        mesh = trimesh.load_mesh(trimesh.util.wrap_as_stream(text), file_type="obj", process=False)
+        made.append(Part(name, np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)))
+    return made
 
 
 def parts_of_gltf(gltf: Gltf) -> list[Part]:

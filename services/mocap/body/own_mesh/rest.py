@@ -41,7 +41,10 @@ def in_rest_pose(character: Character) -> Character:
     turned: dict[str, Floats] = {name: np.eye(3) for name in SEGMENT_NAMES}
     joints = {name: at[name] for name in ("neck", "head")} | {"pelvis": np.zeros(3)}
     joints["waist"] = _WAIST_SHARE * at["neck"]
-    pieces = {name: _moved(piece, R, middle) for name, piece in character.pieces.items()}
+    pieces = {
+        name: Piece(piece.vertices @ R.T - middle, piece.faces, piece.cut)
+        for name, piece in character.pieces.items()
+    }
     for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
         for limb, along in ((_ARM, (0.0, sign, 0.0)), (_LEG, (0.0, 0.0, -1.0))):
             _straighten(side, limb, np.array(along), at, joints, turned)
@@ -82,10 +85,6 @@ def _toes_forward(foot: Floats) -> Floats:
     farthest = np.argsort(np.linalg.norm(foot[:, :2], axis=1))[-max(len(foot) // 20, 1) :]
     toes = foot[farthest, :2].mean(axis=0)
     return np.asarray(Rotation.from_euler("z", -np.arctan2(toes[1], toes[0])).as_matrix(), np.float64)
-
-
-def _moved(piece: Piece, R: Floats, middle: Floats) -> Piece:
-    return Piece(piece.vertices @ R.T - middle, piece.faces, piece.cut)
 
 
 def _into_body_axes(joints: dict[str, Floats]) -> Floats:
