@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take.journal import JOURNAL, POSE, Journal, Record, read_poses, read_records
 
@@ -14,7 +15,7 @@ from services.mocap.take.journal import JOURNAL, POSE, Journal, Record, read_pos
 def pose(frame: int, energy_px: float = 900.0) -> Record:
     fields = {"frame": frame, "time_s": frame / 25, "energy_px": energy_px, "prior": 0.5}
     marks = {"confidence": {"torso": 0.75}, "distrusted": ["left_arm"]}
-    return Record(POSE, fields | marks, {"pose": np.arange(35.0) / 7 + frame})
+    return Record(POSE, fields | marks, {"pose": np.arange(N_DOF) / 7 + frame})
 
 
 def written(path: Path, *records: Record) -> bytes:
