@@ -141,8 +141,8 @@ class LimbTask(OfLimbTask, type="limb_task"):
     """Names the blob of kind rig."""
     search: Settings
     """The search settings by name; those left out have the default of the worker's version."""
-    pose: Annotated[NDArray[np.float64], Array("float64", (35,))]
-    """The present pose: the body's 35 parameters, in metres and radians, in the z-up world."""
+    pose: Annotated[NDArray[np.float64], Array("float64", ("D",))]
+    """The present pose: the body's D parameters, in metres and radians, in the z-up world."""
     origin_px: Annotated[NDArray[np.int32], Array("int32", ("C", 2))]
     """x and y of the window's first pixel in each camera's undistorted picture."""
     window: Annotated[NDArray[np.uint8], Array("uint8", ("P", "h", "w"))]
@@ -284,10 +284,10 @@ class Pose(OfRun, type="pose"):
     """Live: from the shutter to this message; else 0."""
     absent: Annotated[list[Count], Field(max_length=MAX_CAMERAS)] = Field(default_factory=list)
     """Live: cameras that had no picture of this shot and no say in the pose, by their place from 0."""
-    pose: Annotated[NDArray[np.float64], Array("float64", (35,))]
-    """The body's 35 parameters, in metres and radians, in the z-up world."""
-    steady: Annotated[NDArray[np.float64], Array("float64", ("k", 35))] = Field(
-        default_factory=lambda: np.zeros((0, 35))
+    pose: Annotated[NDArray[np.float64], Array("float64", ("D",))]
+    """The body's D parameters, in metres and radians, in the z-up world."""
+    steady: Annotated[NDArray[np.float64], Array("float64", ("k", "D"))] = Field(
+        default_factory=lambda fields: np.zeros((0, len(fields.get("pose", ()))))
     )
     """Live: k = 1, the pose as a one-euro filter makes it of those up to now, for whoever shows it; else
     k = 0."""
@@ -328,7 +328,7 @@ class Recording(OfTake, type="recording"):
     """As in the last of these poses."""
     memory: Memory
     """As in the last of these poses."""
-    poses: Annotated[NDArray[np.float64], Array("float64", ("k", 35))]
+    poses: Annotated[NDArray[np.float64], Array("float64", ("k", "D"))]
     """The last two of these poses, or fewer where there are not so many."""
     actor: Annotated[NDArray[np.uint8], Array("uint8", ("n",))]
     """UTF-8 text: actor.toml of the run; empty where it is not known yet."""

@@ -13,6 +13,7 @@ from services.blob_store import BlobStore, DamagedBlobError, UnusableBlobError
 from services.listener import PosesListener
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
+from services.pose_size import with_whole_poses
 
 _ASK_AGAIN_S = 0.5
 
@@ -68,6 +69,7 @@ class Follower(PosesListener):
 
     def take_in(self, message: Message) -> None:
         """Tell takes from what belongs to them."""
+        message = with_whole_poses(message)
         if isinstance(message, TakeInfo):
             if message != self.info:
                 log.info("take %s, frames %d to %d", message.take, message.first_frame, message.end_frame - 1)

@@ -56,7 +56,7 @@ class TrackedFrame:
     time_s: float
     """In the take."""
     solution: FrameSolution
-    """The pose (35,), its energy, which parts should not be trusted, and what it took."""
+    """The pose (D,), its energy, which parts should not be trusted, and what it took."""
 
 
 def fit(
@@ -87,7 +87,7 @@ def track(
 ) -> Iterator[TrackedFrame]:
     """Find an actor's pose in each frame, in order; by default in all frames.
 
-    first_pose: (35,) of the first of these frames, where it is known; a fit knows those of its own frames.
+    first_pose: (D,) of the first of these frames, where it is known; a fit knows those of its own frames.
     Raises UserError for frames that the take does not have, and settings or a segmenter that do not suit it
     or cannot run here. The first frame raises TakeError where nobody is to be seen in it.
     """

@@ -31,7 +31,7 @@ class PosesListener(ABC):
 
     @abstractmethod
     def take_in(self, message: Message) -> None:
-        """A message has come."""
+        """A message has come; raises MalformedMessage for one that cannot be understood."""
 
     def refuse(self, error: MalformedMessage) -> None:
         """A message has come that cannot be understood."""
@@ -45,13 +45,12 @@ class PosesListener(ABC):
             for _ in range(_MOST_AT_ONCE):
                 try:
                     message = line.receive()
+                    if message is None:
+                        break
+                    self.heard_s = time.monotonic()
+                    self.take_in(message)
                 except MalformedMessage as error:
                     self.refuse(error)
-                    continue
-                if message is None:
-                    break
-                self.heard_s = time.monotonic()
-                self.take_in(message)
             line.tick()
 
     def close(self) -> None:

@@ -41,7 +41,7 @@ _GLTF_FROM_OURS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
 def bind_pose(arms_down_rad: float = 0.0, legs_apart_rad: float = 0.0) -> Floats:
-    """A T pose (35,), or an A pose."""
+    """A T pose (D,), or an A pose."""
     pose = np.zeros(N_DOF)
     for side in ("left", "right"):
         pose[DOF_INDEX[f"{side}_shoulder_elevation"]] = -arms_down_rad
@@ -60,7 +60,7 @@ def write_skinned_glb(
     prefix: str = "mixamorig:",
     unit_m: float = 0.01,
 ) -> None:
-    """Write an actor bound in a pose (35,) as one skin, with weights that blend over the joints.
+    """Write an actor bound in a pose (D,) as one skin, with weights that blend over the joints.
 
     Bones that names lacks are left out. There is one bone more in the hand and one in the trunk, and the
     whole stands on a scaled armature, as exporters write them.
@@ -119,7 +119,7 @@ def write_skinned_glb(
 
 
 def write_parts_obj(path: Path, actor: Actor, pose: Floats, names: dict[str, str] | None = None) -> None:
-    """Write an actor in a pose (35,) as 16 objects, z-up, in metres; names: segment -> another name."""
+    """Write an actor in a pose (D,) as one object per segment, z-up, in metres; names: segment -> other."""
     body = build_body(actor)
     T_segment = segment_transforms(pose[None], body.offsets_m)[0]
     lines, count = [], 1

@@ -13,6 +13,7 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
@@ -173,7 +174,7 @@ def bare_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, fps = tmp_path_factory.mktemp("bare") / "result", 29.97
     actor = Actor(height=1.78, bone_lengths={"thigh": 0.45})
     rng = np.random.default_rng(7)
-    wild = rng.uniform(np.where(np.isinf(LOWER), -4, LOWER), np.where(np.isinf(UPPER), 4, UPPER), (6, 35))
+    wild = rng.uniform(np.where(np.isinf(LOWER), -4, LOWER), np.where(np.isinf(UPPER), 4, UPPER), (6, N_DOF))
     poses = np.vstack([walk(10, fps, build_body(actor)), wild])
     frames = np.arange(100, 116, dtype=np.int32)
     distrusted = np.zeros((16, 6), bool)

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from services.mocap.body.humanoid_names import bone_names
 from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import JOINT_INDEX
-from services.mocap.export.bone_names import bone_names
 from services.mocap.motion.rest import rest_rotations, turns_from_rest
 from services.mocap.types import Floats
 
 R_UNITY_ZUP: Floats = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """From the z-up world's axes (x ahead, y left, z up) to Unity's; it mirrors, since that is left-handed."""
 BONES: dict[str, str] = bone_names("unity")
-"""Our joint -> the bone of Unity's humanoid that turns there, one for each of the 16 segments."""
+"""Our joint -> the bone of Unity's humanoid that turns there, one for each segment."""
 _JOINTS = [JOINT_INDEX[joint] for joint in BONES]
 
 
@@ -34,7 +34,7 @@ class Bone:
 
 
 def bones_of(pose: Floats, offsets_m: Floats) -> list[Bone]:
-    """The bones of a pose (35,), parents first. offsets_m: (17, 3), as joint_transforms takes them."""
+    """The bones of a pose (D,), parents first. offsets_m: (J, 3), as joint_transforms takes them."""
     T_world_joint = joint_transforms(pose[None], offsets_m)
     turns = turns_from_rest(T_world_joint, rest_rotations("T"))[0, _JOINTS]
     quaternions = Rotation.from_matrix(R_UNITY_ZUP @ turns @ R_UNITY_ZUP.T).as_quat(canonical=True)

@@ -35,7 +35,7 @@ _HEIGHT_CM = 2.0
 """Further than this from the height in take.toml a fitted one is worth a word."""
 MeshOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="Fit this mesh: a skinned character (.glb) or 16 named parts (.obj, .glb)."),
+    typer.Option(help="Fit this mesh: a skinned character (.glb) or named parts (.obj, .glb)."),
 ]
 
 

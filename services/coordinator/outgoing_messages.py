@@ -137,7 +137,7 @@ class OutgoingMessages:
         )
 
     def _steady(self, frame: Frame, pose: Floats) -> Floats:
-        """(1, 35) the pose filtered for whoever shows it live, (0, 35) for recorded frames."""
+        """(1, D) the pose filtered for whoever shows it live, (0, D) for recorded frames."""
         if frame.shutter_s is None:
             return np.zeros((0, len(pose)))
         if frame.time_s <= self._filtered_s:  # the pace has moved: too little time

@@ -26,7 +26,7 @@ class Plan:
     actor: Actor | None
     """None: the generic body in the height that the take gives, or else the one that fits the first frame."""
     fitted_pose: Floats | None = None
-    """(35,) of the first frame, where it was found along with the actor."""
+    """(D,) of the first frame, where it was found along with the actor."""
 
     @property
     def name(self) -> str:

@@ -10,6 +10,7 @@ from proto.framing import MalformedMessage, decode
 from proto.messages import Message
 from proto.sockets import bind, cut_all, make_socket, send, take, wait
 from proto.streams import STREAMS, StreamName, stream_endpoint
+from services.pose_size import with_whole_poses
 
 log = logging.getLogger(__name__)
 
@@ -108,7 +109,7 @@ class Ports:
             if envelope.key is not None and identity:
                 self._remember(identity, envelope.key)
             try:
-                return identity, decode(frames)
+                return identity, with_whole_poses(decode(frames))
             except MalformedMessage as error:
                 self._malformed += 1
                 log.warning("dropped a malformed message: %s", error)

@@ -30,14 +30,14 @@ class UnsureParts:
         self._untold: Ints = np.zeros(len(PARTS), np.int32)
 
     def tell_first(self, seen: TriPlanes, pose: Floats) -> None:
-        """Warn of what is unsure in the first frame (P, H, W) with its pose (35,)."""
+        """Warn of what is unsure in the first frame (P, H, W) with its pose (D,)."""
         frames, when = TriPlanes.of_frames([seen]), "the first frame"
         sentence = untold_parts(self._model, frames, pose[None], self._names, when, _WHERE)
         if sentence:
             log.warning("%s", sentence)
 
     def note(self, seen: TriPlanes, pose: Floats) -> None:
-        """Count the parts that are unsure in a frame (P, H, W) with its pose (35,), if it is its turn."""
+        """Count the parts that are unsure in a frame (P, H, W) with its pose (D,), if it is its turn."""
         self._frames += 1
         if (self._frames - 1) % _EVERY_FRAMES:
             return

@@ -15,6 +15,7 @@ from services.limb_worker.turns import Turns
 from services.logs import about
 from services.metrics import DROPPED
 from services.mocap.energy.engine import Engine
+from services.pose_size import with_whole_poses
 
 _LOOK_S = 0.2
 """How long to wait for messages before looking after beats and a request to stop."""
@@ -47,6 +48,7 @@ class Worker:
 
     def _act(self, number: int, message: Message) -> None:
         """Act on one message of a coordinator."""
+        message = with_whole_poses(message)
         if isinstance(message, LimbTask):
             self._turns.add(number, message)
             self._ask_for(number, message)

@@ -26,6 +26,7 @@ from services.options import (
     keys_of_client,
     output_settings,
 )
+from services.pose_size import with_whole_poses
 from services.process import StopRequest, client_name, run_service
 from services.recorder.collection import Collection
 from services.recorder.metrics import ASKED, FOREIGN, FRAMES, SYNC
@@ -72,6 +73,7 @@ class Listener(PosesListener):
 
     def take_in(self, message: Message) -> None:
         """Keep what is of this take."""
+        message = with_whole_poses(message)
         mine = isinstance(message, Blob) or getattr(message, "take", None) == self._take
         if mine and isinstance(message, TakeInfo | Pose | TakeEnd | Blob):
             self.collection.add(message)

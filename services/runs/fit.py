@@ -60,7 +60,7 @@ class TakeFit:
     start: Actor
     """The body that the fit began with …"""
     start_pose: Floats
-    """… and its pose (35,) in the first frame."""
+    """… and its pose (D,) in the first frame."""
     actor: Actor
     """As it is written to actor.toml."""
     fit: Fit

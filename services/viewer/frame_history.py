@@ -30,7 +30,7 @@ class SolvedFrame:
     frame: int
     time_s: float
     pose: Floats
-    """(35,) in metres and radians, z-up world."""
+    """(D,) in metres and radians, z-up world."""
     numbers: Floats
     """(K,) of each label of each quantity ON_PAGE, in their order; NaN where it is not known."""
     arrived_s: float = np.nan

@@ -42,12 +42,12 @@ SEGMENT_PARENTS: tuple[str | None, ...] = tuple(
     next((name for name, carrier in SEGMENT_JOINT.items() if carrier == JOINTS[joint].parent), None)
     for joint in SEGMENT_JOINTS.tolist()
 )
-"""(16,) the segment that carries each segment; None for the pelvis."""
+"""(S,) the segment that carries each segment; None for the pelvis."""
 _R_T_POSE = rest_rotations("T")
 
 
 def placed_segments(body: Body, pose: Floats) -> tuple[Floats, Floats]:
-    """Rotations (16, 4) of a body's segments, and where the pelvis is in the world (3,), in a pose (35,).
+    """Rotations (S, 4) of a body's segments, and where the pelvis is in the world (3,), in a pose (D,).
 
     Rotations are quaternions wxyz against the segment that carries each, where it stands as far off as ever;
     the pelvis's is in the z-up world.

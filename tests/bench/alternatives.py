@@ -25,7 +25,7 @@ class Silhouettes(Protocol):
     """Something that draws a posed body."""
 
     def masks(self, T_world_segment: Floats) -> Iterator[Mask]:
-        """The silhouettes (H, W), camera by camera, of segments placed by (16, 4, 4)."""
+        """The silhouettes (H, W), camera by camera, of segments placed by (S, 4, 4)."""
         ...
 
 

@@ -15,6 +15,7 @@ from rich.table import Table
 
 from bench.chromium import open_chromium
 from bench.page_cost import job_of
+from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.errors import UserError
 from services.mocap.take.folder import open_take
 from services.runs.launcher import free_port
@@ -28,7 +29,7 @@ SIGHTS = ("page", "body", "pictures", "curves")
 _PATIENCE_S = 120.0
 """How long a run may take until it offers the page, and that until all is seen."""
 _LOOK_S, _CLOSING_S = 0.1, 5.0
-_SEGMENTS = 16
+_SEGMENTS = len(SEGMENT_NAMES)
 _FEWEST_INDICES = 300
 """More than anything in the scene has but the body's segments."""
 _WATCH = """

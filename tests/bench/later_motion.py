@@ -30,7 +30,7 @@ class Later:
     """What somebody does after the first frames, and what is seen of it."""
 
     poses: Floats
-    """(F, 35)"""
+    """(F, D)"""
     seen: TriPlanes
     """(F, P, H, W)"""
 
@@ -40,7 +40,7 @@ class Tracked:
     """What a tracker finds in frames."""
 
     poses: Floats
-    """(F, 35)"""
+    """(F, D)"""
     distrusted: Mask
     """(F,) whether the tracker marks any part."""
 
@@ -56,7 +56,7 @@ def going_on(person: Person, rig: Rig, motion: str, n_frames: int, seed: int) ->
 
 
 def _joined(last: Floats, poses: Floats) -> Floats:
-    """Poses (F, 35), moved and turned to go on smoothly from the last one (35,) before them."""
+    """Poses (F, D), moved and turned to go on smoothly from the last one (D,) before them."""
     heading = DOF_INDEX["root_heading"]
     turn_rad = last[heading] - poses[0, heading]
     (c, s), from_m = (np.cos(turn_rad), np.sin(turn_rad)), poses[0, :2].copy()
@@ -69,7 +69,7 @@ def _joined(last: Floats, poses: Floats) -> Floats:
 
 
 def tracked(actor: Actor, first_poses: Floats, seen: TriPlanes, rig: Rig, engine: Engine) -> Tracked:
-    """Track an actor through what is seen (F, P, H, W) after frames with known poses (N, 35)."""
+    """Track an actor through what is seen (F, P, H, W) after frames with known poses (N, D)."""
     model, settings = model_of(actor, rig, engine), SearchSettings()
     tracker = Tracker(model, settings, LocalLimbs(model), first_poses[-2:])
     solutions = [tracker.solve(seen[f]) for f in range(len(seen))]

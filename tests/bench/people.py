@@ -84,7 +84,7 @@ class Person:
     """The shape vector."""
     body: Body
     poses: Floats
-    """(F, 35)"""
+    """(F, D)"""
     seen: TriPlanes
     """(F, P, H, W) with bites and specks, cleaned up as segmentation does."""
 
@@ -100,7 +100,7 @@ def somebody(rig: Rig, variety: Variety, stance: Stance, n_frames: int, seed: in
 
 
 def seen_of(body: Body, poses: Floats, rig: Rig, rng: np.random.Generator) -> TriPlanes:
-    """Silhouettes (F, P, H, W) of a body in poses (F, 35) with bites and specks, cleaned up."""
+    """Silhouettes (F, P, H, W) of a body in poses (F, D) with bites and specks, cleaned up."""
     backend = CpuBackend(body, rig)
     drawn = backend.coverage(poses, ALL_SEGMENTS, Region.whole(rig))
     backend.close()
@@ -124,7 +124,7 @@ def _shape(sex: Sex, variety: Variety, rng: np.random.Generator) -> Floats:
 
 
 def _poses(body: Body, stance: Stance, n_frames: int, rng: np.random.Generator) -> Floats:
-    """(n_frames, 35) on the floor, facing along x in the first frame or nearly so."""
+    """(n_frames, D) on the floor, facing along x in the first frame or nearly so."""
     if stance in (Stance.A_POSE, Stance.WALKING):
         start = 0 if stance is Stance.A_POSE else round(2 * STAND_S * FPS)
         poses = walk(start + max(n_frames, 60), FPS, body)[start : start + n_frames]
@@ -147,7 +147,7 @@ def _poses(body: Body, stance: Stance, n_frames: int, rng: np.random.Generator) 
 
 
 def _turned(poses: Floats, angle_rad: float) -> Floats:
-    """The poses (F, 35), turned about the world's upright axis."""
+    """The poses (F, D), turned about the world's upright axis."""
     turned, (c, s) = poses.copy(), (np.cos(angle_rad), np.sin(angle_rad))
     turned[:, :2] = poses[:, :2] @ np.array([[c, s], [-s, c]])
     turned[:, DOF_INDEX["root_heading"]] += angle_rad

@@ -135,7 +135,7 @@ class Scene:
 
 
 def _standing(body: Body) -> Floats:
-    """An upright pose (35,) with the arms hanging a little off the body."""
+    """An upright pose (D,) with the arms hanging a little off the body."""
     pose = np.zeros(N_DOF)
     pose[DOF_INDEX["root_z"]] = body.pelvis_height_m
     for side in SIDES:

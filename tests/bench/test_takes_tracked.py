@@ -15,6 +15,7 @@ from bench.__main__ import app as bench_app
 from bench.command import Run
 from bench.degradations import trimaps_of
 from services.mocap.body.actor import Actor
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.errors import UserError
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
@@ -72,7 +73,7 @@ def test_the_very_body_in_the_very_pose_overlaps_fully(take: Path, truth: Floats
     iou = accuracy.overlaps(opened, silhouettes, run_of(truth, [], []))
     assert iou.shape == (N, 4)
     assert iou.min() > 0.97, "the studio's own drawing rounds otherwise"
-    beside = truth + 0.1 * np.eye(35)[0]
+    beside = truth + 0.1 * np.eye(N_DOF)[0]
     assert accuracy.overlaps(opened, silhouettes, run_of(beside, [], [])).max() < iou.min()
 
 

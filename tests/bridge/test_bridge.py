@@ -107,7 +107,7 @@ def _until(condition: Callable[[], bool], what: str, timeout_s: float = 60) -> N
 
 
 def _expected(take: Take, pose: Floats) -> Floats:
-    """(16, 3) our joints in Unity's axes."""
+    """(S, 3) our joints in Unity's axes."""
     height = read_settings(take.folder / SETTINGS).actor_height
     joints_m = joint_positions(pose[None], build_body(Actor(height=height)).offsets_m)[0]
     joints_m = joints_m[[JOINT_INDEX[joint] for joint in BONES]]

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from services.bridge.humanoid import BONES, Bone, bones_of
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
-from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, JOINTS, LOWER, UPPER
+from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, JOINTS, LOWER, SEGMENT_NAMES, UPPER
 from services.mocap.types import Floats
 
 BODY = build_body(Actor(height=1.75))
@@ -34,7 +34,7 @@ def test_joints_are_where_ours_are() -> None:
             places_of(bones_of(pose, BODY.offsets_m)),
             joint_positions(pose[None], BODY.offsets_m)[0],
         )
-        assert len(places) == 16
+        assert len(places) == len(SEGMENT_NAMES)
         for joint, bone in BONES.items():
             x, y, z = joints_m[JOINT_INDEX[joint]]
             np.testing.assert_allclose(places[bone], (-y, z, x), atol=1e-9, err_msg=bone)

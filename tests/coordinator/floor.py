@@ -8,6 +8,7 @@ import numpy as np
 
 from proto.messages import Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
 from services.coordinator.dispatch import Dispatcher, Identity
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.search.chains import LIMBS, LimbName
 from services.mocap.types import Floats
 
@@ -19,7 +20,7 @@ def limb_task(limb: LimbName = "left_arm", frame: int = 0, shard: int = 0, shard
     """A task of one camera, as small as they come."""
     return LimbTask(
         take="walk", run=_RUN, frame=frame, pass_index=0, limb=limb, shard=shard, shards=shards,
-        actor="a" * 64, rig="b" * 64, search={}, pose=np.zeros(35), origin_px=np.zeros((1, 2), np.int32),
+        actor="a" * 64, rig="b" * 64, search={}, pose=np.zeros(N_DOF), origin_px=np.zeros((1, 2), np.int32),
         window=np.zeros((1, 2, 2), np.uint8),
     )  # fmt: skip
 

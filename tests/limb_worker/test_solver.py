@@ -14,6 +14,7 @@ from proto.messages import Blob, LimbRefusal, LimbResult, LimbTask
 from services.blob_store import UnusableBlobError
 from services.limb_worker.solver import LimbSolver
 from services.mocap.body.actor import Actor, Body, build_body
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
@@ -88,7 +89,7 @@ def stage() -> Stage:
     rig = Rig(np.array([_camera(0.3), _camera(1.9)]), np.full((2, 2), _SIZE_PX, np.int32))
     body = build_body(actor)
     model = Model(body, rig, CpuBackend(body, rig))
-    true_pose = np.zeros(35)
+    true_pose = np.zeros(N_DOF)
     true_pose[DOF_INDEX["root_z"]] = body.pelvis_height_m
     for name, angle_rad in (("shoulder_elevation", -0.9), ("elbow_flexion", 0.5), ("hip_flexion", 0.2)):
         true_pose[[DOF_INDEX[f"left_{name}"], DOF_INDEX[f"right_{name}"]]] = angle_rad
@@ -293,7 +294,7 @@ def test_a_forgotten_models_backend_is_closed(stage: Stage, monkeypatch: pytest.
         ({"origin_px": np.zeros((8, 2), np.int32)}, "origin_px: expected 2 cameras, got 8"),
         ({"origin_px": np.full((2, 2), -(2**31), np.int32)}, "origin_px: a window is farther than 192"),
         ({"origin_px": np.full((2, 2), 2**31 - 1, np.int32)}, "origin_px: a window is farther than 192"),
-        ({"pose": np.full(35, 1e300)}, "pose: expected metres and radians up to 10000"),
+        ({"pose": np.full(N_DOF, 1e300)}, "pose: expected metres and radians up to 10000"),
         ({"shard": 2, "shards": 2}, "shard: expected less than 2, got 2"),
         ({"search": {"arms": 3}}, "arms"),
         ({"search": {"max_passes": 0}}, "max_passes"),
@@ -320,7 +321,7 @@ def test_whatever_a_task_holds_it_gets_an_answer(
     shape = (data.draw(st.integers(0, 2)), data.draw(size), data.draw(size))
     origins = data.draw(st.lists(st.integers(-120, 120), min_size=4, max_size=4))
     pose = stage.pose.copy()
-    pose[data.draw(st.integers(0, 34))] = data.draw(st.floats(-2e4, 2e4))
+    pose[data.draw(st.integers(0, N_DOF - 1))] = data.draw(st.floats(-2e4, 2e4))
     task = stage.task(
         data.draw(st.sampled_from(list(LIMBS))),
         window=np.full(shape, data.draw(st.integers(0, 255)), np.uint8),

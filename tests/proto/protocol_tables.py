@@ -128,7 +128,7 @@ def _degrees(limit_rad: float) -> str:
 
 
 def pose_table() -> str:
-    """The 35 parameters in their order."""
+    """The parameters in their order."""
     rows = [
         _row(
             k,

@@ -5,6 +5,7 @@ import pytest
 
 from proto.framing import encode
 from proto.messages import Beat, LimbResult, LimbTask, Message
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.search.settings import SearchSettings
 
 _BUDGET_BYTES = 2048
@@ -38,7 +39,7 @@ def test_a_limb_task_costs_less_than_two_kilobytes_beyond_its_windows(cameras: i
             "actor": "a" * 64,
             "rig": "b" * 64,
             "search": settings.to_wire(),
-            "pose": np.full(35, 0.1),
+            "pose": np.full(N_DOF, 0.1),
             "origin_px": np.full((cameras, 2), 100, np.int32),
             "window": np.ones((-(-cameras // 8), 128, 128), np.uint8),
         }

@@ -55,14 +55,14 @@ def test_every_type_survives(name: str) -> None:
 
 def test_header_says_version_type_and_shapes() -> None:
     task = LimbTask(
-        **_TASK, actor="a" * 64, rig="b" * 64, search={}, pose=np.zeros(35),
+        **_TASK, actor="a" * 64, rig="b" * 64, search={}, pose=np.zeros(34),
         origin_px=np.zeros((8, 2), np.int32), window=np.zeros((1, 4, 6), np.uint8),
     )  # fmt: skip
     header, *frames = encode(task)
     fields = msgpack.unpackb(header)
     assert (fields["v"], fields["type"]) == (PROTOCOL_VERSION, "limb_task")
-    assert fields["shapes"] == [[35], [8, 2], [1, 4, 6], [0, 4, 6]]
-    assert [len(frame) for frame in frames] == [35 * 8, 8 * 2 * 4, 24, 0]
+    assert fields["shapes"] == [[34], [8, 2], [1, 4, 6], [0, 4, 6]]
+    assert [len(frame) for frame in frames] == [34 * 8, 8 * 2 * 4, 24, 0]
     assert not set(fields) & set(arrays_of(LimbTask))
 
 

@@ -15,6 +15,9 @@ from proto.messages import MESSAGES, Credit, Message, Pose, Silhouettes
 
 Header = dict[str, Any]
 _LONGEST_REASON = 300
+_D = 30
+"""Parameters of a pose; the wire takes any number."""
+_POSE_BYTES = 8 * _D
 _CROWDED = "header holds a list or map of more than 1000 entries"
 _NONE = [0, 2, 3]
 """The shape of unsure planes that there are none of."""
@@ -33,7 +36,7 @@ def silhouettes_frames() -> list[bytes]:
 def pose_frames(pose: bytes) -> list[bytes]:
     message = Pose(
         take="walk", run="0" * 32, frame=0, time_s=0.0, energy_px=1.0, passes=1, evaluations=1,
-        workers=0, retries=0, backend="cpu", worker_backends={}, seconds={}, pose=np.zeros(35),
+        workers=0, retries=0, backend="cpu", worker_backends={}, seconds={}, pose=np.zeros(_D),
     )  # fmt: skip
     return [frames_of(message)[0], pose, b""]
 
@@ -145,10 +148,10 @@ def test_bad_fields_and_frames(frames: list[bytes], reason: str) -> None:
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
 def test_numbers_that_are_not_finite(number: float) -> None:
-    pose = np.zeros(35)
+    pose = np.zeros(_D)
     pose[20] = number
     assert reason_for(pose_frames(pose.tobytes())) == "pose.pose: holds a number that is not finite"
-    whole = pose_frames(np.zeros(35).tobytes())
+    whole = pose_frames(bytes(_POSE_BYTES))
     for field in ("time_s", "energy_px"):
         changed = with_header(lambda header, field=field: header.update({field: number}), whole)  # type: ignore[misc]
         assert reason_for(changed).startswith(f"pose.{field}: ")
@@ -166,20 +169,20 @@ def test_numbers_that_are_not_finite(number: float) -> None:
     ],
 )
 def test_marks_of_parts_that_are_none(changed: Header, reason: str) -> None:
-    frames = with_header(lambda header: header.update(changed), pose_frames(bytes(280)))
+    frames = with_header(lambda header: header.update(changed), pose_frames(bytes(_POSE_BYTES)))
     assert reason_for(frames).startswith(reason)
 
 
 @pytest.mark.parametrize("field", ["confidence", "distrusted"])
 def test_what_has_a_default_is_needed_on_the_wire_all_the_same(field: str) -> None:
-    frames = with_header(lambda header: header.pop(field), pose_frames(bytes(280)))
+    frames = with_header(lambda header: header.pop(field), pose_frames(bytes(_POSE_BYTES)))
     assert reason_for(frames) == f"pose.{field}: Field required"
 
 
 def test_letters_stand_for_one_size() -> None:
-    assert reason_for(pose_frames(b"")) == "pose.pose: 0 bytes where the shape needs 280"
-    shorter = with_header(lambda header: header.update(shapes=[[34], [0, 35]]), pose_frames(bytes(34 * 8)))
-    assert reason_for(shorter) == "pose.pose: size 34 where 35 is 35"
+    assert reason_for(pose_frames(b"")) == f"pose.pose: 0 bytes where the shape needs {_POSE_BYTES}"
+    shorter = with_header(lambda header: header.update(shapes=[[_D - 1], [0, _D]]), pose_frames(b""))
+    assert reason_for(shorter) == f"pose.steady: size {_D} where D is {_D - 1}"
 
 
 def test_a_sender_cannot_fill_the_log() -> None:
@@ -188,7 +191,9 @@ def test_a_sender_cannot_fill_the_log() -> None:
 
 def test_whole_numbers_do_for_floats() -> None:
     """Many msgpack libraries write 25.0 as the integer 25."""
-    pose = decode(with_header(lambda header: header.update(time_s=2, energy_px=3), pose_frames(bytes(280))))
+    pose = decode(
+        with_header(lambda header: header.update(time_s=2, energy_px=3), pose_frames(bytes(_POSE_BYTES)))
+    )
     assert isinstance(pose, Pose)
     assert (pose.time_s, pose.energy_px) == (2.0, 3.0)
     assert isinstance(pose.time_s, float)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from proto.framing import encode
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.take.journal import JOURNAL, Journal
 from services.recorder.collection import Collection
@@ -41,7 +42,7 @@ def pose(frame: int, energy_px: float = 1.0, run: str = RUN) -> Pose:
     return Pose(
         take="walk", run=run, frame=frame, time_s=frame / 25, energy_px=energy_px, passes=1, evaluations=1,
         workers=0, retries=frame, backend="cpu", worker_backends={"gl": 2}, seconds={"frame": 0.1},
-        memory={"tracker": [2, 0, 0, 0], "rest": [frame]}, pose=np.full(35, frame / 7),
+        memory={"tracker": [2, 0, 0, 0], "rest": [frame]}, pose=np.full(N_DOF, frame / 7),
     )  # fmt: skip
 
 
@@ -281,17 +282,17 @@ def test_a_journal_that_nobody_goes_on_with_is_left_alone(tmp_path: Path) -> Non
 
 def test_what_a_recorder_says_that_it_has() -> None:
     nothing = collection().recording("walk")
-    assert (nothing.run, nothing.plan, nothing.end_frame, nothing.poses.shape) == ("", "", 0, (0, 35))
+    assert (nothing.run, nothing.plan, nothing.end_frame, nothing.poses.shape) == ("", "", 0, (0, N_DOF))
     some = collection(info(2, 9, shards=3), pose(2), blob(_ACTOR), pose(5))
     said = some.recording("walk")
     assert (said.run, said.shards, said.end_frame, said.retries) == (RUN, 3, 3, 2)
     assert said.actor.tobytes().decode() == _ACTOR
-    np.testing.assert_array_equal(said.poses, [np.full(35, 2 / 7)])
+    np.testing.assert_array_equal(said.poses, [np.full(N_DOF, 2 / 7)])
     for frame in (3, 4):
         some.add(pose(frame))
     said = some.recording("walk")
     assert (said.end_frame, said.retries, said.memory) == (6, 5, {"tracker": [2, 0, 0, 0], "rest": [5]})
-    np.testing.assert_array_equal(said.poses, [np.full(35, 4 / 7), np.full(35, 5 / 7)])
+    np.testing.assert_array_equal(said.poses, [np.full(N_DOF, 4 / 7), np.full(N_DOF, 5 / 7)])
 
 
 @pytest.mark.parametrize(

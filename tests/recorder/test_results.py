@@ -10,10 +10,11 @@ import pytest
 
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.frame_files import read_frame_file
-from services.mocap.search.chains import distrusted_values
+from services.mocap.search.chains import HEAD, LIMBS, distrusted_values
 from services.mocap.synth.walk import walk
 from services.mocap.take.folder import open_take
 from services.mocap.take.marks import PARTS, Marks
@@ -165,18 +166,18 @@ def test_marks_reach_the_table_the_report_and_the_smoother(take: Path, truth: Fl
 
 
 def test_nobody_judged() -> None:
-    marks = Marks.of(recorded(np.zeros((2, 35))))
+    marks = Marks.of(recorded(np.zeros((2, N_DOF))))
     assert np.isnan(marks.confidence).all()
     assert not marks.distrusted.any()
     assert not distrusted_values(marks).any()
 
 
 def test_a_torso_that_is_wrong_takes_all_with_it_and_a_limb_only_itself() -> None:
-    messages = recorded(np.zeros((3, 35)), distrusted={0: ["torso"], 2: ["right_leg", "head"]})
+    messages = recorded(np.zeros((3, N_DOF)), distrusted={0: ["torso"], 2: ["right_leg", "head"]})
     values = distrusted_values(Marks.of(messages))
     assert values[0].all()
     assert not values[1].any()
-    assert np.flatnonzero(values[2]).tolist() == [6, 7, 8, *range(29, 35)]
+    assert np.flatnonzero(values[2]).tolist() == [*HEAD.dofs, *LIMBS["right_leg"].dofs]
 
 
 def test_the_critical_path_is_told_where_every_limb_is(take: Path, truth: Floats, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from playwright.sync_api import Browser
 from bench.chromium import chromium_path, open_chromium
 from playback import Playback
 from services.mocap.body.actor import Actor
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take, open_take
@@ -40,7 +41,7 @@ def solved() -> Callable[..., SolvedFrame]:
             "seconds": [0.04] * len(STAGES),
         }
         numbers = [number for row in ON_PAGE for number in known.get(row.name, [np.nan] * len(row.labels))]
-        return SolvedFrame(frame, frame / 25, np.full(35, 0.001 * frame), np.array(numbers), arrived_s)
+        return SolvedFrame(frame, frame / 25, np.full(N_DOF, 0.001 * frame), np.array(numbers), arrived_s)
 
     return make
 

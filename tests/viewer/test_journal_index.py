@@ -6,6 +6,7 @@ import msgpack
 import numpy as np
 import pytest
 
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.errors import TakeError
 from services.mocap.take.journal import JOURNAL, Journal
 from services.viewer.journal_index import JournalIndex
@@ -13,7 +14,7 @@ from services.viewer.journal_index import JournalIndex
 
 def pose(frame: int, run: str = "now") -> list[bytes]:
     header = {"type": "pose", "frame": frame, "run": run}
-    return [msgpack.packb(header), np.full(35, float(frame)).tobytes()]
+    return [msgpack.packb(header), np.full(N_DOF, float(frame)).tobytes()]
 
 
 def begun(run: str) -> list[bytes]:

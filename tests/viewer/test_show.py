@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.kinematics import SEGMENT_JOINTS, segment_transforms
+from services.mocap.body.kinematics import N_DOF, SEGMENT_JOINTS, segment_transforms
 from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
@@ -31,7 +31,7 @@ def test_a_projection_of_any_sign_is_the_same_camera(walk: Take) -> None:
 
 def test_segments_stand_where_kinematics_has_them() -> None:
     body = build_body(Actor(height=1.8))
-    pose = np.random.default_rng(3).uniform(-0.4, 0.4, 35)
+    pose = np.random.default_rng(3).uniform(-0.4, 0.4, N_DOF)
     wxyz, root_m = placed_segments(body, pose)
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
     turns = Rotation.from_quat(np.roll(wxyz, -1, axis=1)).as_matrix()

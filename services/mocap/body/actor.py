@@ -11,11 +11,11 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
 
 from services.mocap.body.body_mesh import BodyMesh, OwnMesh, generic_mesh
-from services.mocap.body.bones import BONES, bare, scales_across, stretched_offsets, trunk_widening
+from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_widening
 from services.mocap.body.kinematics import N_DOF, segment_transforms
 from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
 from services.mocap.body.shape import SegmentMesh
-from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENT_NAMES
+from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
 from services.mocap.types import Floats, Ints
 
 DEFAULT_HEIGHT_M = 1.72
@@ -105,7 +105,7 @@ class Body:
     """An actor's skeleton and segment meshes in metres."""
 
     offsets_m: Floats
-    """(17, 3) each joint relative to its parent in the rest pose."""
+    """(J, 3) each joint relative to its parent in the rest pose."""
     vertices_m: tuple[Floats, ...]
     """Per segment (V, 3), in the segment's frame."""
     faces: tuple[Ints, ...]
@@ -116,7 +116,7 @@ class Body:
 
     @cached_property
     def centres_m(self) -> Floats:
-        """(16, 3) mean surface point of each segment in its own frame."""
+        """(S, 3) mean surface point of each segment in its own frame."""
         return np.array([vertices.mean(axis=0) for vertices in self.vertices_m])
 
     @property
@@ -131,7 +131,7 @@ class Body:
         return self.pelvis_height_m + float(offset_m + self.vertices_m[SEGMENT_INDEX["head"]][:, 2].max())
 
     def lowest_point_m(self, pose: Floats) -> float:
-        """Smallest z in the world of any vertex in a (35,) pose."""
+        """Smallest z in the world of any vertex in a (D,) pose."""
         T_world_segment = segment_transforms(pose[None], self.offsets_m)[0]
         return min(
             float((vertices @ T[2, :3]).min() + T[2, 3])
@@ -149,10 +149,10 @@ def build_body(actor: Actor) -> Body:
     }
     shaped_m: dict[SegmentMesh, Floats] = {}
     vertices_m = []
-    for name, form in zip(SEGMENT_NAMES, mesh.left_forms, strict=True):
+    for segment, form in zip(SEGMENTS, mesh.left_forms, strict=True):
         if form not in shaped_m:
-            shaped_m[form] = _shaped(bare(name), form, actor, ratios)
-        vertices_m.append(shaped_m[form] * _MIRROR if name.startswith("right_") else shaped_m[form])
+            shaped_m[form] = _shaped(segment.row.name, form, actor, ratios)
+        vertices_m.append(shaped_m[form] * _MIRROR if segment.side == "right" else shaped_m[form])
     return Body(
         offsets_m=stretched_offsets(mesh.offsets_heights * actor.height, ratios),
         vertices_m=tuple(vertices_m),

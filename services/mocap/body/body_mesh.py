@@ -1,4 +1,4 @@
-"""What an actor's body is made from: 16 closed meshes about a skeleton, the generic body's or a user's own.
+"""What an actor's body is made from: closed meshes about a skeleton, the generic body's or a user's own.
 
 Whatever its own proportions, a mesh is kept stretched to the generic bones, so that one set of rules shapes
 them all; how long its bones are stands beside it. An own mesh is named by the SHA-256 of its file.
@@ -39,7 +39,7 @@ class BodyMesh:
     """In the order of SEGMENT_NAMES, stretched to the generic bones; only the width of the trunk, and what
     bones do not stretch, is the mesh's own."""
     offsets_heights: Floats
-    """(17, 3) each joint relative to its parent, likewise."""
+    """(J, 3) each joint relative to its parent, likewise."""
     lengths_heights: dict[str, float]
     """How long each bone really is (names: BONES), in body heights."""
 
@@ -55,14 +55,13 @@ class BodyMesh:
         forms = []
         for segment in self.segments:
             twin = left.get(segment.name.replace("right_", "left_", 1), segment)
-            mirrored = segment if twin is segment else _mirrored(segment, twin.name)
+            mirrored = segment
+            if twin is not segment:
+                vertices_heights, faces = segment.vertices_heights * _MIRROR, segment.faces[:, ::-1]
+                mirrored = SegmentMesh(twin.name, vertices_heights, faces)
             alike = np.array_equal(mirrored.vertices_heights, twin.vertices_heights)
             forms.append(twin if alike else mirrored)
         return tuple(forms)
-
-
-def _mirrored(segment: SegmentMesh, name: str) -> SegmentMesh:
-    return SegmentMesh(name, segment.vertices_heights * _MIRROR, segment.faces[:, ::-1])
 
 
 @cache

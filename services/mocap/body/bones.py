@@ -1,10 +1,11 @@
-"""The table of bones: lengths that may differ between people, and what each stretches."""
+"""Bones: lengths that may differ between people, and what each stretches."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.body.skeleton import JOINTS
+from services.mocap.body.skeleton import JOINTS, bare
+from services.mocap.body.skeleton_table import ROWS, TORSO
 from services.mocap.types import Floats
 
 
@@ -20,19 +21,23 @@ class Bone:
     """Segment (without its side) -> the axes of its mesh that scale with this bone."""
 
 
+_STRETCHED_BY = {row.joint: row.offset_bones for row in ROWS} | {
+    row.tip.joint: {row.section.axes[0]: row.name} for row in ROWS if row.tip and row.tip.joint
+}
+"""Joint (without its side) -> the axes of its offset from its parent, and the bones that stretch them."""
 BONES: dict[str, Bone] = {
-    "hip_width": Bone(0.105, {"hip": 1}, {}),
-    "pelvis": Bone(0.075, {"waist": 2}, {"pelvis": "z"}),
-    "torso": Bone(0.248, {"neck": 2, "shoulder": 2}, {"torso": "z"}),
-    "shoulder_width": Bone(0.215, {"shoulder": 1}, {}),
-    "neck": Bone(0.058, {"head": 2}, {"neck": "z"}),
-    "head": Bone(0.094, {"head_top": 2}, {"head": "xyz"}),
-    "upper_arm": Bone(0.165, {"elbow": 1}, {"upper_arm": "y"}),
-    "forearm": Bone(0.152, {"wrist": 1}, {"forearm": "y"}),
-    "hand": Bone(0.108, {}, {"hand": "xyz"}),
-    "thigh": Bone(0.243, {"knee": 2}, {"thigh": "z"}),
-    "shank": Bone(0.242, {"ankle": 2}, {"shank": "z"}),
-    "foot": Bone(0.152, {}, {"foot": "xy"}),
+    length.bone: Bone(
+        length.length_heights,
+        {
+            joint: "xyz".index(axis)
+            for joint, stretched_by in _STRETCHED_BY.items()
+            for axis, bone in stretched_by.items()
+            if bone == length.bone
+        },
+        {row.name: length.mesh_axes} if length.mesh_axes else {},
+    )
+    for row in ROWS
+    for length in row.lengths
 }
 """The trunk's mesh widens too: at the shoulders and above with shoulder_width, at the hips and below by as
 much as the hip joints move, and smoothly from one to the other between."""
@@ -41,7 +46,7 @@ _SHOULDERS = 0.280
 """Height of the shoulder joints over the hips', in body heights."""
 _HIPS_SHARE = 0.536
 """Share of the trunk's width at the hips that lies between the hip joints."""
-_TRUNK_OFFSETS = {"pelvis": 0.0, "torso": 0.075}
+_TRUNK_OFFSETS = {"pelvis": 0.0, "torso": TORSO.offset_heights[2]}
 """The trunk's segments, and the height of their joints over the hips', in body heights."""
 
 
@@ -58,7 +63,7 @@ def scales_across(segment: str, ratios: dict[str, float]) -> Floats:
 
 
 def stretched_offsets(offsets: Floats, ratios: dict[str, float]) -> Floats:
-    """(17, 3) joints relative to their parents, stretched along the bones by ratios."""
+    """(J, 3) joints relative to their parents, stretched along the bones by ratios."""
     stretched = offsets.copy()
     for j, joint in enumerate(JOINTS):
         for name, ratio in ratios.items():
@@ -84,8 +89,3 @@ def smoothstep(t: Floats) -> Floats:
     """0 below 0, 1 above 1, and smoothly from one to the other between."""
     within: Floats = np.clip(t, 0.0, 1.0)
     return within * within * (3.0 - 2.0 * within)
-
-
-def bare(name: str) -> str:
-    """A joint's or segment's name without its side."""
-    return name.removeprefix("left_").removeprefix("right_")

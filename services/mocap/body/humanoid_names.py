@@ -1,4 +1,4 @@
-"""Which bone of somebody else's humanoid skeleton is which of our joints, told by its name.
+"""Our joints' names in other humanoid skeletons: those that we understand, and those that we write.
 
 Knows the names of mocap databases and tools (CMU, ACCAD, Mixamo, HumanIK, Rokoko, Xsens, Perception Neuron,
 Poser, DAZ, Biped, Unreal, VRM, Rigify, MakeHuman, SMPL) and our own. A bone is named by the joint at which it
@@ -7,27 +7,20 @@ turns.
 
 import re
 from collections.abc import Iterable
-from typing import Literal
+from typing import Literal, TypeAlias
 
-from services.mocap.body.skeleton import SIDES
+from services.mocap.body.segment_row import Tool
+from services.mocap.body.skeleton import SEGMENTS, Side, sided
 
-# Our joint -> other names, without side, case, separators and numbers; the first one that a skeleton has
-# wins, since many names say different things beside others: HumanIK's LeftShoulder is the collar bone beside
-# a LeftArm, SMPL's L_Foot the toes beside an L_Ankle.
-_CENTRE_ALIASES: dict[str, tuple[str, ...]] = {
-    "pelvis": ("hips", "pelvis", "hip", "root"),
-    "waist": ("waist", "lowerback", "abdomen", "abdomenlower", "tospine", "spine", "chest", "torso"),
-    "neck": ("neck", "necklower", "lowerneck"),
-    "head": ("head",),
-    "head_top": ("headtop", "headtopend", "headend", "headnub", "headsite"),
-}
-_SIDE_ALIASES: dict[str, tuple[str, ...]] = {
-    "shoulder": ("upperarm", "uparm", "shldr", "shldrbend", "arm", "humerus", "shoulder"),
-    "elbow": ("elbow", "forearm", "lowerarm", "lowarm", "lorearm", "forearmbend", "radius"),
-    "wrist": ("wrist", "hand"),
-    "hip": ("upleg", "upperleg", "thigh", "thighbend", "femur", "hip"),
-    "knee": ("knee", "lowleg", "lowerleg", "shin", "calf", "shank", "tibia", "leg"),
-    "ankle": ("ankle", "foot"),
+Naming: TypeAlias = Literal["xormocap", Tool]
+# Our joint and its side -> other names, without side, case, separators and numbers; the first one that a
+# skeleton has wins, since many names say different things beside others: HumanIK's LeftShoulder is the collar
+# bone beside a LeftArm, SMPL's L_Foot the toes beside an L_Ankle.
+_ALIASES = {(segment.joint, segment.side): segment.row.aliases for segment in SEGMENTS}
+_ALIASES |= {
+    (sided(tip.joint, segment.side), segment.side): tip.aliases
+    for segment in SEGMENTS
+    if (tip := segment.row.tip) and tip.joint
 }
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _SIDE_WORDS = {"left": "left", "l": "left", "right": "right", "r": "right"}
@@ -41,40 +34,34 @@ def matched_joints(names: Iterable[str]) -> dict[str, str]:
     Of numbered bones (spine_01, spine_02, …) the first counts, in the order of `names`, which should be that
     of the hierarchy, parents first.
     """
-    known: dict[tuple[Side, str], str] = {}
+    known: dict[tuple[Side | None, str], str] = {}
     for name in names:
         known.setdefault(_plain(name), name)
     found: dict[str, str] = {}
-    for joint, aliases in _CENTRE_ALIASES.items():
-        _take_first(found, joint, None, aliases, known)
-    for side in SIDES:
-        for joint, aliases in _SIDE_ALIASES.items():
-            _take_first(found, f"{side}_{joint}", side, aliases, known)
+    for (joint, side), aliases in _ALIASES.items():
+        bones = [known[side, alias] for alias in aliases if (side, alias) in known]
+        if bones:
+            found[joint] = bones[0]
     return found
 
 
-Side = Literal["left", "right"] | None
+def bone_names(naming: Naming) -> dict[str, str]:
+    """Our joint -> what it is called in files of that naming, for all joints that carry a segment."""
+    if naming == "xormocap":
+        return {segment.joint: segment.joint for segment in SEGMENTS}
+    prefix = "mixamorig:" if naming == "mixamo" else ""
+    return {
+        segment.joint: f"{prefix}{(segment.side or '').title()}{segment.row.tool_names[naming]}"
+        for segment in SEGMENTS
+    }
 
 
-def _take_first(
-    found: dict[str, str],
-    joint: str,
-    side: Side,
-    aliases: tuple[str, ...],
-    known: dict[tuple[Side, str], str],
-) -> None:
-    for alias in aliases:
-        if (side, alias) in known:
-            found[joint] = known[side, alias]
-            return
-
-
-def _plain(name: str) -> tuple[Side, str]:
+def _plain(name: str) -> tuple[Side | None, str]:
     """Side and bare lower-case name of a bone: (left, upperarm) for `J_Bip_L_UpperArm` and `upperarm01.L`."""
     words = [word.lower() for word in _WORD.findall(name.rpartition(":")[2])]
     sides = [_SIDE_WORDS[word] for word in words if word in _SIDE_WORDS]
     words = [word for word in words if word not in _SIDE_WORDS and not word.isdigit()]
     while len(words) > 1 and words[0] in _PREFIXES:
         words.pop(0)
-    side: Side = None if not sides else ("left" if sides[0] == "left" else "right")
+    side: Side | None = None if not sides else ("left" if sides[0] == "left" else "right")
     return side, "".join(words)

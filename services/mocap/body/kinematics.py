@@ -10,7 +10,7 @@ from services.mocap.body.skeleton import (
     LOWER,
     SEGMENT_JOINT,
     UPPER,
-    dof_range,
+    dofs_of,
 )
 from services.mocap.types import Floats, Ints
 
@@ -25,10 +25,13 @@ _ROLES = {
 PARENT: Ints = np.array([-1 if j.parent is None else JOINT_INDEX[j.parent] for j in JOINTS], np.int32)
 DOF_ROLE: Ints = np.array([_ROLES[dof.role] for dof in DOFS], np.int32)
 DOF_AXIS: Floats = np.array([dof.axis for dof in DOFS])
-DOF_RANGE: Ints = np.array([dof_range(j.name) for j in JOINTS], np.int32)
+DOF_RANGE: Ints = np.array(
+    [(dofs[0], dofs[-1] + 1) if (dofs := dofs_of(joint.name)) else (0, 0) for joint in JOINTS], np.int32
+)
+"""(J, 2) the first of each joint's parameters, which stand in a row, and the one after the last."""
 _ALL_JOINTS: Ints = np.arange(N_JOINTS, dtype=np.int32)
 SEGMENT_JOINTS: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()], np.int32)
-"""(16,) the joint that carries each segment."""
+"""(S,) the joint that carries each segment."""
 
 
 def moving_joints(dofs: tuple[int, ...], segments: tuple[int, ...]) -> Ints:
@@ -45,15 +48,15 @@ def moving_joints(dofs: tuple[int, ...], segments: tuple[int, ...]) -> Ints:
 
 
 def clip_to_limits(poses: Floats) -> Floats:
-    """(…, 35) poses moved to the nearest ones within the joint limits."""
+    """(…, D) poses moved to the nearest ones within the joint limits."""
     return np.clip(poses, LOWER, UPPER)
 
 
 def joint_transforms(poses: Floats, offsets_m: Floats) -> Floats:
     """World transforms of all joints.
 
-    poses: (N, 35) in metres and radians. offsets_m: (17, 3), each joint relative to its parent in the rest
-    pose. Returns T_world_joint (N, 17, 4, 4).
+    poses: (N, D) in metres and radians. offsets_m: (J, 3), each joint relative to its parent in the rest
+    pose. Returns T_world_joint (N, J, 4, 4).
     """
     # A copy: to Numba an array that cannot be written to, as in a message, is another type to compile for.
     poses = np.array(poses, np.float64, order="C")
@@ -65,12 +68,12 @@ def joint_transforms(poses: Floats, offsets_m: Floats) -> Floats:
 
 
 def segment_transforms(poses: Floats, offsets_m: Floats) -> Floats:
-    """World transforms of all segments: T_world_segment (N, 16, 4, 4); arguments as joint_transforms."""
+    """World transforms of all segments: T_world_segment (N, S, 4, 4); arguments as joint_transforms."""
     return joint_transforms(poses, offsets_m)[:, SEGMENT_JOINTS]
 
 
 def joint_positions(poses: Floats, offsets_m: Floats) -> Floats:
-    """Joint centres joints_world_m (N, 17, 3); arguments as joint_transforms."""
+    """Joint centres joints_world_m (N, J, 3); arguments as joint_transforms."""
     return joint_transforms(poses, offsets_m)[:, :, :3, 3]
 
 
@@ -115,9 +118,9 @@ def _local_rotation(pose: Floats, joint: int, R: Floats, turn: Floats, product: 
 
 @numba.njit(cache=True, nogil=True)
 def place_joints(pose: Floats, offsets_m: Floats, joints: Ints, T_world_joint: Floats) -> None:
-    """Write the world transforms of some joints, parents before children, into T_world_joint (17, 4, 4).
+    """Write the world transforms of some joints, parents before children, into T_world_joint (J, 4, 4).
 
-    The transforms of their other parents must be there. pose (35,); offsets_m as for joint_transforms.
+    The transforms of their other parents must be there. pose (D,); offsets_m as for joint_transforms.
     """
     R_parent_joint, turn, product = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for j in joints:

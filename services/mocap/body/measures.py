@@ -47,38 +47,29 @@ def _extents(figure: "_Figure") -> tuple[_Row, ...]:
     floor_m, top_m = figure.extent_m(2)
     low_m, high_m = figure.extent_m(1)
     crotch_m = figure.extent_m(2, "pelvis")[0]
-    shoulder_m = figure.joint_m("left_shoulder")[2]
-    hips_m = np.linspace(crotch_m, figure.up_the_trunk_m(0.25), _LEVELS)
+    shoulders_m = figure.breadth_m(figure.joint_m("left_shoulder")[2], ("torso",))
+    hips_m = max(
+        figure.breadth_m(z, _HIPS) for z in np.linspace(crotch_m, figure.up_the_trunk_m(0.25), _LEVELS)
+    )
     return (
         ("height", top_m - floor_m, "from the floor to the top of the head, without shoes"),
         ("arm span", high_m - low_m, "from fingertip to fingertip, arms held out level"),
-        (
-            "shoulder width",
-            figure.breadth_m(shoulder_m, ("torso",)),
-            "across the back, from shoulder tip to shoulder tip",
-        ),
-        (
-            "hip width",
-            max(figure.breadth_m(z, _HIPS) for z in hips_m),
-            "across the hips where they are widest",
-        ),
+        ("shoulder width", shoulders_m, "across the back, from shoulder tip to shoulder tip"),
+        ("hip width", hips_m, "across the hips where they are widest"),
         ("inside leg", crotch_m - floor_m, "from the floor to the crotch"),
     )
 
 
 def _lengths(figure: "_Figure") -> tuple[_Row, ...]:
-    wrist_m, fingertip_m = figure.joint_m("left_wrist")[1], figure.extent_m(1, "left_hand")[1]
+    hand_m = figure.extent_m(1, "left_hand")[1] - figure.joint_m("left_wrist")[1]
     heel_m, toe_m = figure.extent_m(0, "left_foot")
+    bone_m = figure.bone_m
     return (
-        (
-            "upper arm",
-            figure.bone_m("left_shoulder", "left_elbow"),
-            "from the shoulder's to the elbow's middle",
-        ),
-        ("forearm", figure.bone_m("left_elbow", "left_wrist"), "from the elbow's to the wrist's middle"),
-        ("hand", fingertip_m - wrist_m, "from the wrist's middle to the tip of the longest finger"),
-        ("thigh", figure.bone_m("left_hip", "left_knee"), "from the hip joint to the knee's middle"),
-        ("shank", figure.bone_m("left_knee", "left_ankle"), "from the knee's to the ankle's middle"),
+        ("upper arm", bone_m("left_shoulder", "left_elbow"), "from the shoulder's to the elbow's middle"),
+        ("forearm", bone_m("left_elbow", "left_wrist"), "from the elbow's to the wrist's middle"),
+        ("hand", hand_m, "from the wrist's middle to the tip of the longest finger"),
+        ("thigh", bone_m("left_hip", "left_knee"), "from the hip joint to the knee's middle"),
+        ("shank", bone_m("left_knee", "left_ankle"), "from the knee's to the ankle's middle"),
         ("foot", toe_m - heel_m, "from the heel to the tip of the toes"),
     )
 
@@ -90,48 +81,24 @@ def _girths(figure: "_Figure") -> tuple[_Row, ...]:
         figure.joint_m(f"left_{name}")[1] for name in ("shoulder", "elbow", "wrist")
     )
     neck_m, head_top_m = figure.joint_m("head")[2], figure.extent_m(2, "head")[1]
-    trunk_m = figure.up_the_trunk_m
+    hips_m, waist_m, chest_m = (figure.up_the_trunk_m(share) for share in (0.25, 0.55, 0.80))
+    chest = figure.girths_m(2, waist_m, chest_m, _TRUNK).max()
+    waist = figure.girths_m(2, hips_m, waist_m, _TRUNK).min()
+    hip = figure.girths_m(2, crotch_m, hips_m, _HIPS).max()
+    thigh = figure.girths_m(2, crotch_m, (hip_m + knee_m) / 2, ("left_thigh",)).max()
+    calf = figure.girths_m(2, knee_m, ankle_m, ("left_shank",)).max()
+    upper_arm = figure.girth_m(1, (shoulder_m + elbow_m) / 2, ("left_upper_arm",))
+    forearm = figure.girths_m(1, elbow_m, (elbow_m + wrist_m) / 2, ("left_forearm",)).max()
+    head = figure.girths_m(2, neck_m + 0.3 * (head_top_m - neck_m), head_top_m, ("head",)).max()
     return (
-        (
-            "chest girth",
-            figure.girths_m(2, trunk_m(0.55), trunk_m(0.80), _TRUNK).max(),
-            "level, under the arms, where it is largest",
-        ),
-        (
-            "waist girth",
-            figure.girths_m(2, trunk_m(0.25), trunk_m(0.55), _TRUNK).min(),
-            "level, between hips and ribs, where it is smallest",
-        ),
-        (
-            "hip girth",
-            figure.girths_m(2, crotch_m, trunk_m(0.25), _HIPS).max(),
-            "level, feet together, where it is largest",
-        ),
-        (
-            "thigh girth",
-            figure.girths_m(2, crotch_m, (hip_m + knee_m) / 2, ("left_thigh",)).max(),
-            "level, below the crotch, where it is largest",
-        ),
-        (
-            "calf girth",
-            figure.girths_m(2, knee_m, ankle_m, ("left_shank",)).max(),
-            "level, between knee and ankle, where it is largest",
-        ),
-        (
-            "upper arm girth",
-            figure.girth_m(1, (shoulder_m + elbow_m) / 2, ("left_upper_arm",)),
-            "across the bone, halfway from shoulder to elbow, not tensed",
-        ),
-        (
-            "forearm girth",
-            figure.girths_m(1, elbow_m, (elbow_m + wrist_m) / 2, ("left_forearm",)).max(),
-            "across the bone, below the elbow, where it is largest",
-        ),
-        (
-            "head girth",
-            figure.girths_m(2, neck_m + 0.3 * (head_top_m - neck_m), head_top_m, ("head",)).max(),
-            "level, over brows and back of the head, where it is largest",
-        ),
+        ("chest girth", chest, "level, under the arms, where it is largest"),
+        ("waist girth", waist, "level, between hips and ribs, where it is smallest"),
+        ("hip girth", hip, "level, feet together, where it is largest"),
+        ("thigh girth", thigh, "level, below the crotch, where it is largest"),
+        ("calf girth", calf, "level, between knee and ankle, where it is largest"),
+        ("upper arm girth", upper_arm, "across the bone, halfway from shoulder to elbow, not tensed"),
+        ("forearm girth", forearm, "across the bone, below the elbow, where it is largest"),
+        ("head girth", head, "level, over brows and back of the head, where it is largest"),
     )
 
 

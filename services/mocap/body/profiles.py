@@ -7,7 +7,6 @@ factor stays, or follows the next segment's profile where that goes on in the sa
 where two thighs come out of one pelvis, each takes on something of the other, so that no step shows.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
 
@@ -15,8 +14,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from services.mocap.body.bones import smoothstep
+from services.mocap.body.segment_row import Section
 from services.mocap.body.shape import SegmentMesh, generic_segments
 from services.mocap.body.skeleton import SEGMENT_INDEX
+from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats, Ints
 
 FACTOR_RANGE = (0.3, 3.0)
@@ -37,34 +38,9 @@ class Profile(BaseModel):
     """The same for the extent in depth; there may be more or fewer of them."""
 
 
-@dataclass(frozen=True)
-class Section:
-    """How a segment of the left side lies in its frame, which is the body's in the rest pose."""
-
-    axes: str
-    """The frame axes along its bone, of its width and of its depth."""
-    start: float
-    """Where along the bone the first control point lies, in body heights from the carrying joint."""
-    end: float
-    """Where the last one lies."""
-
-
-SECTIONS: dict[str, Section] = {
-    "pelvis": Section("zyx", 0.0, 0.075),
-    "torso": Section("zyx", 0.0, 0.248),
-    "neck": Section("zyx", 0.0, 0.058),
-    "head": Section("zyx", 0.0, 0.094),
-    "upper_arm": Section("yzx", 0.0, 0.165),
-    "forearm": Section("yzx", 0.0, 0.152),
-    "hand": Section("yxz", 0.0, 0.108),
-    "thigh": Section("zyx", 0.0, -0.243),
-    "shank": Section("zyx", 0.0, -0.242),
-    "foot": Section("xyz", -0.038, 0.114),
-}
-"""Segment (without its side) -> its section. In the T pose an arm's width is its height, palms down, and
-the depth of a hand its thickness; a foot runs from heel to toes, its depth from sole to instep."""
-
-_CONTINUES = {"pelvis": "torso", "upper_arm": "forearm", "thigh": "shank"}
+SECTIONS: dict[str, Section] = {row.name: row.section for row in ROWS}
+"""Segment (without its side) -> how it lies in its frame on the left."""
+_CONTINUES = {row.name: row.continued_by for row in ROWS if row.continued_by is not None}
 """Segments whose bone goes on straight in another's in the rest pose."""
 _CONTINUED = {after: before for before, after in _CONTINUES.items()}
 _CROTCH_POSITION = -0.6
@@ -119,9 +95,12 @@ def factors_along(
     extent: "width" or "depth". form: the segment on the left, the generic one by default. All factors are
     exactly 1 where all controls are.
     """
-    form = form or _generic(segment)
+    if form is None:  # the generic segment, on the left where there are two
+        form = generic_segments()[SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]]
     own = _controls(segment, extent, profiles)
-    factors: Floats | float = 1.0 if own is None else _blend(_weights(form, segment, len(own)), own)
+    factors: Floats | float = 1.0
+    if own is not None:  # differences from 1, so that rounding leaves the generic body as it is
+        factors = 1.0 + _weights(form, segment, len(own)) @ (own - 1.0)
     for neighbour, at, end in ((_CONTINUED.get(segment), 0, -1), (_CONTINUES.get(segment), 1, 0)):
         controls = None if neighbour is None else _controls(neighbour, extent, profiles)
         if controls is not None:
@@ -158,17 +137,6 @@ def _nearest_factor(segment: str, extent: str, profiles: dict[str, Profile]) -> 
 
 def _controls(segment: str, extent: str, profiles: dict[str, Profile]) -> Floats | None:
     return np.array(getattr(profiles[segment], extent)) if segment in profiles else None
-
-
-def _blend(weights: Floats, controls: Floats) -> Floats:
-    # Differences from 1, so that rounding leaves the generic body as it is.
-    factors: Floats = 1.0 + weights @ (controls - 1.0)
-    return factors
-
-
-def _generic(segment: str) -> SegmentMesh:
-    """The generic segment, on the left where there are two."""
-    return generic_segments()[SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]]
 
 
 @lru_cache(_FORMS_KEPT)

@@ -54,12 +54,15 @@ def loft_mesh(loft: Loft, edge_heights: float) -> tuple[Floats, Ints]:
     Returns vertices (V, 3) in body heights in the segment's frame and faces (F, 3), counter-clockwise seen
     from outside. Every ring and its triangles are mirror symmetric across, before bumps are raised.
     """
-    along = _dense_positions(loft)
+    # Positions along the bone, close together at both ends where the caps turn steeply.
+    along = loft.start + (loft.end - loft.start) * 0.5 * (1.0 - np.cos(np.linspace(0.0, pi, _DENSE)))
     sections = _sections(loft, along)
     girths = 2.0 * _half_outlines(sections)[1][:, -1]
     edge = min(edge_heights, float(girths.max()) / _FINEST_GIRTH_EDGES)
     rings_along = _ring_positions(along, sections, edge)
-    halves = _half_counts(np.interp(rings_along, along, girths), edge)
+    # Edges in one half of each ring; none at the poles, which are single vertices.
+    halves = np.maximum(3, np.rint(np.interp(rings_along, along, girths) / (2.0 * edge))).astype(np.int32)
+    halves[[0, -1]] = 0
     points = _ring_points(_sections(loft, rings_along), halves)
     columns = ["xyz".index(axis) for axis in loft.axes]
     vertices = np.empty((len(points), 3))
@@ -68,12 +71,11 @@ def loft_mesh(loft: Loft, edge_heights: float) -> tuple[Floats, Ints]:
     faces = _faces(halves)
     if loft.axes in ("xyz", "yzx", "zxy"):  # a right-handed order turns the rings the other way round
         faces = np.ascontiguousarray(faces[:, ::-1])
-    return _with_bumps(vertices, loft.bumps), faces
-
-
-def _dense_positions(loft: Loft) -> Floats:
-    """Positions along the bone, close together at both ends where the caps turn steeply."""
-    return loft.start + (loft.end - loft.start) * 0.5 * (1.0 - np.cos(np.linspace(0.0, pi, _DENSE)))
+    moved = vertices.copy()
+    for bump in loft.bumps:
+        weight = np.exp(-0.5 * np.sum(((vertices - bump.centre) / bump.spread) ** 2, axis=1))
+        moved += weight[:, None] * bump.push
+    return moved, faces
 
 
 def _sections(loft: Loft, along: Floats) -> Floats:
@@ -121,13 +123,6 @@ def _ring_positions(along: Floats, sections: Floats, edge: float) -> Floats:
     return np.interp(np.linspace(0.0, length[-1], count + 1), length, along)
 
 
-def _half_counts(girths: Floats, edge: float) -> Ints:
-    """Edges in one half of each ring; none at the poles, which are single vertices."""
-    halves = np.maximum(3, np.rint(girths / (2.0 * edge))).astype(np.int32)
-    halves[[0, -1]] = 0
-    return halves
-
-
 def _ring_points(sections: Floats, halves: Ints) -> Floats:
     """Points (V, 2) as (across, depth) of all rings one after the other, evenly spaced along each."""
     rings = []
@@ -164,11 +159,3 @@ def _zipper(lower: int, upper: int) -> list[tuple[tuple[int, int], tuple[int, in
             triangles.append(((0, i), (1, j + 1), (1, j)))
             j += 1
     return triangles
-
-
-def _with_bumps(vertices: Floats, bumps: tuple[Bump, ...]) -> Floats:
-    moved = vertices.copy()
-    for bump in bumps:
-        weight = np.exp(-0.5 * np.sum(((vertices - bump.centre) / bump.spread) ** 2, axis=1))
-        moved += weight[:, None] * bump.push
-    return moved

@@ -51,12 +51,7 @@ WHITENING: Floats = np.linalg.inv(np.linalg.cholesky(COVARIANCE))
 def random_shape(rng: np.random.Generator, low_m: float = 1.5, high_m: float = 2.0) -> Floats:
     """A shape vector (n,) such as people have, of a height evenly between low_m and high_m."""
     z = np.clip(rng.standard_normal(len(PARAMETERS)), -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
-    x = np.linalg.cholesky(COVARIANCE) @ z
-    return _of_height(clip_to_bounds(x), rng.uniform(low_m, high_m))
-
-
-def _of_height(x: Floats, height_m: float) -> Floats:
-    """The shape with its height changed so that the body stands height_m tall."""
-    taller = x.copy()
-    taller[INDEX["height"]] += np.log(height_m / body_of(x).standing_height_m)
-    return taller
+    x = clip_to_bounds(np.linalg.cholesky(COVARIANCE) @ z)
+    height_m = rng.uniform(low_m, high_m)
+    x[INDEX["height"]] += np.log(height_m / body_of(x).standing_height_m)
+    return x

@@ -25,7 +25,7 @@ def _pair(left: Bump) -> tuple[Bump, Bump]:
 
 
 _WAIST = 0.075
-"""Height of the waist over the pelvis joint (skeleton.py)."""
+"""Height of the waist over the pelvis joint (skeleton_table.py)."""
 
 # Pelvis and torso in one table, z from the pelvis joint, so that the two meet without a step.
 _TRUNK = _centred(
@@ -49,7 +49,7 @@ _TRUNK = _centred(
     (0.334, 0.0430, -0.042, 0.027, 2.0, 2.0),
     (0.352, 0.0340, -0.035, 0.028, 2.0, 2.0),
 )
-_TORSO: Stations = tuple((row[0] - _WAIST, *row[1:]) for row in _TRUNK)
+_UPPER_TRUNK: Stations = tuple((row[0] - _WAIST, *row[1:]) for row in _TRUNK)
 _NECK = _centred(
     (-0.040, 0.034, -0.034, 0.028, 2.0, 2.0),
     (0.000, 0.035, -0.038, 0.030, 2.0, 2.0),
@@ -166,27 +166,21 @@ _CHIN = Bump((0.054, 0.0, -0.030), (0.020, 0.012, 0.007), (0.004, 0.0, 0.0))
 _EARS = _pair(Bump((0.000, 0.041, 0.018), (0.008, 0.020, 0.013), (-0.002, 0.009, 0.0)))
 _KNEECAP = Bump((0.036, 0.0, -0.237), (0.020, 0.015, 0.016), (0.003, 0.0, 0.0))
 
-CENTRE_LOFTS: dict[str, tuple[Loft, ...]] = {
-    "pelvis": (Loft("zyx", _TRUNK, -0.062, 0.110, 0.045, 0.020, _BUTTOCKS),),
-    "torso": (Loft("zyx", _TORSO, -0.040, 0.270, 0.020, 0.015, _CHEST),),
-    "neck": (Loft("zyx", _NECK, -0.036, 0.088, 0.020, 0.020),),
-    "head": (Loft("zyx", _HEAD, -0.040, 0.094, 0.012, 0.048, (_NOSE, _CHIN, *_EARS)),),
-}
-"""The closed surfaces of each segment on the body's plane of symmetry."""
-
-LEFT_LOFTS: dict[str, tuple[Loft, ...]] = {
-    "upper_arm": (Loft("yzx", _UPPER_ARM, -0.028, 0.188, 0.036, 0.023),),
-    "forearm": (Loft("yzx", _FOREARM, -0.023, 0.166, 0.023, 0.014),),
-    "hand": (
-        Loft("yxz", _PALM, -0.013, 0.069, 0.013, 0.010),
-        Loft("yxz", _THUMB, 0.010, 0.067, 0.010, 0.008),
-        _finger(0.0166, 0.0172, 0.099, 0.0066),
-        _finger(0.0056, 0.0054, 0.108, 0.0066),
-        _finger(-0.0054, -0.0064, 0.102, 0.0064),
-        _finger(-0.0160, -0.0182, 0.086, 0.0058),
-    ),
-    "thigh": (Loft("zyx", _THIGH, -0.276, 0.042, 0.034, 0.048, (_KNEECAP,)),),
-    "shank": (Loft("zyx", _SHANK, -0.262, 0.033, 0.021, 0.033),),
-    "foot": (Loft("xyz", _FOOT, -0.038, 0.114, 0.016, 0.014),),
-}
-"""The closed surfaces of each segment of the left arm and leg."""
+# The closed surfaces of each segment, of the left arm and leg.
+PELVIS = (Loft("zyx", _TRUNK, -0.062, 0.110, 0.045, 0.020, _BUTTOCKS),)
+TORSO = (Loft("zyx", _UPPER_TRUNK, -0.040, 0.270, 0.020, 0.015, _CHEST),)
+NECK = (Loft("zyx", _NECK, -0.036, 0.088, 0.020, 0.020),)
+HEAD = (Loft("zyx", _HEAD, -0.040, 0.094, 0.012, 0.048, (_NOSE, _CHIN, *_EARS)),)
+UPPER_ARM = (Loft("yzx", _UPPER_ARM, -0.028, 0.188, 0.036, 0.023),)
+FOREARM = (Loft("yzx", _FOREARM, -0.023, 0.166, 0.023, 0.014),)
+HAND = (
+    Loft("yxz", _PALM, -0.013, 0.069, 0.013, 0.010),
+    Loft("yxz", _THUMB, 0.010, 0.067, 0.010, 0.008),
+    _finger(0.0166, 0.0172, 0.099, 0.0066),
+    _finger(0.0056, 0.0054, 0.108, 0.0066),
+    _finger(-0.0054, -0.0064, 0.102, 0.0064),
+    _finger(-0.0160, -0.0182, 0.086, 0.0058),
+)
+THIGH = (Loft("zyx", _THIGH, -0.276, 0.042, 0.034, 0.048, (_KNEECAP,)),)
+SHANK = (Loft("zyx", _SHANK, -0.262, 0.033, 0.021, 0.033),)
+FOOT = (Loft("xyz", _FOOT, -0.038, 0.114, 0.016, 0.014),)

@@ -17,6 +17,7 @@ from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, build_body
 from services.mocap.body.body_mesh import OwnMesh, generic_mesh
 from services.mocap.body.bones import BONES
 from services.mocap.body.profiles import Profile, bezier_weights
+from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats
 
 Kind = Literal["height", "bone", "profile"]
@@ -35,22 +36,7 @@ class ShapeParameter:
     highest: float
 
 
-# Deviations and ranges follow the spread over both sexes in the 2012 US Army survey (Gordon et al. 2014,
-# NATICK/TR-15/007) of each measure over stature, with room for heavier people, children and clothes.
-_BONES = {
-    "hip_width": (0.08, 0.65, 1.5),
-    "pelvis": (0.08, 0.65, 1.5),
-    "torso": (0.05, 0.70, 1.45),
-    "shoulder_width": (0.06, 0.70, 1.45),
-    "neck": (0.08, 0.60, 1.7),
-    "head": (0.05, 0.70, 1.6),
-    "upper_arm": (0.05, 0.70, 1.45),
-    "forearm": (0.045, 0.70, 1.45),
-    "hand": (0.045, 0.70, 1.5),
-    "thigh": (0.05, 0.70, 1.45),
-    "shank": (0.05, 0.70, 1.45),
-    "foot": (0.045, 0.70, 1.5),
-}
+# Deviations and ranges as for lengths (skeleton_table.py).
 _PROFILES = {
     "trunk_width_hip": (0.10, 0.6, 1.7),
     "trunk_width_belly": (0.15, 0.6, 1.8),
@@ -83,36 +69,16 @@ _PROFILES = {
 }
 
 
-def _trunk(extent: str, *places: str) -> tuple[str, ...]:
-    return tuple(f"trunk_{extent}_{place}" for place in places)
-
-
-def _girths(limb: str, *places: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Round limbs: one factor for width and depth together."""
-    controls = tuple(f"{limb}_girth_{place}" for place in places)
-    return controls, controls
-
-
-# Segment -> the parameters that are the controls of its width, and those of its depth.
-_CONTROLS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "pelvis": (_trunk("width", "hip", "belly", "waist"), _trunk("depth", "hip", "belly", "waist")),
-    "torso": (
-        _trunk("width", "waist", "ribs", "chest", "top"),
-        _trunk("depth", "waist", "ribs", "chest", "top"),
-    ),
-    "neck": (("neck_girth",), ("neck_girth",)),
-    "head": (("head_width",), ("head_depth",)),
-    "upper_arm": _girths("arm", "shoulder", "biceps", "elbow"),
-    "forearm": _girths("arm", "elbow", "forearm", "wrist"),
-    "hand": (("hand_girth",), ("hand_girth",)),
-    "thigh": _girths("leg", "hip", "thigh", "knee"),
-    "shank": _girths("leg", "knee", "calf", "ankle"),
-    "foot": (("foot_width",), ("foot_depth",)),
-}
+_CONTROLS = {row.name: (row.width, row.depth) for row in ROWS}
+"""Segment -> the parameters that are the controls of its width, and those of its depth."""
 
 PARAMETERS: tuple[ShapeParameter, ...] = (
     ShapeParameter("height", "height", 0.08, 0.41, 1.39),  # 0.7 to 2.4 m
-    *(ShapeParameter(name, "bone", *numbers) for name, numbers in _BONES.items()),
+    *(
+        ShapeParameter(length.bone, "bone", length.deviation, length.lowest, length.highest)
+        for row in ROWS
+        for length in row.lengths
+    ),
     *(ShapeParameter(name, "profile", *numbers) for name, numbers in _PROFILES.items()),
 )
 """The parameters, in the order of every shape vector."""

@@ -1,24 +1,19 @@
-"""The one table of the body: 17 joints, 16 segments, 35 degrees of freedom.
+"""The skeleton: joints, segments and pose parameters in their order, as skeleton_table.py has them.
 
-The rest pose (all parameters zero) is an upright T pose: x forward, y to the actor's left, z up; arms
-along ±y with the palms down, legs straight down. Every joint frame is parallel to the body frame there.
-A parameter means the same movement on both sides (positive elbow flexion bends either elbow).
-
-Rotations: a joint turns by a swing (the rotation vector made of its swing parameters) after a twist about
-the bone. This keeps ball joints free of gimbal lock wherever the swing stays below half a turn. The root
-turns by heading about z, then side lean about x, then pitch about y; its only singularity is a side lean
-of a quarter turn.
+What is on the body's plane of symmetry comes first, then the left, then the right side.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from math import inf, radians
+from math import radians
 from typing import Literal
 
 import numpy as np
 
+from services.mocap.body.segment_row import Role, SegmentRow, Vector
+from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats
 
-Role = Literal["translation", "heading", "lean", "pitch", "swing", "twist"]
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")
 
@@ -29,8 +24,22 @@ class Joint:
 
     name: str
     parent: str | None
-    offset_heights: tuple[float, float, float]
+    offset_heights: Vector
     """Position relative to the parent joint in the rest pose, in body heights."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A rigid segment of the body."""
+
+    name: str
+    joint: str
+    """The joint that carries it."""
+    part: str
+    """Which of services.mocap.take.marks.PARTS it belongs to."""
+    side: Side | None
+    row: SegmentRow
+    """What the table says of it."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +49,12 @@ class Dof:
     name: str
     joint: str
     role: Role
-    axis: tuple[float, float, float]
+    axis: Vector
     """Unit axis in the joint frame, of a positive turn (right-hand rule) or shift."""
     lower: float
     upper: float
+    rest: float
+    """How firmly an alignment draws it to zero, against the firmest."""
 
     @property
     def unit(self) -> Literal["m", "rad"]:
@@ -56,117 +67,66 @@ class Dof:
         return f"{self.name}_{self.unit}"
 
 
-def _mirror_point(point: tuple[float, float, float], side: Side) -> tuple[float, float, float]:
-    x, y, z = point
-    return (x, y, z) if side == "left" else (x, -y, z)
+def sided(name: str, side: Side | None) -> str:
+    """A name of the table with its side before it, where it has one."""
+    return name if side is None else f"{side}_{name}"
 
 
-def _mirror_axis(axis: tuple[float, float, float], side: Side) -> tuple[float, float, float]:
-    """An axis of rotation is a pseudovector: mirroring in y keeps y and turns x and z round."""
-    x, y, z = axis
-    return (x, y, z) if side == "left" else (-x, y, -z)
+def bare(name: str) -> str:
+    """A joint's or segment's name without its side."""
+    return name.removeprefix("left_").removeprefix("right_")
 
 
-# Joint centres in body heights, after de Leva 1996 (J. Biomechanics 29(9)) and Drillis and Contini 1966.
-# head_top ends the chain; the waist joins pelvis and torso rigidly (as one body in the paper).
-_CENTRE_JOINTS = (
-    Joint("pelvis", None, (0.0, 0.0, 0.0)),
-    Joint("waist", "pelvis", (0.0, 0.0, 0.075)),
-    Joint("neck", "waist", (0.0, 0.0, 0.248)),
-    Joint("head", "neck", (0.006, 0.0, 0.058)),
-    Joint("head_top", "head", (0.010, 0.0, 0.094)),
-)
-_LEFT_JOINTS = (
-    ("shoulder", "waist", (0.0, 0.1075, 0.205)),
-    ("elbow", "shoulder", (0.0, 0.165, 0.0)),
-    ("wrist", "elbow", (0.0, 0.152, 0.0)),
-    ("hip", "pelvis", (0.0, 0.0525, 0.0)),
-    ("knee", "hip", (0.0, 0.0, -0.243)),
-    ("ankle", "knee", (0.0, 0.0, -0.242)),
-)
-PELVIS_HEIGHT = 0.525
-"""Height of the hip centres over the sole, in body heights, when standing upright in the rest pose."""
+def mirrored(vector: Vector, side: Side | None, *, is_axis: bool = False) -> Vector:
+    """A point of the left side on a side; an axis of rotation, a pseudovector, turns round besides."""
+    x, y, z = vector
+    if side != "right":
+        return vector
+    return (-x, y, -z) if is_axis else (x, -y, z)
 
 
-def _limb_joints(side: Side) -> tuple[Joint, ...]:
-    def sided(name: str) -> str:
-        return name if name in ("waist", "pelvis") else f"{side}_{name}"
-
-    return tuple(
-        Joint(f"{side}_{name}", sided(parent), _mirror_point(offset, side))
-        for name, parent, offset in _LEFT_JOINTS
-    )
+def _segments() -> Iterator[Segment]:
+    for side in (None, *SIDES):
+        for row in ROWS:
+            if row.paired == (side is not None):
+                yield Segment(sided(row.name, side), sided(row.joint, side), sided(row.part, side), side, row)
 
 
-JOINTS: tuple[Joint, ...] = _CENTRE_JOINTS + _limb_joints("left") + _limb_joints("right")
-JOINT_NAMES: tuple[str, ...] = tuple(joint.name for joint in JOINTS)
-JOINT_INDEX: dict[str, int] = {name: i for i, name in enumerate(JOINT_NAMES)}
+def _joints() -> Iterator[Joint]:
+    paired = {row.joint: row.paired for row in ROWS}
+    for segment in SEGMENTS:
+        row, side = segment.row, segment.side
+        parent = row.parent and sided(row.parent, side if paired[row.parent] else None)
+        yield Joint(segment.joint, parent, mirrored(row.offset_heights, side))
+        if row.tip is not None and row.tip.joint is not None:
+            yield Joint(sided(row.tip.joint, side), segment.joint, mirrored(row.tip.offset_heights, side))
 
-# Segment -> the joint that carries it, in the order of every (…, 16, …) array.
-SEGMENT_JOINT: dict[str, str] = {
-    "pelvis": "pelvis",
-    "torso": "waist",
-    "neck": "neck",
-    "head": "head",
-    **{
-        f"{side}_{segment}": f"{side}_{joint}"
-        for side in SIDES
-        for segment, joint in (
-            ("upper_arm", "shoulder"),
-            ("forearm", "elbow"),
-            ("hand", "wrist"),
-            ("thigh", "hip"),
-            ("shank", "knee"),
-            ("foot", "ankle"),
-        )
-    },
-}
+
+SEGMENTS: tuple[Segment, ...] = tuple(_segments())
+SEGMENT_JOINT: dict[str, str] = {segment.name: segment.joint for segment in SEGMENTS}
+"""Segment -> the joint that carries it, in the order of every (…, S, …) array."""
 SEGMENT_NAMES: tuple[str, ...] = tuple(SEGMENT_JOINT)
 SEGMENT_INDEX: dict[str, int] = {name: i for i, name in enumerate(SEGMENT_NAMES)}
 
+JOINTS: tuple[Joint, ...] = tuple(_joints())
+JOINT_NAMES: tuple[str, ...] = tuple(joint.name for joint in JOINTS)
+JOINT_INDEX: dict[str, int] = {name: i for i, name in enumerate(JOINT_NAMES)}
+TIP_JOINTS: tuple[str, ...] = tuple(name for name in JOINT_NAMES if name not in SEGMENT_JOINT.values())
+"""Joints that carry no segment but end one: they never turn."""
 
-_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-_DOWN = (0.0, 0.0, -1.0)
-_NEGATIVE_Y, _NEGATIVE_X = (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0)
-
-_CENTRE_DOFS = (
-    Dof("root_x", "pelvis", "translation", _X, -inf, inf),
-    Dof("root_y", "pelvis", "translation", _Y, -inf, inf),
-    Dof("root_z", "pelvis", "translation", _Z, -inf, inf),
-    Dof("root_heading", "pelvis", "heading", _Z, -inf, inf),
-    Dof("root_lean", "pelvis", "lean", _X, -inf, inf),
-    Dof("root_pitch", "pelvis", "pitch", _Y, -inf, inf),
-    Dof("head_pitch", "neck", "swing", _Y, radians(-60), radians(70)),
-    Dof("head_lean", "neck", "swing", _X, radians(-50), radians(50)),
-    Dof("head_turn", "neck", "twist", _Z, radians(-80), radians(80)),
-)
-# (name, joint, role, axis on the left, lower, upper in degrees). The T pose is the shoulder's zero, so
-# that an arm hanging down, forward or overhead is about a quarter turn of swing away.
-_LEFT_DOFS: tuple[tuple[str, str, Role, tuple[float, float, float], float, float], ...] = (
-    ("shoulder_elevation", "shoulder", "swing", _X, -115.0, 100.0),
-    ("shoulder_forward", "shoulder", "swing", (0.0, 0.0, -1.0), -70.0, 140.0),
-    ("shoulder_twist", "shoulder", "twist", _NEGATIVE_Y, -100.0, 100.0),
-    ("elbow_flexion", "elbow", "swing", (0.0, 0.0, -1.0), 0.0, 150.0),
-    ("wrist_flexion", "wrist", "swing", _NEGATIVE_X, -75.0, 80.0),
-    ("wrist_deviation", "wrist", "swing", (0.0, 0.0, -1.0), -35.0, 25.0),
-    ("wrist_twist", "wrist", "twist", _NEGATIVE_Y, -90.0, 90.0),
-    ("hip_flexion", "hip", "swing", _NEGATIVE_Y, -40.0, 130.0),
-    ("hip_abduction", "hip", "swing", _X, -35.0, 75.0),
-    ("hip_twist", "hip", "twist", _DOWN, -50.0, 50.0),
-    ("knee_flexion", "knee", "swing", _Y, -8.0, 150.0),
-    ("ankle_flexion", "ankle", "swing", _NEGATIVE_Y, -55.0, 35.0),
-    ("ankle_inversion", "ankle", "swing", _NEGATIVE_X, -30.0, 30.0),
-)
-
-
-def _limb_dofs(side: Side) -> tuple[Dof, ...]:
-    return tuple(
-        Dof(f"{side}_{name}", f"{side}_{joint}", role, _mirror_axis(axis, side), radians(low), radians(high))
-        for name, joint, role, axis, low, high in _LEFT_DOFS
+DOFS: tuple[Dof, ...] = tuple(
+    Dof(
+        name=sided(parameter.name, segment.side),
+        joint=segment.joint,
+        role=parameter.role,
+        axis=mirrored(parameter.axis, segment.side, is_axis=True),
+        lower=radians(parameter.lower_deg),
+        upper=radians(parameter.upper_deg),
+        rest=parameter.rest,
     )
-
-
-DOFS: tuple[Dof, ...] = _CENTRE_DOFS + _limb_dofs("left") + _limb_dofs("right")
+    for segment in SEGMENTS
+    for parameter in segment.row.parameters
+)
 DOF_NAMES: tuple[str, ...] = tuple(dof.name for dof in DOFS)
 DOF_INDEX: dict[str, int] = {name: i for i, name in enumerate(DOF_NAMES)}
 LOWER: Floats = np.array([dof.lower for dof in DOFS])
@@ -176,12 +136,6 @@ UPPER: Floats = np.array([dof.upper for dof in DOFS])
 def dofs_of(*joints: str) -> tuple[int, ...]:
     """Indices into a pose of the parameters that turn or shift the named joints."""
     return tuple(i for i, dof in enumerate(DOFS) if dof.joint in joints)
-
-
-def dof_range(joint: str) -> tuple[int, int]:
-    """The first of a joint's parameters, which stand in a row in a pose, and the one after the last."""
-    dofs = dofs_of(joint)
-    return (dofs[0], dofs[0] + len(dofs)) if dofs else (0, 0)
 
 
 def segments_below(joint: str) -> tuple[int, ...]:

@@ -13,7 +13,7 @@ class Problem:
     """One sub-problem: which parameters vary, which segments they move, what these are compared with."""
 
     base_pose: Floats
-    """(35,) the pose whose other parameters stay."""
+    """(D,) the pose whose other parameters stay."""
     dofs: tuple[int, ...]
     """The d parameters that vary."""
     segments: tuple[int, ...]
@@ -27,7 +27,7 @@ class Problem:
     the picture's region; 0: from their full ones. Backends that gain nothing by it draw the full ones."""
 
     def poses(self, values: Floats) -> Floats:
-        """Complete parameter values (N, d) to poses (N, 35)."""
+        """Complete parameter values (N, d) to poses (N, D)."""
         poses = self.base_pose[None].repeat(len(values), axis=0)
         poses[:, self.dofs] = values
         return poses
@@ -56,7 +56,7 @@ class Backend(Protocol):
     def coverage(
         self, poses: Floats, segments: tuple[int, ...], region: Region, detail_px: float = 0.0
     ) -> Bytes:
-        """Draw segments of poses (N, 35) in a region: bit-planes (N, P, h, w); detail_px as in Problem."""
+        """Draw segments of poses (N, D) in a region: bit-planes (N, P, h, w); detail_px as in Problem."""
         ...
 
     def close(self) -> None:

@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 
 from services.mocap.atomic import atomic_file
+from services.mocap.body.humanoid_names import Naming, bone_names
 from services.mocap.body.kinematics import joint_transforms
-from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, JOINTS
-from services.mocap.export.bone_names import Naming, bone_names
+from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENTS, TIP_JOINTS, mirrored
 from services.mocap.motion.motion import rotations_to_y_up, to_y_up
 from services.mocap.motion.rest import Rest, rest_rotations, turns_from_rest
 from services.mocap.motion.root import continuous_angles
@@ -23,14 +23,15 @@ _UNITS_PER_METRE = {"m": 1.0, "cm": 100.0}
 _DECIMALS = 7
 """Digits after the point, of lengths in the file's unit and of angles in degrees (1e-7° is 1.7e-9 rad)."""
 
-# Hands and feet have no joint at their end: their bones get a tip. Lengths in body heights, as the
-# skeleton's after Drillis and Contini 1966: hand 0.108, forearm 0.152; the toes lie 0.110 before the ankle
-# and 0.040 below it, the shank is 0.242 long.
-_HAND_PER_FOREARM = 0.108 / 0.152
-_TOES_PER_SHANK: Floats = np.array([0.110, 0.0, -0.040]) / 0.242
-
-_TIPS = ("left_wrist", "left_ankle", "right_wrist", "right_ankle")
-_TIP_INDEX = {name: len(JOINT_NAMES) + i for i, name in enumerate(_TIPS)} | {"head": JOINT_INDEX["head_top"]}
+_TIPS_HEIGHTS = {
+    segment.joint: np.array(mirrored(tip.offset_heights, segment.side))
+    for segment in SEGMENTS
+    if (tip := segment.row.tip) and tip.joint is None
+}
+"""Hands and feet have no joint at their end: their bones get a tip, here for the generic body."""
+_TIP_INDEX = {name: len(JOINTS) + i for i, name in enumerate(_TIPS_HEIGHTS)} | {
+    joint.parent: JOINT_INDEX[joint.name] for joint in JOINTS if joint.parent and joint.name in TIP_JOINTS
+}
 
 
 def write_bvh(
@@ -45,7 +46,7 @@ def write_bvh(
 ) -> None:
     """Write poses as a BVH file, whole or not at all.
 
-    poses: (N, 35) in metres and radians in the z-up world inside, N >= 1. offsets_m: (17, 3), each joint
+    poses: (N, D) in metres and radians in the z-up world inside, N >= 1. offsets_m: (J, 3), each joint
     relative to its parent in the skeleton's T pose. unit: of the file's lengths. rest: the pose of the file's
     offsets, from which its angles count. The angles go on from frame to frame without jumps: a second full
     turn ends at 720°. Raises ValueError on no frames, on another shape and on numbers that are not finite.
@@ -62,7 +63,7 @@ def write_bvh(
 
 
 def _motion(T_world_joint: Floats, R_world_rest: Floats, scale: float) -> Floats:
-    """The file's numbers (N, 3 + 16 * 3): root position in file units, then degrees in the file's order."""
+    """The file's numbers (N, 3 + S * 3): root position in file units, then degrees in the file's order."""
     written = [JOINT_INDEX[name] for name in _written_joints("pelvis")]
     turns = rotations_to_y_up(turns_from_rest(T_world_joint, R_world_rest)[:, written])
     angles_deg = np.degrees(continuous_angles(turns))
@@ -76,24 +77,24 @@ def _children(name: str) -> list[str]:
 
 
 def _written_joints(name: str) -> Iterator[str]:
-    """Names of the joints that get channels, in the file's order; head_top is only a tip."""
-    if name != "head_top":
+    """Names of the joints that get channels, in the file's order, which tips do not."""
+    if name not in TIP_JOINTS:
         yield name
         for child in _children(name):
             yield from _written_joints(child)
 
 
 def _with_tips(offsets_m: Floats, R_world_rest: Floats) -> Floats:
-    """(17 + 4, 3) places against the parents in a rest pose: the joints, the root's zero, then the `_TIPS`.
+    """(J + T, 3) places against the parents in a rest pose: the joints, the root's zero, then the T tips.
 
-    offsets_m: (17, 3) in the T pose. R_world_rest: (17, 3, 3) of the rest pose.
+    offsets_m: (J, 3) in the T pose. R_world_rest: (J, 3, 3) of the rest pose.
     """
     tips_m = []
-    for name in _TIPS:
-        bone_m = offsets_m[JOINT_INDEX[name]]
-        is_hand = name.endswith("wrist")
-        tips_m.append(_HAND_PER_FOREARM * bone_m if is_hand else _TOES_PER_SHANK * np.linalg.norm(bone_m))
-    carriers = [*(joint.parent for joint in JOINTS[1:]), *_TIPS]
+    for name, tip_heights in _TIPS_HEIGHTS.items():
+        j = JOINT_INDEX[name]
+        m_per_height = np.linalg.norm(offsets_m[j]) / np.linalg.norm(JOINTS[j].offset_heights)
+        tips_m.append(tip_heights * m_per_height)  # as long as the bone before it says
+    carriers = [*(joint.parent for joint in JOINTS[1:]), *_TIPS_HEIGHTS]
     R_world_carrier = R_world_rest[[JOINT_INDEX[name] for name in carriers if name]]
     turned_m = np.einsum("jab,jb->ja", R_world_carrier, np.vstack([offsets_m[1:], tips_m]))
     # The root's place comes from its position channels alone: readers differ in whether its offset adds.

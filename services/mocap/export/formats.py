@@ -7,9 +7,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal, TypeAlias
 
+from services.mocap.body.humanoid_names import Naming
 from services.mocap.errors import UserError
-from services.mocap.export.angles_csv import write_angles_csv
-from services.mocap.export.bone_names import Naming
 from services.mocap.export.bvh import write_bvh
 from services.mocap.export.glb import write_glb
 from services.mocap.export.marker_files import write_c3d, write_trc
@@ -28,6 +27,7 @@ from services.mocap.result.layout import (
     TRC,
 )
 from services.mocap.result.result import Result
+from services.mocap.take.csv_columns import as_cells, write_columns
 from services.mocap.take.folder import open_take
 
 log = logging.getLogger(__name__)
@@ -81,6 +81,17 @@ def _bvh(folder: Path, result: Result, options: Options) -> None:
     )
 
 
+def _angles(folder: Path, result: Result, _: Options) -> None:
+    """angles.csv: frame, time_s and every anatomical angle in degrees."""
+    columns = {
+        "frame": [str(frame) for frame in result.frames],
+        "time_s": as_cells("time_s", result.times_s, ".6f"),
+    }
+    for name, angles_deg in result.angles_deg.items():
+        columns[f"{name}_deg"] = as_cells(name, angles_deg, ".4f")
+    write_columns(folder / ANGLES, columns)
+
+
 def _overlay(folder: Path, result: Result, options: Options) -> None:
     """Of the poses as they were tracked."""
     tracked = options.take or result.take_folder
@@ -114,7 +125,7 @@ FORMATS: dict[FormatName, Format] = {
     "glb": Format((GLB,), lambda folder, result, _: write_glb(folder / GLB, result.motion)),
     "trc": Format((TRC,), lambda folder, result, _: write_trc(folder / TRC, result.motion)),
     "c3d": Format((C3D,), lambda folder, result, _: write_c3d(folder / C3D, result.motion)),
-    "angles": Format((ANGLES,), lambda folder, result, _: write_angles_csv(folder / ANGLES, result.motion)),
+    "angles": Format((ANGLES,), _angles),
     "report": Format((REPORT,), _report, needs=("jinja2", "matplotlib")),
     "parquet": Format(
         (POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET),

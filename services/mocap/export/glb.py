@@ -21,16 +21,20 @@ from services.mocap.body.skeleton import (
     JOINTS,
     SEGMENT_JOINT,
     SEGMENT_NAMES,
+    SEGMENTS,
+    TIP_JOINTS,
 )
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
 from services.mocap.motion.motion import Motion, rotations_to_y_up, to_y_up
 from services.mocap.motion.rest import rest_rotations, turns_from_rest
+from services.mocap.motion.root import without_flips
 from services.mocap.types import Floats, Ints
 
 _COLOURS_BGR = {"centre": CENTRE_BGR, "left": LEFT_BGR, "right": RIGHT_BGR}
 _ROUGHNESS = 0.8
-_NODE_NAMES = (*SEGMENT_NAMES, "head_top")
-_NODE_JOINTS = (*SEGMENT_JOINT.values(), "head_top")
+_NODE_NAMES = (*SEGMENT_NAMES, *TIP_JOINTS)
+_NODE_JOINTS = (*SEGMENT_JOINT.values(), *TIP_JOINTS)
+_NODE_PARENTS = [JOINTS[JOINT_INDEX[joint]].parent for joint in _NODE_JOINTS]
 _LEAST_NORMAL = 1e-12
 
 
@@ -39,7 +43,8 @@ def write_glb(path: Path, motion: Motion) -> None:
     file = _File()
     body, R = motion.body, turns_from_rest(motion.T_world_joint, rest_rotations("T"))
     nodes = [JOINT_INDEX[joint] for joint in _NODE_JOINTS]
-    quaternions = _quaternions(rotations_to_y_up(R[:, nodes]))
+    turns = Rotation.from_matrix(rotations_to_y_up(R[:, nodes]).reshape(-1, 3, 3))
+    quaternions = without_flips(turns.as_quat().reshape(len(R), len(nodes), 4))
     root_m = to_y_up(motion.T_world_joint[:, 0, :3, 3])
     offsets_m = to_y_up(body.offsets_m)
     offsets_m[0] = root_m[0]
@@ -49,14 +54,6 @@ def write_glb(path: Path, motion: Motion) -> None:
     file.add_animation(motion.name, motion.fps, root_m, quaternions)
     with atomic_file(path) as part:
         part.write_bytes(file.content())
-
-
-def _quaternions(R: Floats) -> Floats:
-    """(N, J, 4) x, y, z, w of rotations (N, J, 3, 3), each on the side of the one before it."""
-    found: Floats = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:2], 4)
-    flips = np.sum(found[1:] * found[:-1], axis=-1) < 0
-    found[1:] *= np.where(np.cumsum(flips, axis=0) % 2, -1.0, 1.0)[..., None]
-    return found
 
 
 class _File:
@@ -81,23 +78,22 @@ class _File:
 
     def add_body(self, body: Body) -> None:
         """One mesh for each segment, in their order."""
-        for name, vertices_m, faces in zip(SEGMENT_NAMES, body.vertices_m, body.faces, strict=True):
+        for segment, vertices_m, faces in zip(SEGMENTS, body.vertices_m, body.faces, strict=True):
             attributes = gltf.Attributes(
                 POSITION=self._vertices(to_y_up(vertices_m)),
                 NORMAL=self._vertices(_normals(vertices_m, faces)),
             )
-            side = name.split("_")[0]
             primitive = gltf.Primitive(
                 attributes=attributes,
                 indices=self._indices(faces),
-                material=list(_COLOURS_BGR).index(side if side in _COLOURS_BGR else "centre"),
+                material=list(_COLOURS_BGR).index(segment.side or "centre"),
             )
-            self._document.meshes.append(gltf.Mesh(name=name, primitives=[primitive]))
+            self._document.meshes.append(gltf.Mesh(name=segment.name, primitives=[primitive]))
 
     def add_nodes(self, offsets_m: Floats, quaternions: Floats) -> None:
         """The skeleton, in one pose: each node's place (J, 3) and turn (J, 4) against its parent."""
         for n, name in enumerate(_NODE_NAMES):
-            children = [k for k, joint in enumerate(_NODE_JOINTS) if _parent(joint) == _NODE_JOINTS[n]]
+            children = [k for k, parent in enumerate(_NODE_PARENTS) if parent == _NODE_JOINTS[n]]
             node = gltf.Node(
                 name=name,
                 translation=_single(offsets_m[n]),
@@ -169,10 +165,6 @@ class _File:
         )
         self._document.accessors.append(accessor)
         return len(self._document.accessors) - 1
-
-
-def _parent(joint: str) -> str | None:
-    return JOINTS[JOINT_INDEX[joint]].parent
 
 
 def _single(values: Floats) -> list[float]:

@@ -3,20 +3,16 @@
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import SEGMENT_NAMES
+from services.mocap.body.skeleton import SEGMENTS, SIDES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import camera_bit
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.types import Bytes, Floats
 
-_SIDES: tuple[tuple[int, tuple[int, ...]], ...] = tuple(
-    (value, tuple(i for i, name in enumerate(SEGMENT_NAMES) if chosen(name)))
-    for value, chosen in (
-        (1, lambda name: not name.startswith(("left_", "right_"))),
-        (2, lambda name: name.startswith("left_")),
-        (3, lambda name: name.startswith("right_")),
-    )
+_SIDES = tuple(
+    (value, tuple(i for i, segment in enumerate(SEGMENTS) if segment.side == side))
+    for value, side in enumerate((None, *SIDES), start=1)
 )
 """What pictures call the centre, the left and the right limbs, and their segments."""
 
@@ -28,7 +24,7 @@ class ModelPainter:
         self._backend, self._region, self._sizes_px = CpuBackend(body, rig), Region.whole(rig), rig.sizes_px
 
     def segment_masks(self, pose: Floats) -> list[Bytes]:
-        """Per camera (h, w) of a pose (35,): 0 = no model, 1 = centre, 2 = left limbs, 3 = right limbs."""
+        """Per camera (h, w) of a pose (D,): 0 = no model, 1 = centre, 2 = left limbs, 3 = right limbs."""
         masks: list[Bytes] = [np.zeros((height, width), np.uint8) for width, height in self._sizes_px]
         for value, segments in _SIDES:
             planes = self._backend.coverage(pose[None], segments, self._region)[0]

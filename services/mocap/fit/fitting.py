@@ -46,7 +46,7 @@ class Fit:
 
     actor: Actor
     poses: Floats
-    """(F, 35)"""
+    """(F, D)"""
     before: FitQuality
     after: FitQuality
     shape_covariance: Floats | None = None
@@ -64,7 +64,7 @@ def fit_actor(
 ) -> Fit:
     """Fit an actor and the poses of F frames to what is seen (F, P, H, W), from an actor and poses near them.
 
-    poses: (F, 35), or (35,) for the first frame, from which those of the others are followed. progress is
+    poses: (F, D), or (D,) for the first frame, from which those of the others are followed. progress is
     called with the share done, 0 to 1. apart: whether the frames are from all of a motion, so that what is
     known of people's shapes beforehand counts less. The result never has more energy than the start. Raises
     ValueError where shapes do not go together.

@@ -29,7 +29,7 @@ class ShapeSlopes:
     vertex_slopes_m: Floats
     """(V, S, 3)"""
     offset_slopes_m: Floats
-    """(S, 17, 3)"""
+    """(S, J, 3)"""
 
     @classmethod
     def at(cls, x: Floats, parameters: tuple[int, ...], mesh: OwnMesh | None = None) -> "ShapeSlopes":
@@ -48,7 +48,7 @@ class ShapeSlopes:
 
 
 def jacobian(slopes: ShapeSlopes, pose: Floats, rig: Rig, matches: list[Matches]) -> Floats:
-    """(N, 35 + S) slopes of all residuals of a frame, camera after camera, by pose and then by shape."""
+    """(N, D + S) slopes of all residuals of a frame, camera after camera, by pose and then by shape."""
     moved = np.vstack([pose[None], pose + _STEP * np.eye(N_DOF)])
     T_world_joint = joint_transforms(moved, slopes.body.offsets_m)
     T, T_slopes = T_world_joint[0], (T_world_joint[1:] - T_world_joint[0]) / _STEP
@@ -65,7 +65,7 @@ def jacobian(slopes: ShapeSlopes, pose: Floats, rig: Rig, matches: list[Matches]
 
 
 def _joint_shifts(T_world_joint: Floats, offset_slopes_m: Floats) -> Floats:
-    """(S, 17, 3) how the joints move in the world when the shape changes and the pose stays."""
+    """(S, J, 3) how the joints move in the world when the shape changes and the pose stays."""
     shifts_m = np.zeros_like(offset_slopes_m)
     for j, joint in enumerate(JOINTS):  # parents precede children
         if joint.parent is None:
@@ -90,7 +90,7 @@ def _fill(
     shifts_m: Floats,
     rows: Floats,
 ) -> None:
-    """Write one view's rows (N, 35 + S)."""
+    """Write one view's rows (N, D + S)."""
     n_dofs = len(T_slopes)
     point, g, local = np.empty(3), np.empty(3), np.empty(3)
     for n in range(len(edges)):

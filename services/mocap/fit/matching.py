@@ -47,7 +47,7 @@ class Matches:
 
 
 def match_frame(body: Body, pose: Floats, rig: Rig, contours: list[Contour]) -> list[Matches]:
-    """Every camera's matches of a body in a pose (35,)."""
+    """Every camera's matches of a body in a pose (D,)."""
     return [
         match_view(rim, contour, float(scale))
         for rim, contour, scale in zip(find_rims(body, pose, rig), contours, working_scales(rig), strict=True)

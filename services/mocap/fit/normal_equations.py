@@ -20,7 +20,7 @@ class State:
     x: Floats
     """(len(PARAMETERS),) the shape vector."""
     poses: Floats
-    """(F, 35)"""
+    """(F, D)"""
 
 
 @dataclass(frozen=True)

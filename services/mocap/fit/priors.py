@@ -10,7 +10,8 @@ from math import inf
 import numpy as np
 
 from services.mocap.body.shape_prior import COVARIANCE
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.skeleton import DOFS, JOINTS, SEGMENTS, Dof
+from services.mocap.body.skeleton_table import EXTREMITY_WINDOW_PX
 from services.mocap.types import Floats
 
 WEIGHT_PX3 = 0.05
@@ -20,7 +21,8 @@ WEIGHT_APART_PX3 = 0.02
 """For frames from all of a motion, since what misleads a fit in one pose does not in another."""
 _TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
 """Of the pose from the one that was begun with: twists; head, hands and feet; all other joints."""
-_END_JOINTS = ("neck", "wrist", "ankle")
+_ROOT = JOINTS[0].name
+_END_JOINTS = {segment.joint for segment in SEGMENTS if segment.row.window_px == EXTREMITY_WINDOW_PX}
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,22 +34,22 @@ class Quadratic:
     shape_slopes: Floats
     """(S,) half the gradient."""
     pose_diagonal: Floats
-    """(35,) the same in every frame."""
+    """(D,) the same in every frame."""
     pose_slopes: Floats
-    """(F, 35)"""
+    """(F, D)"""
 
 
 class Prior:
     """Pulls shapes to the generic one, and poses to those that were begun with."""
 
     def __init__(self, poses: Floats, weight_px3: float = WEIGHT_PX3) -> None:
-        """poses (F, 35): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3."""
+        """poses (F, D): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3."""
         self._poses, self.weight_px3 = poses, weight_px3
-        self._pose_precision = np.array([_deviation(d) ** -2 for d in range(len(DOFS))])
+        self._pose_precision = np.array([_deviation(dof) ** -2 for dof in DOFS])
         self._shape_precision = np.asarray(np.linalg.inv(COVARIANCE), np.float64)
 
     def cost(self, x: Floats, poses: Floats, n_views: int) -> float:
-        """What a shape vector and poses (F, 35) cost, seen in n_views."""
+        """What a shape vector and poses (F, D) cost, seen in n_views."""
         per_frame = float(((poses - self._poses) ** 2 @ self._pose_precision).sum()) / len(poses)
         return self.weight_px3 * n_views * (float(x @ self._shape_precision @ x) + per_frame)
 
@@ -67,10 +69,9 @@ class Prior:
         )
 
 
-def _deviation(dof: int) -> float:
-    role, joint = DOFS[dof].role, DOFS[dof].joint
-    if joint == "pelvis":
+def _deviation(dof: Dof) -> float:
+    if dof.joint == _ROOT:
         return inf
-    if role == "twist":
+    if dof.role == "twist":
         return _TWIST_DEVIATION_RAD
-    return _END_DEVIATION_RAD if joint.endswith(_END_JOINTS) else _ANGLE_DEVIATION_RAD
+    return _END_DEVIATION_RAD if dof.joint in _END_JOINTS else _ANGLE_DEVIATION_RAD

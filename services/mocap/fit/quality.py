@@ -29,7 +29,7 @@ class FitQuality:
 
 
 def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuality:
-    """Compare a body in poses (F, 35) with what is seen (F, P, H, W); unsure pixels do not count."""
+    """Compare a body in poses (F, D) with what is seen (F, P, H, W); unsure pixels do not count."""
     backend = CpuBackend(body, rig)
     drawn = backend.coverage(poses, ALL_SEGMENTS, Region.whole(rig))
     backend.close()

@@ -30,7 +30,7 @@ class Topology:
     """All segments' meshes as one."""
 
     starts: Indices
-    """(17,) where each segment's vertices begin, and their number."""
+    """(segments + 1,) where each segment's vertices begin, and their number."""
     faces: Indices
     """(F, 3)"""
     edges: Indices
@@ -71,7 +71,7 @@ class Rim:
 
 
 def find_rims(body: Body, pose: Floats, rig: Rig) -> list[Rim]:
-    """Every camera's rim of a body in a pose (35,); empty where the body reaches a camera's plane."""
+    """Every camera's rim of a body in a pose (D,); empty where the body reaches a camera's plane."""
     mesh = topology(body.mesh)
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
     vertices_world_m = np.vstack(

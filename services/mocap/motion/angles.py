@@ -4,16 +4,17 @@ Wu et al. 2002 (hip, ankle) and 2005 (shoulder, elbow, wrist), Grood and Suntay 
 has axes x forward, y up, z to the right, parallel to the world's in the neutral pose: upright, arms hanging,
 palms towards the thighs, thumbs forward. There all angles are zero. The left side is mirrored first, so that
 an angle means the same movement on both sides. Turns of a joint are taken apart about the axis of the segment
-above, a floating one, and the axis of the segment below, in the order that the table says.
+above, a floating one, and the axis of the segment below, in the order that skeleton_table.py says.
 """
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, SIDES
+from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, SIDES, sided
+from services.mocap.body.skeleton_table import ROWS
 from services.mocap.motion.rest import rest_rotations, turns_from_rest
 from services.mocap.motion.root import continuous_angles
 from services.mocap.types import Floats
@@ -26,9 +27,6 @@ _STRAIGHT = 1e-7
 _SWAP: Floats = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 
 
-Order: TypeAlias = Literal["ZXY", "YXZ", "YXY"]
-
-
 @dataclass(frozen=True)
 class Angle:
     """One column of angles.csv."""
@@ -37,7 +35,7 @@ class Angle:
     """Without the side, which stands before it where there is one, and without the unit."""
     joint: str
     """The joint that turns, against the segment above it; pelvis: against the world."""
-    order: Order
+    order: Literal["ZXY", "YXZ", "YXY"]
     """The axes about which that turn is taken apart, one after the other, each in the frame turned so far."""
     place: int
     """Which of the three turns this one is."""
@@ -45,76 +43,17 @@ class Angle:
     """-1 where the movement that counts as positive turns against the right-hand rule."""
     meaning: str
     """The positive movement, in words."""
-
-    @property
-    def is_sided(self) -> bool:
-        """Whether there is one on the left and one on the right."""
-        return self.joint not in ("pelvis", "neck")
+    is_sided: bool
+    """Whether there is one on the left and one on the right."""
 
 
-def _angles(joint: str, order: Order, *named: tuple[str, int, str]) -> tuple[Angle, ...]:
-    return tuple(
-        Angle(name, joint, order, place, sign, meaning)
-        for place, (name, sign, meaning) in enumerate(named)
-        if name
-    )
-
-
-_NONE = ("", 1, "")  # a hinge has no such turn
-ANGLES: tuple[Angle, ...] = (
-    *_angles(
-        "pelvis",
-        "YXZ",
-        ("pelvis_rotation", 1, "turned to the left about up; 0 along the world's x axis (z-up)"),
-        ("pelvis_list", 1, "leaning to the right"),
-        ("pelvis_tilt", -1, "leaning forward"),
-    ),
-    *_angles(
-        "neck",
-        "ZXY",
-        ("neck_flexion", -1, "head forward"),
-        ("neck_lateral_bending", 1, "head to the right shoulder"),
-        ("neck_rotation", 1, "face to the left"),
-    ),
-    *_angles(
-        "shoulder",
-        "ZXY",
-        ("shoulder_flexion", 1, "arm forward"),
-        ("shoulder_adduction", 1, "arm to the trunk; abduction is negative"),
-        ("shoulder_rotation", 1, "inward (internal)"),
-    ),
-    *_angles(
-        "shoulder",
-        "YXY",
-        ("shoulder_plane_of_elevation", 1, "in which the arm is raised: 0 sideways, 90 forward"),
-        ("shoulder_elevation", -1, "arm away from hanging, in that plane; 0 to 180"),
-        ("shoulder_axial_rotation", 1, "inward (internal), after both"),
-    ),
-    *_angles("elbow", "ZXY", ("elbow_flexion", 1, "forearm to the upper arm"), _NONE, _NONE),
-    *_angles(
-        "wrist",
-        "YXZ",
-        ("forearm_pronation", 1, "thumb inward from pointing forward; supination is negative"),
-        ("wrist_flexion", 1, "palm to the forearm"),
-        ("wrist_deviation", -1, "hand to the little finger's side (ulnar)"),
-    ),
-    *_angles(
-        "hip",
-        "ZXY",
-        ("hip_flexion", 1, "thigh forward"),
-        ("hip_adduction", 1, "thigh to the other one; abduction is negative"),
-        ("hip_rotation", 1, "inward (internal)"),
-    ),
-    *_angles("knee", "ZXY", ("knee_flexion", -1, "heel to the buttocks"), _NONE, _NONE),
-    *_angles(
-        "ankle",
-        "ZXY",
-        ("ankle_dorsiflexion", 1, "toes up; plantarflexion is negative"),
-        ("ankle_inversion", 1, "sole inward; eversion is negative"),
-        ("ankle_rotation", 1, "toes inward (internal)"),
-    ),
+ANGLES: tuple[Angle, ...] = tuple(
+    Angle(name, row.joint, turns.order, place, sign, meaning, row.paired)
+    for row in ROWS
+    for turns in row.angles
+    for place, (name, sign, meaning) in enumerate(turns.named)
 )
-"""The table of definitions. Each set of three tells a turn whole; a hinge has one. The arm's turn is told
+"""The definitions. Each set of three tells a turn whole; a hinge has one. The arm's turn is told
 twice: the first three cannot tell flexion from rotation with the arm straight sideways, the ISB's globe
 (order YXY) cannot tell its plane with the arm hanging or straight up."""
 
@@ -122,26 +61,20 @@ twice: the first three cannot tell flexion from rotation with the arm straight s
 def joint_angles_deg(T_world_joint: Floats) -> dict[str, Floats]:
     """Angles (N,) in degrees of N consecutive frames, by name; sided ones begin with left_ or right_.
 
-    T_world_joint: (N, 17, 4, 4). Angles go on from frame to frame without jumps of whole turns, from a first
+    T_world_joint: (N, J, 4, 4). Angles go on from frame to frame without jumps of whole turns, from a first
     frame within half a turn.
     """
     turns = R_ISB_ZUP @ turns_from_rest(T_world_joint, rest_rotations("hanging")) @ R_ISB_ZUP.T
     left = [joint.startswith("left_") for joint in JOINT_NAMES]
     turns[:, left] = _MIRROR @ turns[:, left] @ _MIRROR
     by_order = {order: np.degrees(apart(turns)) for order, apart in _APART.items()}
-    return {
-        f"{side}_{angle.name}".removeprefix("_"): _column(by_order[angle.order], angle, side)
-        for side in ("", *SIDES)
-        for angle in ANGLES
-        if angle.is_sided == bool(side)
-    }
-
-
-def _column(angles_deg: Floats, angle: Angle, side: str) -> Floats:
-    """(N,) of all joints' angles (N, 17, 3) about the axes of its order."""
-    joint = JOINT_INDEX[f"{side}_{angle.joint}".removeprefix("_")]
-    column: Floats = angle.sign * angles_deg[:, joint, angle.place] + 0.0  # no -0
-    return column
+    angles_deg: dict[str, Floats] = {}
+    for side in (None, *SIDES):
+        for angle in ANGLES:
+            if angle.is_sided == (side is not None):
+                of_joint = by_order[angle.order][:, JOINT_INDEX[sided(angle.joint, side)]]
+                angles_deg[sided(angle.name, side)] = angle.sign * of_joint[:, angle.place] + 0.0  # no -0
+    return angles_deg
 
 
 def _yxz(R: Floats) -> Floats:

@@ -21,12 +21,12 @@ class Motion:
     times_s: Floats
     """(N,) the frames' times in the take."""
     poses: Floats
-    """(N, 35) in metres and radians."""
+    """(N, D) in metres and radians."""
     body: Body
 
     @cached_property
     def T_world_joint(self) -> Floats:
-        """(N, 17, 4, 4) in the z-up world, in the order of JOINT_NAMES."""
+        """(N, J, 4, 4) in the z-up world, in the order of JOINT_NAMES."""
         return joint_transforms(self.poses, self.body.offsets_m)
 
 

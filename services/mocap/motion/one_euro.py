@@ -29,10 +29,10 @@ class OneEuro:
     ) -> None:
         self._rest_hz, self._per_speed_hz = rest_cutoff_hz, speed_cutoff_hz
         self._before: tuple[float, Floats, Floats] | None = None
-        """Time, the filtered pose (35,) and its filtered velocity (35,), with the root's turn as a vector."""
+        """Time, the filtered pose (D,) and its filtered velocity (D,), with the root's turn as a vector."""
 
     def __call__(self, pose: Floats, at_s: float) -> Floats:
-        """The next pose (35,), filtered; raises ValueError unless it is later than the one before."""
+        """The next pose (D,), filtered; raises ValueError unless it is later than the one before."""
         if self._before is None:
             self._before = at_s, pose.copy(), np.zeros(len(pose))
             return pose.copy()

@@ -13,7 +13,7 @@ _ARMS_RAD: dict[str, float] = {"T": 0.0, "A": -np.pi / 4, "hanging": -np.pi / 2}
 
 
 def rest_pose(rest: Literal["T", "A", "hanging"]) -> Floats:
-    """The pose (35,) of somebody upright with straight limbs, in metres and radians.
+    """The pose (D,) of somebody upright with straight limbs, in metres and radians.
 
     The arms point sideways (T), half way down (A) or down (hanging: palms towards the thighs).
     """
@@ -24,14 +24,14 @@ def rest_pose(rest: Literal["T", "A", "hanging"]) -> Floats:
 
 
 def rest_rotations(rest: Literal["T", "A", "hanging"]) -> Floats:
-    """R_world_joint (17, 3, 3) of a rest pose; that of the T pose is 1 for all."""
+    """R_world_joint (J, 3, 3) of a rest pose; that of the T pose is 1 for all."""
     return joint_transforms(rest_pose(rest)[None], np.zeros((len(JOINTS), 3)))[0, :, :3, :3]
 
 
 def turns_from_rest(T_world_joint: Floats, R_world_rest: Floats) -> Floats:
-    """How each joint is turned against its parent (N, 17, 3, 3), counted from a rest pose.
+    """How each joint is turned against its parent (N, J, 3, 3), counted from a rest pose.
 
-    T_world_joint: (N, 17, 4, 4). R_world_rest: (17, 3, 3) of the rest pose, in which all turns are 1. They
+    T_world_joint: (N, J, 4, 4). R_world_rest: (J, 3, 3) of the rest pose, in which all turns are 1. They
     are said in frames that are parallel to the world's axes there.
     """
     R_world_joint = T_world_joint[:, :, :3, :3] @ R_world_rest.transpose(0, 2, 1)

@@ -19,7 +19,7 @@ _GIMBAL_LOCK = 1e-7
 
 
 def root_rotations(poses: Floats) -> Rotation:
-    """The rotations R_world_body of poses (N, 35)."""
+    """The rotations R_world_body of poses (N, D)."""
     return Rotation.from_euler(_ORDER, poses[:, ROOT_TURN])
 
 
@@ -60,3 +60,11 @@ def continuous_angles(R: Floats) -> Floats:
     for frame in range(n_frames):
         previous = angles[frame] = nearest_angles(angles[frame], previous)
     return angles
+
+
+def without_flips(quaternions: Floats) -> Floats:
+    """Quaternions (N, …, 4), each on the same side as the one before: q and -q turn alike."""
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0
+    aligned = quaternions.copy()
+    aligned[1:] *= np.where(np.cumsum(flips, axis=0) % 2, -1.0, 1.0)[..., None]
+    return aligned

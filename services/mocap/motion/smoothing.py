@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.motion.one_euro import OneEuro
-from services.mocap.motion.root import ROOT_TURN, root_angles, root_rotations
+from services.mocap.motion.root import ROOT_TURN, root_angles, root_rotations, without_flips
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.types import Floats, Mask
 
@@ -28,9 +28,9 @@ def smoothed(
     distrusted: Mask | None = None,
     times_s: Floats | None = None,
 ) -> Floats:
-    """Poses (N, 35) of consecutive frames as the settings want them; N >= 1.
+    """Poses (N, D) of consecutive frames as the settings want them; N >= 1.
 
-    distrusted: (N, 35) values that should not be trusted; rts bridges them from both sides.
+    distrusted: (N, D) values that should not be trusted; rts bridges them from both sides.
     times_s: (N,) of frames that do not come evenly, which one-euro heeds.
     """
     if settings.smooth == "none":
@@ -43,7 +43,7 @@ def smoothed(
 
 
 def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = None) -> Floats:
-    """Poses (N, 35) without what is faster than cutoff_hz, where half of the amplitude passes; nothing lags.
+    """Poses (N, D) without what is faster than cutoff_hz, where half of the amplitude passes; nothing lags.
 
     This is the Rauch-Tung-Striebel smoother of a body whose velocities wander at random. It is computed as
     the cubic smoothing spline, which is the same estimate: see Wahba 1978, and Weinert, Byrd and Sidhu 1980.
@@ -52,7 +52,7 @@ def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = N
     """
     if len(poses) < _FEWEST:
         return poses.copy()
-    values = np.column_stack([poses, _without_flips(root_rotations(poses).as_quat())])
+    values = np.column_stack([poses, without_flips(root_rotations(poses).as_quat())])
     weights = np.ones(values.shape)
     if distrusted is not None:
         turn = distrusted[:, ROOT_TURN].any(axis=1, keepdims=True)
@@ -74,11 +74,3 @@ def _spline(values: Floats, weights: Floats, fps: float, cutoff_hz: float) -> Fl
         columns = kind_of_column.ravel() == kind
         found[:, columns] = make_smoothing_spline(times_s, values[:, columns], weight, roughness)(times_s)
     return found
-
-
-def _without_flips(quaternions: Floats) -> Floats:
-    """Quaternions (N, 4), each on the same side as the one before: q and -q turn alike."""
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-    signs = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
-    aligned: Floats = quaternions * np.concatenate([[1.0], signs])[:, None]
-    return aligned

@@ -63,7 +63,7 @@ class Result:
 
     @property
     def poses(self) -> Floats:
-        """(N, 35) pose parameters in metres and radians, in the order of DOF_NAMES."""
+        """(N, D) pose parameters in metres and radians, in the order of DOF_NAMES."""
         return self.motion.poses
 
     @property
@@ -123,7 +123,7 @@ def write_tracked(
 ) -> Floats:
     """Write poses.csv, joints.csv and actor.toml, and its mesh if it has one.
 
-    up: the axis of the take's world. smooth: (N, 35) poses after smoothing, where that was asked for; then
+    up: the axis of the take's world. smooth: (N, D) poses after smoothing, where that was asked for; then
     joints.csv is of these, and poses_smooth.csv has them. Returns the joints (N, 15, 3) of joints.csv, in the
     z-up world.
     """

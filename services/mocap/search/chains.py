@@ -1,23 +1,21 @@
-"""The one table of chains: which parameters a sub-problem varies, what it draws, and where it looks."""
+"""The chains: which parameters a sub-problem varies, what it draws, and where it looks."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, segment_transforms
-from services.mocap.body.skeleton import LOWER, SEGMENT_NAMES, UPPER, dofs_of, segments_below
+from services.mocap.body.skeleton import LOWER, SEGMENTS, UPPER, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
 from services.mocap.take.marks import PARTS, Marks
 from services.mocap.types import Floats, Ints, Mask
 
-LIMB_WINDOW_PX = 128
-EXTREMITY_WINDOW_PX = 64
 REFERENCE_WIDTH_PX = 320
-"""Window sizes are those of the paper (section 4.2) at this picture width, and scale with it."""
+"""Windows are as large as skeleton_table.py says at this picture width, and scale with it."""
 
-ALL_SEGMENTS: tuple[int, ...] = tuple(range(len(SEGMENT_NAMES)))
+ALL_SEGMENTS: tuple[int, ...] = tuple(range(len(SEGMENTS)))
 LimbName = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 
 
@@ -54,22 +52,18 @@ class Limb:
         return self.main.dofs + self.extremity.dofs
 
 
-def _stage(joints: tuple[str, ...], window_px: int) -> Stage:
-    return Stage(dofs_of(*joints), segments_below(joints[0]), window_px)
+def _stages(part: str) -> list[Stage]:
+    """The stages of a part, from the trunk outwards; each draws all below its first joint."""
+    joints: dict[int, list[str]] = {}
+    for segment in SEGMENTS:  # parents precede children
+        if segment.part == part:
+            joints.setdefault(segment.row.window_px, []).append(segment.joint)
+    return [Stage(dofs_of(*turned), segments_below(turned[0]), px) for px, turned in joints.items()]
 
 
-def _limb(main: tuple[str, ...], extremity: str) -> Limb:
-    return Limb(_stage(main, LIMB_WINDOW_PX), _stage((extremity,), EXTREMITY_WINDOW_PX))
-
-
-TORSO = _stage(("pelvis",), 0)
-HEAD = _stage(("neck",), EXTREMITY_WINDOW_PX)
-LIMBS: dict[LimbName, Limb] = {
-    "left_arm": _limb(("left_shoulder", "left_elbow"), "left_wrist"),
-    "right_arm": _limb(("right_shoulder", "right_elbow"), "right_wrist"),
-    "left_leg": _limb(("left_hip", "left_knee"), "left_ankle"),
-    "right_leg": _limb(("right_hip", "right_knee"), "right_ankle"),
-}
+(TORSO,) = _stages("torso")
+(HEAD,) = _stages("head")
+LIMBS: dict[LimbName, Limb] = {name: Limb(*_stages(name)) for name in get_args(LimbName)}
 
 
 def window_size_px(stage: Stage, rig: Rig) -> int:
@@ -80,7 +74,7 @@ def window_size_px(stage: Stage, rig: Rig) -> int:
 def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:
     """Where the windows (C, 2) lie when a stage's segments are centred in them, kept inside the pictures.
 
-    pose (35,) says where the segments are. The paper, section 4.2.
+    pose (D,) says where the segments are. The paper, section 4.2.
     """
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0, list(stage.segments)]
     centres_m = body.centres_m[list(stage.segments)]
@@ -98,7 +92,7 @@ _DOFS: dict[str, tuple[int, ...]] = {"head": HEAD.dofs, **{name: limb.dofs for n
 
 
 def distrusted_values(marks: Marks) -> Mask:
-    """Which values of the poses (N, 35) should not be trusted; where the torso is wrong, none should be."""
+    """Which values of the poses (N, D) should not be trusted; where the torso is wrong, none should be."""
     values: Mask = np.zeros((len(marks.distrusted), N_DOF), bool)
     for part, frames in zip(PARTS, marks.distrusted.T, strict=True):
         dofs = list(_DOFS.get(part, range(N_DOF)))

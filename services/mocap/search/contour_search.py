@@ -69,7 +69,7 @@ class _Search:
         return whole_body_energy(self.model, self.whole, np.zeros(N_DOF), s.cost, s.detail_px)
 
     def best_of(self, poses: Floats) -> _Seen:
-        """The first of the cheapest poses (N, 35)."""
+        """The first of the cheapest poses (N, D)."""
         nothing = np.zeros((len(ALL_SEGMENTS), SHARES))
         return min((self.see(Aligned(pose.copy(), 0.0, nothing)) for pose in poses), key=lambda s: s.energy)
 
@@ -93,7 +93,7 @@ def solve_by_contours(
     limbs: LimbPool,
     trust: PartConfidence,
 ) -> FrameSolution:
-    """Find the pose of one frame, beginning at the best of the start poses (N, 35) within the limits.
+    """Find the pose of one frame, beginning at the best of the start poses (N, D) within the limits.
 
     The whole body is aligned with the contours. Then, as long as it helps, limbs (and the head) that
     something differs near by more than the rim are searched by XOR, as in the paper's passes, and all is

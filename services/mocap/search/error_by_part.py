@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from services.mocap.body.kinematics import N_JOINTS, SEGMENT_JOINTS, joint_transforms
+from services.mocap.body.kinematics import N_JOINTS, PARENT, SEGMENT_JOINTS, joint_transforms
+from services.mocap.body.skeleton import SEGMENTS
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, count_by_camera
 from services.mocap.energy.picture import Picture
@@ -20,21 +21,18 @@ _NEAREST_M = 1e-3
 """Points that are nearer to a camera, or behind it, are taken to be so far before it."""
 
 
-def _part_of(segment: int) -> int:
-    parts = [part for part, stage in PART_STAGES.items() if segment in stage.segments]
-    return PARTS.index(parts[0]) if parts else PARTS.index("torso")
-
-
-_SEGMENT_PARTS = [_part_of(s) for s in range(len(SEGMENT_JOINTS))]
+_SEGMENT_PARTS = [PARTS.index(segment.part) for segment in SEGMENTS]
 PART_SEGMENTS: dict[Part, tuple[int, ...]] = {
-    part: tuple(s for s, its in enumerate(_SEGMENT_PARTS) if its == p) for p, part in enumerate(PARTS)
+    part: tuple(s for s, segment in enumerate(SEGMENTS) if segment.part == part) for part in PARTS
 }
 """The segments of each part, in the order of PARTS."""
-_CARRIED = {int(joint): part for joint, part in zip(SEGMENT_JOINTS, _SEGMENT_PARTS, strict=True)}
+_JOINT_PARTS = dict(zip(SEGMENT_JOINTS.tolist(), _SEGMENT_PARTS, strict=True))
 _POINT_PARTS: Ints = np.array(
-    [_CARRIED.get(j, PARTS.index("head")) for j in range(N_JOINTS)] + _SEGMENT_PARTS, np.int32
+    [_JOINT_PARTS[j] if j in _JOINT_PARTS else _JOINT_PARTS[int(PARENT[j])] for j in range(N_JOINTS)]
+    + _SEGMENT_PARTS,
+    np.int32,
 )
-"""(33,) the part of every joint, then of every segment; head_top carries none."""
+"""(J + S,) the part of every joint, then of every segment; a tip is of the segment that it ends."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class ErrorByPart:
 
 
 def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
-    """Draw a pose (35,) and count."""
+    """Draw a pose (D,) and count."""
     covered = model.backend.coverage(pose[None], ALL_SEGMENTS, whole.region)[0]
     counted = ~whole.ignored
     differing = (covered ^ whole.silhouettes) & counted
@@ -64,7 +62,7 @@ def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
 def pixels_by_part(planes: Bytes, model: Model, pose: Floats) -> dict[Part, int]:
     """Set bits of planes (P, H, W) by the part whose joints and middles of segments are nearest to them.
 
-    That is told in the pictures, of a pose (35,).
+    That is told in the pictures, of a pose (D,).
     """
     counts: Ints = np.zeros(len(PARTS), np.int32)
     _count_nearest(planes, _points_px(model.rig, _points_m(model, pose)), _POINT_PARTS, counts)
@@ -72,7 +70,7 @@ def pixels_by_part(planes: Bytes, model: Model, pose: Floats) -> dict[Part, int]
 
 
 def _points_m(model: Model, pose: Floats) -> Floats:
-    """Joints and middles of segments (33, 3) in the world."""
+    """Joints and middles of segments (J + S, 3) in the world."""
     T_world_joint = joint_transforms(pose[None], model.body.offsets_m)[0]
     T_world_segment = T_world_joint[SEGMENT_JOINTS]
     middles_m = (T_world_segment[:, :3, :3] @ model.body.centres_m[:, :, None])[:, :, 0]

@@ -56,7 +56,7 @@ def solve_first_frame(
 
     seen (P, H, W); actor: None where the take has none; hints: of take.toml, for this very frame; pool
     makes the limb pool for a model, engine its backend. settings: those of the frames to come. fitted_pose:
-    (35,), where it was found along with the actor; then nothing is searched far and wide. names: of the
+    (D,), where it was found along with the actor; then nothing is searched far and wide. names: of the
     cameras. made: the model of the told actor (told_actor), where there is one already. Raises TakeError
     where nobody is to be seen, or the silhouettes make no sense (look_first).
     """

@@ -7,7 +7,7 @@ from math import pi, radians
 import numpy as np
 
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
-from services.mocap.body.skeleton import DOF_INDEX, SIDES
+from services.mocap.body.skeleton import DOF_INDEX, DOFS, JOINTS, SEGMENTS, SIDES, Dof
 from services.mocap.energy.picture import Picture
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
@@ -82,7 +82,7 @@ def _energy_px(solution: FrameSolution) -> float:
 def _first_look(
     model: Model, picture: Picture, start: Floats, settings: SearchSettings, limbs: LimbPool
 ) -> FrameSolution:
-    """One pass from a start pose (35,), its limbs searched first, far and wide.
+    """One pass from a start pose (D,), its limbs searched first, far and wide.
 
     The hull tells where the trunk is, to a hand's breadth; limbs that point elsewhere would drag it away.
     """
@@ -95,23 +95,36 @@ def _first_look(
 
 
 def _turned_round(pose: Floats) -> Floats:
-    """The pose (35,) that looks most alike from far away, facing the other way: left is right."""
+    """The pose (D,) that looks most alike from far away, facing the other way: left is right."""
     turned = pose.copy()
     for name, d in DOF_INDEX.items():
         if name.startswith("left_"):
             other = DOF_INDEX["right_" + name.removeprefix("left_")]
             turned[[d, other]] = pose[[other, d]]
     turned[DOF_INDEX["root_heading"]] += pi
-    for name in ("root_lean", "root_pitch", "head_lean", "head_pitch"):
-        turned[DOF_INDEX[name]] *= -1.0
-    for side in SIDES:
-        for name in ("shoulder_forward", "hip_flexion"):
-            turned[DOF_INDEX[f"{side}_{name}"]] *= -1.0
+    turned[_OTHER_WAY] *= -1.0
     return clip_to_limits(turned)
 
 
+def _bends_the_other_way(dof: Dof) -> bool:
+    """Whether somebody who looks alike from afar, but faces the other way, has a parameter's opposite.
+
+    Trunk and head lean and pitch in the world as before. Arms and legs, whose left is right, go on pointing
+    forward or back as before from shoulder and hip; knees, elbows, hands and feet bend in one way only.
+    """
+    about_x, _, about_z = dof.axis
+    if dof.joint not in _TRUNK_AND_NEXT or dof.role not in ("lean", "pitch", "swing"):
+        return False
+    return about_x == 0.0 if dof.name.startswith(SIDES) else about_z == 0.0
+
+
+_TRUNK = {segment.joint for segment in SEGMENTS if segment.part == "torso"}
+_TRUNK_AND_NEXT = _TRUNK | {joint.name for joint in JOINTS if joint.parent in _TRUNK}
+_OTHER_WAY = [d for d, dof in enumerate(DOFS) if _bends_the_other_way(dof)]
+
+
 def standing_pose(model: Model, hull: Hull) -> Floats:
-    """The T pose (35,) upright on the hull's lowest point, facing along x."""
+    """The T pose (D,) upright on the hull's lowest point, facing along x."""
     pose = np.zeros(N_DOF)
     pose[:2] = hull.axis_world_m
     pose[2] = hull.bottom_m + model.body.pelvis_height_m
@@ -119,7 +132,7 @@ def standing_pose(model: Model, hull: Hull) -> Floats:
 
 
 def _starts(model: Model, hull: Hull, facing_rad: float | None) -> Floats:
-    """Standing poses (N, 35) on the hull's lowest point: all headings, arm heights and strides."""
+    """Standing poses (N, D) on the hull's lowest point: all headings, arm heights and strides."""
     if facing_rad is None:
         headings = np.arange(_HEADINGS) * (2 * pi / _HEADINGS)
     else:

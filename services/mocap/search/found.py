@@ -15,7 +15,7 @@ class FrameSolution:
     """A frame's pose and what finding it took."""
 
     pose: Floats
-    """(35,)"""
+    """(D,)"""
     energy_px: float
     """Differing pixels of the whole body's full mesh in the whole pictures, over all cameras, whatever was
     minimised."""

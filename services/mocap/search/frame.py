@@ -22,7 +22,7 @@ def solve_frame(
     limbs: LimbPool,
     trust: PartConfidence | None = None,
 ) -> FrameSolution:
-    """Find the pose of one frame, beginning at the best of the start poses (N, 35).
+    """Find the pose of one frame, beginning at the best of the start poses (N, D).
 
     Starts are moved within the joint limits first. trust: what is known of the frames before; none for a
     frame on its own.
@@ -35,7 +35,7 @@ def solve_frame(
 
 
 def extrapolated(poses: list[Floats]) -> Floats:
-    """Start poses (N, 35) for a frame from those of the frames before it, the latest last.
+    """Start poses (N, D) for a frame from those of the frames before it, the latest last.
 
     The last pose, and where it would go on to at its present speed, and half-way between.
     """

@@ -35,7 +35,7 @@ def fit_height(
 ) -> float:
     """The height in metres, near height_m, of the generic body that leaves the least energy.
 
-    picture: a whole frame. pose (35,): its pose, found with a body of height_m, which lies in HEIGHT_RANGE_M;
+    picture: a whole frame. pose (D,): its pose, found with a body of height_m, which lies in HEIGHT_RANGE_M;
     that of each other height is searched from it for one pass. pool makes the limb pool for a model,
     engine the model's backend; settings: those of the frames to come.
     """

@@ -49,7 +49,7 @@ class Differences:
 
 
 def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> Differences:
-    """Compare whole pictures with what the model covers there (P, H, W) in a pose (35,)."""
+    """Compare whole pictures with what the model covers there (P, H, W) in a pose (D,)."""
     counted = ~whole.ignored
     missing, surplus = whole.silhouettes & ~covered & counted, covered & ~whole.silhouettes & counted
     thick = _inner(missing) | _inner(surplus)

@@ -14,7 +14,7 @@ from services.mocap.types import Floats
 def solve_by_passes(
     model: Model, whole: Picture, starts: Floats, settings: SearchSettings, limbs: LimbPool
 ) -> FrameSolution:
-    """Find the pose of one frame, beginning at the best of the start poses (N, 35) within the limits.
+    """Find the pose of one frame, beginning at the best of the start poses (N, D) within the limits.
 
     The paper, section 3: torso, then every limb with its hand or foot and the head, repeated until converged.
     The result is the best pose seen at the end of a pass, by the cost and the level of detail of the search;

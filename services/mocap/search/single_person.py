@@ -21,7 +21,7 @@ NOT_ALONE = (
 
 
 def uncovered_share(model: Model, picture: Picture, pose: Floats, settings: SearchSettings) -> float:
-    """How much of the silhouettes of a whole frame a body in a pose (35,) leaves uncovered.
+    """How much of the silhouettes of a whole frame a body in a pose (D,) leaves uncovered.
 
     On average over the cameras that show anybody and have a weight. Unsure pixels that the body covers belong
     to the silhouettes, so that little of it that is surely seen elsewhere does not seem to be much.

@@ -37,14 +37,14 @@ class Solution:
     """What finding them took, where somebody looked at the clock."""
 
     def applied_to(self, pose: Floats) -> Floats:
-        """The pose (35,) with this chain's parameters replaced."""
+        """The pose (D,) with this chain's parameters replaced."""
         changed = pose.copy()
         changed[list(self.dofs)] = self.values
         return changed
 
 
 def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Energy:
-    """The energy of all parameters with the whole body drawn; pose (35,) is any; the rest as in Problem."""
+    """The energy of all parameters with the whole body drawn; pose (D,) is any; the rest as in Problem."""
     problem = Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, cost.priced(picture), cost, detail_px)
     return model.backend.energy(problem)
 
@@ -63,7 +63,7 @@ def solve_head(model: Model, whole: Picture, pose: Floats, settings: SearchSetti
 
 
 def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, margin_px: int = 0) -> Picture:
-    """Cut the windows of a stage out of a picture, centred on where the pose (35,) has its segments.
+    """Cut the windows of a stage out of a picture, centred on where the pose (D,) has its segments.
 
     margin_px: how much larger they are on all sides.
     """
@@ -119,6 +119,6 @@ def descend_from(
 def descend_stage(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> Solution:
-    """Lower a stage's energy in a picture, from a pose (35,)."""
+    """Lower a stage's energy in a picture, from a pose (D,)."""
     energy, start, box = prepare(model, stage, picture, pose, settings)
     return descend_from(energy, best_of(energy, start[None]), stage, box, settings)

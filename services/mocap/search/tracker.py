@@ -30,7 +30,7 @@ class Tracker:
     """Solves frame after frame, each from those before; finds the actor anew after a loss."""
 
     def __init__(self, model: Model, settings: SearchSettings, limbs: LimbPool, poses: Floats) -> None:
-        """poses: (N, 35) the first one, or else the last two of a tracker that this one goes on from."""
+        """poses: (N, D) the first one, or else the last two of a tracker that this one goes on from."""
         self._model, self._settings, self._limbs = model, settings, limbs
         self._trust = PartConfidence(model.rig, settings.doubt_px)
         self._poses: list[Floats] = list(poses)

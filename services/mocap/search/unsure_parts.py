@@ -52,7 +52,7 @@ class PartPixels:
 
 
 def part_pixels(model: Model, seen: TriPlanes, poses: Floats) -> PartPixels:
-    """Draw every part in poses (F, 35) and count its pixels, of all frames together; rims are never unsure.
+    """Draw every part in poses (F, D) and count its pixels, of all frames together; rims are never unsure.
 
     seen (F, P, H, W).
     """
@@ -95,7 +95,7 @@ def _paired(parts: Iterable[Part]) -> list[str]:
 def untold_parts(
     model: Model, seen: TriPlanes, poses: Floats, names: Sequence[str], when: str, where: str
 ) -> str:
-    """The sentence for the user on frames (F, P, H, W) and poses (F, 35) in them; "" where all can be told.
+    """The sentence for the user on frames (F, P, H, W) and poses (F, D) in them; "" where all can be told.
 
     names: of the cameras; when: the frames in words; where: to look, in words.
     """

@@ -32,7 +32,7 @@ class FootTargets:
 
 
 def reach_m(offsets_m: Floats, side: Side) -> float:
-    """The distance from hip to ankle with a straight knee; offsets_m (17, 3)."""
+    """The distance from hip to ankle with a straight knee; offsets_m (J, 3)."""
     return float(
         sum(np.linalg.norm(offsets_m[JOINT_INDEX[f"{side}_{joint}"]]) for joint in ("knee", "ankle"))
     )
@@ -53,9 +53,9 @@ def smoothed_from_below(values: Floats, radius: int) -> Floats:
 
 
 def put_feet(poses: Floats, offsets_m: Floats, targets: dict[Side, FootTargets]) -> Floats:
-    """The (N, 35) poses with the legs set so that the feet meet their targets, the root staying as it is.
+    """The (N, D) poses with the legs set so that the feet meet their targets, the root staying as it is.
 
-    offsets_m: (17, 3), knee and ankle straight below the hip in the rest pose. A target out of reach gets a
+    offsets_m: (J, 3), knee and ankle straight below the hip in the rest pose. A target out of reach gets a
     straight leg that points to it.
     """
     poses = poses.copy()
@@ -101,7 +101,7 @@ def _turn_leg_plane(
 
 
 def set_ball_joint(poses: Floats, joint: str, R_parent_joint: Floats) -> None:
-    """Write rotations (N, 3, 3) into a joint's parameters in poses (N, 35): the swing, then the twist.
+    """Write rotations (N, 3, 3) into a joint's parameters in poses (N, D): the swing, then the twist.
 
     Where the joint has no twist parameter, the rotation's twist is left out.
     """

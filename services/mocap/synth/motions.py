@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.errors import UserError
 from services.mocap.synth.bvh_file import BvhMotion, read_bvh
@@ -34,7 +35,7 @@ class Performance:
     """What the actor does."""
 
     poses: Floats
-    """(N, 35)"""
+    """(N, D)"""
     joint_error_m: float | None = None
     """Of a BVH file: mean distance of the joints from the file's, had it the actor's bone lengths."""
 
@@ -59,7 +60,7 @@ def perform_bvh(path: Path, n_frames: int | None, start_s: float, fps: float, bo
     times_s = np.arange(n) / fps - STAND_S  # of the motion; before it the actor stands
     places, R = motion.sample(start_s + np.maximum(times_s, 0.0))
     moving = slice(int(np.count_nonzero(times_s < 0)), None)
-    moved = retarget(places[moving], R[moving], rest, body) if times_s[-1] >= 0 else np.empty((0, 35))
+    moved = retarget(places[moving], R[moving], rest, body) if times_s[-1] >= 0 else np.empty((0, N_DOF))
     error_m = joint_errors_m(places[moving], R[moving], rest, moved, body).mean() if len(moved) else 0.0
     moved = _on_floor(moved, body, fps)
     poses = _from_a_pose(moved, times_s, body)

@@ -8,7 +8,6 @@ import trimesh
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import segment_transforms
-from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.synth.raster import draw
@@ -32,10 +31,7 @@ _SHOES = (44.0, 46.0, 52.0)
 _HAIR = (34.0, 48.0, 66.0)
 _BELT = (30.0, 34.0, 40.0)
 
-_PLAIN = {
-    "torso": _SHIRT, "neck": _SKIN, "head": _SKIN, "upper_arm": _SHIRT, "forearm": _SKIN, "hand": _SKIN,
-    "pelvis": _TROUSERS, "thigh": _TROUSERS, "shank": _TROUSERS, "foot": _SHOES,
-}  # fmt: skip
+_PLAIN = {"shirt": _SHIRT, "skin": _SKIN, "trousers": _TROUSERS, "shoes": _SHOES}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +63,7 @@ class Model:
         """(F, 3)"""
 
     def posed(self, pose: Floats) -> tuple[Floats, Floats]:
-        """Vertices in the world, in metres, and their normals, (V, 3) each, in a (35,) pose."""
+        """Vertices in the world, in metres, and their normals, (V, 3) each, in a (D,) pose."""
         T_world_segment = segment_transforms(pose[None], self._body.offsets_m)[0]
         vertices_world_m = np.concatenate(
             [v @ T[:3, :3].T + T[:3, 3] for v, T in zip(self._body.vertices_m, T_world_segment, strict=True)]
@@ -78,7 +74,7 @@ class Model:
         return vertices_world_m, normals
 
     def pose(self, pose: Floats) -> Figure:
-        """The figure in a (35,) pose."""
+        """The figure in a (D,) pose."""
         vertices_world_m, normals = self.posed(pose)
         light = _AMBIENT + _DIFFUSE * np.maximum(normals @ LIGHT_WORLD, 0.0) + _SKY * normals[:, 2]
         bgr = (self._albedo_bgr * light[:, None]).astype(np.float32)
@@ -89,9 +85,9 @@ def _dressed(body: Body) -> Floats:
     """BGR (V, 3) in grey levels under full light, for the vertices of all segments one after the other."""
     rng = np.random.default_rng(7)  # the weave of the cloth; the same in every take
     colours = []
-    for name, vertices_m in zip(SEGMENT_NAMES, body.vertices_m, strict=True):
-        kind = name.removeprefix("left_").removeprefix("right_")
-        bgr = np.tile(_PLAIN[kind], (len(vertices_m), 1))
+    for segment, vertices_m in zip(SEGMENTS, body.vertices_m, strict=True):
+        kind = segment.row.name
+        bgr = np.tile(_PLAIN[segment.row.garment], (len(vertices_m), 1))
         x, y, z = vertices_m.T / body.height_m
         if kind == "upper_arm":
             bgr[np.abs(y) > 0.095] = _SKIN  # short sleeves

@@ -12,22 +12,28 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, joint_positions, joint_transforms
-from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, LOWER, SIDES, UPPER
+from services.mocap.body.skeleton import (
+    DOF_INDEX,
+    JOINT_INDEX,
+    JOINT_NAMES,
+    JOINTS,
+    LOWER,
+    SEGMENTS,
+    SIDES,
+    UPPER,
+    dofs_of,
+)
 from services.mocap.synth.legs import set_ball_joint
 from services.mocap.synth.rest_pose import RestPose, scale_m
 from services.mocap.types import Floats
 
-_BONES = tuple(
-    (f"{side}_{joint}", f"{side}_{child}")
-    for side in SIDES
-    for joint, child in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
-)
+_PAIRED = {segment.joint for segment in SEGMENTS if segment.side}
+_BONES = tuple((joint.parent, joint.name) for joint in JOINTS if joint.parent in _PAIRED)
+"""Of arms and legs, from joint to joint."""
 _PLACED = ("pelvis", "left_ankle", "right_ankle")
-_TURNED = (
-    "pelvis",
-    "neck",
-    *(f"{s}_{j}" for s in SIDES for j in ("shoulder", "elbow", "wrist", "hip", "ankle")),
-)
+_TRUNK = tuple(segment.joint for segment in SEGMENTS if segment.part == "torso")
+_TURNED = tuple(name for name in JOINT_NAMES if dofs_of(name) and not name.endswith("knee"))
+"""Joints with parameters; how a knee turns, its bones tell."""
 _TURN_LEVER_M = 0.04
 """A radian of a segment's turn counts like this distance of a joint: places lead, turns settle the rest."""
 _PLACED_ROWS, _TURNED_ROWS = ([JOINT_INDEX[j] for j in names] for names in (_PLACED, _TURNED))
@@ -47,7 +53,7 @@ class Targets:
 
 
 def retarget(places: Floats, R: Floats, rest: RestPose, body: Body) -> Floats:
-    """Poses (N, 35) within the joint limits; the heading goes on beyond half a turn.
+    """Poses (N, D) within the joint limits; the heading goes on beyond half a turn.
 
     places (N, J, 3) and R (N, J, 3, 3): of the file's joints in the file's world, as BvhMotion.sample gives
     them. The floor is not looked at.
@@ -99,7 +105,7 @@ def make_targets(places: Floats, R: Floats, rest: RestPose, body: Body) -> Targe
         return places_m[:, rest.columns[joint]]
 
     trunk = _trunk_turns(places_m, rest)
-    turns = {"pelvis": trunk, "neck": R_joint[:, rest.columns["head"]] @ rest.head_alignment()}
+    turns = dict.fromkeys(_TRUNK, trunk) | {"neck": R_joint[:, rest.columns["head"]] @ rest.head_alignment()}
     for side in SIDES:
         for joint, child in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee")):
             align = rest.alignment(f"{side}_{joint}", f"{side}_{child}", body.offsets_m)
@@ -137,7 +143,7 @@ def _trunk_turns(places_m: Floats, rest: RestPose) -> Floats:
 
 
 def _first_guess(targets: Targets) -> Floats:
-    """Poses (N, 35) from the segments' turns alone, some of them perhaps beyond the limits."""
+    """Poses (N, D) from the segments' turns alone, some of them perhaps beyond the limits."""
     R = dict(zip(_TURNED, np.moveaxis(targets.R_world_joint, 1, 0), strict=True))
     poses = np.zeros((len(targets.bones_m), N_DOF))
     poses[:, :3] = targets.places_world_m[:, 0]
@@ -157,7 +163,7 @@ def _first_guess(targets: Targets) -> Floats:
 
 
 def _residuals(poses: Floats, offsets_m: Floats, targets: Targets, n: int) -> Floats:
-    """(P, R) in metres: places, bones, and turns times their lever, of poses (P, 35) against frame n."""
+    """(P, R) in metres: places, bones, and turns times their lever, of poses (P, D) against frame n."""
     T = joint_transforms(poses, offsets_m)
     joints_m = T[:, :, :3, 3]
     places_m = joints_m[:, _PLACED_ROWS] - targets.places_world_m[n]
@@ -168,7 +174,7 @@ def _residuals(poses: Floats, offsets_m: Floats, targets: Targets, n: int) -> Fl
 
 
 def _jacobian(pose: Floats, offsets_m: Floats, targets: Targets, n: int) -> Floats:
-    """(R, 35) by central differences, all poses in one batch."""
+    """(R, D) by central differences, all poses in one batch."""
     step = 1e-6
     ends = _residuals(
         np.concatenate([pose + step * np.eye(N_DOF), pose - step * np.eye(N_DOF)]), offsets_m, targets, n

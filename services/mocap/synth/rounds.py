@@ -37,7 +37,7 @@ Movement = Callable[[Choreography], None]
 
 
 def perform(choreography: Choreography, n_frames: int, fps: float, body: Body) -> Floats:
-    """Poses (n_frames, 35) of the choreography's first n_frames / fps seconds."""
+    """Poses (n_frames, D) of the choreography's first n_frames / fps seconds."""
     substeps = ceil(_DENSE_HZ / fps)
     rate_hz = fps * substeps
     time_s = np.arange(ceil((n_frames / fps + 0.5) * rate_hz)) / rate_hz
@@ -101,12 +101,12 @@ def _free_legs(poses: Floats, choreography: Choreography, time_s: Floats, frames
 
 
 def basic(n_frames: int, fps: float, body: Body, seed: int = 0) -> Floats:
-    """Poses (n_frames, 35) of slow single movements; see _rounds."""
+    """Poses (n_frames, D) of slow single movements; see _rounds."""
     return _rounds(BASIC, n_frames, fps, body, seed, in_order=True)
 
 
 def dance(n_frames: int, fps: float, body: Body, seed: int = 0) -> Floats:
-    """Poses (n_frames, 35) of a fast dance with the whole body; see _rounds."""
+    """Poses (n_frames, D) of a fast dance with the whole body; see _rounds."""
     return _rounds(DANCE, n_frames, fps, body, seed, in_order=False)
 
 

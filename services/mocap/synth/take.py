@@ -102,7 +102,7 @@ def _check(
 
 
 def stage_size_m(poses: Floats, body: Body) -> tuple[float, float]:
-    """Radius and height of a stage that the actor in these poses (N, 35), hands and feet, does not leave.
+    """Radius and height of a stage that the actor in these poses (N, D), hands and feet, does not leave.
 
     Raises UserError where no studio has one.
     """

@@ -83,7 +83,7 @@ class Arms:
 
 
 def upper_body(path: Path, walking: Stride, turning: Stride, arms: Arms) -> Floats:
-    """Poses (N, 35) at the path's (N,) times with everything set but the root's height and the legs."""
+    """Poses (N, D) at the path's (N,) times with everything set but the root's height and the legs."""
     poses = np.zeros((len(path.time_s), N_DOF))
 
     def put(name: str, values: Floats) -> None:
@@ -125,7 +125,7 @@ def _put_arm(poses: Floats, side: Side, forward: Floats, abduction: Floats) -> N
 
 
 def walk(n_frames: int, fps: float, body: Body) -> Floats:
-    """Poses (n_frames, 35) of the whole motion, fitted into n_frames / fps seconds but no less than 2.
+    """Poses (n_frames, D) of the whole motion, fitted into n_frames / fps seconds but no less than 2.
 
     It starts at (0, -0.7) m facing +x and walks around the origin. Where time is short, movements get
     smaller, not faster. The lowest vertex of every frame touches the floor z = 0.

@@ -66,7 +66,7 @@ def read_record(folder: Path) -> FitRecord | None:
 
 
 def fitted_pose(folder: Path, actor: Actor, settings: TakeSettings, frame: int) -> Floats | None:
-    """The pose (35,) of a frame that a fit found for this very actor; None where there is none.
+    """The pose (D,) of a frame that a fit found for this very actor; None where there is none.
 
     Nor does a pose count that was found when take.toml said other things of the first one. Raises TakeError
     where the files of the fit cannot be used.

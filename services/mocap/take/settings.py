@@ -113,7 +113,7 @@ class TakeSettings(BaseModel):
         return self.model_copy(update={"facing": None, "initial_pose": {}}) if frame else self
 
     def with_initial_pose(self, pose: Floats) -> Floats:
-        """A copy of the (35,) pose, with the parameters of `[initial_pose]` in their places."""
+        """A copy of the (D,) pose, with the parameters of `[initial_pose]` in their places."""
         pose = pose.copy()
         for column, value in self.initial_pose.items():
             pose[_DOF_OF_COLUMN[column][0]] = value

@@ -50,9 +50,9 @@ def from_take_world(points_take_m: Floats, up: Up) -> Floats:
 
 
 def reference_joints(poses: Floats, offsets_m: Floats) -> Floats:
-    """The joints of joints.csv (N, 15, 3) in the inside z-up world, of poses (N, 35).
+    """The joints of joints.csv (N, 15, 3) in the inside z-up world, of poses (N, D).
 
-    offsets_m: (17, 3), as joint_positions takes them.
+    offsets_m: (J, 3), as joint_positions takes them.
     """
     return joint_positions(poses, offsets_m)[:, [JOINT_INDEX[name] for name in REFERENCE_JOINTS]]
 
@@ -78,7 +78,7 @@ class PoseTable:
     times_s: Floats
     """(N,)"""
     poses: Floats
-    """(N, 35) in metres and radians."""
+    """(N, D) in metres and radians."""
     energies_px: Floats
     """(N,) differing pixels, summed over the cameras."""
     extra: Mapping[str, Floats] = field(default_factory=dict)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.checks.tools import own_packages, run
+from services.mocap.body.humanoid_names import Naming, bone_names
 from services.mocap.body.skeleton import SEGMENT_JOINT
-from services.mocap.export.bone_names import Naming, bone_names
 from services.mocap.take.tables import REFERENCE_JOINTS
 from services.mocap.types import Floats
 

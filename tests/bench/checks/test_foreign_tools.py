@@ -14,7 +14,7 @@ from bench.checks import tools
 from bench.checks.blender import bvh_joints, glb_joints, imported
 from bench.checks.readers import read_points
 from bench.checks.validator import complaints
-from services.mocap.export.bone_names import Naming
+from services.mocap.body.humanoid_names import Naming
 from services.mocap.export.bvh import write_bvh
 from services.mocap.export.formats import Options, write_formats
 from services.mocap.export.glb import write_glb

@@ -27,6 +27,7 @@ from proto.messages import (
     TakeInfo,
     Telemetry,
 )
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.search.settings import SearchSettings
 
 _CAMERAS = 8
@@ -56,7 +57,7 @@ def _of_limbs(take: str, frame: int) -> list[Message]:
             "actor": _HASH,
             "rig": _HASH,
             "search": SearchSettings().to_wire(),
-            "pose": np.zeros(35),
+            "pose": np.zeros(N_DOF),
             "origin_px": np.zeros((_CAMERAS, 2), np.int32),
             "window": np.zeros((1, 16, 16), np.uint8),
             "unsure": np.ones((1, 16, 16), np.uint8),
@@ -91,7 +92,7 @@ def _of_takes(take: str, frame: int) -> list[Message]:
         Silhouettes(take=take, run=_RUN, frame=frame, cameras=[0, 1], planes=_SEEN, unsure=_UNSURE),
         Credit(take=take, run=_RUN, next_frame=frame, end_frame=frame + 8),
         TakeInfo.model_validate({"take": take} | info),
-        Pose.model_validate({"take": take, "run": _RUN} | solved | {"pose": np.zeros(35)}),
+        Pose.model_validate({"take": take, "run": _RUN} | solved | {"pose": np.zeros(N_DOF)}),
         TakeEnd(take=take, run=_RUN, first_frame=0, end_frame=frame),
     ]
 
@@ -106,7 +107,7 @@ def _recording(take: str, frame: int) -> Recording:
         retries=0,
         worker_backends={"cpu": 8},
         memory={"rest": [0, 3]},
-        poses=np.zeros((2, 35)),
+        poses=np.zeros((2, N_DOF)),
         actor=np.frombuffer(b"height = 1.8\n", np.uint8),
     )
 

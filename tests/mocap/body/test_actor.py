@@ -17,11 +17,11 @@ from services.mocap.body.skeleton import (
     JOINT_INDEX,
     JOINTS,
     LOWER,
-    PELVIS_HEIGHT,
     SEGMENT_INDEX,
     SEGMENT_NAMES,
     UPPER,
 )
+from services.mocap.body.skeleton_table import PELVIS_HEIGHT
 from services.mocap.types import Floats
 
 HEIGHT_M = 1.8

@@ -41,7 +41,7 @@ SWAPPED_JOINTS = [JOINT_INDEX[swapped(name)] for name in JOINT_NAMES]
 
 
 def _all_poses() -> st.SearchStrategy[Floats]:
-    """Poses (35,) within the limits, the root anywhere."""
+    """Poses (D,) within the limits, the root anywhere."""
     shares = arrays(np.float64, N_DOF, elements=st.floats(0.0, 1.0, width=32))
     lower, upper = np.maximum(LOWER, -7.0), np.minimum(UPPER, 7.0)
     return shares.map(lambda share: lower + share * (upper - lower))
@@ -52,7 +52,7 @@ FEW = settings(max_examples=60, deadline=None)
 
 
 def by_scipy(pose: Floats) -> Floats:
-    """T_world_joint (17, 4, 4), straight from the words in skeleton.py."""
+    """T_world_joint (J, 4, 4), straight from the words in skeleton.py."""
     T_world_joint = np.tile(np.eye(4), (len(JOINTS), 1, 1))
     for j, joint in enumerate(JOINTS):
         mine = [(dof, value) for dof, value in zip(DOFS, pose, strict=True) if dof.joint == joint.name]
@@ -160,14 +160,14 @@ def test_views_and_derived_arrays_agree() -> None:
     np.testing.assert_array_equal(segment_transforms(poses, OFFSETS_M), T_world_joint[:, carriers])
 
 
-@pytest.mark.parametrize("shape", [(35,), (2, 34), (1, 1, 35)])
+@pytest.mark.parametrize("shape", [(N_DOF,), (2, N_DOF - 1), (1, 1, N_DOF)])
 def test_other_shapes_are_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match=r"poses: expected shape \(N, 35\), got"):
+    with pytest.raises(ValueError, match=rf"poses: expected shape \(N, {N_DOF}\), got"):
         joint_transforms(np.zeros(shape), OFFSETS_M)
 
 
 def test_no_poses_give_no_transforms() -> None:
-    assert joint_transforms(np.zeros((0, N_DOF)), OFFSETS_M).shape == (0, 17, 4, 4)
+    assert joint_transforms(np.zeros((0, N_DOF)), OFFSETS_M).shape == (0, len(JOINTS), 4, 4)
 
 
 def test_rest_pose_is_a_t() -> None:

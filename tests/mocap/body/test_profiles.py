@@ -18,8 +18,8 @@ from services.mocap.body.profiles import (
     factors_along,
 )
 from services.mocap.body.shape import generic_segments
-from services.mocap.body.shape_profiles import CENTRE_LOFTS, LEFT_LOFTS
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX
+from services.mocap.body.skeleton_table import ROWS
 from services.mocap.errors import TakeError, load_toml, validated
 from services.mocap.types import Floats
 
@@ -51,7 +51,7 @@ def test_controls_on_a_line_give_that_line(n_controls: int, at: float) -> None:
 
 @pytest.mark.parametrize("segment", SECTIONS)
 def test_sections_are_those_of_the_lofts_and_the_bones(segment: str) -> None:
-    loft = {**CENTRE_LOFTS, **LEFT_LOFTS}[segment][0]
+    loft = next(row.lofts[0] for row in ROWS if row.name == segment)
     assert SECTIONS[segment].axes == loft.axes
     length = abs(SECTIONS[segment].end - SECTIONS[segment].start)
     assert length == pytest.approx(BONES[segment].length_heights)

@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.kinematics import N_DOF, segment_transforms
 from services.mocap.body.shape import SegmentMesh, generic_segments
 from services.mocap.body.shape_loft import Loft, loft_mesh
 from services.mocap.body.skeleton import (
     JOINT_INDEX,
     JOINTS,
-    PELVIS_HEIGHT,
     SEGMENT_JOINT,
     SEGMENT_NAMES,
 )
+from services.mocap.body.skeleton_table import PELVIS_HEIGHT
 from services.mocap.types import Floats
 
 OFFSETS_HEIGHTS = np.array([joint.offset_heights for joint in JOINTS])
@@ -55,7 +55,7 @@ GIRTHS = [
 
 def in_body(*names: str) -> Floats:
     """Vertices of the named segments in the rest pose, (V, 3) in body heights from the pelvis joint."""
-    T_body_segment = segment_transforms(np.zeros((1, 35)), OFFSETS_HEIGHTS)[0]
+    T_body_segment = segment_transforms(np.zeros((1, N_DOF)), OFFSETS_HEIGHTS)[0]
     placed = []
     for segment, T in zip(generic_segments(), T_body_segment, strict=True):
         if segment.name in names:

@@ -14,15 +14,17 @@ from services.mocap.body.skeleton import (
     JOINT_NAMES,
     JOINTS,
     LOWER,
-    PELVIS_HEIGHT,
     SEGMENT_INDEX,
     SEGMENT_JOINT,
     SEGMENT_NAMES,
+    TIP_JOINTS,
     UPPER,
     Dof,
+    bare,
     dofs_of,
     segments_below,
 )
+from services.mocap.body.skeleton_table import PELVIS_HEIGHT, ROWS
 
 # What the design page fixes: how many parameters each kind of joint has.
 DOFS_PER_JOINT = {
@@ -37,16 +39,15 @@ DOFS_PER_JOINT = {
 }
 
 
-def bare(name: str) -> str:
-    return name.removeprefix("left_").removeprefix("right_")
-
-
 def offset(name: str) -> tuple[float, float, float]:
     return JOINTS[JOINT_INDEX[name]].offset_heights
 
 
-def test_counts() -> None:
-    assert (len(SEGMENT_NAMES), len(JOINTS), len(DOFS)) == (16, 17, 35)
+def test_every_row_stands_once_or_on_both_sides() -> None:
+    per_row = [(2 if row.paired else 1, row) for row in ROWS]
+    assert len(SEGMENT_NAMES) == sum(n for n, _ in per_row)
+    assert len(JOINTS) == sum(n * (2 if row.tip and row.tip.joint else 1) for n, row in per_row)
+    assert len(DOFS) == sum(n * len(row.parameters) for n, row in per_row)
 
 
 @pytest.mark.parametrize("names", [SEGMENT_NAMES, JOINT_NAMES, DOF_NAMES, tuple(dof.column for dof in DOFS)])
@@ -75,7 +76,7 @@ def test_parents_stand_before_their_children() -> None:
 
 
 def test_every_joint_but_the_tip_carries_one_segment() -> None:
-    assert sorted([*SEGMENT_JOINT.values(), "head_top"]) == sorted(JOINT_NAMES)
+    assert sorted([*SEGMENT_JOINT.values(), *TIP_JOINTS]) == sorted(JOINT_NAMES)
 
 
 @pytest.mark.parametrize("dof", DOFS, ids=lambda dof: dof.name)

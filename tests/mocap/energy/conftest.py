@@ -15,7 +15,7 @@ import trimesh
 
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.body.skeleton import LOWER, UPPER
+from services.mocap.body.skeleton import LOWER, SEGMENT_NAMES, UPPER
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
@@ -79,7 +79,9 @@ def square_on(real_body: Body) -> tuple[Body, Rig]:
     """
     box = trimesh.creation.box(extents=(0.5, 0.5, 0.5))
     vertices_m, faces = np.asarray(box.vertices), np.asarray(box.faces, np.int32)
-    body = Body(real_body.offsets_m * 0, (vertices_m,) * 16, (faces,) * 16, 1.0)
+    body = Body(
+        real_body.offsets_m * 0, (vertices_m,) * len(SEGMENT_NAMES), (faces,) * len(SEGMENT_NAMES), 1.0
+    )
     R = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     K = np.array([[64.0, 0.0, 32.0], [0.0, 64.0, 24.0], [0.0, 0.0, 1.0]])
     return body, Rig.of((Camera("camera", 64, 48, K, np.zeros(4), R, np.array([0.0, 0.0, 2.25])),))
@@ -87,7 +89,7 @@ def square_on(real_body: Body) -> tuple[Body, Rig]:
 
 @pytest.fixture(scope="session")
 def standing_pose(real_body: Body) -> Floats:
-    """(35,) upright on the floor in the T pose."""
+    """(D,) upright on the floor in the T pose."""
     pose = np.zeros(N_DOF)
     pose[2] = real_body.pelvis_height_m
     return pose
@@ -95,7 +97,7 @@ def standing_pose(real_body: Body) -> Floats:
 
 @pytest.fixture(scope="session")
 def random_poses(standing_pose: Floats) -> Callable[[int, int], Floats]:
-    """`random_poses(n, seed)`: (n, 35) poses all over the joint limits, about the origin."""
+    """`random_poses(n, seed)`: (n, D) poses all over the joint limits, about the origin."""
 
     def draw(n: int, seed: int) -> Floats:
         low = np.where(np.isfinite(LOWER), LOWER, -0.4)

@@ -7,7 +7,8 @@ import pytest
 
 from reference_rasteriser import rasterise
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.kinematics import N_DOF, segment_transforms
+from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
@@ -15,7 +16,7 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.types import Floats, Mask
 
-ALL = tuple(range(16))
+ALL = tuple(range(len(SEGMENT_NAMES)))
 Look = Callable[..., Camera]
 Point = tuple[float, float, float]
 
@@ -103,7 +104,7 @@ def test_more_than_eight_cameras_and_mixed_picture_sizes(
 
 def test_no_segments_cover_nothing(coarse_backend: CpuBackend, ring: Callable[[int], Rig]) -> None:
     region = Region.whole(ring(3))
-    assert not coarse_backend.coverage(np.zeros((2, 35)), (), region).any()
+    assert not coarse_backend.coverage(np.zeros((2, N_DOF)), (), region).any()
 
 
 def test_degenerate_triangles(
@@ -113,6 +114,6 @@ def test_degenerate_triangles(
 
 
 def test_a_box_that_faces_the_camera_square_on(square_on: tuple[Body, Rig]) -> None:
-    masks = assert_same(*square_on, np.zeros((1, 35)), Region.whole(square_on[1]))
+    masks = assert_same(*square_on, np.zeros((1, N_DOF)), Region.whole(square_on[1]))
     assert masks.sum() == 16 * 16  # by the top-left rule
     assert masks[0, 0, 16:32, 24:40].all()

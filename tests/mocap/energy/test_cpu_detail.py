@@ -9,7 +9,8 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import dofs_of, segments_below
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import SEGMENT_NAMES, dofs_of, segments_below
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
@@ -23,7 +24,7 @@ from services.mocap.types import Floats
 RandomPoses = Callable[[int, int], Floats]
 Ring = Callable[[int], Rig]
 Point = tuple[float, float, float]
-ALL, EVERY_DOF = tuple(range(16)), tuple(range(35))
+ALL, EVERY_DOF = tuple(range(len(SEGMENT_NAMES))), tuple(range(N_DOF))
 ARM, ARM_DOFS = segments_below("left_shoulder"), dofs_of("left_shoulder", "left_elbow")
 BODY_WITHOUT_ARM = tuple(s for s in ALL if s not in ARM)
 
@@ -158,7 +159,7 @@ def test_a_folder_that_cannot_be_written_to_is_no_hindrance(
 ) -> None:
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("XORMOCAP_CACHE", str(tmp_path / "file" / "below"))
-    assert len(levels_of(coarse_body)) == 16
+    assert len(levels_of(coarse_body)) == len(SEGMENT_NAMES)
 
 
 def test_a_user_without_a_home_gets_a_folder(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import SEGMENT_INDEX, dofs_of, segments_below
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_NAMES, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.bitplanes import count_bits
@@ -14,8 +15,8 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Bytes, Floats
 
-ALL = tuple(range(16))
-EVERY_DOF = tuple(range(35))
+ALL = tuple(range(len(SEGMENT_NAMES)))
+EVERY_DOF = tuple(range(N_DOF))
 ARM = segments_below("left_shoulder")
 ARM_DOFS = dofs_of("left_shoulder", "left_elbow")
 RandomPoses = Callable[[int, int], Floats]

@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
+from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, SEEN, find_candidates, lenses_of, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
@@ -65,7 +66,7 @@ def test_no_outline_is_missed(real_body: Body, mirrored: bool) -> None:
     flags, found = np.zeros(len(mesh.planes) + BLOCK, np.uint8), np.zeros(len(mesh.edges) + 1, np.uint32)
     eye, share, views = np.zeros(EYE_SIZE, np.float32), [], []
     for trial in range(560):
-        s = trial % 16
+        s = trial % len(SEGMENT_NAMES)
         M = _random_M(rng, mesh.spheres_m[s], about_the_camera=trial % 5 == 0)
         if mirrored:
             M[0] *= -1
@@ -90,7 +91,7 @@ def test_hidden_means_outside_and_near_means_near(real_body: Body) -> None:
     mesh, rng = FlatMesh.of(real_body), np.random.default_rng(1)
     eye, views = np.zeros(EYE_SIZE, np.float32), []
     for trial in range(300):
-        s, about_the_camera = trial % 16, trial % 5 == 0
+        s, about_the_camera = trial % len(SEGMENT_NAMES), trial % 5 == 0
         M = _random_M(rng, mesh.spheres_m[s], about_the_camera)
         M[0] += rng.normal() * 300 * M[2]
         M[1] += rng.normal() * 300 * M[2]

@@ -10,6 +10,8 @@ import pytest
 
 from machines import MESA
 from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.cpu.backend import CpuBackend
@@ -20,8 +22,8 @@ from services.mocap.energy.settings import Choice, EngineSettings
 from services.mocap.errors import UserError
 from services.mocap.types import Floats
 
-ALL = tuple(range(16))
-DOFS = tuple(range(35))
+ALL = tuple(range(len(SEGMENT_NAMES)))
+DOFS = tuple(range(N_DOF))
 BROKEN = "#version 430\n#error broken\n"
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.body.surface import Level
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
@@ -59,7 +60,7 @@ def _body_of(body: Body, ladders: list[list[Level]], k: int) -> Body:
 
 def _silhouettes(body: Body, rig: Rig, poses: Floats) -> Mask:
     """(N, C, H, W) of the whole body."""
-    planes = CpuBackend(body, rig).coverage(poses, tuple(range(16)), Region.whole(rig))
+    planes = CpuBackend(body, rig).coverage(poses, tuple(range(len(SEGMENT_NAMES))), Region.whole(rig))
     return np.array([unpack(p, rig.n_cameras) for p in planes])
 
 

@@ -8,6 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.bitplanes import TriPlanes, joined, pack, pack_trimaps, unpack, unpack_trimaps
@@ -16,8 +18,8 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Floats, Mask, Trimap
 
-ALL = tuple(range(16))
-EVERY_DOF = tuple(range(35))
+ALL = tuple(range(len(SEGMENT_NAMES)))
+EVERY_DOF = tuple(range(N_DOF))
 RandomPoses = Callable[[int, int], Floats]
 Ring = Callable[[int], Rig]
 N = 3

@@ -11,10 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.mocap.body.humanoid_names import matched_joints
-from services.mocap.body.kinematics import joint_positions
+from services.mocap.body.humanoid_names import Naming, bone_names, matched_joints
+from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, JOINT_NAMES, JOINTS, LOWER, UPPER
-from services.mocap.export.bone_names import Naming, bone_names
 from services.mocap.export.bvh import write_bvh
 from services.mocap.motion.rest import Rest, rest_pose
 from services.mocap.types import Floats
@@ -270,7 +269,9 @@ def test_who_stands_in_the_rest_pose_has_no_angles(tmp_path: Path) -> None:
     assert hand[0, 0] > 0.3
 
 
-@pytest.mark.parametrize("poses", [np.zeros((0, 35)), np.full((2, 35), np.nan), np.zeros((2, 34))])
+@pytest.mark.parametrize(
+    "poses", [np.zeros((0, N_DOF)), np.full((2, N_DOF), np.nan), np.zeros((2, N_DOF - 1))]
+)
 def test_bad_poses_leave_no_file(tmp_path: Path, poses: Floats) -> None:
     with pytest.raises(ValueError, match="poses: expected"):
         write_bvh(tmp_path / "motion.bvh", poses, OFFSETS_M, 30.0)

@@ -7,6 +7,7 @@ import ezc3d
 import numpy as np
 import pytest
 
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.errors import UserError
 from services.mocap.export.marker_files import write_c3d, write_trc
 from services.mocap.result.result import Result, load_result
@@ -41,7 +42,7 @@ def test_trc(result: Result, tmp_path: Path) -> None:
 
 
 def test_in_trc_a_standing_actor_is_upright_and_faces_z(result: Result, tmp_path: Path) -> None:
-    poses = np.zeros((1, 35))
+    poses = np.zeros((1, N_DOF))
     poses[0, 0:3] = 1.0, 0.5, 0.9
     still = replace(result.motion, poses=poses, frames=result.frames[:1], times_s=result.times_s[:1])
     write_trc(tmp_path / "still.trc", still)
@@ -71,7 +72,7 @@ def test_c3d_has_its_limits(result: Result, tmp_path: Path) -> None:
     write_c3d(tmp_path / "late.c3d", late)
     header = np.frombuffer((tmp_path / "late.c3d").read_bytes()[:512], "<u2")
     assert (header[3], header[4]) == (1, 16)
-    long = replace(motion, poses=np.zeros((65536, 35)), frames=np.arange(65536, dtype=np.int32))
+    long = replace(motion, poses=np.zeros((65536, N_DOF)), frames=np.arange(65536, dtype=np.int32))
     with pytest.raises(UserError, match="cannot hold 65536 frames: the format ends at 65535"):
         write_c3d(tmp_path / "long.c3d", long)
     assert not (tmp_path / "long.c3d").exists()

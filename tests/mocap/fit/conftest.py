@@ -27,11 +27,11 @@ class Person:
     x: Floats
     body: Body
     poses: Floats
-    """(F, 35)"""
+    """(F, D)"""
     seen: TriPlanes
     """(F, P, H, W)"""
     guess: Floats
-    """(35,)"""
+    """(D,)"""
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.kinematics import joint_positions
+from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.shape_space import INDEX, actor_of, vector_of
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
@@ -78,7 +78,7 @@ def test_the_result_never_has_more_energy_than_the_start(rig: Rig, a_person: Cal
 
 def test_poses_for_other_frames_are_refused(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(5, 1)
-    with pytest.raises(ValueError, match=r"poses: expected \(1, 35\) or one pose, got \(2, 35\)"):
+    with pytest.raises(ValueError, match=rf"poses: expected \(1, {N_DOF}\) or one pose, got \(2, {N_DOF}\)"):
         fit_actor(rig, person.seen, _GENERIC, np.tile(person.guess, (2, 1)))
 
 

@@ -24,14 +24,14 @@ TIMES_S: Floats = np.arange(240) / FPS
 
 @pytest.fixture(scope="module")
 def walking() -> tuple[Floats, Floats]:
-    """The poses (N, 35) of a walk, and the same with the noise of a tracker, which keeps the limits."""
+    """The poses (N, D) of a walk, and the same with the noise of a tracker, which keeps the limits."""
     poses = walk(150, FPS, build_body(Actor()))
     noise = np.random.default_rng(0).normal(0.0, 0.02, poses.shape)
     return poses, clip_to_limits(poses + noise)
 
 
 def swinging(frequency_hz: float) -> Floats:
-    """Poses (240, 35) in which one elbow swings."""
+    """Poses (240, D) in which one elbow swings."""
     poses = np.zeros((len(TIMES_S), N_DOF))
     poses[:, WRIST] = 1.0 + 0.5 * np.sin(2 * np.pi * frequency_hz * TIMES_S)
     return poses

@@ -42,7 +42,7 @@ def model() -> Model:
 
 @pytest.fixture(scope="session")
 def standing(model: Model) -> Callable[..., Floats]:
-    """`standing(**degrees)`: a pose (35,) upright on the floor near the middle, some parameters changed.
+    """`standing(**degrees)`: a pose (D,) upright on the floor near the middle, some parameters changed.
 
     A parameter without its side is set on both.
     """
@@ -73,7 +73,7 @@ def picture_of(model: Model, silhouettes_of: Callable[[Floats], Bytes]) -> Calla
 
 @pytest.fixture(scope="session")
 def joint_errors_mm(model: Model) -> Callable[[Floats, Floats], Floats]:
-    """`joint_errors_mm(pose, truth)`: the distance (17,) of each joint from where it should be."""
+    """`joint_errors_mm(pose, truth)`: the distance (J,) of each joint from where it should be."""
 
     def errors(pose: Floats, truth: Floats) -> Floats:
         found, true = joint_positions(np.stack([pose, truth]), model.body.offsets_m)

@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from services.mocap.body.kinematics import joint_positions
+from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
@@ -107,7 +107,7 @@ def test_cameras_that_disagree_are_refused(
 ) -> None:
     """Every other camera sees someone on the floor, the others the same one a person's height higher."""
     pose = standing(shoulder_elevation=-45)
-    raised = pose + 2.1 * np.eye(35)[2]
+    raised = pose + 2.1 * np.eye(N_DOF)[2]
     masks = masks_of(pose)
     masks[cameras[::2]] = masks_of(raised)[cameras[::2]]
     rig = Rig(model.rig.P_px_world[cameras], model.rig.sizes_px[cameras])

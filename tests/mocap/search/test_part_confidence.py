@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_NAMES
 from services.mocap.energy.picture import Picture
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import Differences, PartConfidence, confidences, differences
@@ -91,7 +91,7 @@ def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Mode
 
 
 def test_confidence_is_the_share_of_the_rim_on_a_contour() -> None:
-    rim_px = np.zeros((16, 4))
+    rim_px = np.zeros((len(SEGMENT_NAMES), 4))
     rim_px[3] = 100.0, 80.0, 10.0, 90.0  # the head
     assert confidences(rim_px) == {"head": 0.8}
     rim_px[3, 3] = 110.0

@@ -9,6 +9,7 @@ from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_INDEX
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.errors import TakeError
+from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
@@ -97,8 +98,8 @@ def test_nobody_is_in_doubt_for_unsure_pixels(model: Model, truth: Floats, half_
 
 
 def test_a_little_that_is_sure_is_not_taken_for_all(model: Model, truth: Floats) -> None:
-    covered = model.backend.coverage(truth[None], tuple(range(16)), Region.whole(model.rig))[0]
-    unsure = about(model, truth, tuple(range(16)), 2)
+    covered = model.backend.coverage(truth[None], ALL_SEGMENTS, Region.whole(model.rig))[0]
+    unsure = about(model, truth, ALL_SEGMENTS, 2)
     elsewhere = np.zeros_like(covered)
     elsewhere[:, 5:17, 5:17] = 255  # something small in every camera
     picture = Picture.whole(model.rig, elsewhere, unsure)
@@ -130,6 +131,6 @@ def test_a_first_frame_is_not_refused_for_unsure_pixels(
 
 def test_nothing_but_unsure_pixels_is_said(model: Model, truth: Floats) -> None:
     nothing = np.zeros((model.rig.n_cameras, *model.rig.shape_px), bool)
-    possible = unpack(about(model, truth, tuple(range(16)), 1), model.rig.n_cameras)
+    possible = unpack(about(model, truth, ALL_SEGMENTS, 1), model.rig.n_cameras)
     with pytest.raises(TakeError, match=r"what 8 of 8 cameras show of the actor .* is all unsure"):
         look_first(model.rig, nothing, (), possible)

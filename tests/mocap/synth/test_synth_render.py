@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.camera import Camera
 from services.mocap.synth.render import FLICKER, NOISE, SHADOW, Figure, Model, expose, render, shadowed
 from services.mocap.synth.room import LIGHT_WORLD, RoomView, room_patches, view_room
@@ -71,7 +72,7 @@ def test_only_the_floor_gets_the_shadow(figure: Figure, views: list[tuple[Camera
 
 
 def test_the_lit_side_is_brighter(synth_body: Body) -> None:
-    figure = Model(synth_body).pose(np.zeros(35))
+    figure = Model(synth_body).pose(np.zeros(N_DOF))
     centred = figure.vertices_world_m - figure.vertices_world_m.mean(axis=0)
     towards = centred[:, :2] @ LIGHT_WORLD[:2]
     brightness = figure.bgr.sum(axis=1)

@@ -5,7 +5,7 @@ import pytest
 from bodies_apart import deepest_overlap_m, nearest_to_trunk
 
 from services.mocap.body.actor import Actor, Body, build_body
-from services.mocap.body.kinematics import joint_transforms, segment_transforms
+from services.mocap.body.kinematics import N_DOF, joint_transforms, segment_transforms
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, LOWER, SEGMENT_INDEX, SIDES, UPPER
 from services.mocap.synth.choreography import Choreography
 from services.mocap.synth.rounds import basic, dance
@@ -41,7 +41,7 @@ def _vertices_m(poses: Floats, body: Body, *segments: str) -> Floats:
 
 def test_within_limits_with_a_margin_and_no_jumps(take: tuple[str, Floats]) -> None:
     name, poses = take
-    assert poses.shape == (N, 35)
+    assert poses.shape == (N, N_DOF)
     assert (np.minimum(poses - LOWER, UPPER - poses) > np.radians(2.0)).all()
     speed = np.abs(np.diff(poses, axis=0)) * FPS
     assert speed[:, 3:].max() < (11.0 if name == "dance" else 7.0)

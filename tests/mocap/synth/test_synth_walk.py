@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Actor, Body, build_body
-from services.mocap.body.kinematics import joint_transforms, segment_transforms
+from services.mocap.body.kinematics import N_DOF, joint_transforms, segment_transforms
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, LOWER, SEGMENT_INDEX, SIDES, UPPER
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.synth.walk import MAX_JOINT_SPEED_RAD_S, STAND_S, walk
@@ -28,7 +28,7 @@ def _vertices_world_m(poses: Floats, body: Body) -> Floats:
 def test_within_limits_without_jumps(n_frames: int, fps: float, height_m: float) -> None:
     body = build_body(Actor(height=height_m))
     poses = walk(n_frames, fps, body)
-    assert poses.shape == (n_frames, 35)
+    assert poses.shape == (n_frames, N_DOF)
     assert (poses >= LOWER).all()
     assert (poses <= UPPER).all()
     speed = np.abs(np.diff(poses, axis=0)) * fps

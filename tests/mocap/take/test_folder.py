@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
 from services.mocap.take.folder import open_take
@@ -75,8 +76,8 @@ def test_a_written_take_is_read_again(
     take = open_take(tmp_path / "mine")
     assert take.settings == settings
     assert take.settings.facing_rad == pytest.approx(np.pi / 2)
-    pose = take.settings.with_initial_pose(np.full(35, 7.0))
-    assert sorted(pose) == [0.9, 1.0] + [7.0] * 33
+    pose = take.settings.with_initial_pose(np.full(N_DOF, 7.0))
+    assert sorted(pose) == [0.9, 1.0] + [7.0] * (N_DOF - 2)
     for camera, read in zip(cameras, take.cameras, strict=True):
         np.testing.assert_allclose(read.P_px_world, camera.P_px_world, atol=1e-9)
         for frame, trimap in enumerate(take.trimaps(read)):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from proto import messages
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOFS
 from services.mocap.errors import TakeError
 from services.mocap.take.marks import MARK_COLUMNS, PARTS, Marks
@@ -21,7 +22,7 @@ SHARES = st.just(np.nan) | st.floats(0, 1)
 
 def table_with(marks: Marks | None, n: int = N, **extra: np.ndarray) -> PoseTable:
     frames = np.arange(n, dtype=np.int32)
-    return PoseTable(frames, frames / 15, np.zeros((n, 35)), np.ones(n), extra, marks)
+    return PoseTable(frames, frames / 15, np.zeros((n, N_DOF)), np.ones(n), extra, marks)
 
 
 def some_marks() -> Marks:

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOFS
 from services.mocap.camera.calibration import Up
 from services.mocap.errors import TakeError
@@ -43,7 +44,7 @@ def test_joints_come_back_to_a_hundredth_of_a_millimetre(joints_m: Floats) -> No
 @given(
     LENGTHS.flatmap(
         lambda n: st.tuples(
-            arrays(np.float64, (n, 35), elements=st.floats(-10, 10)),
+            arrays(np.float64, (n, N_DOF), elements=st.floats(-10, 10)),
             arrays(np.float64, n, elements=st.floats(0, 1e6)),
         )
     )

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from services.mocap.body.skeleton import SEGMENTS
 from services.mocap.types import Floats, Ints, Mask
 
 _NEAREST_END = 0.02
@@ -32,15 +33,7 @@ class Character:
     """By segment."""
 
 
-NEEDED_JOINTS = (
-    "neck",
-    "head",
-    *(
-        f"{side}_{joint}"
-        for side in ("left", "right")
-        for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-    ),
-)
+NEEDED_JOINTS = tuple(segment.joint for segment in SEGMENTS if segment.part != "torso")
 
 
 def welded(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Ints]:

@@ -37,7 +37,7 @@ class Imported:
 
 
 def import_mesh(path: Path) -> Imported:
-    """Read a user's mesh: a skinned glTF character, or a file of 16 parts named like our segments.
+    """Read a user's mesh: a skinned glTF character, or a file of parts named like our segments.
 
     Raises UserError with one sentence where that cannot be done.
     """

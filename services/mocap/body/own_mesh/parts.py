@@ -1,4 +1,4 @@
-"""A body in 16 parts, each named as one of our segments; joints are where neighbouring parts meet."""
+"""A body in parts, each named as one of our segments; joints are where neighbouring parts meet."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,9 +8,9 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from services.mocap.body.humanoid_names import matched_joints
-from services.mocap.body.own_mesh.character import Character, Piece, welded
+from services.mocap.body.own_mesh.character import NEEDED_JOINTS, Character, Piece, welded
 from services.mocap.body.own_mesh.gltf import Gltf
-from services.mocap.body.skeleton import SEGMENT_JOINT, SEGMENT_NAMES, SIDES
+from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_JOINT, SEGMENT_NAMES, SEGMENTS
 from services.mocap.errors import UserError
 from services.mocap.types import Floats, Ints, Mask
 
@@ -18,21 +18,11 @@ _TOUCHING = 0.003
 """Parts touch where they are nearer than this, in heights of the body, or as near as they come and this."""
 _FARTHEST = 0.06
 """Parts that are nowhere nearer than this are not of one body."""
-_MEETINGS: dict[str, tuple[str, str]] = {
-    "neck": ("torso", "neck"),
-    "head": ("neck", "head"),
-    **{
-        f"{side}_{joint}": (near if near in ("torso", "pelvis") else f"{side}_{near}", f"{side}_{far}")
-        for side in SIDES
-        for joint, near, far in (
-            ("shoulder", "torso", "upper_arm"),
-            ("elbow", "upper_arm", "forearm"),
-            ("wrist", "forearm", "hand"),
-            ("hip", "pelvis", "thigh"),
-            ("knee", "thigh", "shank"),
-            ("ankle", "shank", "foot"),
-        )
-    },
+_SEGMENT_AT = {joint: segment for segment, joint in SEGMENT_JOINT.items()}
+_MEETINGS = {
+    segment.joint: (_SEGMENT_AT[parent], segment.name)
+    for segment in SEGMENTS
+    if segment.joint in NEEDED_JOINTS and (parent := JOINTS[JOINT_INDEX[segment.joint]].parent)
 }
 """Joint -> the parts that meet there."""
 
@@ -118,11 +108,15 @@ def _by_segment(path: Path, parts: list[Part]) -> dict[str, Part]:
     if len(named) < len(SEGMENT_NAMES) // 4:
         raise UserError(
             f"{path}: has neither bones nor parts with human names: expected a skinned character (.glb) with "
-            f"bones such as LeftArm, or 16 objects or groups named {', '.join(SEGMENT_NAMES)}"
+            f"bones such as LeftArm, or {len(SEGMENT_NAMES)} objects or groups named "
+            f"{', '.join(SEGMENT_NAMES)}"
         )
     missing = [segment for segment in SEGMENT_NAMES if SEGMENT_JOINT[segment] not in named]
     if missing:
-        raise UserError(f"{path}: has no part named {', '.join(missing)}: expected all 16 segments of a body")
+        raise UserError(
+            f"{path}: has no part named {', '.join(missing)}: expected all {len(SEGMENT_NAMES)} segments of "
+            "a body"
+        )
     found = {}
     for segment in SEGMENT_NAMES:
         own = [part for part in parts if part.name == named[SEGMENT_JOINT[segment]]]

@@ -1,16 +1,24 @@
 """Bringing a character into our skeleton's rest pose, and to the proportions that all meshes are kept in."""
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from services.mocap.body.body_mesh import BodyMesh
-from services.mocap.body.bones import BONES, bare, scales_across, stretched_offsets, trunk_widening
+from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_widening
 from services.mocap.body.own_mesh.character import Character, Piece
 from services.mocap.body.shape import SegmentMesh
-from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_JOINT, SEGMENT_NAMES, SIDES
+from services.mocap.body.skeleton import (
+    JOINT_INDEX,
+    JOINTS,
+    SEGMENT_JOINT,
+    SEGMENT_NAMES,
+    SEGMENTS,
+    SIDES,
+    bare,
+)
+from services.mocap.body.skeleton_table import ROWS
 from services.mocap.errors import UserError
 from services.mocap.types import Floats
 
@@ -18,7 +26,6 @@ _WAIST_SHARE = BONES["pelvis"].length_heights / (
     BONES["pelvis"].length_heights + BONES["torso"].length_heights
 )
 """Where the waist is on the way from the hips to the neck."""
-_HEAD_TOP_FORWARD = 0.010
 _SNAP_COS = np.cos(np.radians(25.0))
 """An axis of the file that is nearer than this to the body's own is taken for it: people lean a little."""
 _RATIO_RANGE = (0.25, 4.0)
@@ -51,8 +58,7 @@ def in_rest_pose(character: Character) -> Character:
     return Character(joints, placed)
 
 
-_ARM = (("shoulder", "upper_arm"), ("elbow", "forearm"), ("wrist", "hand"))
-_LEG = (("hip", "thigh"), ("knee", "shank"), ("ankle", "foot"))
+_ARM, _LEG = (tuple((row.joint, row.name) for row in ROWS if row.part == part) for part in ("arm", "leg"))
 
 
 def _straighten(
@@ -103,7 +109,8 @@ def body_mesh(character: Character, where: str) -> BodyMesh:
     bottom = min(float(piece.vertices[:, 2].min()) for piece in pieces.values())
     top = float(pieces["head"].vertices[:, 2].max())
     height = top - bottom
-    joints["head_top"] = joints["head"] + (_HEAD_TOP_FORWARD * height, 0.0, 0.0)
+    forward = JOINTS[JOINT_INDEX["head_top"]].offset_heights[0] * height
+    joints["head_top"] = joints["head"] + (forward, 0.0, 0.0)
     joints["head_top"][2] = top
     unit = max(height, 1e-12)
     offsets = _symmetric(np.array([joints[j.name] - joints[j.parent or "pelvis"] for j in JOINTS]) / unit)
@@ -118,15 +125,16 @@ def body_mesh(character: Character, where: str) -> BodyMesh:
             )
     inverse = {name: 1.0 / ratio for name, ratio in ratios.items()}
     segments = []
-    for name in SEGMENT_NAMES:
-        stretched = vertices[name] * scales_across(bare(name), inverse)
-        stretched[:, 1] /= trunk_widening(bare(name), stretched[:, 2], ratios)
-        segments.append(SegmentMesh(name, stretched, pieces[name].faces))
+    for segment in SEGMENTS:
+        name = segment.row.name
+        stretched = vertices[segment.name] * scales_across(name, inverse)
+        stretched[:, 1] /= trunk_widening(name, stretched[:, 2], ratios)
+        segments.append(SegmentMesh(segment.name, stretched, pieces[segment.name].faces))
     return BodyMesh(tuple(segments), stretched_offsets(offsets, inverse), lengths)
 
 
 def _symmetric(offsets: Floats) -> Floats:
-    """(17, 3) with left and right joints the mean of both sides."""
+    """(J, 3) with left and right joints the mean of both sides."""
     both = offsets.copy()
     for j, joint in enumerate(JOINTS):
         if joint.name.startswith("left_"):
@@ -137,25 +145,14 @@ def _symmetric(offsets: Floats) -> Floats:
 
 
 def _lengths(offsets: Floats, vertices: dict[str, Floats]) -> dict[str, float]:
-    """How long the bones are, for offsets (17, 3) and segments in their frames."""
-
-    def mean_of_sides(segment: str, length: Callable[[Floats], float]) -> float:
-        return float(np.mean([length(vertices[f"{side}_{segment}"]) for side in SIDES]))
-
-    def offset(joint: str, axis: int) -> float:
-        return float(abs(offsets[JOINT_INDEX[joint], axis]))
-
-    return {
-        "hip_width": 2.0 * offset("left_hip", 1),
-        "pelvis": offset("waist", 2),
-        "torso": offset("neck", 2),
-        "shoulder_width": 2.0 * offset("left_shoulder", 1),
-        "neck": offset("head", 2),
-        "head": offset("head_top", 2),
-        "upper_arm": offset("left_elbow", 1),
-        "forearm": offset("left_wrist", 1),
-        "hand": mean_of_sides("hand", lambda v: float(np.abs(v[:, 1]).max())),
-        "thigh": offset("left_knee", 2),
-        "shank": offset("left_ankle", 2),
-        "foot": mean_of_sides("foot", lambda v: float(np.ptp(v[:, 0]))),
-    }
+    """How long the bones are, for offsets (J, 3) and segments in their frames."""
+    at = {bare(joint.name): np.abs(offset) for joint, offset in zip(JOINTS, offsets, strict=True)}
+    lengths: dict[str, float] = {}
+    for name, bone in BONES.items():
+        if bone.joints:
+            joint, axis = next(iter(bone.joints.items()))
+            lengths[name] = float(at[joint][axis]) * (1.0 if bone.segments else 2.0)  # a width: of both sides
+    both = {name: [vertices[f"{side}_{name}"] for side in SIDES] for name in ("hand", "foot")}
+    lengths["hand"] = float(np.mean([np.abs(hand[:, 1]).max() for hand in both["hand"]]))
+    lengths["foot"] = float(np.mean([np.ptp(foot[:, 0]) for foot in both["foot"]]))
+    return {name: lengths[name] for name in BONES}

@@ -26,7 +26,7 @@ class _Surface:
     vertices: Floats
     faces: Ints
     weights: Floats
-    """(V, 16) how much of each vertex moves with each segment."""
+    """(V, S) how much of each vertex moves with each segment."""
 
 
 def character_of_skin(path: Path, gltf: Gltf) -> Character:
@@ -131,7 +131,7 @@ def _moved(
     placed: dict[int, Floats],
     segments: dict[int, str],
 ) -> tuple[Floats, Floats] | None:
-    """Vertices (V, 3) in the common frame and their weights (V, 16); None for what no bone moves."""
+    """Vertices (V, 3) in the common frame and their weights (V, S); None for what no bone moves."""
     weights = np.zeros((len(primitive.vertices), len(SEGMENT_NAMES)))
     if skin is not None and primitive.bones.shape[1]:
         of_bone = np.array([SEGMENT_INDEX[segments[joint]] for joint in skin.joints])

@@ -53,7 +53,7 @@ def draw(
 ) -> None:
     """Put one camera's outlines of the segments on an empty canvas.
 
-    T_world_joint (17, 4, 4); P_px_world (3, 4) and lens (LENS_SIZE,): the camera; detail_px: thinned levels
+    T_world_joint (J, 4, 4); P_px_world (3, 4) and lens (LENS_SIZE,): the camera; detail_px: thinned levels
     may be off by this much.
     """
     xyz_m, edges, planes, block_planes, starts, spheres_m, errors_m = mesh

@@ -25,7 +25,7 @@ from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.alignment.pulls import OWN_REACH_PX, SHARES, Input, pull_scratch
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
-from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, REFERENCE_WIDTH_PX
+from services.mocap.search.chains import ALL_SEGMENTS, REFERENCE_WIDTH_PX
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats, Ints
 
@@ -47,21 +47,7 @@ _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
 _ALL_JOINTS = np.arange(N_JOINTS, dtype=np.int32)
 _EVERYTHING = np.array(ALL_SEGMENTS, np.int32)
 _LIMITS = np.array([LOWER, UPPER])
-_HAND_SHARE, _FOOT_SHARE, _TWIST_SHARE = 1.0, 0.3, 0.1
-
-
-def _rest_shares() -> Floats:
-    """(35,) how firmly each parameter is drawn to zero, against the firmest."""
-    shares = np.zeros(N_DOF)
-    for name, limb in LIMBS.items():
-        shares[list(limb.extremity.dofs)] = _HAND_SHARE if name.endswith("arm") else _FOOT_SHARE
-        shares[[d for d in limb.dofs if DOFS[d].role == "twist"]] = _TWIST_SHARE
-    return shares
-
-
-_REST_SHARES = _rest_shares()
-"""Zero is a straight hand, a foot square to the shank, and no twist: silhouettes tell these least, and people
-are seldom far from it."""
+_REST_SHARES = np.array([dof.rest for dof in DOFS])
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +55,11 @@ class Aligned:
     """Where an alignment ended."""
 
     pose: Floats
-    """(35,)"""
+    """(D,)"""
     prior_cost: float
     """What being off the pose that is likely without looking counts: weights times the squares of how far."""
     rim_px: Floats
-    """(16, SHARES) per segment, summed over the cameras: the length of its rim that shows, what of it lies on
+    """(S, SHARES) per segment, summed over the cameras: the length of its rim that shows, what of it lies on
     a contour, and what found none in reach; and the length of which unsure pixels hide where it should be."""
 
 
@@ -101,7 +87,7 @@ class Aligner:
         dofs: tuple[int, ...] = tuple(range(N_DOF)),
         segments: tuple[int, ...] = ALL_SEGMENTS,
     ) -> Aligned:
-        """Move parameters of a pose (35,) so that segments' rims lie on the contours of a picture.
+        """Move parameters of a pose (D,) so that segments' rims lie on the contours of a picture.
 
         The picture is at full resolution: whole ones, or windows. A rim outside of it does not count.
         """
@@ -153,7 +139,7 @@ def _seen(picture: Picture) -> Input:
 
 
 def _prior(expected: Floats, settings: SearchSettings) -> Floats:
-    """(3, 35) as follow takes it: a pose between the expected one and rest, how firmly, the longest steps."""
+    """(3, D) as follow takes it: a pose between the expected one and rest, how firmly, the longest steps."""
     rest = settings.rest * _REST_SHARES
     weights = settings.steadiness + rest
     likely = expected * np.divide(settings.steadiness, weights, out=np.zeros(N_DOF), where=weights > 0)

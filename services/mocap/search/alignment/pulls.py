@@ -62,9 +62,9 @@ def sum_pulls(
     rim point that comes to unsure pixels before it comes to the input's contour pulls nothing. A residual
     r is how far the model's contour lies beyond the input's, both as their pixels show them: what pixels do
     to a contour is done to both, so that nothing pulls where the model covers just what is seen. It counts by
-    a weight of 1 / (1 + (r / cap_px)^2) times its length of outline. Sets wrenches (17, 6, 6) and pulls
-    (17, 6): per joint that carries segments the sums of weight w w^T (its lower half) and of weight r w over
-    its rim points, w being the row of the Jacobian by the joint's twist; and shares_px (16, SHARES).
+    a weight of 1 / (1 + (r / cap_px)^2) times its length of outline. Sets wrenches (J, 6, 6) and pulls
+    (J, 6): per joint that carries segments the sums of weight w w^T (its lower half) and of weight r w over
+    its rim points, w being the row of the Jacobian by the joint's twist; and shares_px (S, SHARES).
     """
     P_px_world, centres_world_m, weights, sizes_px = views
     wrenches[:], pulls[:], shares_px[:] = 0.0, 0.0, 0.0
@@ -199,7 +199,7 @@ def _add(weight: float, residual: float, w: Floats, wrench: Floats, pull: Floats
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations(twists: Floats, wrenches: Floats, pulls: Floats, hessian: Floats, slope: Floats) -> None:
-    """Write the normal matrix (35, 35) and the gradient (35,) of all parameters.
+    """Write the normal matrix (D, D) and the gradient (D,) of all parameters.
 
     wrenches and pulls as sum_pulls leaves them; what joints carry is summed down the tree in them (as in the
     composite rigid body algorithm: Featherstone, Rigid Body Dynamics Algorithms, 2008, chapter 6).

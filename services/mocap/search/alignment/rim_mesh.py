@@ -23,7 +23,7 @@ class RimMesh(NamedTuple):
     outward: Floats
     """(3, E) the sum of both faces' unit normals."""
     starts: Ints
-    """(17,) where each segment's edges begin, and their number."""
+    """(segments + 1,) where each segment's edges begin, and their number."""
 
     @classmethod
     def of(cls, body: Body, thinned: Sequence[Sequence[Level]] = (), most_m: float = 0.0) -> "RimMesh":

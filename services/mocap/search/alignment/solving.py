@@ -43,11 +43,11 @@ def follow(
     prior_cost: Floats,
     shares_px: Floats,
 ) -> None:
-    """Move a pose (35,) in place so that the rim comes to lie on the contours.
+    """Move a pose (D,) in place so that the rim comes to lie on the contours.
 
     seen: as sum_pulls takes it. stages (K, 3): for every step the reach, the cap, and the damping as a share
-    of the diagonal. free (35,): 1 for parameters that vary. prior (3, 35): target, weight of its square, and
-    the largest step. limits (2, 35). prior_cost (1,) gets the prior's at the last match, shares_px (16,
+    of the diagonal. free (D,): 1 for parameters that vary. prior (3, D): target, weight of its square, and
+    the largest step. limits (2, D). prior_cost (1,) gets the prior's at the last match, shares_px (S,
     SHARES) what sum_pulls sets.
     """
     segments, mesh, scratch, cameras, canvas = drawing

@@ -22,9 +22,9 @@ TWIST_SIZE = 6
 
 @numba.njit(cache=True, nogil=True)
 def place_twists(pose: Floats, T_world_joint: Floats, twists: Floats) -> None:
-    """Write every parameter's twist into twists (35, 6).
+    """Write every parameter's twist into twists (D, 6).
 
-    pose (35,) and the transforms (17, 4, 4) that place_joints made of it. A point X of a segment that the
+    pose (D,) and the transforms (J, 4, 4) that place_joints made of it. A point X of a segment that the
     parameter d moves has the velocity a x X + b for twists[d] = (a, b), in metres (per metre or radian).
     """
     R, turn, swing, axis = np.eye(3), np.empty((3, 3)), np.zeros(3), np.zeros(3)
@@ -77,7 +77,7 @@ def _write(R: Floats, axis: Floats, origin_world_m: Floats, twist: Floats) -> No
 
 
 def moved_by() -> Mask:
-    """(17, 17): whether a turn of the first joint moves the second, itself included."""
+    """(J, J): whether a turn of the first joint moves the second, itself included."""
     moved = np.eye(N_JOINTS, dtype=np.bool_)
     for j in range(N_JOINTS):  # parents precede children
         if PARENT[j] >= 0:
@@ -86,4 +86,4 @@ def moved_by() -> Mask:
 
 
 DOF_JOINT = np.array([JOINT_INDEX[dof.joint] for dof in DOFS], np.int32)
-"""(35,) the joint that each parameter turns or shifts."""
+"""(D,) the joint that each parameter turns or shifts."""

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import segments_below
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import SEGMENT_NAMES, segments_below
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy import gl
@@ -21,7 +22,7 @@ from services.mocap.energy.gl.device import GlDevice, GlUnavailableError
 from services.mocap.energy.picture import Region
 from services.mocap.types import Bytes, Floats
 
-ALL = tuple(range(16))
+ALL = tuple(range(len(SEGMENT_NAMES)))
 LEFT_ARM = segments_below("left_shoulder")
 Both = Callable[[Body, Rig], tuple[GlBackend, CpuBackend]]
 Look = Callable[..., Camera]
@@ -104,7 +105,8 @@ def test_any_segments_in_any_order(
 
 def test_no_poses(both: Both, coarse_body: Body, ring: Ring) -> None:
     assert (
-        same_coverage(both(coarse_body, ring(2)), np.zeros((0, 35)), ALL, Region.whole(ring(2))).shape[0] == 0
+        same_coverage(both(coarse_body, ring(2)), np.zeros((0, N_DOF)), ALL, Region.whole(ring(2))).shape[0]
+        == 0
     )
 
 
@@ -116,7 +118,7 @@ def test_degenerate_triangles(
 
 def test_a_box_that_faces_the_camera_square_on(both: Both, square_on: tuple[Body, Rig]) -> None:
     region = Region.whole(square_on[1])
-    assert same_coverage(both(*square_on), np.zeros((1, 35)), ALL, region).sum() == 16 * 16
+    assert same_coverage(both(*square_on), np.zeros((1, N_DOF)), ALL, region).sum() == 16 * 16
 
 
 @pytest.mark.parametrize("off_by", ["+ 2.0", "+ 1.0", "- 0.5", "- 1.0", "- 2.0"])

@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import dofs_of, segments_below
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import SEGMENT_NAMES, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.cost import Cost
@@ -19,8 +20,8 @@ from services.mocap.energy.gl.backend import GlBackend
 from services.mocap.energy.picture import Picture
 from services.mocap.types import Floats
 
-ALL = tuple(range(16))
-EVERY_DOF = tuple(range(35))
+ALL = tuple(range(len(SEGMENT_NAMES)))
+EVERY_DOF = tuple(range(N_DOF))
 ARM = segments_below("left_shoulder")
 ARM_DOFS = dofs_of("left_shoulder", "left_elbow")
 Both = Callable[[Body, Rig], tuple[GlBackend, CpuBackend]]

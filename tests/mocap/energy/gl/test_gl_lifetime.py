@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import dofs_of, segments_below
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import SEGMENT_NAMES, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.cpu.backend import CpuBackend
@@ -19,7 +20,7 @@ from services.mocap.energy.gl.device import GlDevice, GlLostError, GlUnavailable
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Floats
 
-ALL = tuple(range(16))
+ALL = tuple(range(len(SEGMENT_NAMES)))
 HAND, HAND_DOFS = segments_below("left_wrist"), dofs_of("left_wrist")
 Growth = Callable[[Callable[[], object]], int]
 Ring = Callable[[int], Rig]
@@ -240,7 +241,7 @@ def test_a_picture_too_large_is_refused(shared_device: GlDevice, coarse_body: Bo
     backend = GlBackend(shared_device, coarse_body, ring(1))
     region = Region(np.zeros((1, 2), np.int32), 16384, 16384)
     with pytest.raises(GlUnavailableError, match=r"^1 cameras of 16384 x 16384 pixels are too many"):
-        backend.coverage(np.zeros((1, 35)), ALL, region)
+        backend.coverage(np.zeros((1, N_DOF)), ALL, region)
     backend.close()
 
 
@@ -265,7 +266,7 @@ def test_small_buffers_are_found_out_when_a_problem_is_prepared(
     backend = GlBackend(shared_device, coarse_body, rig)
     monkeypatch.setattr(GlDevice, "max_buffer_bytes", limit_bytes)
     picture = Picture.whole(rig, np.zeros((1, *rig.shape_px), np.uint8))
-    problem = Problem(standing_pose, tuple(range(35)), ALL, picture)
+    problem = Problem(standing_pose, tuple(range(N_DOF)), ALL, picture)
     if too_many:
         with pytest.raises(GlUnavailableError, match=r"^3 cameras of 96 x 72 pixels are too many .* MiB$"):
             backend.energy(problem)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import segments_below
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import SEGMENT_NAMES, segments_below
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
@@ -16,7 +17,7 @@ from services.mocap.energy.paper.backend import PaperBackend
 from services.mocap.energy.picture import Region
 from services.mocap.types import Floats, Mask
 
-ALL = tuple(range(16))
+ALL = tuple(range(len(SEGMENT_NAMES)))
 MOST_OF_BOUNDARY = 0.001
 """Of the real body llvmpipe draws 2 in 118,000 boundary pixels otherwise; GPUs may round in other ways."""
 RandomPoses = Callable[[int, int], Floats]
@@ -120,4 +121,6 @@ def test_no_camera_touches_the_bit_of_another(
 
 def test_no_segments_cover_nothing(device: GlDevice, coarse_body: Body, ring: Ring) -> None:
     rig = ring(9)
-    assert not PaperBackend(device, coarse_body, rig).coverage(np.zeros((2, 35)), (), Region.whole(rig)).any()
+    assert (
+        not PaperBackend(device, coarse_body, rig).coverage(np.zeros((2, N_DOF)), (), Region.whole(rig)).any()
+    )

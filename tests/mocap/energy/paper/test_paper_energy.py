@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import dofs_of, segments_below
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import SEGMENT_NAMES, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.bitplanes import count_bits, pack
@@ -16,7 +17,7 @@ from services.mocap.energy.paper.backend import PaperBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Bytes, Floats
 
-ALL, EVERY_DOF = tuple(range(16)), tuple(range(35))
+ALL, EVERY_DOF = tuple(range(len(SEGMENT_NAMES))), tuple(range(N_DOF))
 ARM, ARM_DOFS = segments_below("left_shoulder"), dofs_of("left_shoulder", "left_elbow")
 RandomPoses = Callable[[int, int], Floats]
 Ring = Callable[[int], Rig]
@@ -104,6 +105,6 @@ def test_a_batch_equals_its_poses_one_by_one_whatever_is_evaluated_between(
 def test_another_cost_is_refused(device: GlDevice, coarse_body: Body, ring: Ring, cost: Cost) -> None:
     rig = ring(2)
     backend = PaperBackend(device, coarse_body, rig)
-    problem = Problem(np.zeros(35), EVERY_DOF, ALL, _picture(rig, "whole"), cost)
+    problem = Problem(np.zeros(N_DOF), EVERY_DOF, ALL, _picture(rig, "whole"), cost)
     with pytest.raises(ValueError, match=r"^the paper backend knows plain XOR only: .*another backend$"):
         backend.energy(problem)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import dofs_of, segments_below
+from services.mocap.body.skeleton import SEGMENT_NAMES, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.gl.device import GlDevice, GlLostError
@@ -17,7 +17,7 @@ from services.mocap.energy.paper.rasteriser import Kept
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Floats
 
-ALL = tuple(range(16))
+ALL = tuple(range(len(SEGMENT_NAMES)))
 HAND, HAND_DOFS = segments_below("left_wrist"), dofs_of("left_wrist")
 MAKERS = ("buffer", "renderbuffer", "depth_renderbuffer", "framebuffer", "vertex_array", "program")
 Ring = Callable[[int], Rig]
