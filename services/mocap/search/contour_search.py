@@ -11,7 +11,7 @@ from services.mocap.energy.bitplanes import count_bits
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned
-from services.mocap.search.alignment.pulls import SHARES
+from services.mocap.search.alignment.matching import SHARES
 from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
 from services.mocap.search.error_by_part import error_by_part
 from services.mocap.search.found import Clock, FrameSolution
@@ -24,10 +24,8 @@ from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
 
 _SLACK = 1.05
-"""An alignment may end at more XOR by this factor: contours tell places between pixels, counts do not."""
-
-
-_LIMBS: list[Part] = list(LIMBS)
+"""Accept an alignment whose energy is up to 5 % above that of its start: contours locate edges to sub-pixel
+precision, pixel counts cannot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,24 +42,23 @@ class _Seen:
 
 
 class _Search:
-    """One frame's search; counts its evaluations."""
+    """One frame's search; books what it takes in `found`."""
 
-    def __init__(self, model: Model, whole: Picture, settings: SearchSettings) -> None:
-        self.model, self.whole, self.settings = model, whole, settings
-        self.evaluations = 0
+    def __init__(self, model: Model, whole: Picture, settings: SearchSettings, limbs: LimbPool) -> None:
+        self.model, self.whole, self.settings, self.limbs = model, whole, settings, limbs
+        self.found = FrameSolution(np.zeros(N_DOF), 0.0)
+        self.clock = Clock(self.found.seconds)
 
     def see(self, aligned: Aligned) -> _Seen:
         """Draw a pose and count what differs."""
-        self.evaluations += 1
+        self.found.evaluations += 1
         covered = self.model.backend.coverage(
             aligned.pose[None], ALL_SEGMENTS, self.whole.region, self.settings.detail_px
         )[0]
-        return _Seen(aligned, covered, self._cost(aligned.pose, covered))
-
-    def _cost(self, pose: Floats, covered: Bytes) -> float:
         if self.settings.cost == Cost():
-            return float(count_bits((covered ^ self.whole.silhouettes) & ~self.whole.ignored))
-        return float(self._priced(pose[None])[0])
+            differing = (covered ^ self.whole.silhouettes) & ~self.whole.ignored
+            return _Seen(aligned, covered, float(count_bits(differing)))
+        return _Seen(aligned, covered, float(self._priced(aligned.pose[None])[0]))
 
     @cached_property
     def _priced(self) -> Callable[[Floats], Floats]:
@@ -76,13 +73,38 @@ class _Search:
     def align(self, start: _Seen) -> _Seen:
         """Align from a pose; where that leads astray, the pose itself."""
         aligner = self.model.aligner(self.settings)
-        found = self.see(aligner.align(self.whole, start.pose, self.settings))
-        self.evaluations += self.settings.contour_steps
-        return found if found.energy <= _SLACK * start.energy else start
+        aligned = self.see(aligner.align(self.whole, start.pose, self.settings))
+        self.found.evaluations += self.settings.contour_steps
+        self.clock.book("torso")
+        return aligned if aligned.energy <= _SLACK * start.energy else start
 
     def differences(self, seen: _Seen) -> Differences:
         """What a pose leaves unexplained."""
         return differences(self.model, self.whole, seen.pose, seen.covered)
+
+    def expecting(self, best: _Seen, expected: _Seen, parts: list[Part]) -> _Seen:
+        """The best pose, with limbs in doubt where they were expected: alignments may lead them astray."""
+        pose = best.pose.copy()
+        for name in LIMBS:
+            if name in parts:
+                pose[list(LIMBS[name].dofs)] = expected.pose[list(LIMBS[name].dofs)]
+        return self.best_of(pose[None])
+
+    def round(self, start: _Seen, parts: list[Part], settings: SearchSettings) -> _Seen:
+        """Search parts by XOR about a start, then align the whole body again."""
+        self.found.passes += 1
+        names = [name for name in LIMBS if name in parts]
+        self.limbs.start(limb_jobs(self.model, self.whole, start.pose, settings, names))
+        pose = start.pose
+        if "head" in parts:
+            head = solve_head(self.model, self.whole, pose, settings)
+            pose, self.found.evaluations = head.applied_to(pose), self.found.evaluations + head.evaluations
+            self.clock.book("head")
+        for name, limb in self.limbs.finish():
+            pose = limb.applied_to(pose)
+            self.found.note_limb(name, limb)
+        self.clock.book("limbs")
+        return self.align(self.best_of(np.stack([start.pose, pose])))
 
 
 def solve_by_contours(
@@ -95,74 +117,48 @@ def solve_by_contours(
 ) -> FrameSolution:
     """Find the pose of one frame, beginning at the best of the start poses (N, D) within the limits.
 
-    The whole body is aligned with the contours. Then, as long as it helps, limbs (and the head) that
-    something differs near by more than the rim are searched by XOR, as in the paper's passes, and all is
-    aligned again: what an alignment cannot do is to jump.
+    The whole body is aligned with the contours. Then limbs (and the head) that something differs near by more
+    than the rim are searched by XOR, as in the paper's passes, and all is aligned again: what an alignment
+    cannot do is to jump. A first round searches about the alignment; further rounds, as long as they help,
+    farther about where the limbs were expected.
     """
-    search = _Search(model, settings.cost.priced(whole), settings)
-    found = FrameSolution(starts[0], 0.0)
-    clock = Clock(found.seconds)
+    search = _Search(model, settings.cost.priced(whole), settings, limbs)
     expected = search.best_of(starts)
     best = search.align(expected)
-    clock.book("torso")
-    left, searched, gained = search.differences(best), set[Part](), False
-    for k in range(settings.max_passes):
-        doubtful = trust.to_search(left) if k or settings.search_limbs == "in doubt" else _LIMBS
-        if not doubtful:
-            break
-        found.passes, before = found.passes + 1, best
-        begun = _as_expected(search, best, expected, doubtful) if k else best
-        wider = settings.widened() if k else settings
-        other = _search_parts(search, begun, doubtful, wider, limbs, found, clock)
-        best = min(before, other, key=lambda seen: seen.energy)
-        left = search.differences(best)
-        searched.update(doubtful)
-        gained |= (better := best.energy < (1.0 - settings.pass_tolerance) * before.energy)
-        if k and not better:
-            break
+    left, gained = search.differences(best), False
+    parts = list[Part](LIMBS) if settings.search_limbs == "always" else trust.to_search(left)
+    searched = set(parts)
+    if parts:
+        found = _better(best, search.round(best, parts, settings))
+        gained = _gains(found, best, settings)
+        best, left = found, search.differences(found)
+        for _ in range(1, settings.max_passes):
+            parts = trust.to_search(left)
+            if not parts:
+                break
+            searched.update(parts)
+            begun = search.expecting(best, expected, parts)
+            found = _better(best, search.round(begun, parts, settings.widened()))
+            is_last = not _gains(found, best, settings)
+            best, left, gained = found, search.differences(found), gained or not is_last
+            if is_last:
+                break
     trust.note_search(searched, gained=gained)
-    shares = error_by_part(model, whole, best.pose)
-    found.pose, found.energy_px = best.pose, float(shares.energy_px)
-    found.note_shares(shares)
-    found.measured["prior"] = [float(best.aligned.prior_cost)]
-    found.evaluations += search.evaluations + 1
-    found.confidence, found.distrusted = confidences(best.aligned.rim_px), trust.distrusted(left)
+    solution, shares = search.found, error_by_part(model, whole, best.pose)
+    solution.pose, solution.energy_px = best.pose, float(shares.energy_px)
+    solution.note_shares(shares)
+    solution.measured["prior"] = [float(best.aligned.prior_cost)]
+    solution.evaluations += 1
+    solution.confidence, solution.distrusted = confidences(best.aligned.rim_px), trust.distrusted(left)
     trust.remember(left)
-    clock.book("torso")
-    return found
+    search.clock.book("torso")
+    return solution
 
 
-def _as_expected(search: _Search, best: _Seen, expected: _Seen, parts: list[Part]) -> _Seen:
-    """The best pose with limbs in doubt where they were expected: an alignment may have led them astray."""
-    pose = best.pose.copy()
-    for name in LIMBS:
-        if name in parts:
-            pose[list(LIMBS[name].dofs)] = expected.pose[list(LIMBS[name].dofs)]
-    return search.best_of(pose[None])
+def _better(one: _Seen, other: _Seen) -> _Seen:
+    return min(one, other, key=lambda seen: seen.energy)
 
 
-def _search_parts(
-    search: _Search,
-    start: _Seen,
-    parts: list[Part],
-    settings: SearchSettings,
-    limbs: LimbPool,
-    found: FrameSolution,
-    clock: Clock,
-) -> _Seen:
-    """Search parts by XOR about a start, then align the whole body again."""
-    names = [name for name in LIMBS if name in parts]
-    limbs.start(limb_jobs(search.model, search.whole, start.pose, settings, names))
-    pose = start.pose
-    if "head" in parts:
-        head = solve_head(search.model, search.whole, pose, settings)
-        pose, found.evaluations = head.applied_to(pose), found.evaluations + head.evaluations
-        clock.book("head")
-    for name, limb in limbs.finish():
-        pose = limb.applied_to(pose)
-        found.note_limb(name, limb)
-    clock.book("limbs")
-    searched = search.best_of(np.stack([start.pose, pose]))
-    aligned = search.align(searched)
-    clock.book("torso")
-    return aligned
+def _gains(found: _Seen, before: _Seen, settings: SearchSettings) -> bool:
+    """Whether a round lowered the energy by enough to be worth another one."""
+    return found.energy < (1.0 - settings.pass_tolerance) * before.energy

@@ -65,33 +65,25 @@ class Tracker:
         settings = self._settings.without_cameras(absent, rig.n_cameras)
         solution = solve_frame(self._model, picture, self._starts(), settings, self._limbs, trust=self._trust)
         is_lost = "torso" in solution.distrusted
-        if not is_lost and not self._lost_frames:
-            self._keep(solution)
-            return solution
-        self._lost_frames += 1
-        if self._lost_frames == 1:
-            log.warning("the actor is lost: poses stay as they were until somebody is in view again")
-        # Whoever comes back may have turned round, which a pose that is carried on does not notice.
-        candidates = [
-            self._find_again(picture, seen, settings, at_once=not is_lost),
-            None if is_lost else solution,
-        ]
-        found = [candidate for candidate in candidates if candidate is not None]
-        if found:
+        if is_lost or self._lost_frames:
+            self._lost_frames += 1
+            if self._lost_frames == 1:
+                log.warning("the actor is lost: poses stay as they were until somebody is in view again")
+            # Whoever comes back may have turned round, which a pose that is carried on does not notice.
+            again = self._find_again(picture, seen, settings, at_once=not is_lost)
+            found = [one for one in (again, None if is_lost else solution) if one is not None]
+            if not found:
+                solution.pose, solution.distrusted = self._poses[-1].copy(), list(PARTS)
+                solution.confidence = dict.fromkeys(PARTS, 0.0)
+                return solution
             log.info("the actor was found again after %d frames", self._lost_frames)
-            self._poses, best = [], min(found, key=lambda candidate: candidate.energy_px)
-            self._keep(best)
-            return best
-        solution.pose, solution.distrusted = self._poses[-1].copy(), list(PARTS)
-        solution.confidence = dict.fromkeys(PARTS, 0.0)
+            solution, self._poses = min(found, key=lambda one: one.energy_px), []
+        self._poses = [*self._poses[-1:], solution.pose]
+        self._lost_frames = self._tries = self._wait = 0
         return solution
 
     def _starts(self) -> Floats:
         return extrapolated(self._poses[-2:]) if not self._lost_frames else self._poses[-1][None]
-
-    def _keep(self, solution: FrameSolution) -> None:
-        self._poses = [*self._poses[-1:], solution.pose]
-        self._lost_frames = self._tries = self._wait = 0
 
     def _find_again(
         self, picture: Picture, seen: TriPlanes, settings: SearchSettings, *, at_once: bool

@@ -8,6 +8,7 @@ import trimesh
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.skeleton import SEGMENTS
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.synth.raster import draw

@@ -15,19 +15,18 @@ from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, N_JOINTS
 from services.mocap.body.skeleton import DOFS, LOWER, SEGMENT_NAMES, UPPER
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import count_by_camera
 from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import lenses_of
 from services.mocap.energy.cpu.mesh import FlatMesh
 from services.mocap.energy.cpu.outline import scratch_for
 from services.mocap.energy.detail.cache import levels_of
-from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.alignment.pulls import OWN_REACH_PX, SHARES, Input, pull_scratch
+from services.mocap.energy.picture import Picture
+from services.mocap.search.alignment.matching import OWN_REACH_PX, input_of, room_for, views_of
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SEGMENTS, REFERENCE_WIDTH_PX
 from services.mocap.search.settings import SearchSettings
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Floats
 
 _FIRST_CAP_PX, _LAST_CAP_PX = 6.0, 1.5
 """Contours farther off than this count as outliers, in the first step and in the last."""
@@ -77,7 +76,7 @@ class Aligner:
             (*RimMesh.of(body, levels, max(_COARSE_M / self._scale, _COARSEST_M)),),
             (*RimMesh.of(body),),
         )
-        self._pull_scratch = pull_scratch(self._rims[-1])
+        self._room = room_for(self._rims[-1])
 
     def align(
         self,
@@ -93,49 +92,30 @@ class Aligner:
         """
         free = np.zeros(N_DOF)
         free[list(dofs)] = 1.0
-        prior = _prior(pose, settings)
-        moved, prior_cost, rim_px = pose.copy(), np.zeros(1), np.zeros((len(SEGMENT_NAMES), SHARES))
-        region = picture.region
-        P_px_world = region.projections(self._rig)
-        lenses = lenses_of(P_px_world, region.width_px, region.height_px)
+        prior, region, steps = _prior(pose, settings), picture.region, self._steps(settings)
+        views = views_of(self._rig, region, settings.weights(self._rig.n_cameras))
+        cameras = (views[0], lenses_of(views[0], region.width_px, region.height_px))
         canvas = empty_canvas(region.height_px, region.width_px)
-        drawing = (_EVERYTHING, self._mesh, self._scratch, (P_px_world, lenses), canvas)
-        views = (
-            P_px_world,
-            np.ascontiguousarray(lenses[:, 12:]),
-            settings.weights(self._rig.n_cameras),
-            self._sizes_px(region),
-        )
-        pulling, stages = np.array(segments, np.int32), self._stages(settings)
-        seen = _seen(picture)
-        fineness = (stages[:-_FINE_STEPS], 1.0), (stages[-_FINE_STEPS:], _FINE)
-        for rim, (steps, share) in zip(self._rims, fineness, strict=True):
-            follow(
-                moved, self._offsets_m, _ALL_JOINTS, seen, drawing, share * settings.detail_px,
-                (pulling, rim, views, self._pull_scratch), steps, free, prior, _LIMITS, prior_cost, rim_px,
-            )  # fmt: skip
-        return Aligned(moved, float(prior_cost[0]), rim_px)
+        drawing = (_EVERYTHING, self._mesh, self._scratch, cameras, canvas)
+        pulling, seen = np.array(segments, np.int32), input_of(picture)
+        coarse_rim, fine_rim = self._rims
+        pose, _, _ = follow(
+            pose, self._offsets_m, _ALL_JOINTS, seen, drawing, settings.detail_px,
+            (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, prior, _LIMITS,
+        )  # fmt: skip
+        pose, prior_cost, rim_px = follow(
+            pose, self._offsets_m, _ALL_JOINTS, seen, drawing, _FINE * settings.detail_px,
+            (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, prior, _LIMITS,
+        )  # fmt: skip
+        return Aligned(pose, prior_cost, rim_px)
 
-    def _sizes_px(self, region: Region) -> Ints:
-        """(C, 2) how much of the region each camera's picture fills."""
-        window = np.array([region.width_px, region.height_px])
-        sizes_px: Ints = np.minimum(self._rig.sizes_px - region.origin_px, window).astype(np.int32)
-        return sizes_px
-
-    def _stages(self, settings: SearchSettings) -> Floats:
+    def _steps(self, settings: SearchSettings) -> Floats:
         """(K, 3) as follow takes them: from far to near."""
         share = np.linspace(0.0, 1.0, settings.contour_steps)
         reach_px = settings.contour_reach_px * self._scale * (1.0 + (_LAST_REACH - 1.0) * share)
         cap_px = self._scale * _FIRST_CAP_PX * (_LAST_CAP_PX / _FIRST_CAP_PX) ** share
         damping = _FIRST_DAMPING * (_LAST_DAMPING / _FIRST_DAMPING) ** share
         return np.column_stack([np.maximum(np.ceil(reach_px), OWN_REACH_PX), cap_px, damping])
-
-
-def _seen(picture: Picture) -> Input:
-    """What rims look at, as follow takes it."""
-    unsure = np.zeros_like(picture.silhouettes) if picture.unsure is None else np.array(picture.unsure)
-    is_unsure = count_by_camera(unsure, len(picture.region.origin_px))
-    return np.array(picture.silhouettes), unsure, is_unsure  # to Numba a read-only one is of another type
 
 
 def _prior(expected: Floats, settings: SearchSettings) -> Floats:

@@ -5,76 +5,81 @@ from typing import TypeAlias
 import numba
 import numpy as np
 
-from services.mocap.body.kinematics import N_DOF, N_JOINTS, place_joints
+from services.mocap.body.kinematics import N_DOF, N_JOINTS, SEGMENT_JOINTS, place_joints
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.evaluation import cover
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch
-from services.mocap.search.alignment.pulls import (
+from services.mocap.search.alignment.matching import (
+    SHARES,
     Input,
-    PullScratch,
+    Matches,
     RimArrays,
+    RimScratch,
     Views,
-    normal_equations,
-    sum_pulls,
+    match_view,
 )
+from services.mocap.search.alignment.normal_equations import add_matches, normal_equations
 from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
 from services.mocap.types import Floats, Ints
 
 Drawing: TypeAlias = tuple[Ints, MeshArrays, Scratch, tuple[Floats, Floats], Canvas]
 """Segments drawn; mesh, scratch, cameras and canvas as cover takes them."""
-Rims: TypeAlias = tuple[Ints, RimArrays, Views, PullScratch]
-"""Segments that pull; mesh, views and scratch as sum_pulls takes them."""
+Rims: TypeAlias = tuple[Ints, RimArrays, Views, tuple[RimScratch, Matches]]
+"""Segments that pull; mesh, views and room as match_view takes them."""
 _SINGULAR = 1e-6
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def follow(
-    pose: Floats,
+    start: Floats,
     offsets_m: Floats,
     joints: Ints,
     seen: Input,
     drawing: Drawing,
     detail_px: float,
     rims: Rims,
-    stages: Floats,
+    steps: Floats,
     free: Floats,
     prior: Floats,
     limits: Floats,
-    prior_cost: Floats,
-    shares_px: Floats,
-) -> None:
-    """Move a pose (D,) in place so that the rim comes to lie on the contours.
+) -> tuple[Floats, float, Floats]:
+    """Move a pose (D,) so that the rim comes to lie on the contours.
 
-    seen: as sum_pulls takes it. stages (K, 3): for every step the reach, the cap, and the damping as a share
-    of the diagonal. free (D,): 1 for parameters that vary. prior (3, D): target, weight of its square, and
-    the largest step. limits (2, D). prior_cost (1,) gets the prior's at the last match, shares_px (S,
-    SHARES) what sum_pulls sets.
+    steps (K, 3): for every step the reach, the cap, and the damping as a share of the diagonal. free (D,): 1
+    for parameters that vary. prior (3, D): target, weight of its square, and the largest step. limits (2,
+    35). Returns the pose, and of the last match the prior's cost and the shares (S, SHARES) of the rim.
     """
     segments, mesh, scratch, cameras, canvas = drawing
-    pulling, rim, views, room = rims
+    pulling, rim, views, (rim_scratch, matches) = rims
+    pose, prior_cost, shares_px = start.copy(), 0.0, np.zeros((len(SEGMENT_JOINTS), SHARES))
     T_world_joint = np.empty((1, N_JOINTS, 4, 4))
     model_planes = np.zeros((1, *seen[0].shape), np.uint8)
     twists, wrenches = np.zeros((N_DOF, TWIST_SIZE)), np.empty((N_JOINTS, TWIST_SIZE, TWIST_SIZE))
-    pulls, hessian, slope = np.empty((N_JOINTS, TWIST_SIZE)), np.empty((N_DOF, N_DOF)), np.empty(N_DOF)
-    for k in range(len(stages)):
-        reach_px, cap_px, damping = stages[k]
+    pulls = np.empty((N_JOINTS, TWIST_SIZE))
+    for k in range(len(steps)):
+        reach_px, cap_px, damping = steps[k]
         place_joints(pose, offsets_m, joints, T_world_joint[0])
         model_planes[:] = 0
         cover(T_world_joint, segments, cameras, detail_px, mesh, scratch, canvas, model_planes)
         place_twists(pose, T_world_joint[0], twists)
-        sum_pulls(
-            rim, pulling, T_world_joint[0], views, seen, model_planes[0],
-            int(reach_px), cap_px, room, wrenches, pulls, shares_px,
-        )  # fmt: skip
-        normal_equations(twists, wrenches, pulls, hessian, slope)
-        prior_cost[0] = 0.0
+        wrenches[:], pulls[:], shares_px[:] = 0.0, 0.0, 0.0
+        for c in range(len(views[2])):
+            if views[2][c] > 0.0:
+                n = match_view(
+                    c, rim, pulling, T_world_joint[0], views, seen, model_planes[0],
+                    int(reach_px), rim_scratch, matches, shares_px,
+                )  # fmt: skip
+                add_matches(matches, n, cap_px, wrenches, pulls)
+        hessian, slope = normal_equations(twists, wrenches, pulls)
+        prior_cost = 0.0
         for d in range(N_DOF):
             off = pose[d] - prior[0, d]
-            prior_cost[0] += prior[1, d] * off * off
+            prior_cost += prior[1, d] * off * off
             hessian[d, d] += prior[1, d]
             slope[d] += prior[1, d] * off
             hessian[d, d] += damping * hessian[d, d] + _SINGULAR
         _step(pose, hessian, slope, free, prior[2], limits)
+    return pose, prior_cost, shares_px
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -76,8 +76,7 @@ def _write(R: Floats, axis: Floats, origin_world_m: Floats, twist: Floats) -> No
     twist[3:] = np.cross(origin_world_m, turned)
 
 
-def moved_by() -> Mask:
-    """(J, J): whether a turn of the first joint moves the second, itself included."""
+def _moved_by() -> Mask:
     moved = np.eye(N_JOINTS, dtype=np.bool_)
     for j in range(N_JOINTS):  # parents precede children
         if PARENT[j] >= 0:
@@ -85,5 +84,7 @@ def moved_by() -> Mask:
     return moved
 
 
+MOVED_BY = _moved_by()
+"""(J, J): whether a turn of the first joint moves the second, itself included."""
 DOF_JOINT = np.array([JOINT_INDEX[dof.joint] for dof in DOFS], np.int32)
 """(D,) the joint that each parameter turns or shifts."""

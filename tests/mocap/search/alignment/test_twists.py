@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, N_JOINTS, joint_transforms
 from services.mocap.body.skeleton import LOWER, UPPER
-from services.mocap.search.alignment.twists import DOF_JOINT, TWIST_SIZE, moved_by, place_twists
+from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, TWIST_SIZE, place_twists
 
 OFFSETS_M = build_body(Actor()).offsets_m
 STEP = 1e-6
@@ -32,5 +32,5 @@ def test_points_move_as_the_twists_say(seed: int, at_rest: bool) -> None:
     velocities = (world_m(pose + steps) - world_m(pose - steps)) / (2 * STEP)
     here = world_m(pose[None])[0]
     expected = np.cross(twists[:, None, :3], here[None]) + twists[:, None, 3:]
-    expected *= moved_by()[DOF_JOINT][:, :, None]
+    expected *= MOVED_BY[DOF_JOINT][:, :, None]
     np.testing.assert_allclose(velocities, expected, atol=1e-6)
