@@ -142,7 +142,7 @@ def test_a_shader_that_does_not_compile_later_loses_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     engine = gl_asked("paper")
-    monkeypatch.setattr("services.mocap.energy.paper.rasteriser.FRAGMENT_SHADER", BROKEN)
+    monkeypatch.setattr("services.mocap.energy.paper.rasteriser._FRAGMENT_SHADER", BROKEN)
     rig, poses = ring(3), random_poses(4, 6)
     problem = _problem(coarse_body, rig, poses)
     caplog.clear()
