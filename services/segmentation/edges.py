@@ -10,6 +10,7 @@ round. A rim pixel z mixes actor and background, z = α a + (1 - α) b, and the 
 Rows go through the passes one after the other, so that what neighbourhoods are summed over stays in cache.
 """
 
+from math import ceil
 from typing import TypeAlias
 
 import cv2
@@ -50,7 +51,8 @@ def settle_edges(
     """
     if rim_px <= 0 or part.size == 0:
         return
-    inside2, outside2 = _depths2(part, (rim_px + _TOO_FAT_PX + 1) ** 2)
+    farthest_px = rim_px + _TOO_FAT_PX + 1
+    inside2, outside2 = _depths2(part, ceil(farthest_px), np.float32(farthest_px**2))
     share, on_rim = part.astype(np.float32), np.zeros_like(part)
     _mix(
         share,
@@ -72,13 +74,40 @@ def settle_edges(
     part[:] = np.where(near_rim > 0, evened > 0.5, part)
 
 
-def _depths2(mask: Bytes, most: float) -> tuple[Levels, Levels]:
+@numba.njit(cache=True, nogil=True)
+def _depths2(mask: Bytes, reach: int, most: np.float32) -> tuple[Levels, Levels]:
     """Squared distances (H, W) of the pixels set to those not set, and the reverse; `most` if farther."""
-    depths2 = []
-    for side in (mask, 1 - mask):
-        depth = np.minimum(cv2.distanceTransform(side, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32(most))
-        depths2.append(np.minimum(np.rint(depth * depth), np.float32(most)))  # of pixels: whole numbers
-    return depths2[0], depths2[1]
+    height, width = mask.shape
+    along = _depths2_along_rows(mask, reach, most)
+    depths = along.copy()
+    for side in range(2):
+        for y in range(height):
+            for other in range(max(y - reach, 0), min(y + reach + 1, height)):
+                step2 = np.float32((other - y) ** 2)
+                for x in range(width):
+                    depths[side, y, x] = min(depths[side, y, x], along[side, other, x] + step2)
+    return depths[0], depths[1]
+
+
+@numba.njit(cache=True, nogil=True)
+def _depths2_along_rows(mask: Bytes, reach: int, most: np.float32) -> Levels:
+    """Squared distances (2, H, W) in each row, to what is not set and to what is."""
+    height, width = mask.shape
+    along = np.empty((2, height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            along[0, y, x] = most * mask[y, x]
+            along[1, y, x] = most - along[0, y, x]
+        for x in range(1, width):
+            if mask[y, x] == mask[y, x - 1]:
+                continue
+            to_left, to_right = mask[y, x], mask[y, x - 1]  # left of a step 1 it is far from 1, and so on
+            for k in range(1, reach + 1):
+                if x - k >= 0:
+                    along[to_left, y, x - k] = min(along[to_left, y, x - k], k * k)
+                if x + k <= width:
+                    along[to_right, y, x + k - 1] = min(along[to_right, y, x + k - 1], k * k)
+    return along
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})

@@ -96,7 +96,7 @@ def test_patches_are_those_that_opencv_finds(mask: Mask) -> None:
 
 @given(SMALL_MASKS, st.integers(1, 5))
 def test_depths_are_distances_up_to_their_limit(mask: Mask, reach: int) -> None:
-    inside2, outside2 = edges._depths2(mask.astype(np.uint8), reach**2)
+    inside2, outside2 = edges._depths2(mask.astype(np.uint8), reach, np.float32(reach**2))
     for found, here in ((inside2, mask), (outside2, ~mask)):
         rows, columns = np.nonzero(~here)
         y, x = np.indices(mask.shape)
