@@ -1,7 +1,7 @@
-"""Who may come in: the list of clients, and the thread that holds every handshake against it.
+"""Access control: the list of clients, and the thread that checks every handshake against it.
 
-libzmq asks only once, at the handshake. So whoever receives also asks `Admission.admits` for every message,
-and a client whose key is taken off the list is out although its connection stands.
+libzmq asks only once, at the handshake. So every receiver also asks `Admission.admits` for every message: a
+client whose key is removed from the list loses access at once, although its connection stays.
 """
 
 import logging
@@ -18,27 +18,27 @@ from proto.keys import allowed_clients, server_keys
 log = logging.getLogger(__name__)
 
 ZAP_DOMAIN = b"xormocap"
-"""Without a domain, libzmq would let everybody in for as long as no thread answers."""
+"""Without a domain, libzmq would accept every client while no thread answers."""
 _ZAP_ENDPOINT = "inproc://zeromq.zap.01"
 _ZAP_REQUEST_FRAMES = 6
 _LOOK_MS = 100
 _MOST_TOLD = 1000
-"""Different refusals that the log tells of between two readings of the list; more are only counted."""
+"""At most this many different refusals are logged between two readings of the list; more are only counted."""
 _FAILURES = (
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
     | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 )
 _STRANGERS: dict[int, str] = {
-    zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH: "somebody came without keys",
-    zmq.PROTOCOL_ERROR_ZMTP_CRYPTOGRAPHIC: "somebody came whose server.key is not this coordinator's",
+    zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH: "a client without keys",
+    zmq.PROTOCOL_ERROR_ZMTP_CRYPTOGRAPHIC: "a client whose server.key is not this coordinator's",
 }
 
 
 class Admission:
-    """The coordinator's keys and its list of clients, which is read again when asked for.
+    """The coordinator's keys and its list of clients, which is read again on request.
 
-    Raises KeysError without keys. Any thread may ask; `refresh` belongs to one.
+    Raises KeysError without keys. Any thread may ask; only one may call `refresh`.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -47,15 +47,15 @@ class Admission:
         self._former: dict[bytes, str] = {}
         self._asked = self._answered = 0
         self.revocations = 0
-        """How often clients were taken off the list since the start."""
-        log.info("%d clients may come in: %s", len(self._names), ", ".join(self._names.values()) or "nobody")
+        """How often clients were removed from the list since the start."""
+        log.info("%d clients have access: %s", len(self._names), ", ".join(self._names.values()) or "nobody")
 
     def ask_again(self) -> None:
-        """Have the list read again soon; all that a signal handler may do."""
+        """Request another reading of the list; safe in a signal handler."""
         self._asked += 1
 
     def refresh(self) -> bool:
-        """Read the list if that was asked for; whether it was."""
+        """Read the list if that was requested; returns whether it was."""
         asked = self._asked
         if asked == self._answered:
             return False
@@ -66,25 +66,26 @@ class Admission:
         self._names = now
         self.revocations += bool(gone)
         added = [name for key, name in now.items() if key not in before]
-        log.info("read the list of clients again: %d may come in; new: %s; revoked: %s", len(now),
+        log.info("read the list of clients again: %d have access; new: %s; revoked: %s", len(now),
                  ", ".join(added) or "none", ", ".join(gone.values()) or "none")  # fmt: skip
         return True
 
     def admits(self, key: bytes | None) -> bool:
-        """Whether a client may come in, or still be in, by its public key."""
+        """Whether the client with this public key has access."""
         return key in self._names
 
     def why_not(self, key: bytes) -> str:
-        """Why a client may not come in, in words."""
+        """Why a client has no access, in words."""
         if key in self._former:
             return f"the key of {self._former[key]} was revoked"
         return f"its key {key.decode()} is not on the list in {self.keys.clients}"
 
 
 class Doorkeeper:
-    """Answers libzmq's question at every handshake of a context's sockets, and keeps count of those refused.
+    """Answers libzmq's question at every handshake of a context's sockets, and counts the refused ones.
 
-    Make it before any socket of the context listens; `watch` them before they do, then `start`.
+    Make it before any socket of the context listens. Call `watch` for each socket before it listens, then
+    `start`.
     """
 
     def __init__(self, context: "zmq.Context[zmq.Socket[bytes]]", admission: Admission) -> None:
@@ -101,12 +102,12 @@ class Doorkeeper:
         """Handshakes that failed, by stream."""
 
     def watch(self, name: str, socket: "zmq.Socket[bytes]") -> None:
-        """Keep an eye on a socket that will listen."""
+        """Monitor a socket that will listen."""
         self._watched[name] = socket
         self._monitors[socket.get_monitor_socket(_FAILURES)] = name
 
     def start(self) -> None:
-        """Begin to answer; until then handshakes wait."""
+        """Start to answer; until then handshakes wait."""
         self._thread.start()
 
     def _keep(self) -> None:
@@ -139,11 +140,11 @@ class Doorkeeper:
     def _note_failure(self, monitor: "zmq.Socket[bytes]") -> None:
         event = recv_monitor_message(monitor)
         if not event["event"] & _FAILURES:
-            return  # the monitor's own end
+            return  # the monitor has ended
         stream = self._monitors[monitor]
         self.refused[stream] += 1
         if event["event"] == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
-            who = _STRANGERS.get(event["value"], "somebody came who does not speak ZeroMQ's protocol")
+            who = _STRANGERS.get(event["value"], "a client that does not speak ZeroMQ's protocol")
             self._tell_once(f"refused a client at the stream {stream}: {who}")
 
     def _tell_once(self, sentence: str) -> None:
@@ -152,9 +153,9 @@ class Doorkeeper:
             log.warning("%s", sentence)
 
     def close(self) -> None:
-        """End the thread; while the sockets' owner still has them open, and in its thread."""
+        """End the thread. Call this in the thread of the sockets' owner, while the sockets are still open."""
         for socket in self._watched.values():
-            socket.disable_monitor()  # the thread reads on meanwhile, so that libzmq never waits for it
+            socket.disable_monitor()  # the thread keeps reading meanwhile, so that libzmq never waits for it
         self._closing = True
         if self._thread.ident is not None:
             self._thread.join()

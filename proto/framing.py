@@ -1,4 +1,4 @@
-"""Messages to frames and back. Whatever comes in is checked before anything trusts it."""
+"""Messages to frames and back. Everything that arrives is checked before it is used."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -14,18 +14,18 @@ from proto.messages import MESSAGES, PROTOCOL_VERSION, Array, Message, arrays_of
 MAX_HEADER_BYTES = 64 * 1024
 MAX_FRAME_BYTES = 64 * 1024 * 1024
 MAX_ENTRIES = 1000
-"""Of any list or map in a header: checking tens of thousands would take a receiver's time."""
+"""Of any list or map in a header: checking tens of thousands would take too much of a receiver's time."""
 _LONGEST_NAME = 60
 
 
 class MalformedMessage(Exception):  # noqa: N818  (what arrived, not what went wrong here)
-    """Frames that are no message of this protocol; the text says why."""
+    """The frames are not a message of this protocol; the text says why."""
 
 
 def encode(message: Message) -> list[bytes | memoryview]:
     """Turn a message into its frames: a msgpack header, then one raw frame per array.
 
-    Raises MalformedMessage for what no receiver would take, such as an array of another shape or a NaN.
+    Raises MalformedMessage for content that every receiver would refuse, such as a wrong shape or a NaN.
     """
     arrays = arrays_of(type(message))
     header: dict[str, Any] = {"v": PROTOCOL_VERSION, "type": message.type}
@@ -57,9 +57,9 @@ def decode(frames: list[bytes]) -> Message:
     _bind_sizes(str(name), specs, shapes)
     for (field, spec), shape, frame in zip(specs.items(), shapes, frames[1:], strict=True):
         if field in header:
-            raise MalformedMessage(f"{name}.{field}: belongs in a frame of its own, not in the header")
+            raise MalformedMessage(f"{name}.{field}: belongs in its own frame, not in the header")
         header[field] = _decode_array(f"{name}.{field}", spec, shape, frame)
-    for field in message_type.model_fields:  # a default serves whoever builds a message, not the wire
+    for field in message_type.model_fields:  # defaults are for building a message
         if field not in header:
             raise MalformedMessage(f"{name}.{field}: Field required")
     try:
@@ -74,7 +74,7 @@ def decode(frames: list[bytes]) -> Message:
 
 def _decode_header(frames: list[bytes]) -> dict[str, Any]:
     if not frames or len(frames[0]) > MAX_HEADER_BYTES:
-        raise MalformedMessage("no header, or one that is too long")
+        raise MalformedMessage("the header is missing or too long")
     try:
         header = msgpack.unpackb(
             frames[0], strict_map_key=True, max_array_len=MAX_ENTRIES, max_map_len=MAX_ENTRIES
@@ -84,19 +84,19 @@ def _decode_header(frames: list[bytes]) -> dict[str, Any]:
             raise MalformedMessage(f"header holds a list or map of more than {MAX_ENTRIES} entries") from None
         raise MalformedMessage("header is not msgpack") from None
     if not isinstance(header, dict) or not all(isinstance(key, str) for key in header):
-        raise MalformedMessage("header is not a map with names as keys")
+        raise MalformedMessage("header is not a map with string keys")
     return header
 
 
 def _bind_sizes(name: str, specs: Mapping[str, Array], shapes: list[Any]) -> None:
-    """Check shapes against their specifications; a letter must stand for one size only."""
+    """Check shapes against their specifications; a letter must have one size throughout."""
     sizes: dict[str, int] = {}
     for (field, spec), shape in zip(specs.items(), shapes, strict=True):
         if not isinstance(shape, list) or len(shape) != len(spec.shape):
             raise MalformedMessage(f"{name}.{field}: expected {len(spec.shape)} dimensions")
         for wanted, size in zip(spec.shape, shape, strict=True):
             if type(size) is not int or not 0 <= size <= MAX_FRAME_BYTES:
-                raise MalformedMessage(f"{name}.{field}: a size is not a whole number in range")
+                raise MalformedMessage(f"{name}.{field}: a size is not an integer in range")
             expected = wanted if isinstance(wanted, int) else sizes.setdefault(wanted, size)
             if size != expected:
                 raise MalformedMessage(f"{name}.{field}: size {size} where {wanted} is {expected}")

@@ -1,10 +1,10 @@
-"""CURVE keys as they lie in folders: the coordinator's own, a client's own, and the list of who may come in.
+"""CURVE keys in folders: the coordinator's, a client's, and the list of clients with access.
 
-    KEYS/coordinator/   server.key_secret, server.key, clients/NAME.key: the list; its removal revokes NAME
-    KEYS/NAME/          client.key_secret, client.key, server.key: all that this client needs
+    KEYS/coordinator/   server.key_secret, server.key, clients/NAME.key: the list; removing a file revokes
+    NAME KEYS/NAME/          client.key_secret, client.key, server.key: all that this client needs
 
-Files are zmq.auth certificates. Every folder serves alone, on a host of its own; KEYS as a whole does on one
-host.
+Files are zmq.auth certificates. On several hosts each gets only its own folder; on one host use KEYS as a
+whole.
 """
 
 import logging
@@ -19,17 +19,17 @@ from zmq.utils import z85
 log = logging.getLogger(__name__)
 
 COORDINATOR = "coordinator"
-"""The folder of the coordinator's keys in a folder of keys; no client may have that name."""
+"""The coordinator's folder in a folder of keys; no client may have this name."""
 SERVER, CLIENT = "server", "client"
 """Names of certificates."""
 CLIENTS = "clients"
-"""The folder of the public keys of those that may come in."""
+"""The folder with the public keys of the clients with access."""
 PUBLIC, SECRET = ".key", ".key_secret"
 _KEY_CHARACTERS = 40
 
 
 class KeysError(ValueError):
-    """Keys that are missing or cannot be used; the text says which file, and how to mend it."""
+    """Keys are missing or cannot be used; the text names the file and says what to do."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ServerKeys:
     secret: bytes = field(repr=False)
     """Keys in Z85, 40 characters, here and below."""
     clients: Path
-    """The folder of the public keys of those that may come in."""
+    """The folder with the public keys of the clients with access."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ class ClientKeys:
     public: bytes
     secret: bytes = field(repr=False)
     server: bytes
-    """The coordinator's public key: no other one is talked to."""
+    """The coordinator's public key; the client accepts no other coordinator."""
 
 
 def server_keys(folder: Path) -> ServerKeys:
-    """The coordinator's keys in a folder of theirs, or in one of all keys; raises KeysError."""
+    """The coordinator's keys, from its own folder or from the folder of all keys; raises KeysError."""
     own = _own_folder(folder, COORDINATOR, SERVER)
     public, secret = _pair(own / f"{SERVER}{SECRET}")
     if not (own / CLIENTS).is_dir():
@@ -63,20 +63,21 @@ def server_keys(folder: Path) -> ServerKeys:
 
 
 def client_keys(folder: Path, role: str) -> ClientKeys:
-    """A client's keys in a folder of theirs, or in one of all keys by the role's name; raises KeysError."""
+    """A client's keys, from its own folder or from the role's folder in that of all keys; raises
+    KeysError."""
     own = _own_folder(folder, role, CLIENT)
     public, secret = _pair(own / f"{CLIENT}{SECRET}")
     return ClientKeys(public, secret, read_public(own / f"{SERVER}{PUBLIC}"))
 
 
 def allowed_clients(folder: Path) -> dict[bytes, str]:
-    """Names of those that may come in, by public key; a file that holds none lets nobody in, and is told."""
+    """Names of the clients with access, by public key; files without a key are ignored with a warning."""
     names: dict[bytes, str] = {}
     for path in sorted(folder.glob(f"*{PUBLIC}")):
         try:
             names[read_public(path)] = path.name.removesuffix(PUBLIC)
         except KeysError as error:
-            log.warning("nobody comes in by it: %s", error)
+            log.warning("this file gives no access: %s", error)
     return names
 
 
@@ -86,26 +87,26 @@ def read_public(path: Path) -> bytes:
 
 
 def _own_folder(folder: Path, name: str, certificate: str) -> Path:
-    """Where a certificate's secret is: in the folder itself, or in the one of that name in it."""
+    """The folder of a secret certificate: the folder itself, or its sub-folder of that name."""
     for own in (folder, folder / name):
         try:
             if (own / f"{certificate}{SECRET}").exists():
                 return own
         except PermissionError:
             raise KeysError(
-                f"{own}: is closed to the user that the service runs as: run it as the folder's owner, or "
+                f"{own}: cannot be read by the user of this service: run it as the folder's owner, or "
                 "chown the folder"
             ) from None
     wanted = f"{certificate}{SECRET}, there or in {name}/"
-    raise KeysError(f"{folder}: expected keys, {wanted}: make them with xormocap keys new {folder}")
+    raise KeysError(f"{folder}: expected the keys {wanted}: make them with xormocap keys new {folder}")
 
 
 def _pair(path: Path) -> tuple[bytes, bytes]:
     public, secret = _read(path)
     if secret is None:
-        raise KeysError(f"{path}: holds no secret key: make keys with xormocap keys new DIR")
+        raise KeysError(f"{path}: contains no secret key: make keys with xormocap keys new DIR")
     if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-        log.warning("%s: others on this machine can read it: chmod 600 makes it private", path)
+        log.warning("%s: other users of this machine can read it: chmod 600 makes it private", path)
     return public, secret
 
 
@@ -117,15 +118,15 @@ def _read(path: Path) -> tuple[bytes, bytes | None]:
         reason = error.strerror or "it is missing"
         raise KeysError(f"{path}: cannot be read ({reason}): expected a certificate") from None
     except (ValueError, IndexError):
-        raise KeysError(f"{path}: holds no public key: expected a certificate") from None
+        raise KeysError(f"{path}: contains no public key: expected a certificate") from None
     for key in (public, secret):
         if key is not None and not _is_key(key):
-            raise KeysError(f"{path}: holds a damaged key: expected {_KEY_CHARACTERS} characters of Z85")
+            raise KeysError(f"{path}: contains a damaged key: expected {_KEY_CHARACTERS} characters of Z85")
     return public, secret
 
 
 def _is_key(key: bytes) -> bool:
     try:
         return len(key) == _KEY_CHARACTERS and z85.encode(z85.decode(key)) == key
-    except (KeyError, struct.error):  # of characters that Z85 lacks, of a number too large
+    except (KeyError, struct.error):  # characters that are not Z85, or a number that is too large
         return False

@@ -1,6 +1,6 @@
-"""A client's side of a stream: opened anew where that helps, and one sentence where nothing helps.
+"""A client's side of a stream: reconnects where that helps, and says in one sentence what is wrong otherwise.
 
-On the tasks stream it also says hello, beats, and registers again after a loss.
+On the tasks stream it also sends hello and beats, and registers again after a loss.
 """
 
 import logging
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 _FIRST_RETRY_S, _LAST_RETRY_S = 1.0, 32.0
 _SAY_FAILED_S, _SAY_SILENT_S = 3.0, 15.0
-"""How long handshakes must have failed, or nobody answered, before that is told."""
+"""How long handshakes must fail, or nobody answer, before this is logged."""
 _EVENTS = (
     zmq.EVENT_HANDSHAKE_SUCCEEDED
     | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
@@ -27,15 +27,15 @@ _EVENTS = (
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 )
 _FINAL = (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_AUTH)
-"""After these libzmq does not try again."""
+"""After these failures libzmq does not try again."""
 
 Context = zmq.Context[zmq.Socket[bytes]]
 
 
 class Line:
-    """A client's socket of one stream that does not give up.
+    """A client's socket of one stream, which reconnects until it succeeds.
 
-    `socket` may be another one after each `tick`.
+    Each `tick` may replace `socket`.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Line:
         connect(self.socket, self._endpoint, self._keys)
 
     def send(self, message: Message) -> bool:
-        """Send without waiting; False where the queue is full."""
+        """Send without waiting; False if the queue is full."""
         return send(self.socket, message)
 
     def receive(self) -> Message | None:
@@ -66,12 +66,12 @@ class Line:
         return receive(self.socket)
 
     def reopen(self) -> None:
-        """Let go of the socket and what it has not sent, and open another."""
+        """Close the socket, drop what it has not sent, and open another."""
         self._close(linger_ms=0)
         self._open()
 
     def tick(self) -> bool:
-        """Look after the connection; True when there is another one, to which nothing has been said yet."""
+        """Check the connection; True if there is a new one, on which nothing has been sent yet."""
         is_anew, now = self._read_events(), time.monotonic()
         if self._is_dead and now - self._opened_s > self._retry_s:
             self._retry_s = min(self._retry_s * 2, _LAST_RETRY_S)
@@ -85,7 +85,7 @@ class Line:
         return is_anew
 
     def _read_events(self) -> bool:
-        """Take note of handshakes; True when one came after the socket's first."""
+        """Read handshake events; True if there was one after the socket's first."""
         is_anew = False
         while self._monitor.poll(0):
             event = recv_monitor_message(self._monitor)["event"]
@@ -102,14 +102,14 @@ class Line:
     def _sentence(self) -> str:
         """What is probably wrong."""
         if self._failure is None:
-            return f"{self._endpoint}: nobody answers: is the coordinator running, and is this its address?"
+            return f"{self._endpoint}: no answer: is the coordinator running, and is this its address?"
         if self._failure == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
             return (
-                f"{self._endpoint}: the coordinator refuses this service's key: it was revoked or never put "
+                f"{self._endpoint}: the coordinator refuses this service's key: it was revoked or was never "
                 "on the list of clients, or the coordinator has not read that again yet (SIGHUP)"
             )
         if self._keys is None:
-            return f"{self._endpoint}: the handshake failed: the coordinator wants keys: give --keys DIR"
+            return f"{self._endpoint}: the handshake failed: the coordinator requires keys: give --keys DIR"
         if self._failure == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
             return (
                 f"{self._endpoint}: the handshake failed: the coordinator has no keys: start it with --keys"
@@ -120,7 +120,7 @@ class Line:
         )
 
     def close(self) -> None:
-        """Close the socket, letting what was sent go out."""
+        """Close the socket after sending what is queued."""
         self._close(linger_ms=None)
 
     def _close(self, linger_ms: int | None) -> None:
@@ -140,14 +140,14 @@ class Link(Line):
         keys: ClientKeys | None = None,
         also: Callable[[], Message] | None = None,
     ) -> None:
-        """Also: what is said after every hello."""
+        """Also: a message to send after every hello."""
         super().__init__(context, endpoint, "tasks", keys)
         self._hello, self._also = hello, also
         self._hello_again_s = _FIRST_RETRY_S
         self._register()
 
     def _register(self) -> None:
-        """Say hello to whoever is there now."""
+        """Send hello to the present coordinator."""
         self._heard = self._sent = time.monotonic()
         self._answered = False
         send(self.socket, self._hello)
@@ -155,12 +155,12 @@ class Link(Line):
             send(self.socket, self._also())
 
     def send(self, message: Message) -> bool:
-        """Send without waiting; False where the queue is full."""
+        """Send without waiting; False if the queue is full."""
         self._sent = time.monotonic()
         return send(self.socket, message)
 
     def receive(self) -> Message | None:
-        """The next waiting message, beats left out; raises MalformedMessage."""
+        """The next waiting message except beats; raises MalformedMessage."""
         while (message := receive(self.socket)) is not None:
             self._heard = time.monotonic()
             self._answered, self._hello_again_s = True, _FIRST_RETRY_S
@@ -169,9 +169,9 @@ class Link(Line):
         return None
 
     def tick(self) -> bool:
-        """Beat when it is time, and register anew when the coordinator has long been silent.
+        """Send a beat when it is time, and register again if the coordinator has been silent for long.
 
-        True where it has registered anew: a coordinator has then forgotten what it gave before.
+        True if it has registered again: the coordinator has then forgotten earlier tasks.
         """
         is_anew = super().tick()
         if is_anew:

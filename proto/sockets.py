@@ -1,4 +1,5 @@
-"""Sockets as this project uses them: small queues, short linger, dead peers noticed, loopback by default."""
+"""ZeroMQ sockets with this project's options: small queues, short linger, detection of dead peers, loopback
+by default."""
 
 import ipaddress
 import time
@@ -14,22 +15,24 @@ from proto.messages import Message
 from proto.streams import AddressError
 
 QUEUE_MESSAGES = 8
-"""High-water mark of what is sent and of silhouettes received, all large; a long queue is only old data."""
+"""High-water mark for sending and for received silhouettes. These messages are large, and a long queue only
+holds old data."""
 _SMALL_QUEUE_MESSAGES = 10_000
-"""High-water mark of all else that is received: beats, poses, results. It must never be reached: libzmq stops
-reading for a full queue, so that pings go unanswered and a peer that is only busy loses its connection, and
-once that is made anew it aborts the process (libzmq issues 3937 and 4767)."""
+"""High-water mark for all other received messages: beats, poses, results. It must never be reached: libzmq
+stops reading when a queue is full, so pings go unanswered and a peer that is only busy loses its connection;
+when it reconnects, libzmq aborts the process (libzmq issues 3937 and 4767)."""
 MAX_REPLY_BYTES = 2 * MAX_HEADER_BYTES
-"""The longest frame that a ROUTER takes: nothing large travels towards the coordinator on the tasks stream,
-and its queue is long."""
+"""The longest frame that a ROUTER accepts: nothing large is sent to the coordinator on the tasks stream, and
+its queue is long."""
 _CURVE_BYTES = 64
-"""More than encryption adds to a frame; libzmq holds the whole against its limit."""
+"""More than encryption adds to a frame; libzmq compares the encrypted frame with its limit."""
 LINGER_MS = 500
 PING_INTERVAL_MS = 500
 PING_TIMEOUT_MS = 2500
 """libzmq pings from its own thread, so a peer that is busy still answers and one that hangs does not."""
 _RECONNECT_MS, _RECONNECT_MAX_MS = 100, 4000
-"""Waits between tries double up to the longest; on the same machine, where a try is cheap, they do not."""
+"""Exponential backoff between connection attempts up to the longest wait; none on the same machine, where an
+attempt is cheap."""
 _POLLIN = int(zmq.POLLIN)
 _REBIND_TRIES, _REBIND_S = 200, 0.005
 
@@ -44,12 +47,12 @@ class OpenConnectError(AddressError):
 
 @dataclass(frozen=True)
 class Envelope:
-    """What arrived, before anything of it is believed."""
+    """What arrived, before it is checked."""
 
     frames: list[bytes]
     """On a ROUTER the first is the sender's identity."""
     key: bytes | None
-    """The sender's public key in Z85, which the handshake has proved; None where there are no keys."""
+    """The sender's public key in Z85, proved by the handshake; None without keys."""
 
 
 def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.Socket[bytes]":
@@ -66,17 +69,17 @@ def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.So
     socket.setsockopt(zmq.RECONNECT_IVL, _RECONNECT_MS)
     socket.setsockopt(zmq.RECONNECT_IVL_MAX, _RECONNECT_MAX_MS)
     if kind == zmq.ROUTER:
-        socket.setsockopt(zmq.ROUTER_MANDATORY, 1)  # sending to a peer that is gone says so
+        socket.setsockopt(zmq.ROUTER_MANDATORY, 1)  # sending to a peer that is gone is an error
     if kind == zmq.SUB:
         socket.setsockopt(zmq.SUBSCRIBE, b"")
     return socket
 
 
 def bind(socket: "zmq.Socket[bytes]", endpoint: str, keys: ServerKeys | None = None) -> str:
-    """Bind to tcp://host:port and return the real endpoint, the port known; beyond loopback only with keys.
+    """Bind to tcp://host:port and return the endpoint with the real port; beyond loopback only with keys.
 
-    With keys nobody comes in unless a Doorkeeper of the context says so. Raises OpenBindError, or
-    AddressError where the address is taken or not this machine's.
+    With keys, only a Doorkeeper of the context admits clients. Raises OpenBindError, or AddressError if the
+    address is in use or not on this machine.
     """
     if keys is not None:
         socket.setsockopt(zmq.CURVE_SERVER, 1)
@@ -85,7 +88,7 @@ def bind(socket: "zmq.Socket[bytes]", endpoint: str, keys: ServerKeys | None = N
         socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
     elif not _is_loopback(endpoint):
         raise OpenBindError(
-            f"{endpoint}: listening beyond this machine without keys would let anyone in: make keys with "
+            f"{endpoint}: listening beyond this machine without keys lets everybody in: make keys with "
             "xormocap keys new DIR and give --keys DIR, or bind to tcp://127.0.0.1:PORT"
         )
     _allow_ipv6(socket, endpoint)
@@ -97,7 +100,7 @@ def bind(socket: "zmq.Socket[bytes]", endpoint: str, keys: ServerKeys | None = N
 
 
 def connect(socket: "zmq.Socket[bytes]", endpoint: str, keys: ClientKeys | None = None) -> None:
-    """Connect to tcp://host:port, now or once somebody listens there; beyond loopback only with keys.
+    """Connect to tcp://host:port, now or as soon as a server listens there; beyond loopback only with keys.
 
     Raises OpenConnectError.
     """
@@ -117,23 +120,23 @@ def connect(socket: "zmq.Socket[bytes]", endpoint: str, keys: ClientKeys | None 
 
 
 def cut_all(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
-    """Cut every connection of a socket that listens at a real endpoint; who may come in connects anew.
+    """Close every connection of a listening socket; clients with access reconnect.
 
-    libzmq's connections end with the listener that took them in, and only all at once.
+    libzmq can close connections only together with their listener, and only all at once.
     """
     socket.unbind(endpoint)
     for _ in range(_REBIND_TRIES):
         try:
             socket.bind(endpoint)
-        except zmq.ZMQError:  # its own thread has not yet let go of the port
+        except zmq.ZMQError:  # libzmq's thread has not released the port yet
             time.sleep(_REBIND_S)
         else:
             return
-    raise AddressError(f"{endpoint}: cannot listen there any longer: choose another address")
+    raise AddressError(f"{endpoint}: cannot listen there again: choose another address")
 
 
 def _allow_ipv6(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
-    """Switch to IPv6 for an address in brackets; for a name it would hide hosts that have IPv4 only."""
+    """Switch to IPv6 for an address in brackets. For a host name this would exclude hosts with only IPv4."""
     socket.setsockopt(zmq.IPV6, "[" in endpoint)
 
 
@@ -146,7 +149,8 @@ def _is_loopback(endpoint: str) -> bool:
 
 
 def send(socket: "zmq.Socket[bytes]", message: Message, to: bytes | None = None) -> bool:
-    """Send without waiting; `to`: the peer's identity on a ROUTER. False: gone, or its queue is full."""
+    """Send without waiting; `to`: the peer's identity on a ROUTER. Returns False if the peer is gone or its
+    queue is full."""
     frames = encode(message)
     try:
         socket.send_multipart(frames if to is None else [to, *frames], flags=zmq.DONTWAIT)
@@ -158,7 +162,7 @@ def send(socket: "zmq.Socket[bytes]", message: Message, to: bytes | None = None)
 
 
 def take(socket: "zmq.Socket[bytes]") -> Envelope | None:
-    """Take one waiting message as it is, with its sender's key, or None if there is none."""
+    """Take one waiting message undecoded, with its sender's key; None if there is none."""
     try:
         first = socket.recv(flags=zmq.DONTWAIT, copy=False)
     except zmq.Again:
@@ -168,7 +172,7 @@ def take(socket: "zmq.Socket[bytes]") -> Envelope | None:
         frames.append(socket.recv())
     try:
         key = str(first.get("User-Id")).encode() or None
-    except zmq.ZMQError:  # the property is only there where a Doorkeeper has set it
+    except zmq.ZMQError:  # only a Doorkeeper sets this property
         key = None
     return Envelope(frames, key)
 
@@ -186,7 +190,7 @@ def receive_from(socket: "zmq.Socket[bytes]") -> tuple[bytes, Message] | None:
 
 
 def wait(sockets: "list[zmq.Socket[bytes]]", timeout_s: float) -> "list[zmq.Socket[bytes]]":
-    """Return when some of the sockets have a message waiting, at the latest after timeout_s; which have."""
+    """Wait for a message on some of the sockets, at most timeout_s; returns the sockets that have one."""
     ready = zmq.zmq_poll([(socket, _POLLIN) for socket in sockets], round(max(timeout_s, 0.0) * 1000))
     waiting = {id(socket) for socket, _ in ready}
     return [socket for socket in sockets if id(socket) in waiting]

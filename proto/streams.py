@@ -1,6 +1,7 @@
 """The message streams between the services in one table: where they listen, what they carry and how often.
 
-Every stream ends at the coordinator, which listens on three ports in a row; the first one names them all.
+Every stream ends at the coordinator, which listens on three ports in a row; the first port identifies all
+three.
 """
 
 import math
@@ -28,7 +29,7 @@ class Flow:
 
 @dataclass(frozen=True)
 class Stream:
-    """One listening socket of the coordinator and who talks to it."""
+    """One listening socket of the coordinator and its messages."""
 
     port_offset: int
     coordinator: int
@@ -76,7 +77,7 @@ STREAMS: dict[StreamName, Stream] = {
 
 
 class AddressError(ValueError):
-    """An address that cannot be used; the text says why and what to do."""
+    """An address cannot be used; the text says why and what to do."""
 
 
 _ENDPOINT = re.compile(r"tcp://(?P<host>\[[0-9A-Fa-f:.]+\]|[\w.*-]+):(?P<port>[0-9]{1,5})", re.ASCII)
@@ -84,7 +85,8 @@ _LAST_PORT = 65535 - max(stream.port_offset for stream in STREAMS.values())
 
 
 def stream_endpoint(endpoint: str, stream: StreamName) -> str:
-    """Where a stream listens, from the endpoint that names them all; raises AddressError where it is none."""
+    """The endpoint of a stream, from the endpoint that names all; raises AddressError if that is not an
+    address."""
     parts = _ENDPOINT.fullmatch(endpoint)
     port = int(parts["port"]) if parts else 0
     if parts is None or not 0 < port <= _LAST_PORT:

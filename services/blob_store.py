@@ -33,10 +33,10 @@ class BlobStore:
         self._meshes: OrderedDict[str, OwnMesh] = OrderedDict()
 
     def add(self, blob: Blob) -> None:
-        """Keep content; raises UnusableBlobError where it is damaged or not what it is called."""
+        """Store content; raises UnusableBlobError if it is damaged or not of its kind."""
         content = blob.content.tobytes()
         if hashlib.sha256(content).hexdigest() != blob.hash:
-            raise DamagedBlobError(f"{blob.kind} {blob.hash[:8]}: damaged: its hash is another one")
+            raise DamagedBlobError(f"{blob.kind} {blob.hash[:8]}: damaged: its hash differs")
         try:
             if blob.kind == "mesh":
                 keep_latest(self._meshes, blob.hash, OwnMesh.from_bytes(content), self._most)
@@ -48,7 +48,7 @@ class BlobStore:
                 if mesh is None:
                     Actor.from_toml(text)  # one with a mesh can only be checked when that is here
                 keep_latest(self._actors, blob.hash, (text, mesh), self._most)
-        except (ValueError, RecursionError) as error:  # TOML's reader recurses into nested arrays
+        except (ValueError, RecursionError) as error:  # the TOML reader recurses into nested arrays
             raise UnusableBlobError(f"{blob.kind} {blob.hash[:8]}: {error}") from None
 
     def missing(self, named: TakeInfo | LimbTask) -> list[str]:
@@ -72,7 +72,7 @@ class BlobStore:
 
 
 def keep_latest(kept: OrderedDict[K, V], key: K, value: V, most: int) -> list[V]:
-    """Add to a table that forgets the oldest; returns those."""
+    """Add to a table that drops its oldest entries; returns the dropped values."""
     kept[key] = value
     kept.move_to_end(key)
     return [kept.popitem(last=False)[1] for _ in range(len(kept) - most)]

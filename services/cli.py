@@ -1,4 +1,4 @@
-"""The `xormocap` command: its sub-commands, and how all of them end."""
+"""The `xormocap` command: its sub-commands, and their error handling."""
 
 import signal
 import sys
@@ -30,8 +30,8 @@ _MODULES = {
     "health": "services.health",
     "keys": "services.commands.keys",
 }
-"""Sub-command -> where it is: a function of its name, or, of several commands, an app. All of them together
-take seconds to import, so that only the one that is meant is."""
+"""Sub-command -> module with a function of that name, or with an app of several commands. Importing all of
+them takes seconds, so only the chosen one is imported."""
 _EXIT_INTERRUPTED = 130
 
 
@@ -78,10 +78,10 @@ def _fail(sentence: str, code: int) -> NoReturn:
 
 
 def main() -> None:
-    """Run the command; errors of the user's end in one sentence and exit code 2."""
+    """Run the command; a user's error ends in one sentence and exit code 2."""
     signal.signal(
         signal.SIGTERM, lambda *_: sys.exit(EXIT_STOPPED)
-    )  # unwinds, so that nothing half-made stays
+    )  # unwinds the stack, so that nothing incomplete stays
     try:
         app()
     except UserError as error:

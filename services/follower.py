@@ -30,32 +30,32 @@ class Follower(PosesListener):
         self._requests: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._asked_s = 0.0
         self.info: TakeInfo | None = None
-        """The take that is tracked."""
+        """The current take."""
         self._blobs: BlobStore | None = None
-        """Its content, as long as some of it is missing."""
+        """The take's content, while some of it is missing."""
 
     @abstractmethod
     def begin(self, info: TakeInfo) -> None:
-        """Another take is tracked, or the same one anew."""
+        """Called when a take begins, or begins again."""
 
     @abstractmethod
     def learn(self, actor: Actor, rig: Rig) -> None:
-        """All that the take's poses need to be understood is here."""
+        """Called when the actor and the rig of the take have arrived."""
 
     @abstractmethod
     def hear(self, message: Message) -> None:
-        """A message of the take has come, before or after what it needs to be understood."""
+        """Called for each message of the take, before or after its actor and rig arrived."""
 
     def lacking(self) -> Sequence[Message]:
-        """What to ask for that did not come; looked at about twice a second."""
+        """Requests for messages that did not arrive; called about twice a second."""
         return ()
 
     def ask(self, request: Message) -> None:
-        """Ask the coordinator, at the end of this look or of the next; from any thread."""
+        """Send a request to the coordinator at the end of this or the next `listen`; from any thread."""
         self._requests.put(request)
 
     def listen(self, timeout_s: float) -> None:
-        """Wait a moment for messages, take them in, and ask for what is missing."""
+        """Wait briefly for messages, handle them, and request what is missing."""
         super().listen(timeout_s)
         while not self._requests.empty():
             self._tasks.send(self._requests.get())

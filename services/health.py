@@ -15,7 +15,7 @@ from pathlib import Path
 VARIABLE = "XORMOCAP_HEALTH"
 """Path of the file that the service touches."""
 HUNG_AFTER_S = 60.0
-"""A service whose loop has not come round for so long counts as hung; the first pose takes some seconds."""
+"""A service whose main loop has not run for this long counts as hung; the first pose takes some seconds."""
 _BEFORE_FIRST_ROUND = 0
 """The file's time until the loop has come round once."""
 _CLOCK_DIGITS = 3

@@ -1,7 +1,7 @@
 """Fit and track a recorded take from Python: in this process, without a socket, frame by frame.
 
-README.md has an example. With the same actor and first pose, poses are those of `xormocap track` with one to
-seven workers.
+README.md has an example. With the same actor and first pose, poses equal those of `xormocap track` with one
+to seven workers.
 """
 
 import json
@@ -64,8 +64,8 @@ def fit(
 ) -> TakeFit:
     """Fit the actor to a take's first frames, as `xormocap fit` does, but write nothing.
 
-    What is wrong with the take, but no reason to give up, is warned of. Raises TakeError where nobody is to
-    be seen, or more than one person, and UserError for settings that do not suit the take.
+    Problems that do not prevent a fit are logged as warnings. Raises TakeError if no person or more than one
+    is visible, and UserError for settings that do not suit the take.
     """
     _check(take, search, engine)
     found = fit_take(
@@ -143,16 +143,14 @@ def write_result(
 ) -> Result:
     """Write consecutive frames to a folder: poses.csv, joints.csv, actor.toml and files of some formats.
 
-    Results that are there already are replaced as a whole. output: how joints.csv and the formats' files are
-    smoothed. Raises UserError for frames that do not follow each other, a format that cannot be written here,
-    or a folder that holds other things than results.
+    Existing results are replaced as a whole. output: how joints.csv and the formats' files are smoothed.
+    Raises UserError for frames that are not consecutive, a format that cannot be written here, or a folder
+    with other files than results.
     """
     solved = list(tracked)
     frames = np.array([frame.number for frame in solved], np.int32)
     if not solved or np.any(np.diff(frames) != 1):
-        raise UserError(
-            f"{folder}: expected frames that follow each other, found {frames.tolist() or 'none'}"
-        )
+        raise UserError(f"{folder}: expected consecutive frames, found {frames.tolist() or 'none'}")
     poses = np.array([frame.solution.pose for frame in solved])
     table = PoseTable(
         frames,

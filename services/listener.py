@@ -27,7 +27,7 @@ class PosesListener(ABC):
         self.lines: list[Line | Link] = [Line(self.context, endpoint, "poses", keys)]
         """What is listened to, in this order."""
         self.heard_s = time.monotonic()
-        """When a message came last (time.monotonic)."""
+        """Time of the last message (time.monotonic)."""
 
     @abstractmethod
     def take_in(self, message: Message) -> None:

@@ -1,7 +1,7 @@
-"""Lines of a service's log: what each is about, and nobody to fill it up.
+"""Log lines of a service, with the current task, and limited in number.
 
-Every line says what the service was at: take, frame, pass and limb, where they are known. XORMOCAP_LOG=json
-makes each line a JSON object.
+Every line has the current take, frame, pass and limb, if known. XORMOCAP_LOG=json makes each line a JSON
+object.
 """
 
 import json
@@ -13,11 +13,11 @@ import time
 VARIABLE = "XORMOCAP_LOG"
 """`text` (the default) or `json`."""
 _about: dict[str, str | int] = {}
-"""What the process is at; services do one thing at a time."""
+"""The current task of the process; services do one thing at a time."""
 
 
 def about(**facts: str | int | None) -> None:
-    """From now on lines tell these facts; None: no longer."""
+    """Add these facts to all following lines; None removes one."""
     for name, fact in facts.items():
         if fact is None:
             _about.pop(name, None)
@@ -26,7 +26,7 @@ def about(**facts: str | int | None) -> None:
 
 
 class SparingLog(logging.Filter):
-    """Lets no line of the program fill a log, whatever a hostile sender makes it say how often."""
+    """Limits how often one line of the program may log, so that a hostile sender cannot fill the log."""
 
     def __init__(self, most: int = 100, period_s: float = 60.0) -> None:
         super().__init__()
@@ -34,12 +34,12 @@ class SparingLog(logging.Filter):
         self._seen: dict[tuple[str, int], tuple[float, int]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a record is one of the first of its kind in a while; its kind is the program's line."""
+        """Whether a record is among the first of its kind in the period; its kind is the line of code."""
         kind, now = (record.pathname, record.lineno), time.monotonic()
         began_s, count = self._seen.get(kind, (now, 0))
         if now - began_s > self._period_s:
             if count > self._most:
-                record.msg = f"{record.msg} (and {count - self._most} of that kind that were not shown)"
+                record.msg = f"{record.msg} ({count - self._most} more of this kind were not logged)"
             began_s, count = now, 0
         self._seen[kind] = began_s, count + 1
         return count < self._most

@@ -1,4 +1,4 @@
-"""A service's figures for Prometheus on an HTTP port of its own: off by default, and on loopback."""
+"""Metrics of a service for Prometheus, on an HTTP port: off by default, and only on loopback."""
 
 import re
 from collections.abc import Iterator
@@ -11,16 +11,16 @@ from services.mocap.errors import UserError
 _ADDRESS = re.compile(r"(?:(?P<host>[\w.-]+|\[[0-9A-Fa-f:.]+\]):)?(?P<port>[0-9]{1,5})", re.ASCII)
 _LAST_PORT = 65535
 TIME_BUCKETS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Upper ends of what durations are sorted into."""
-DROPPED = Counter("xormocap_messages_dropped", "Messages that could not be understood.")
-"""Of clients; a coordinator's are in xormocap_dropped. What one service alone tells is in its metrics.py."""
+"""Upper bounds of the histogram of durations."""
+DROPPED = Counter("xormocap_messages_dropped", "Malformed messages.")
+"""For clients; xormocap_dropped has the coordinator's. Metrics of one service only are in its metrics.py."""
 
 
 @contextmanager
 def offering(address: str | None) -> Iterator[None]:
-    """Answer Prometheus inside this block at PORT of this machine's loopback, or at HOST:PORT; None: do not.
+    """Serve metrics inside this block at PORT on loopback, or at HOST:PORT; None: not at all.
 
-    Raises UserError where that is no address, or one that cannot be listened at.
+    Raises UserError if that is not an address, or the process cannot listen there.
     """
     if not address:
         yield

@@ -18,7 +18,7 @@ BackendOption: TypeAlias = Annotated[
     Choice,
     typer.Option(
         envvar="XORMOCAP_BACKEND",
-        help="What evaluates the energy; auto: gl on a GPU that does OpenGL, else cpu.",
+        help="Energy backend; auto: gl on a GPU with OpenGL, else cpu.",
     ),
 ]
 ThreadsOption: TypeAlias = Annotated[
@@ -27,14 +27,14 @@ ThreadsOption: TypeAlias = Annotated[
         min=0,
         max=MOST_THREADS,
         envvar="XORMOCAP_THREADS",
-        help="Threads of the cpu backend in each process that evaluates; 0: one per core.",
+        help="Threads of the cpu backend in each process that evaluates the energy; 0: one per core.",
     ),
 ]
 SearchOption: TypeAlias = Annotated[
     Preset,
     typer.Option(
         "--search",
-        help="default: the whole body by its contours, limbs in doubt by XOR; paper: passes of torso, limbs "
+        help="default: aligns the body with contours, doubtful limbs by XOR; paper: passes of torso, limbs "
         "and head by XOR, as published; plain: the same without windows, pre-rendering and thinned meshes.",
     ),
 ]
@@ -43,26 +43,24 @@ SetOption: TypeAlias = Annotated[
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Change a setting of the search, such as detail_px=0; may be repeated. The README lists them.",
+        help="A search setting, such as detail_px=0; may be repeated. services/mocap/README.md lists them.",
     ),
 ]
 SettingsOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--settings", metavar="FILE", help="A TOML file with settings of the search; --set outweighs it."
-    ),
+    typer.Option("--settings", metavar="FILE", help="A TOML file with search settings; --set overrides it."),
 ]
 SmoothOption: TypeAlias = Annotated[
     Smoother,
     typer.Option(
-        help="Smooth joints.csv and motion.*: rts looks both ways, one-euro back only, as live; "
-        "poses.csv stays as it was tracked.",
+        help="Smoothing of joints.csv and motion.*: rts looks forward and back, one-euro only back; "
+        "poses.csv is never smoothed.",
     ),
 ]
 CutoffOption: TypeAlias = Annotated[
     float | None,
     typer.Option(
-        metavar="HZ", help="How fast a motion smoothing lets by, in hertz; --smooth chooses by default."
+        metavar="HZ", help="Cutoff frequency of the smoothing, in hertz; the default depends on --smooth."
     ),
 ]
 DEFAULT_SEGMENTER = "auto"
@@ -72,7 +70,7 @@ SegmenterOption: TypeAlias = Annotated[
         "--segmenter",
         envvar="XORMOCAP_SEGMENTER",
         metavar="NAME",
-        help="What makes silhouettes: clean-plate, mog2, bgsegm, chroma or chroma:RRGGBB, onnx:FILE, "
+        help="Segmenter: clean-plate, paper, mog2, bgsegm, chroma or chroma:RRGGBB, onnx:FILE, "
         "silhouettes (the take's own) or a plug-in's name; auto: silhouettes if the take has some, else "
         "clean-plate.",
     ),
@@ -80,13 +78,13 @@ SegmenterOption: TypeAlias = Annotated[
 
 
 def output_settings(smooth: Smoother, cutoff_hz: float | None) -> OutputSettings:
-    """What the two options say; raises UserError where that cannot be."""
+    """The two options as settings; raises UserError if they are invalid."""
     fields = {"smooth": smooth, "cutoff_hz": cutoff_hz}
     return validated(OutputSettings, fields, "options of smoothing: ", UserError)
 
 
 def output_arguments(settings: OutputSettings) -> tuple[str, ...]:
-    """The two options for another process."""
+    """The two options as arguments for another process."""
     cutoff = () if settings.cutoff_hz is None else ("--cutoff-hz", str(settings.cutoff_hz))
     return ("--smooth", settings.smooth, *cutoff)
 
@@ -98,7 +96,7 @@ KeysOption: TypeAlias = Annotated[
         "--keys",
         metavar="DIR",
         envvar=KEYS_VARIABLE,
-        help="The folder with this service's keys, made by xormocap keys; needed beyond this machine.",
+        help="Folder with this service's keys, made by xormocap keys; needed between machines.",
     ),
 ]
 
@@ -109,33 +107,33 @@ MetricsOption: TypeAlias = Annotated[
         "--metrics",
         metavar="[HOST:]PORT",
         envvar=METRICS_VARIABLE,
-        help="Answer Prometheus there, on loopback unless a host is given; off by default.",
+        help="Serve Prometheus metrics there, on loopback unless a host is given; off by default.",
     ),
 ]
 
 
 NiceOption: TypeAlias = Annotated[
     int,
-    typer.Option("--nice", min=0, max=19, help="How far others go first that want the same core."),
+    typer.Option("--nice", min=0, max=19, help="Lower the priority by this much (niceness)."),
 ]
 
 
 def engine_settings(backend: Choice, threads: int) -> EngineSettings:
-    """What the two options say; raises UserError where that cannot be."""
+    """The two options as settings; raises UserError if they are invalid."""
     fields = {"backend": backend, "threads": threads}
     return validated(EngineSettings, fields, "options of the energy: ", UserError)
 
 
 def engine_arguments(settings: EngineSettings) -> tuple[str, ...]:
-    """The two options for another process."""
+    """The two options as arguments for another process."""
     return tuple(word for name, value in settings.model_dump().items() for word in (f"--{name}", str(value)))
 
 
 def search_arguments(settings: SearchSettings) -> tuple[str, ...]:
-    """The options --set for another process."""
+    """The options --set as arguments for another process."""
     return tuple(word for assignment in as_assignments(settings) for word in ("--set", assignment))
 
 
 def keys_of_client(folder: Path | None, role: str) -> ClientKeys | None:
-    """What the option --keys leads to, for a client; raises KeysError where there are none."""
+    """The keys of the option --keys, for a client; raises KeysError if there are none."""
     return None if folder is None else client_keys(folder, role)

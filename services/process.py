@@ -19,21 +19,22 @@ from services.metrics import offering
 from services.mocap.errors import UserError
 
 PARENT_VARIABLE = "XORMOCAP_PARENT"
-"""Process id of a launcher; a service whose parent is no longer that one stops, so that none is orphaned."""
+"""Process id of a launcher. A service stops when its parent is no longer this process, so that none is
+orphaned."""
 EXIT_USER_ERROR = 2
 EXIT_STOPPED = 143
-"""A service that was asked to stop, and did so in order; 0 means that its work was done."""
+"""Exit code of a service that was stopped cleanly; 0 means that its work was done."""
 _AUTOGROUP = Path("/proc/self/autogroup")
-"""Where Linux keeps how far all processes of a session give way to those of others. Between sessions it does
-not look at the processes' own niceness, and a launcher starts each service in a session of its own."""
+"""Where Linux stores the niceness of a whole session. Between sessions Linux ignores the niceness of single
+processes, and a launcher starts each service in its own session."""
 
 
 class StopRequest:
-    """True once the process was asked to stop, by SIGINT, SIGTERM or the end of its launcher."""
+    """True after a request to stop: SIGINT, SIGTERM or the end of the launcher."""
 
     def __init__(self) -> None:
         self.count = 0
-        """Signals so far; whoever asks twice wants it at once."""
+        """Number of signals so far; the second means stop at once."""
         self._parent = int(os.environ.get(PARENT_VARIABLE, "0"))
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._ask)
@@ -46,10 +47,11 @@ class StopRequest:
 
 
 def run_service(name: str, main: Callable[[StopRequest], None], metrics: str | None = None) -> None:
-    """Run a service's main function as this process, then exit. metrics: what --metrics says.
+    """Run a service's main function as this process, then exit. metrics: the option --metrics.
 
     The exit code is 0 when its work is done, EXIT_STOPPED after a stop, 2 for an error of the user's, else 1.
-    The last line of the log says in one sentence what an error was. main's loop calls services.health.beat.
+    After an error the last line of the log describes it in one sentence. main's loop calls
+    services.health.beat.
     """
     stop = StopRequest()
     logs.begin(name)
@@ -67,12 +69,13 @@ def run_service(name: str, main: Callable[[StopRequest], None], metrics: str | N
 
 
 def client_name(role: str) -> str:
-    """A name that no other process has: role, host and process id."""
+    """A unique name of this process: role, host and process id."""
     return f"{role}@{socket.gethostname()}:{os.getpid()}"
 
 
 def clock_name() -> str:
-    """Names the monotonic clock of this machine since it was started, which all its processes read alike."""
+    """The name of this machine's monotonic clock since it was booted; all its processes read the same
+    clock."""
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError:
@@ -80,12 +83,12 @@ def clock_name() -> str:
 
 
 def give_way(niceness: int) -> None:
-    """Be that much nicer, to processes of other sessions as well where this one leads one; 0: as before."""
+    """Lower this process's priority, and that of its session if it leads one; 0: leave it unchanged."""
     own = os.nice(niceness)
-    for thread in threading.enumerate() if sys.platform == "linux" else ():  # there each has its own
+    for thread in threading.enumerate() if sys.platform == "linux" else ():  # each has its own priority
         if thread.native_id is not None:
             with suppress(OSError):  # it has ended
                 os.setpriority(os.PRIO_PROCESS, thread.native_id, own)
-    if niceness and os.getsid(0) == os.getpid():  # of another's session this one would slow the others, too
-        with suppress(OSError):  # systems without such groups have no such file
+    if niceness and os.getsid(0) == os.getpid():  # of another session this would slow all its processes
+        with suppress(OSError):  # systems without session groups have no such file
             _AUTOGROUP.write_text(str(own))

@@ -14,7 +14,7 @@ from services.mocap.search.settings import SearchSettings
 _ROOT = Path(__file__).resolve().parents[1]
 _PAGES = sorted(
     page
-    for folder in ("", "docker", "proto", "services/*", "services/mocap/*")
+    for folder in ("", "docker", "proto", "services/*", "services/mocap/*", "tests")
     for page in _ROOT.glob(f"{folder}/*.md" if folder else "*.md")
 )
 

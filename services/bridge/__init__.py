@@ -1,1 +1,1 @@
-"""Bridge: poses in, the messages out that animation tools listen to."""
+"""Bridge: turns poses into messages for animation tools."""

@@ -18,14 +18,14 @@ from services.options import KeysOption, keys_of_client
 from services.process import StopRequest, run_service
 
 DEFAULT_LISTENER = "127.0.0.1:39539"
-"""Where tools listen for VMC by default, on this machine."""
+"""Where tools receive VMC by default, on this machine."""
 _LOOK_S = 0.1
 
 log = logging.getLogger(__name__)
 
 
 def address_of(text: str) -> tuple[str, int]:
-    """Read HOST:PORT; raises UserError where it is none."""
+    """Parse HOST:PORT; raises UserError if it is malformed."""
     try:
         parts = urlsplit(f"//{text}")
         host, port = parts.hostname, parts.port
@@ -37,16 +37,17 @@ def address_of(text: str) -> tuple[str, int]:
 
 
 def open_sender(host: str, port: int) -> Callable[[OscBundle], None]:
-    """What sends packets there, whether anybody listens or not; raises UserError for an unknown host."""
+    """A function that sends packets there, whether or not a tool receives them; raises UserError for an
+    unknown host."""
     try:
         client = UDPClient(host, port)
     except OSError as error:
-        raise UserError(f"--vmc {host}:{port}: is not to be found ({error}): expected HOST:PORT") from None
+        raise UserError(f"--vmc {host}:{port}: host not found ({error}): expected HOST:PORT") from None
 
     def send(bundle: OscBundle) -> None:
         try:
             client.send(bundle)
-        except OSError as error:  # the network is down, or busy: the next pose is a newer one
+        except OSError as error:  # the network is down or busy: drop this pose, the next one is newer
             log.debug("a packet was dropped: %s", error)
 
     return send
@@ -55,20 +56,24 @@ def open_sender(host: str, port: int) -> Callable[[OscBundle], None]:
 def bridge(
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
     vmc: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Where a tool listens for the VMC protocol (UDP).")
+        str, typer.Option(metavar="HOST:PORT", help="Where a tool receives the VMC protocol (UDP).")
     ] = DEFAULT_LISTENER,
     take: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Only the take of this name; any by default.")
+        str | None,
+        typer.Option(metavar="NAME", help="Follow only the take of this name; by default any take."),
     ] = None,
     cutoff_hz: Annotated[
         float,
         typer.Option(
-            min=0, max=1000, metavar="HZ", help="Smoothing of a body at rest by one-euro; 0: as tracked."
+            min=0,
+            max=1000,
+            metavar="HZ",
+            help="Cutoff of the one-euro smoothing for a body at rest; 0: no smoothing.",
         ),
     ] = CUTOFFS_HZ["one-euro"],
     keys: KeysOption = None,
 ) -> None:
-    """Send poses, while they are tracked, to animation tools that listen to the VMC protocol."""
+    """Send poses during tracking to animation tools that receive the VMC protocol."""
 
     def work(stop: StopRequest) -> None:
         own_keys, send = keys_of_client(keys, "viewer"), open_sender(*address_of(vmc))

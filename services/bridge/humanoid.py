@@ -1,7 +1,7 @@
-"""A pose as Unity's humanoid skeleton takes it.
+"""Poses for Unity's humanoid skeleton.
 
-Unity's world is left-handed: x right, y up, z ahead of somebody with heading zero. Bones have Unity's names
-(HumanBodyBones), and turn against their parents, counted from a T pose in which no bone is turned.
+Unity's world is left-handed: x right, y up, z forward for an actor with heading zero. Bones have Unity's
+names (HumanBodyBones); they rotate relative to their parents, and no bone is rotated in the T pose.
 """
 
 from dataclasses import dataclass
@@ -24,13 +24,13 @@ _JOINTS = [JOINT_INDEX[joint] for joint in BONES]
 
 @dataclass(frozen=True)
 class Bone:
-    """Where a bone is, and how it is turned."""
+    """Position and rotation of a bone."""
 
     name: str
     position_m: tuple[float, ...]
-    """(3,) of its joint, in the axes of the bone above; the hips', in the world."""
+    """(3,) position of its joint in the parent bone's axes; for the hips, in the world."""
     rotation_xyzw: tuple[float, ...]
-    """(4,) against the bone above; the hips', against the world."""
+    """(4,) rotation relative to the parent bone; for the hips, to the world."""
 
 
 def bones_of(pose: Floats, offsets_m: Floats) -> list[Bone]:

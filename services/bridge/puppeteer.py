@@ -1,4 +1,4 @@
-"""Follows a coordinator and moves somebody else's character as the actor moves."""
+"""Follows a coordinator and moves a character in another tool."""
 
 import logging
 import math
@@ -18,13 +18,13 @@ from services.mocap.motion.one_euro import OneEuro
 from services.mocap.types import Floats
 
 _IDLE_S = 1.0
-"""How often listeners are told that nobody is tracked, and after how long without a pose."""
+"""Interval of the messages that nobody is tracked; also the time without a pose before the first."""
 
 log = logging.getLogger(__name__)
 
 
 class Puppeteer(Follower):
-    """Sends each pose as it comes, smoothed; frames that were missed are left out, late ones too."""
+    """Sends each pose, smoothed, when it arrives; skips frames that are missing or late."""
 
     def __init__(
         self,
@@ -40,14 +40,14 @@ class Puppeteer(Follower):
         self._send, self._wanted, self._cutoff_hz = send, take, cutoff_hz
         self._offsets_m: Floats | None = None
         self._sent_s = -math.inf
-        """When something was sent last (time.monotonic)."""
+        """Time of the last sent message (time.monotonic)."""
 
     def begin(self, info: TakeInfo) -> None:
-        """Begin with another filter."""
+        """Start with a new filter."""
         self._offsets_m, self._last_s = None, -math.inf
         self._filter = None if self._cutoff_hz is None else OneEuro(self._cutoff_hz)
         if self._wanted not in (None, info.take):
-            log.warning("take %s is not %s: it is left out", info.take, self._wanted)
+            log.warning("ignoring take %s, which is not %s", info.take, self._wanted)
 
     def learn(self, actor: Actor, rig: Rig) -> None:  # noqa: ARG002  (a follower's signature)
         """Take the actor's bones."""
@@ -66,7 +66,7 @@ class Puppeteer(Follower):
             self._send(vmc.frame(message.time_s, bones, is_trusted=not message.distrusted))
 
     def listen(self, timeout_s: float) -> None:
-        """See Follower.listen; says that nobody is tracked while no poses come."""
+        """See Follower.listen; also reports that nobody is tracked while no poses arrive."""
         super().listen(timeout_s)
         if time.monotonic() - self._sent_s > _IDLE_S:
             self._let_go()

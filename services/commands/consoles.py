@@ -15,7 +15,7 @@ stdout, stderr = Console(highlight=False), Console(stderr=True, highlight=False)
 
 
 def say(line: str, to: Console = stdout) -> None:
-    """Print a line as it is, however long: paths and addresses are to be copied."""
+    """Print a line without wrapping it, so that paths and addresses can be copied."""
     to.print(line, markup=False, highlight=False, soft_wrap=True)
 
 

@@ -1,4 +1,4 @@
-"""What this machine has: what `xormocap doctor` prints."""
+"""`xormocap doctor`: checks what this machine has."""
 
 import os
 import platform
@@ -40,17 +40,17 @@ _BATCH = 256
 
 
 class State(Enum):
-    """What a finding means for who wants to track."""
+    """What a finding means for tracking."""
 
     OK = "[green]ok[/]"
     HINT = "[yellow]hint[/]"
-    """All works, and would be quicker once this is mended."""
+    """Everything works, but would be faster after a fix."""
     MISSING = "[red]missing[/]"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at."""
+    """One check."""
 
     name: str
     state: State
@@ -58,7 +58,7 @@ class Check:
 
 
 def examine() -> list[Check]:
-    """Look at everything that the services need; takes a few seconds, longer the first time."""
+    """Check everything that the services need; takes a few seconds, longer the first time."""
     is_new = sys.version_info >= (3, 11)
     python = f"{platform.python_version()} on {platform.platform()}"
     found = find_device()
@@ -108,16 +108,16 @@ def _loopback() -> Check:
 
 
 def opengl_checks(setup: EglSetup, found: Found) -> list[Check]:
-    """What stands between a program and the GPU; a machine without one lacks nothing that is needed."""
+    """Checks of OpenGL on the GPU; a machine without a GPU lacks nothing that is required."""
     device, vendors = found.device, ", ".join(map(str, setup.vendor_files)) or "none"
     lacking = f"no {' and no '.join(setup.lacking)}" if setup.lacking else f"{setup.libegl}"
     checks = [Check("EGL", State.OK, f"{lacking}; vendor files: {vendors}")]
     if setup.nvidia_driver:
-        library = setup.nvidia_library or "no library for EGL"
+        library = setup.nvidia_library or "no EGL library"
         vendor_file = setup.nvidia_vendor_file or "no vendor file"
-        checks.append(Check("NVIDIA", State.OK, f"a driver, with {library} and {vendor_file}"))
+        checks.append(Check("NVIDIA", State.OK, f"driver found, with {library} and {vendor_file}"))
     if device is None:
-        finding = f"none, so that only the cpu backend runs here: {found.problem}"
+        finding = f"none, so only the cpu backend runs here: {found.problem}"
     else:
         kind = "hardware" if device.is_hardware else "a software renderer"
         finding = (
@@ -132,8 +132,8 @@ def opengl_checks(setup: EglSetup, found: Found) -> list[Check]:
 
 
 def energy_checks(engine: Engine, cpu: Engine) -> list[Check]:
-    """What auto takes, and the rates of the energy of the whole body before eight cameras of 320x240, as the
-    search evaluates it by default: of cpu, and of a GPU unless it fails meanwhile."""
+    """The backend that auto chooses, and the evaluation rates of the whole body in eight cameras of 320x240
+    with default settings: of cpu, and of the GPU unless it fails."""
     state, chosen = State.OK, engine.name
     rates = [f"cpu backend, {_rate(cpu, 1):.0f} evaluations per second on one core"]
     if chosen != "cpu":
@@ -143,7 +143,7 @@ def energy_checks(engine: Engine, cpu: Engine) -> list[Check]:
         else:
             state = State.HINT
     return [
-        Check("backend", state, f"auto takes {engine.name}: {engine.reason}"),
+        Check("backend", state, f"auto chooses {engine.name}: {engine.reason}"),
         Check("energy", State.OK, "; ".join(rates)),
     ]
 
@@ -167,7 +167,7 @@ def _rate(engine: Engine, batch: int) -> float:
 
 
 def doctor() -> None:
-    """Say what this machine has, and what is missing."""
+    """List what this machine has, and what is missing."""
     table, checks = Table(show_header=False, box=None), examine()
     for check in checks:
         table.add_row(check.state.value, check.name, escape(check.finding))

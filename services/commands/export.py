@@ -1,4 +1,4 @@
-"""`xormocap export`: files of a result, made later from its poses.csv and actor.toml."""
+"""`xormocap export`: writes files of a result from its poses.csv and actor.toml."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,27 +16,27 @@ _DEFAULT = Options()
 
 
 def export(
-    result: Annotated[Path, typer.Argument(help="A folder of results.", metavar="RESULT")],
+    result: Annotated[Path, typer.Argument(help="A results folder.", metavar="RESULT")],
     to: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="|".join(FORMATS), help="What to write; may be repeated; by default what a run writes."
+            metavar="|".join(FORMATS), help="Format to write; may be repeated; by default the files of a run."
         ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="The folder for the files; RESULT by default.", metavar="FOLDER")
     ] = None,
-    naming: Annotated[Naming, typer.Option(help="What bvh calls joints.")] = _DEFAULT.naming,
-    unit: Annotated[Literal["m", "cm"], typer.Option(help="The unit of bvh's lengths.")] = _DEFAULT.unit,
-    rest: Annotated[Rest, typer.Option(help="The rest pose of bvh.")] = _DEFAULT.rest,
+    naming: Annotated[Naming, typer.Option(help="Names of the joints in bvh.")] = _DEFAULT.naming,
+    unit: Annotated[Literal["m", "cm"], typer.Option(help="Unit of length in bvh.")] = _DEFAULT.unit,
+    rest: Annotated[Rest, typer.Option(help="Rest pose of bvh.")] = _DEFAULT.rest,
     take: Annotated[
-        Path | None, typer.Option(help="The take, for overlay; the one that was tracked by default.")
+        Path | None, typer.Option(help="The take, for overlay; by default the one that was tracked.")
     ] = None,
 ) -> None:
-    """Write files of a result for other programs; poses.csv and actor.toml in it are enough."""
+    """Write a result in other formats; needs only its poses.csv and actor.toml."""
     folder = out or result
     if folder.exists() and not folder.is_dir():
-        raise UserError(f"{folder}: is a file: expected a folder for the exported files")
+        raise UserError(f"{folder}: is a file: expected a folder to write to")
     names = tuple(map(_format, dict.fromkeys(to or DEFAULT_FORMATS)))
     options = Options(naming=naming, unit=unit, rest=rest, take=take)
     for path in write_formats(folder, load_result(result), names, options):

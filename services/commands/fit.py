@@ -32,7 +32,7 @@ from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 EVERY_CORE = 0
 """Threads of the energy while no other process computes."""
 _HEIGHT_CM = 2.0
-"""Further than this from the height in take.toml a fitted one is worth a word."""
+"""A fitted height that differs by more than this from that in take.toml causes a warning."""
 MeshOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(help="Fit this mesh: a skinned character (.glb) or named parts (.obj, .glb)."),
@@ -42,16 +42,19 @@ MeshOption: TypeAlias = Annotated[
 def fit(
     take: TakeFolder,
     out: Annotated[
-        Path | None, typer.Option(help="Where actor.toml and pictures go; into the take by default.")
+        Path | None, typer.Option(help="Folder for actor.toml and pictures; by default the take.")
     ] = None,
     frames: Annotated[
         int | None,
-        typer.Option(min=1, help="How many frames: the first, init_frames by default; to refine, 16 of all."),
+        typer.Option(
+            min=1,
+            help="Number of frames: by default the first init_frames; with --refine, 16 of the whole take.",
+        ),
     ] = None,
     refine: Annotated[
         Path | None,
         typer.Option(
-            metavar="RESULT", help="Begin with what xormocap track found, and look at frames of all of it."
+            metavar="RESULT", help="Start from the poses of this result, and use frames of the whole take."
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an actor.toml made by hand.")] = False,
@@ -59,9 +62,9 @@ def fit(
     backend: BackendOption = DEFAULT_ENGINE.backend,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
 ) -> None:
-    """Fit the actor's shape and first poses to a take's first frames, and show how well that went."""
+    """Fit the actor's shape and first poses to a take's first frames, and show how good the fit is."""
     if refine is not None and mesh is not None:
-        raise UserError("--refine: takes the body of RESULT: leave out --mesh")
+        raise UserError("--refine: uses the body of RESULT: leave out --mesh")
     opened = open_take(take)
     actor_toml = (out or take) / ACTOR
     check_place(actor_toml, force)
@@ -88,7 +91,7 @@ def fit(
 
 
 def imported(mesh: Path | None, warnings: list[str]) -> OwnMesh | None:
-    """The own mesh of a file, if one was given; adds to the warnings. Raises UserError."""
+    """The mesh of a file, or None if there is no file; adds to the warnings. Raises UserError."""
     if mesh is None:
         return None
     found = import_mesh(mesh)
@@ -97,7 +100,7 @@ def imported(mesh: Path | None, warnings: list[str]) -> OwnMesh | None:
 
 
 def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> TakeFit:
-    """Fit the actor of a take by fit_take or refine_take, and write what was found into a folder."""
+    """Fit the actor of a take by fit_take or refine_take, and write the result into a folder."""
     with progress_bar() as show:
         found = work(show)
         show("drawing", DRAWING_FROM)
@@ -109,7 +112,7 @@ def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> T
 def show_fit(found: TakeFit, take: Take, folder: Path, console: Console) -> None:
     """Print the measures, how well the frames are covered before and after, and where the pictures are."""
     measures = table_of("measure", "cm", "±")
-    measures.add_column("how to check it")
+    measures.add_column("how to measure it")
     for row in found.measures:
         measures.add_row(row.name, f"{row.cm:.1f}", uncertainty_of(row), row.how)
     before, after = found.fit.before, found.fit.after
@@ -126,7 +129,7 @@ def show_fit(found: TakeFit, take: Take, folder: Path, console: Console) -> None
     told_m, height_m = take.settings.actor_height, found.measures[0].cm / 100.0
     if told_m is not None and abs(height_m - told_m) > _HEIGHT_CM / 100.0:
         console.print(
-            f"take.toml says actor_height = {told_m:.2f} m, the silhouettes {height_m:.2f} m: "
+            f"take.toml has actor_height = {told_m:.2f} m, the silhouettes give {height_m:.2f} m: "
             "check that number, or the scale of the calibration",
             style="yellow",
             soft_wrap=True,

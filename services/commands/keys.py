@@ -1,4 +1,4 @@
-"""`xormocap keys`: making, adding, revoking and listing the keys with which services prove who they are."""
+"""`xormocap keys`: makes, adds, revokes and lists the keys by which services authenticate."""
 
 import os
 import re
@@ -18,7 +18,7 @@ from services.mocap.atomic import atomic_folder
 from services.mocap.errors import UserError
 
 ROLES = ("segmentation", "limb_worker", "recorder", "viewer")
-"""Clients that get keys if nobody says otherwise; a service finds those of its role by itself."""
+"""Clients that get keys by default; a service finds the keys of its role by itself."""
 _MOST_CLIENTS = 1000
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _SEE = "\nAfterwards tell a running coordinator: kill -HUP PID, or docker compose kill -s HUP coordinator."
@@ -27,7 +27,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="Keys for services that talk beyond this machine.",
+    help="Manage keys for services on several machines.",
 )
 Folder = Annotated[Path, typer.Argument(help="The folder of all keys.", metavar="DIR")]
 Names = Annotated[list[str], typer.Argument(help="The clients' names.", metavar="NAME...")]
@@ -37,16 +37,16 @@ Names = Annotated[list[str], typer.Argument(help="The clients' names.", metavar=
 def new(
     folder: Folder,
     clients: Annotated[
-        str, typer.Option(help="Names with commas between, or a number: client-1, client-2 and so on.")
+        str, typer.Option(help="Names separated by commas, or a number N for client-1 to client-N.")
     ] = ",".join(ROLES),
 ) -> None:
     """Make keys for a coordinator and its clients."""
     names = _client_names(clients)
     for made in (folder / name for name in (COORDINATOR, *names)):
         if made.exists():
-            raise UserError(f"{made}: is there already: remove it or choose another folder")
+            raise UserError(f"{made}: already exists: remove it or choose another folder")
     try:
-        folder.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)  # it may be a volume, made by others
+        folder.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)  # it may be a volume that exists already
         with tempfile.TemporaryDirectory(dir=folder, prefix=".") as part:
             own = Path(part) / COORDINATOR
             (own / CLIENTS).mkdir(parents=True)
@@ -54,45 +54,45 @@ def new(
             _make_certificate(own, SERVER)
             for name in names:
                 _make_client(Path(part), name)
-            for name in (*names, COORDINATOR):  # who sees that one sees all
+            for name in (*names, COORDINATOR):  # the coordinator's folder lists all clients
                 (Path(part) / name).rename(folder / name)
     except OSError as problem:
         reason = problem.strerror
-        raise UserError(f"{folder}: cannot be written ({reason}): choose a folder of your own") from None
+        raise UserError(f"{folder}: cannot be written ({reason}): choose another folder") from None
     say(f"{folder}: keys of the {COORDINATOR} and of {len(names)} clients: {', '.join(names)}")
 
 
 @app.command(epilog=_SEE)
 def add(folder: Folder, names: Names) -> None:
-    """Make keys for more clients, and put them on the list of those that may come in."""
+    """Make keys for more clients and give them access."""
     _require_keys(folder)
     for name in names:
         _check_name(name)
         if (folder / name).exists() or _listed(folder, name).exists():
-            raise UserError(f"{folder / name}: is there already: choose another name, or revoke it first")
+            raise UserError(f"{folder / name}: already exists: choose another name, or revoke it first")
     for name in names:
         _make_client(folder, name)
-        say(f"{folder / name}: give this folder to the service of that name")
+        say(f"{folder / name}: copy this folder to the service of that name")
 
 
 @app.command(epilog=_SEE)
 def revoke(folder: Folder, names: Names) -> None:
-    """Take clients off the list of those that may come in, and throw their keys away."""
+    """Revoke the access of clients and delete their keys."""
     _require_keys(folder)
     for name in names:
         _check_name(name)
         if not _listed(folder, name).exists():
             known = ", ".join(_clients_of(folder).values()) or "nobody"
-            raise UserError(f"{name}: is not on the list in {folder}: on it are {known}")
+            raise UserError(f"{name}: is not on the list in {folder}, which has {known}")
     for name in names:
         _listed(folder, name).unlink()
         shutil.rmtree(folder / name, ignore_errors=True)
-        say(f"{name}: may no longer come in")
+        say(f"{name}: has no access any more")
 
 
 @app.command(name="list")
 def show(folder: Folder) -> None:
-    """Say who may come in."""
+    """List the clients with access."""
     _require_keys(folder)
     table = Table("client", "public key", box=None)
     for key, name in _clients_of(folder).items():
@@ -101,7 +101,7 @@ def show(folder: Folder) -> None:
 
 
 def _client_names(asked: str) -> list[str]:
-    """The names that an option means."""
+    """The names of the option --clients."""
     if asked.isdecimal():
         if not 0 < int(asked) <= _MOST_CLIENTS:
             raise UserError(f"--clients {asked}: expected a number from 1 to {_MOST_CLIENTS}, or names")
@@ -110,7 +110,7 @@ def _client_names(asked: str) -> list[str]:
     for name in names:
         _check_name(name)
     if not names or len({name.lower() for name in names}) < len(names):
-        raise UserError(f"--clients {asked}: expected different names with commas between")
+        raise UserError(f"--clients {asked}: expected different names separated by commas")
     return names
 
 
@@ -145,7 +145,7 @@ def _make_client(folder: Path, name: str) -> None:
 
 
 def _make_certificate(folder: Path, name: str) -> None:
-    """A pair of keys, the secret one readable by nobody else at any moment."""
+    """A pair of keys; the secret key is never readable by other users."""
     before = os.umask(stat.S_IRWXG | stat.S_IRWXO)
     try:
         zmq.auth.create_certificates(folder, name)

@@ -1,4 +1,4 @@
-"""`xormocap live`: from cameras to poses while the actor performs."""
+"""`xormocap live`: tracks live cameras."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -43,11 +43,14 @@ _SMOOTHER: Smoother = "one-euro"
 
 
 def live(
-    config: Annotated[Path, typer.Argument(help="A TOML file that names the cameras.", metavar="CONFIG")],
-    out: Annotated[Path | None, typer.Option(help="Where the results go; results/<name> by default.")] = None,
-    workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 1,
+    config: Annotated[Path, typer.Argument(help="A TOML file that lists the cameras.", metavar="CONFIG")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; results/<name> by default.")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=0, max=64, help="Number of limb worker processes.")] = 1,
     record: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Keep what the cameras see as a take.")
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Store the cameras' pictures as a take in this folder."),
     ] = None,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
@@ -60,11 +63,11 @@ def live(
     watch: ViewOption = False,
     port: PortOption = DEFAULT_PORT,
     group: Annotated[
-        str | None, typer.Option(help="Serve only this group of cameras, for a coordinator elsewhere.")
+        str | None, typer.Option(help="Serve only this group of cameras, for a coordinator on another host.")
     ] = None,
     keys: KeysOption = None,
 ) -> None:
-    """Track live cameras until Ctrl-C: poses on the wire as they are found, and results at the end."""
+    """Track live cameras until Ctrl-C: publish poses as they are found, and write results at the end."""
     take = open_live(config)
     engine, output = engine_settings(backend, threads), output_settings(smooth, cutoff_hz)
     search = search_settings(changes or [], settings, len(take.cameras), preset)
@@ -86,7 +89,7 @@ def live(
         if group not in (known := sorted(take.groups())):
             raise UserError(f"--group {group}: {config} has no such group: {nearest(group, known)}")
         if take.live.endpoint is None:
-            raise UserError(f"--group: {config} does not say where the coordinator is: give endpoint in it")
+            raise UserError(f"--group: {config} does not say where the coordinator is: add endpoint to it")
         serve_group(job, group, take.live.endpoint)
         return
     check_out(folder)
@@ -95,14 +98,14 @@ def live(
         job = replace(job, page=tell_page(port))
     report = _track(job)
     if report is None:
-        raise UserError(f"{config}: nobody was tracked: the logs of xormocap live told why, line by line")
+        raise UserError(f"{config}: nobody was tracked: the log lines above say why")
     _summarise(report, folder, record)
     if watch:
         view(folder, record, port)
 
 
 def _track(job: LiveJob) -> dict[str, Any] | None:
-    """Track with a line that tells how it goes; warnings come after it."""
+    """Track with a progress line; warnings are printed at the end."""
     warnings: list[str] = []
     with Live(Text("starting"), console=stderr, refresh_per_second=4) as line:
 
@@ -115,12 +118,12 @@ def _track(job: LiveJob) -> dict[str, Any] | None:
 
 
 def _body(take: LiveTake) -> str:
-    """Whose body is tracked, in a sentence."""
+    """The body that is tracked, in a sentence."""
     if take_actor(take) is not None:
         return f"body: {take.actor_path}"
     if take.live.actor_height is not None:
         return f"body: the generic one, scaled to {take.live.actor_height:.2f} m (actor_height)"
-    return "body: the generic one, scaled to whoever comes into view: actor_height or actor says better"
+    return "body: the generic one, scaled to the first person in view: actor_height or actor is better"
 
 
 def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> None:

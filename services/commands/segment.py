@@ -1,4 +1,4 @@
-"""`xormocap segment`: the silhouettes of a take as files."""
+"""`xormocap segment`: writes the silhouettes of a take as files."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,10 +16,11 @@ from services.segmentation.files import write_silhouettes
 
 def segment(
     take: TakeFolder,
-    out: Annotated[Path, typer.Option(help="Where the silhouettes go.")],
+    out: Annotated[Path, typer.Option(help="Folder for the silhouettes.")],
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
 ) -> None:
-    """Write the silhouettes of a take's videos, as they are and not undistorted, for a take of their own."""
+    """Write the silhouettes of a take's videos, not undistorted, so that they can replace the videos in a
+    take."""
     opened = open_take(take)
     with kept_warnings() as warnings, Progress(console=stderr) as bar:
         task = bar.add_task("segmenting", total=opened.settings.frames * len(opened.cameras))

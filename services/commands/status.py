@@ -1,4 +1,4 @@
-"""How the services of a run are doing, as the coordinator's telemetry tells: `xormocap status`."""
+"""`xormocap status`: the state of a run's services, from the coordinator's telemetry."""
 
 import sys
 import time
@@ -23,7 +23,8 @@ from services.options import KeysOption, keys_of_client
 
 _LOOK_S = 0.25
 _PATIENCE_S = 30.0
-"""How long --once waits for a word; a coordinator that finds a first pose says nothing for some seconds."""
+"""How long --once waits for telemetry; while a coordinator finds the first pose, it sends none for some
+seconds."""
 _RATE_FRAMES = 30
 _IN_MS = "{:.1f}".format
 
@@ -47,22 +48,22 @@ class Watch(PosesListener):
 
     def refuse(self, error: MalformedMessage) -> None:
         """Raises UserError."""
-        raise UserError(f"what was heard cannot be understood: {error}: is it of another version?")
+        raise UserError(f"malformed telemetry: {error}: does the coordinator have another version?")
 
     @property
     def silent_s(self) -> float:
-        """For how long nothing was heard."""
+        """Seconds since the last message."""
         return time.monotonic() - self.heard_s
 
     @property
     def frames_per_s(self) -> float | None:
-        """Of the last frames that were heard of; None where there were none."""
+        """Frame rate of the last frames; None if there were none."""
         total_s = sum(self._took_s)
         return len(self._took_s) / total_s if total_s > 0 else None
 
 
 def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> RenderableType:
-    """What a person wants to see."""
+    """The state as tables for a person."""
     done = f"{told.next_frame - told.first_frame}"
     if told.end_frame < OPEN_END:
         done += f" of {told.end_frame - told.first_frame}"
@@ -75,7 +76,7 @@ def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> Re
 
 
 def _services(told: Telemetry) -> Table:
-    """Who is there, and what they are doing."""
+    """The services, and what they are doing."""
     table = Table("service", "where", "backend", "doing", box=None, header_style="bold")
     table.add_row("segmentation", "", "", f"{told.frames_ready} frames ready")
     for name, backend in sorted(told.workers.items()):
@@ -89,7 +90,7 @@ def _services(told: Telemetry) -> Table:
 
 
 def _cameras(told: Telemetry) -> Table:
-    """Live cameras, and what was dropped of each: where it is lost says what to mend."""
+    """Live cameras, and what was dropped of each; where it was dropped shows what to improve."""
     table = Table(
         "camera", "dropped by source", "by segmentation", "by tracking", box=None, header_style="bold"
     )
@@ -100,7 +101,7 @@ def _cameras(told: Telemetry) -> Table:
 
 
 def _numbers(told: Telemetry) -> Table:
-    """Milliseconds of the last frame, queues, and what went wrong."""
+    """Milliseconds of the last frame, queues, drops."""
     table = Table(show_header=False, box=None)
     stages = [f"{name.replace('_', ' ')} {_IN_MS(1000 * s)}" for name, s in told.seconds.items()]
     table.add_row("last frame, ms", ", ".join(stages) or "none yet")
@@ -117,17 +118,19 @@ def _numbers(told: Telemetry) -> Table:
 
 def status(
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
-    once: Annotated[bool, typer.Option("--once", help="Say it once and leave.")] = False,
-    in_json: Annotated[bool, typer.Option("--json", help="Say it once, as one line of JSON.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Print the state once and exit.")] = False,
+    in_json: Annotated[
+        bool, typer.Option("--json", help="Print the state once, as one line of JSON.")
+    ] = False,
     keys: KeysOption = None,
 ) -> None:
-    """Show how the services of a run are doing: a table that lives until the run ends."""
+    """Show the state of a run's services in a live table, until the run ends."""
     try:
         with closing(Watch(connect, keys_of_client(keys, "viewer"))) as watch:
             deadline_s = time.monotonic() + _PATIENCE_S
             while (told := watch.latest) is None:
                 if time.monotonic() > deadline_s:
-                    sentence = "nothing heard: is a coordinator running there, and is this its address?"
+                    sentence = "no telemetry: is a coordinator running there, and is this its address?"
                     raise UserError(f"{connect}: {sentence}")
                 watch.listen(_LOOK_S)
             if in_json:
@@ -141,7 +144,7 @@ def status(
 
 
 def _follow(watch: Watch, told: Telemetry) -> None:
-    """Renew the table until the run has ended and its coordinator has left."""
+    """Update the table until the run has ended and its coordinator has exited."""
     with Live(as_table(told, None, 0.0), auto_refresh=False) as live:
         while told.stage != "ended" or watch.silent_s < PUBLISHED.silence_s:
             watch.listen(_LOOK_S)

@@ -1,4 +1,5 @@
-"""`xormocap sync TAKE`: by how many frames each camera is ahead, by silhouettes, written to take.toml."""
+"""`xormocap sync TAKE`: finds from silhouettes by how many frames each camera is ahead, and writes that to
+take.toml."""
 
 import re
 from typing import Annotated
@@ -28,15 +29,13 @@ _INIT_FRAMES = re.compile(r"^(\s*init_frames\s*=\s*)\d+", re.MULTILINE)
 
 def sync(
     take: TakeFolder,
-    reach: Annotated[
-        int, typer.Option(min=1, max=300, help="Look for offsets of up to so many frames.")
-    ] = 15,
+    reach: Annotated[int, typer.Option(min=1, max=300, help="Largest offset to search, in frames.")] = 15,
     write: Annotated[bool, typer.Option(help="Write the offsets to take.toml.")] = True,
 ) -> None:
-    """Find by how many frames each camera of a take is ahead of the others, and write that to take.toml.
+    """Find by how many frames each camera of a take is ahead, and write the offsets to take.toml.
 
-    For takes whose cameras were not triggered together. The cameras are taken to be calibrated, and their
-    frames equally long.
+    For takes whose cameras have no common trigger. The cameras must be calibrated and have the same frame
+    rate.
     """
     opened = open_take(take, in_step=False).without_offsets()
     frames = range(min(opened.settings.frames, _MOST_FRAMES))
@@ -51,7 +50,7 @@ def sync(
     ]
     if unsure:
         raise UserError(
-            f"{take}: silhouettes do not tell the offsets of {', '.join(unsure)}: expected somebody who "
+            f"{take}: silhouettes do not determine the offsets of {', '.join(unsure)}: expected somebody who "
             "moves, whole in the pictures, cameras that agree (xormocap calibrate --check), and offsets "
             "within --reach: nothing is written"
         )
@@ -60,7 +59,7 @@ def sync(
 
 
 def _write(take: Take, found: TimeOffsets) -> None:
-    """Put whole frames into take.toml, and the number of frames that all cameras hold then."""
+    """Write whole frames to take.toml, and the number of frames that all cameras then have."""
     whole = np.rint(found.offsets).astype(int)
     whole -= whole.min()
     names = [camera.name for camera in take.cameras]
@@ -81,12 +80,12 @@ def _write(take: Take, found: TimeOffsets) -> None:
     with atomic_file(path) as part:
         part.write_text(f"{text.rstrip()}\n\n{table}", encoding="utf-8")
         if read_settings(part).offsets != offsets:
-            raise TakeError(f"{path}: is laid out in a way that sync does not understand: put in {offsets}")
+            raise TakeError(f"{path}: sync cannot edit this file: add {offsets} by hand")
     say(f"{path}: offsets of {len(names)} cameras, frames = {frames}")
 
 
 def _table(take: Take, found: TimeOffsets) -> Table:
-    table = table_of("camera", "ahead, frames", "confidence", "off now, px", "off then, px")
+    table = table_of("camera", "ahead, frames", "confidence", "error now, px", "error after, px")
     for c, camera in enumerate(take.cameras):
         table.add_row(
             escape(camera.name),

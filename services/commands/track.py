@@ -1,4 +1,4 @@
-"""`xormocap track`: a recorded take becomes a motion."""
+"""`xormocap track`: tracks a recorded take."""
 
 import tempfile
 from collections.abc import Callable
@@ -46,10 +46,12 @@ from services.segmentation.segmenters import chosen_segmenter
 
 def track(
     take: TakeFolder,
-    out: Annotated[Path | None, typer.Option(help="Where the results go; results/<take> by default.")] = None,
-    workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 4,
-    frames: Annotated[str, typer.Option(help="Only frames A up to but not including B, as A:B.")] = ":",
-    overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; results/<take> by default.")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=0, max=64, help="Number of limb worker processes.")] = 4,
+    frames: Annotated[str, typer.Option(help="Range of frames A:B, from A up to but not including B.")] = ":",
+    overlay: Annotated[bool, typer.Option(help="Write overlay.mp4.")] = True,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
     preset: SearchOption = "default",
@@ -57,16 +59,20 @@ def track(
     settings: SettingsOption = None,
     fit_first: Annotated[
         bool,
-        typer.Option("--fit/--no-fit", help="Where the take has no actor.toml: fit the actor, or scale one."),
+        typer.Option(
+            "--fit/--no-fit",
+            help="If the take has no actor.toml: fit the actor, or only scale the generic body.",
+        ),
     ] = True,
     fitted: Annotated[
-        Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
+        Path | None,
+        typer.Option(help="A folder written by xormocap fit, used instead of the take's actor and poses."),
     ] = None,
     mesh: MeshOption = None,
     refine: Annotated[
         bool,
         typer.Option(
-            "--refine", help="Then fit the body again, to frames of all of the take, and track once more."
+            "--refine", help="Afterwards fit the body again, to frames of the whole take, and track again."
         ),
     ] = False,
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
@@ -76,12 +82,12 @@ def track(
     port: PortOption = DEFAULT_PORT,
     endpoint: Annotated[
         str | None,
-        typer.Option(help="Where the coordinator listens, for xormocap status; free ports by default."),
+        typer.Option(help="Address of the coordinator, for xormocap status; free ports by default."),
     ] = None,
 ) -> None:
-    """Turn a recorded take into a skeleton motion: poses, joints, BVH and an overlay video."""
+    """Track a recorded take: write poses, joints, motion files and an overlay video."""
     if mesh is not None and (fitted is not None or not fit_first):
-        raise UserError("--mesh: is fitted first: leave out --fitted and --no-fit, or leave out --mesh")
+        raise UserError("--mesh: a mesh is fitted first: leave out --fitted and --no-fit, or --mesh")
     opened = open_take(take)
     engine = engine_settings(backend, threads)
     job = TakeJob(
@@ -130,7 +136,7 @@ def _first_fit(job: TakeJob, mesh: Path | None) -> tuple[Callable[[Show], TakeFi
 
 
 def _fit_and_track(job: TakeJob, work: Callable[[Show], TakeFit], warnings: list[str]) -> dict[str, Any]:
-    """Track with an actor that is fitted for this run alone; returns run.json."""
+    """Fit an actor for this run only, then track; returns run.json."""
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         found = fit_with_bar(job.take, Path(temporary), work)
         return _track(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
@@ -174,7 +180,7 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
         table.add_row("joint error", accuracy_in_words(report["accuracy"]))
         table.add_row("lost limbs", f"{len(report['accuracy']['lost_limbs'])}")
     if report["trust"]["lowest_confidence"]:  # else nothing was judged
-        table.add_row("frames not to be trusted", f"{report['trust']['distrusted_frames']}")
+        table.add_row("unreliable frames", f"{report['trust']['distrusted_frames']}")
     table.add_row("results", escape(str(folder)))
     stdout.print(table)
 

@@ -1,4 +1,4 @@
-"""`xormocap view`: finished results on the page."""
+"""`xormocap view`: shows finished results on the page."""
 
 import time
 from functools import cache
@@ -28,49 +28,49 @@ from services.viewer.tiles import TileArtist
 DEFAULT_PORT = 8080
 _LOOK_S = 0.25
 PortOption = Annotated[
-    int, typer.Option(min=0, max=65535, help="The page's port on this machine; 0 takes any that is free.")
+    int, typer.Option(min=0, max=65535, help="Port of the page on this machine; 0 chooses a free port.")
 ]
 ViewOption = Annotated[
-    bool, typer.Option("--view", help="Watch in a browser while it is tracked, and afterwards until Ctrl-C.")
+    bool, typer.Option("--view", help="Serve a page to watch the run in a browser, until Ctrl-C.")
 ]
 
 
 def check_page() -> None:
-    """Raise UserError where what serves the page is not installed."""
+    """Raise UserError if the packages for the page are not installed."""
     if find_spec("viser") is None:
-        raise UserError("the page needs viser, which is not here: pip install 'xormocap[page]'")
+        raise UserError("the page needs viser, which is not installed: pip install 'xormocap[page]'")
 
 
 def tell_page(port: int) -> str:
-    """Say where to look while a take is tracked; returns that as HOST:PORT. Raises as check_page."""
+    """Print the page's address; returns it as HOST:PORT. Raises as check_page."""
     check_page()
-    say(f"look at http://{LOOPBACK}:{port}", stderr)
+    say(f"open http://{LOOPBACK}:{port}", stderr)
     return f"{LOOPBACK}:{port}"
 
 
 def view(
-    result: Annotated[Path, typer.Argument(help="What xormocap track --out wrote.", metavar="RESULT")],
+    result: Annotated[Path, typer.Argument(help="A results folder of xormocap track.", metavar="RESULT")],
     take: Annotated[
-        Path | None, typer.Option(help="The take's folder, if it is not where it was tracked.")
+        Path | None, typer.Option(help="The take folder, if it has moved since tracking.")
     ] = None,
     port: PortOption = DEFAULT_PORT,
 ) -> None:
-    """Show results in a browser: the body, all cameras, curves; until Ctrl-C."""
+    """Show results in a browser until Ctrl-C: the body, all cameras, curves."""
     check_page()
-    from services.viewer.server import PageServer  # what runs without a page has no viser
+    from services.viewer.server import PageServer  # viser is needed only for the page
 
     show = finished_show(result, take)
     with PageServer(port) as server, StopSignals() as stop:
         server.show(show)
-        say(f"look at http://{LOOPBACK}:{server.port} (Ctrl-C ends this)")
+        say(f"open http://{LOOPBACK}:{server.port} (Ctrl-C stops the server)")
         while not stop.count:
             time.sleep(_LOOK_S)
 
 
 def finished_show(folder: Path, take: Path | None) -> Show:
-    """What a folder of results has to show, as it was tracked, and its take, where that is still to be found.
+    """The content of a results folder for the page, and its take if it still exists.
 
-    take: the take's folder; None: where run.json says. Raises UserError where the results cannot be used.
+    take: the take folder; None: that of run.json. Raises UserError if the results cannot be used.
     """
     result = load_result(folder)
     opened, remark = _take_of(result, take)
@@ -96,11 +96,11 @@ def finished_show(folder: Path, take: Path | None) -> Show:
 
 
 def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:
-    """The take that results were made from, or why it is not there."""
+    """The take of the results, or why it is not available."""
     folder = take or result.take_folder
     if folder is None:
         where = result.folder / RUN_JSON
-        return None, f"{where} does not say where the take is: give --take to see its cameras."
+        return None, f"{where} does not name the take: give --take to see its cameras."
     if take is None and not folder.is_dir():
         return None, f"The take is not at {folder} any more: give --take to see its cameras."
     return open_take(folder), ""

@@ -1,1 +1,2 @@
-"""Coordinator: owns the frame loop, the torso and the head, and hands out the limbs (the paper's server)."""
+"""Coordinator: runs the frame loop, fits torso and head, and gives limb tasks to workers (the paper's
+server)."""

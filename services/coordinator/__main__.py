@@ -5,8 +5,8 @@ import signal
 from pathlib import Path
 from typing import Annotated
 
-# Who has changed the list of clients may say so before there is a handler: loading takes a second. Who
-# imports this for others has its own way with the signal.
+# SIGHUP may arrive before there is a handler, because imports take a second. A process that imports this
+# module for others handles the signal itself.
 # ruff: noqa: E402
 _default_hangup = signal.getsignal(signal.SIGHUP)
 if __name__ == "__main__":
@@ -43,15 +43,15 @@ from services.options import (
 from services.process import StopRequest, give_way, run_service
 
 _CLIENTS_S = 60.0
-"""How long to wait for the expected workers and recorder before going on with those that are there."""
+"""How long to wait for the expected workers and recorder before starting with fewer."""
 
 log = logging.getLogger(__name__)
 
 
 def main(
     take: Annotated[Path, typer.Option(help="The take folder, or a live configuration.")],
-    bind: Annotated[str, typer.Option(help="Where to listen.")] = DEFAULT_ENDPOINT,
-    frames: Annotated[str, typer.Option(help="Which frames, A up to but not including B, as A:B.")] = ":",
+    bind: Annotated[str, typer.Option(help="Address to listen on.")] = DEFAULT_ENDPOINT,
+    frames: Annotated[str, typer.Option(help="Range of frames A:B, from A up to but not including B.")] = ":",
     workers: Annotated[int, typer.Option(min=0, help="Limb workers to wait for before the first frame.")] = 0,
     recorders: Annotated[int, typer.Option(min=0, help="Recorders to wait for before the first frame.")] = 0,
     backend: BackendOption = DEFAULT_ENGINE.backend,
@@ -60,14 +60,15 @@ def main(
     changes: SetOption = None,
     settings: SettingsOption = None,
     fitted: Annotated[
-        Path | None, typer.Option(help="A folder of xormocap fit: its actor and poses, not the take's.")
+        Path | None,
+        typer.Option(help="A folder written by xormocap fit, used instead of the take's actor and poses."),
     ] = None,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     keys: KeysOption = None,
     metrics: MetricsOption = None,
     niceness: NiceOption = 0,
 ) -> None:
-    """Track a take with the limb workers that are there."""
+    """Track a take with the connected limb workers."""
 
     def serve(stop: StopRequest) -> None:
         give_way(niceness)
@@ -77,7 +78,7 @@ def main(
         else:
             hung_up = admission.ask_again
             signal.signal(signal.SIGHUP, lambda *_: hung_up())
-            hung_up()  # the list may have changed just before
+            hung_up()  # the list may have changed just before the handler was installed
         opened = open_source(take)
         engine_choice = engine_settings(backend, threads)
         search = search_settings(changes or [], settings, len(opened.cameras), preset)
@@ -91,7 +92,7 @@ def main(
 
 
 def _plan(take: Take, frames: range, search: SearchSettings, segmenter: str, fitted: Path | None) -> Plan:
-    """What to do, with what a fit found: in a folder of its own, or in the take's."""
+    """The plan of the session, with the results of a fit from its own folder or from the take."""
     actor = take_actor(take) if fitted is None else read_actor(fitted / ACTOR)
     if actor is None:
         return Plan(take, frames, search, segmenter, None)

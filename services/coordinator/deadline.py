@@ -1,16 +1,17 @@
-"""How long a limb task may take before it is late: a moving estimate, as TCP makes of its round trips."""
+"""The deadline of limb tasks: a moving estimate, like TCP's estimate of the round-trip time."""
 
 FIRST_DEADLINE_S = 20.0
 """Deadline before any task was timed: a worker may have to build its meshes first."""
 DEADLINE_FLOOR_S = 0.5
-"""What is granted beyond the usual at least; machines falter now and then."""
+"""Least time beyond the usual duration; machines are slow now and then."""
 DEADLINE_FACTOR = 4.0
-"""How many usual deviations are granted besides."""
+"""Number of mean deviations added to it."""
 _NEW_SHARE, _NEW_DEVIATION_SHARE = 0.125, 0.25
 
 
 class Deadline:
-    """Follows what tasks usually take and how much that varies, by limb and by the machine's load."""
+    """Estimates the usual duration of tasks and its deviation, which vary with the limb and the machine's
+    load."""
 
     def __init__(self) -> None:
         self._usual_s: float | None = None
@@ -18,13 +19,13 @@ class Deadline:
 
     @property
     def seconds(self) -> float:
-        """After which a task is late."""
+        """Time after which a task is late."""
         if self._usual_s is None:
             return FIRST_DEADLINE_S
         return DEADLINE_FLOOR_S + self._usual_s + DEADLINE_FACTOR * self._deviation_s
 
     def note(self, seconds: float) -> None:
-        """A task took so long, from when it was given to a worker."""
+        """Note a task's duration since it was given to a worker."""
         if self._usual_s is None:
             self._usual_s, self._deviation_s = seconds, seconds / 2
             return

@@ -1,4 +1,4 @@
-"""Who solves which limb task, without a socket: registration, hand-out, loss, delay, duplicates."""
+"""Assigns limb tasks to workers, without a socket: registration, assignment, loss, delay, duplicates."""
 
 import logging
 from collections import Counter, OrderedDict, deque
@@ -22,7 +22,7 @@ Key: TypeAlias = tuple[str | int, ...]
 """What a result is recognised by."""
 
 PROBE_S = 0.2
-"""How often a busy worker's connection is tried; libzmq reports one that is gone at once."""
+"""Interval of connection checks for busy workers; libzmq reports a lost connection at once."""
 _MOST_MISSING = 64
 
 
@@ -32,7 +32,7 @@ def key_of(message: OfLimbTask) -> Key:
 
 
 def in_words(task: OfLimbTask) -> str:
-    """A task for a line of the log."""
+    """A task as text for a log line."""
     return (
         f"the task take={task.take} frame={task.frame} pass={task.pass_index} limb={task.limb} "
         f"shard={task.shard}/{task.shards}"
@@ -65,17 +65,17 @@ class _Open:
 
 
 class Dispatcher:
-    """Hands tasks to idle workers and brings their results together.
+    """Gives tasks to idle workers and collects their results.
 
-    send(identity, message) -> False when that peer is gone; now() -> seconds on a clock that only goes on.
+    send(identity, message) -> False if that peer is gone; now() -> seconds on a monotonic clock.
     """
 
     def __init__(self, send: Callable[[Identity, Message], bool], now: Callable[[], float]) -> None:
         self._send, self._now = send, now
         self._workers: dict[Identity, _Worker] = {}
         self._missing: OrderedDict[Identity, _Worker] = OrderedDict()
-        """Workers that were forgotten, the latest last: one that was only held up goes on as if nothing had
-        happened. One that lost its connection comes back with another identity."""
+        """Forgotten workers, the latest last. One that was only delayed continues when it is heard again. One
+        that lost its connection returns with another identity."""
         self._open: dict[Key, _Open] = {}
         self._queue: deque[Key] = deque()
         self._results: list[LimbResult] = []
@@ -91,12 +91,12 @@ class Dispatcher:
 
     @property
     def workers(self) -> dict[str, str]:
-        """Names of the workers that are registered, and the energy backends that they began with."""
+        """Names of the registered workers, and the energy backends that they started with."""
         return {worker.name: worker.backend for worker in self._workers.values()}
 
     @property
     def busy(self) -> dict[str, LimbName]:
-        """What those workers that have a task are searching, by their names."""
+        """The limb that each busy worker is searching, by its name."""
         open_tasks = {w.name: self._open[w.task] for w in self._workers.values() if w.task in self._open}
         return {name: opened.task.limb for name, opened in open_tasks.items()}
 
@@ -125,7 +125,7 @@ class Dispatcher:
         return self._latest[1]
 
     def submit(self, tasks: list[LimbTask]) -> None:
-        """Take over new tasks; those of an earlier submission that are still open are given up."""
+        """Add new tasks; open tasks of an earlier submission are cancelled."""
         now = self._now()
         self._open = {key_of(task): _Open(task, now) for task in tasks}
         self._queue = deque(self._open)
@@ -133,7 +133,7 @@ class Dispatcher:
         self._assign()
 
     def heard(self, identity: Identity, hello: Hello | None = None) -> bool:
-        """Note a sign of life; False for a peer that has not registered."""
+        """Note a sign of life; returns False for a peer that has not registered."""
         if hello is not None:
             for old in [i for i, w in self._workers.items() if i == identity or w.name == hello.name]:
                 self._forget(old, "registered anew")
@@ -149,13 +149,13 @@ class Dispatcher:
         worker, now = self._workers[identity], self._now()
         worker.heard_s = now
         if worker.task is not None and now - worker.given_s > max(FROM_CLIENTS.silence_s, self.deadline_s):
-            self._release(worker)  # task or result got lost: a worker says nothing while it solves
+            self._release(worker)  # the task or its result was lost: a worker sends nothing while it solves
         return True
 
     def finished(self, identity: Identity, message: LimbResult | LimbRefusal) -> None:
-        """Take a result or refusal in; what nobody waits for or makes no sense is counted and dropped.
+        """Add a result or refusal; one that is not expected or makes no sense is counted and dropped.
 
-        Whoever solved a task, its result counts: a worker may have been forgotten or registered anew.
+        The result counts whichever worker solved the task: it may have been forgotten or registered again.
         """
         key = key_of(message)
         worker = self._workers.get(identity)
@@ -179,7 +179,7 @@ class Dispatcher:
         self._assign()
 
     def solved_here(self, result: LimbResult) -> None:
-        """Take in the result of a task that take_waiting handed out."""
+        """Add the result of a task from take_waiting."""
         self._close(key_of(result), result)
 
     def _close(self, key: Key, result: LimbResult) -> None:
@@ -190,7 +190,7 @@ class Dispatcher:
             self._queue = deque(k for k in self._queue if k != key)
 
     def take_waiting(self) -> LimbTask | None:
-        """A task that no worker is free for, for the coordinator to solve itself."""
+        """A task for which no worker is free, for the coordinator to solve itself."""
         if not self._queue:
             return None
         key = self._queue.popleft()
@@ -204,7 +204,7 @@ class Dispatcher:
         return results
 
     def tick(self) -> None:
-        """Look after workers that are gone or silent, and tasks that are late."""
+        """Handle lost and silent workers, and late tasks."""
         now = self._now()
         if now - self._probed_s >= PROBE_S:
             self._probed_s = now
@@ -218,7 +218,7 @@ class Dispatcher:
 
     @property
     def deadline_s(self) -> float:
-        """How long a task may take before it is given to somebody else too."""
+        """How long a task may take before another worker gets it too."""
         return self._deadline.seconds
 
     def _forget_lost(self, now: float) -> None:
@@ -237,13 +237,13 @@ class Dispatcher:
             self._missing.popitem(last=False)
 
     def _release(self, worker: _Worker) -> None:
-        """Part a worker from its task; one that is not solved goes to somebody else."""
+        """Take a worker's task away; if it is not solved, it goes to another worker."""
         if worker.task in self._open:
             self._again(worker.task)
         worker.task = None
 
     def _again(self, key: Key) -> None:
-        """Queue a task once more."""
+        """Queue a task again."""
         if key not in self._queue:
             self._queue.append(key)
 

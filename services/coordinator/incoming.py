@@ -1,4 +1,4 @@
-"""Which frame is solved next: of a recorded take every one, paced by credit; of live input the newest."""
+"""Chooses the next frame: every frame of a recorded take, paced by credit; the newest of live input."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ _AHEAD_FRAMES = 8
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What is to be solved."""
+    """A frame to solve."""
 
     seen: TriPlanes
     """(P, H, W) of all cameras; empty for those that are absent."""
@@ -23,14 +23,14 @@ class Frame:
     shot: int
     """Which of the cameras' shots it is."""
     absent: tuple[int, ...] = ()
-    """Cameras that have no say."""
+    """Cameras without a picture, which are not used."""
     shutter_s: float | None = None
-    """When it was taken, by time.monotonic; None for recorded ones."""
+    """When it was taken (time.monotonic); None for recorded frames."""
 
 
 @dataclass(frozen=True)
 class LiveFigures:
-    """How live input is doing; all empty for a recorded take."""
+    """The state of live input; empty for a recorded take."""
 
     latency_s: dict[str, float] = field(default_factory=dict)
     drops: dict[str, list[int]] = field(default_factory=dict)
@@ -45,17 +45,17 @@ class Incoming(ABC):
     def __init__(self, rig: Rig) -> None:
         self._rig, self._run = rig, ""
         self.next_frame = 0
-        """The frame that is handed out next."""
+        """The next frame to return."""
         self.dropped = 0
-        """Messages that belonged to another take, run or frame, or made no sense."""
+        """Number of messages of another take, run or frame, or without sense."""
 
     def begin(self, run: str, first_frame: int) -> None:
-        """From now on this run counts, from a frame on."""
+        """Start this run, from a frame on."""
         self._run, self.next_frame = run, first_frame
 
     @abstractmethod
     def add(self, message: Silhouettes | LiveSilhouettes) -> None:
-        """Take in some cameras' silhouettes; what is not wanted is counted and dropped."""
+        """Add some cameras' silhouettes; unwanted ones are counted and dropped."""
 
     def _fits(self, message: Silhouettes | LiveSilhouettes) -> bool:
         """Whether cameras and planes of a message suit each other and the rig."""
@@ -65,7 +65,7 @@ class Incoming(ABC):
 
     @abstractmethod
     def take_next(self) -> Frame | None:
-        """The next frame, if it is there."""
+        """The next frame, if it has arrived."""
 
     @abstractmethod
     def waiting_for(self) -> list[int]:
@@ -77,24 +77,25 @@ class Incoming(ABC):
         """Whole frames that wait to be solved."""
 
     def credit(self) -> Credit | None:
-        """How far segmentation may go; None where nobody asks."""
+        """How far segmentation may go; None for live input."""
         return None
 
     def answer(self, sources: LiveSources) -> LivePace | None:  # noqa: ARG002
-        """What to say to a segmentation's word about its cameras; None: nothing."""
+        """The answer to a segmentation's report on its cameras; None: no answer."""
         self.dropped += 1
         return None
 
     def catch_up(self) -> None:  # noqa: B027  (nothing to do for recorded takes)
-        """The actor was found just now, which took long: frames since then should lead up to the newest."""
+        """Called after a long search for the actor: the following frames should lead up to the newest one."""
 
     def note_latency(self, frame: Frame) -> float:  # noqa: ARG002
-        """A frame's pose goes out now; returns how long after the shutter, 0 for recorded ones."""
+        """Called when a frame's pose is published; returns the time since the shutter, 0 for recorded
+        frames."""
         return 0.0
 
     @property
     def has_ended(self) -> bool:
-        """Whether no frame will follow those that were handed out."""
+        """Whether no more frames will follow."""
         return False
 
     @property
@@ -103,11 +104,11 @@ class Incoming(ABC):
         return 0
 
     def memory(self) -> dict[str, list[int]]:
-        """What another one needs to go on after this one (recall)."""
+        """The state with which another coordinator can continue (see recall)."""
         return {}
 
     def recall(self, memory: dict[str, list[int]]) -> None:  # noqa: B027
-        """Go on with what another one knew; raises ValueError where that makes no sense."""
+        """Continue from another coordinator's state; raises ValueError if it is invalid."""
 
     def figures(self) -> LiveFigures:
         """How live input is doing."""

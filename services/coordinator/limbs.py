@@ -1,4 +1,4 @@
-"""The limbs of a pass given to the workers; what no worker is free for, the coordinator solves itself."""
+"""Gives the limbs of a pass to the workers; the coordinator solves those for which no worker is free."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ from services.mocap.search.model import Model
 from services.mocap.search.stages import Solution
 
 _LOOK_S = 0.02
-"""How long to wait for a result before looking after late tasks and lost workers."""
+"""How long to wait for a result before checking for late tasks and lost workers."""
 
 
 class RemoteLimbs:
@@ -32,11 +32,11 @@ class RemoteLimbs:
         shards: int = 1,
         overhead: Overhead | None = None,
     ) -> None:
-        """`pump(seconds)` lets messages in and out, waiting that long for some. actor: its content hash.
+        """`pump(seconds)` sends and receives messages, waiting at most that long. actor: its content hash.
 
-        shards: how many workers share a limb's grid, if there are so many. Fixed, since poses depend on it
-        in the last digits and must not depend on which workers die. overhead: where it is booked what all of
-        this costs beside the solving.
+        shards: how many workers share a limb's grid. It is fixed for a run, because poses depend on it in the
+        last digits and must not depend on which workers die. overhead: counts the time spent here except for
+        solving.
         """
         self._model, self._dispatcher, self._pump = model, dispatcher, pump
         self._take, self._run = take, run
@@ -82,7 +82,8 @@ class RemoteLimbs:
         )
 
     def finish(self) -> Iterator[tuple[LimbName, Solution]]:
-        """See LimbPool.finish. Of a limb's shards the one of least energy counts, the first of equals."""
+        """See LimbPool.finish. Of a limb's shards the one with the least energy is used, the first of
+        equals."""
         with self._overhead.talking():
             self._pump(0.0)
             while self._dispatcher.pending:

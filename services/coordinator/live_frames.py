@@ -1,4 +1,4 @@
-"""Live input: shots put together from what segmentation sends, of which the newest whole one is solved."""
+"""Live input: assembles shots from silhouettes; the newest complete shot is solved."""
 
 import time
 from collections import deque
@@ -17,22 +17,23 @@ from services.mocap.take.live import LiveTake
 from services.process import clock_name
 
 _GAINING = 1.5
-"""How much faster than the cameras it is, at least, while it catches up. Shots are left out only where that
-needs it: long strides bring limbs into doubt, which takes longer than the shots that were left out."""
+"""Least speed relative to the cameras while catching up. Shots are skipped only as needed for this speed:
+after large motions between frames limbs become doubtful, and searching them takes longer than solving the
+skipped shots."""
 _PRESENT_S, _PRESENT_SHOTS = 0.5, 3.0
-"""A camera of which nothing has come for so long, and for so many shots, is not waited for."""
+"""A camera that has been silent for this time and this many shots is not waited for."""
 _REMEMBERED = 300
 """Poses whose latency counts."""
 _FRESH_SHOTS, _FRESH_S = 4.0, 0.3
-"""Shots older than both together are old news: they waited in queues while something else was done. They are
-passed over for as long as newer ones may follow them at once."""
+"""Shots older than both together have waited in queues during other work. They are skipped while newer ones
+may follow at once."""
 _DRAIN_SHOTS = 3.0
 _END_SHOTS = 4
-"""From the end of tracking to that of recordings, so that all who record hear of it before it has come."""
+"""Time from the end of tracking to the end of recordings, so that all recorders are told in advance."""
 
 
 class LiveFrames(Incoming):
-    """The newest shot that is whole: that has all cameras that are there, or is older than the grace.
+    """The newest complete shot: it has all present cameras, or is older than the grace time.
 
     now: a clock that only goes on, time.monotonic's unless told otherwise.
     """
@@ -61,7 +62,7 @@ class LiveFrames(Incoming):
         self._words.note(sources, now_s)
         if self._run and not self._pace.has_begun and self._words.are_complete(now_s):
             self._pace.begin(self._words.latest_s, now_s)
-            # As if they had come, so that they are waited for.
+            # As if they had sent a picture, so that they are waited for.
             self._came_s[self._words.cameras] = self._pace.due_s(0)
         shot, shot_s = self._pace.anchor
         return LivePace(
@@ -100,7 +101,7 @@ class LiveFrames(Incoming):
         away_s, self._looked_s = now_s - self._looked_s, now_s
         if self._is_solved_meanwhile and away_s > self._take.live.period_s:
             self._returned_s, self._away_s = now_s, away_s
-        self._is_solved_meanwhile = False  # between looks that find nothing it only waits
+        self._is_solved_meanwhile = False  # between calls that find no frame the coordinator only waits
         whole = self._whole(now_s)
         if not whole:
             return None
@@ -111,10 +112,13 @@ class LiveFrames(Incoming):
     def catch_up(self) -> None:
         """See Incoming.catch_up."""
         self._is_behind, self._away_s = True, 0.0
-        self._looked_s = self._now()  # finding takes longer than solving, which is what strides depend on
+        self._looked_s = (
+            self._now()
+        )  # the search for the actor takes longer than solving, and would distort the stride
 
     def _on_the_way(self, whole: list[int]) -> int:
-        """Of whole shots one that the tracker can still follow to, far enough on to get to the newest."""
+        """The complete shot to solve next: near enough to be tracked, far enough to reach the newest in
+        time."""
         fps = self._take.settings.fps
         stride = max(1, ceil(_GAINING * self._away_s * fps))
         near = [shot for shot in whole if shot <= self._last_shot + stride]
@@ -123,7 +127,7 @@ class LiveFrames(Incoming):
         return chosen
 
     def _whole(self, now_s: float) -> list[int]:
-        """Shots that have all cameras that are there, or enough of them and have waited for the others."""
+        """Shots with all present cameras, or with enough cameras after the grace time."""
         live = self._take.live
         there = set(np.flatnonzero(now_s - self._came_s < self._present_s).tolist())
         return self._shots.whole(there, live.least_cameras, now_s - live.grace_s)
@@ -162,13 +166,13 @@ class LiveFrames(Incoming):
     @property
     def has_ended(self) -> bool:
         """See Incoming.has_ended: all sources are files that are over."""
-        # What has too few cameras by now will have no more.
+        # Shots with too few cameras will get no more.
         is_more_to_solve = self._shots.have_enough(self._take.live.least_cameras)
         return self._words.have_ended(self._now()) and not is_more_to_solve
 
     @property
     def end_shot(self) -> int:
-        """See Incoming.end_shot: soon enough that all who record can still be told."""
+        """See Incoming.end_shot: late enough that all recorders can still be told."""
         if not self._pace.has_begun:
             return 0
         if self.has_ended:

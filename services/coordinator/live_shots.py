@@ -1,4 +1,4 @@
-"""Shots of live cameras, put together from what comes of each."""
+"""Assembles shots of live cameras."""
 
 from dataclasses import dataclass, field
 
@@ -9,21 +9,21 @@ from services.mocap.energy.bitplanes import TriPlanes, joined
 from services.mocap.types import Ints
 
 _KEPT_BYTES = 2**26
-"""Of silhouettes that are kept while a frame is solved; the oldest give way."""
+"""Limit of the silhouettes that are kept while a frame is solved; the oldest are dropped."""
 
 
 @dataclass
 class Shot:
-    """What has come of a shot."""
+    """The received part of a shot."""
 
     arrived_s: float
     parts: list[tuple[list[int], TriPlanes]] = field(default_factory=list)
-    """Cameras, and planes of these, as they came."""
+    """Cameras and their planes, in order of arrival."""
     times_s: dict[int, float] = field(default_factory=dict)
     """When each camera took its picture."""
 
     def seen(self, n_cameras: int, shape_px: tuple[int, int]) -> TriPlanes:
-        """Planes (P, h, w) of all cameras; empty for those of which nothing came."""
+        """Planes (P, h, w) of all cameras; empty for missing ones."""
         nothing = TriPlanes.sure(np.zeros((1, *shape_px), np.uint8))
         places = dict.fromkeys(range(n_cameras), (nothing, 0))
         for cameras, planes in self.parts:
@@ -32,15 +32,15 @@ class Shot:
 
 
 class Shots:
-    """Shots that nobody has solved yet, by their number."""
+    """Unsolved shots, by number."""
 
     def __init__(self, n_cameras: int) -> None:
         self._shots: dict[int, Shot] = {}
         self.passed: Ints = np.zeros(n_cameras, np.int64)
-        """(C,) pictures of shots that were passed over."""
+        """(C,) number of pictures in skipped shots."""
 
     def add(self, message: LiveSilhouettes, now_s: float) -> None:
-        """Take in some cameras' part of a shot."""
+        """Add some cameras of a shot."""
         shot = self._shots.setdefault(message.shot, Shot(now_s))
         planes = TriPlanes.of_sent(message.planes, message.unsure)
         shot.parts.append((message.cameras, planes))
@@ -52,7 +52,7 @@ class Shots:
         self.passed[list(self._shots.pop(number).times_s)] += 1
 
     def whole(self, there: set[int], least_cameras: int, older_than_s: float) -> list[int]:
-        """Shots, in order, that have all cameras that are there, or enough and arrived before a time."""
+        """Shots, in order, with all present cameras, or with enough cameras if they arrived before a time."""
         return sorted(
             number
             for number, shot in self._shots.items()
@@ -61,12 +61,12 @@ class Shots:
         )
 
     def take(self, number: int) -> Shot:
-        """Hand a shot out; older ones are passed over."""
+        """Return a shot; older ones are skipped."""
         taken = self._shots.pop(number)
         for older in [other for other in self._shots if other < number]:
             self._pass_over(older)
         return taken
 
     def have_enough(self, least_cameras: int) -> bool:
-        """Whether any shot has so many cameras."""
+        """Whether any shot has at least this many cameras."""
         return any(len(shot.times_s) >= least_cameras for shot in self._shots.values())

@@ -1,14 +1,14 @@
-"""What segmentation says of live cameras: which are there, what was dropped of them, whether all is over."""
+"""Reports of segmentation on live cameras: which are present, what was dropped, whether they have ended."""
 
 from proto.messages import LiveSources
 from proto.streams import FROM_LIVE_CAMERAS
 
 _COMPLETE_S = 10.0
-"""How long after the first group of cameras others are waited for."""
+"""How long to wait for other groups of cameras after the first."""
 
 
 class SourceWords:
-    """The last word of every group of cameras."""
+    """The last report of every group of cameras."""
 
     def __init__(self, n_cameras: int) -> None:
         self._n_cameras = n_cameras
@@ -17,17 +17,17 @@ class SourceWords:
         self._first_s: float | None = None
 
     def note(self, message: LiveSources, now_s: float) -> None:
-        """Take a group's word in."""
+        """Store a group's report."""
         self._first_s = self._first_s or now_s
         self._words[tuple(message.cameras)] = (message, now_s)
 
     @property
     def cameras(self) -> list[int]:
-        """Those that anything was heard of."""
+        """Cameras with a report."""
         return sorted({c for cameras in self._words for c in cameras})
 
     def are_complete(self, now_s: float) -> bool:
-        """Whether all cameras have been heard of, or that takes too long."""
+        """Whether all cameras have reported, or the time limit has passed."""
         waited_s = now_s - (self._first_s or now_s)
         return len(self.cameras) == self._n_cameras or waited_s > _COMPLETE_S
 
@@ -37,7 +37,7 @@ class SourceWords:
         return [taken_s for word, _ in self._words.values() for taken_s in word.latest_s]
 
     def have_ended(self, now_s: float) -> bool:
-        """Whether all sources of those that still speak are files that are over."""
+        """Whether the sources of all groups that still report are files that have ended."""
         here = [
             word for word, heard_s in self._words.values() if now_s - heard_s < FROM_LIVE_CAMERAS.silence_s
         ]

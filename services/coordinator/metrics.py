@@ -1,4 +1,4 @@
-"""A coordinator's figures for Prometheus."""
+"""Prometheus metrics of a coordinator."""
 
 from collections.abc import Iterator
 
@@ -20,14 +20,14 @@ _STAGES = Histogram(
 )
 _TURNAROUND = Histogram(
     "xormocap_task_turnaround_seconds",
-    "Time that limb tasks are waited for: the rate of its sum is how many there are at a time.",
+    "Time from a limb task's submission to its result; the rate of its sum is the mean number of tasks.",
     buckets=TIME_BUCKETS_S,
 )
-_DISTRUSTED = Counter("xormocap_frames_distrusted", "Frames in which a part must not be trusted.", ["part"])
+_DISTRUSTED = Counter("xormocap_frames_distrusted", "Frames with an unreliable part.", ["part"])
 
 
 class Gauges(Collector):
-    """What the latest telemetry says, for whoever asks; registers itself."""
+    """Metrics from the latest telemetry; registers itself."""
 
     def __init__(self) -> None:
         self.latest: Telemetry | None = None
@@ -42,16 +42,16 @@ class Gauges(Collector):
             ("next_frame", "One past the last frame that was solved.", told.next_frame),
             ("end_frame", "One past the last frame that is to be tracked.", told.end_frame),
             ("frames_ready", "Frames whose silhouettes wait to be solved.", told.frames_ready),
-            ("frames_unrecorded", "Poses that a recorder has not got on disk yet.", told.unrecorded),
+            ("frames_unrecorded", "Poses that some recorder does not have on disk yet.", told.unrecorded),
             ("tasks_waiting", "Limb tasks that no worker has.", told.tasks_waiting),
             ("tasks_running", "Limb tasks that workers have.", len(told.limbs)),
-            ("task_deadline_seconds", "After which a task is given out again.", told.deadline_s),
+            ("task_deadline_seconds", "Time after which a task is given out again.", told.deadline_s),
             ("workers", "Limb workers that are registered.", len(told.workers)),
             ("recorders", "Recorders that are registered.", len(told.recorders)),
         ):
             yield GaugeMetricFamily(f"xormocap_{name}", meaning, value)
         yield CounterMetricFamily("xormocap_task_retries", "Tasks given out again.", told.counts["retries"])
-        dropped = CounterMetricFamily("xormocap_dropped", "What was dropped or refused.", labels=["why"])
+        dropped = CounterMetricFamily("xormocap_dropped", "Dropped or refused messages.", labels=["why"])
         for why, count in told.counts.items():
             if why != "retries":
                 dropped.add_metric([why], count)
@@ -62,7 +62,7 @@ class Gauges(Collector):
 
 def _of_live(told: Telemetry) -> Iterator[Metric]:
     lost = CounterMetricFamily(
-        "xormocap_live_drops", "What was not solved of a camera.", labels=["camera", "where"]
+        "xormocap_live_drops", "Pictures of a camera that were not solved.", labels=["camera", "where"]
     )
     for camera, counts in told.drops.items():
         for where, count in zip(("source", "segmentation", "tracking"), counts, strict=True):
@@ -70,7 +70,9 @@ def _of_live(told: Telemetry) -> Iterator[Metric]:
     yield lost
     yield GaugeMetricFamily("xormocap_live_absent", "Cameras without a picture just now.", len(told.absent))
     latency = GaugeMetricFamily(
-        "xormocap_live_latency_seconds", "From the shutter to the pose, of the last poses.", labels=["which"]
+        "xormocap_live_latency_seconds",
+        "Time from the shutter to the pose, of the last poses.",
+        labels=["which"],
     )
     for which, seconds in told.latency_s.items():
         latency.add_metric([which], seconds)
@@ -88,5 +90,5 @@ def note_pose(pose: Pose) -> None:
 
 
 def note_turnaround(seconds: float) -> None:
-    """Count a limb task that was solved, so long after it was submitted."""
+    """Count a solved limb task and its time since submission."""
     _TURNAROUND.observe(seconds)

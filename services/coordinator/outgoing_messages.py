@@ -1,4 +1,4 @@
-"""What a coordinator says of its take: the messages, made from what it knows."""
+"""The coordinator's outgoing messages about its take."""
 
 from itertools import islice
 from typing import Literal, TypeVar
@@ -41,7 +41,7 @@ class OutgoingMessages:
         ]
 
     def take_info(self, actor: Actor, shards: int) -> TakeInfo:
-        """The take and how it is tracked."""
+        """The take and its settings."""
         return TakeInfo(
             take=self.take,
             run=self.run,
@@ -65,7 +65,7 @@ class OutgoingMessages:
         board: Switchboard,
         incoming: Incoming,
     ) -> Telemetry:
-        """How the take is doing."""
+        """The state of the take."""
         dispatcher, live = board.dispatcher, incoming.figures()
         return Telemetry(
             take=self.take,
@@ -98,7 +98,7 @@ class OutgoingMessages:
         memory: dict[str, list[int]],
         latency_s: float,
     ) -> Pose:
-        """A solved frame, by its number. seconds: since the one before; memory: of what goes on after it."""
+        """A solved frame. seconds: per stage, since the previous frame; memory: the state after it."""
         self._seconds = {**solution.seconds, **solution.limb_seconds, "frame": seconds}
         live = {"cameras_absent": [float(len(frame.absent))]} if frame.shutter_s is not None else {}
         return Pose(
@@ -126,7 +126,7 @@ class OutgoingMessages:
         )
 
     def silhouettes(self, number: int, frame: Frame) -> Silhouettes:
-        """What a frame was solved from, for viewers."""
+        """The silhouettes of a frame, for viewers."""
         return Silhouettes(
             take=self.take,
             run=self.run,
@@ -140,7 +140,7 @@ class OutgoingMessages:
         """(1, D) the pose filtered for whoever shows it live, (0, D) for recorded frames."""
         if frame.shutter_s is None:
             return np.zeros((0, len(pose)))
-        if frame.time_s <= self._filtered_s:  # the pace has moved: too little time
+        if frame.time_s <= self._filtered_s:  # the pace has shifted: no time has passed
             return pose[None].copy()
         self._filtered_s = frame.time_s
         return self._filter(pose, frame.time_s)[None]

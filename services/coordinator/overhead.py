@@ -1,6 +1,6 @@
-"""What a coordinator's frame costs beside the fitting: messages, hand-out, bookkeeping.
+"""The cost of a coordinator's frame besides fitting: messages, dispatch, bookkeeping.
 
-It is processor time, which other work on the machine does not change and waiting does not add to.
+It is processor time, so neither waiting nor other work on the machine counts.
 """
 
 import time
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 
 class Overhead:
-    """Adds up the calling thread's processor time that went into fitting; the rest of a frame is overhead."""
+    """Sums the calling thread's processor time for fitting; the rest of a frame is overhead."""
 
     def __init__(self) -> None:
         self.begin()
@@ -20,14 +20,14 @@ class Overhead:
 
     @contextmanager
     def fitting(self) -> Iterator[None]:
-        """What is done inside is fitting."""
+        """Time inside this block counts as fitting."""
         began_s = time.thread_time()
         yield
         self._fitted_s += time.thread_time() - began_s
 
     @contextmanager
     def talking(self) -> Iterator[None]:
-        """What is done inside is not, though it is within a fitting."""
+        """Time inside this block counts as overhead, even within a fitting block."""
         began_s = time.thread_time()
         yield
         self._fitted_s -= time.thread_time() - began_s

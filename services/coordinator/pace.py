@@ -1,19 +1,19 @@
-"""Which shot of live cameras is when: shots are counted evenly, and held in step with what cameras do."""
+"""When each shot of live cameras is due: shots are evenly spaced and follow the cameras' clocks."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 _LEAD_S = 1.0
-"""From the first word about the pace to shot 0, so that all who count shots know of it by then."""
+"""Time from the first announcement of the pace to shot 0, so that all segmentations know it by then."""
 _GAIN = 0.1
-"""How much of a shot's distance from when it was due is made up for. Cameras' clocks are a thousandth off
-at most, so a tenth leaves less than a hundredth of a period."""
+"""Share of a shot's time error that is corrected. Cameras' clocks differ by at most 0.1 %, so with a tenth
+less than a hundredth of a period remains."""
 _MEMORY_PARTS = 1_000_000
 
 
 class Pace:
-    """Shot n is due at origin + n periods, which follows the middle one of the cameras."""
+    """Shot n is due at origin + n periods; the origin follows the median camera."""
 
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
@@ -22,7 +22,7 @@ class Pace:
         self.has_begun = False
 
     def begin(self, latest_s: Sequence[float], now_s: float) -> None:
-        """Let shot 0 be soon, in step with cameras that took pictures at some moments; none: at any time."""
+        """Set shot 0 to a near time, in step with the cameras' picture times, if there are any."""
         self._shot, self._shot_s = 0, now_s + _LEAD_S
         if latest_s:
             turns = np.exp(2j * np.pi * (np.array(latest_s) - now_s) / self.period_s)
@@ -41,24 +41,24 @@ class Pace:
         return self._shot_s + (shot - self._shot) * self.period_s
 
     def since_first_s(self, at_s: float) -> float:
-        """A moment, in seconds since shot 0 was due."""
+        """A time, in seconds since shot 0 was due."""
         return at_s - self._origin_s
 
     def hear(self, shot: int, times_s: Sequence[float]) -> None:
-        """Take in when cameras took their pictures of a shot."""
+        """Adjust to the times at which cameras took their pictures of a shot."""
         if shot <= self._shot:
             return
         off_s = float(np.median(np.array(times_s) - self.due_s(shot)))
         self._shot, self._shot_s = shot, self.due_s(shot) + _GAIN * off_s
 
     def as_lists(self) -> dict[str, list[int]]:
-        """What it knows, for another one to go on with (recall): whole seconds and millionths."""
+        """Its state, for `recall`: whole seconds and microseconds."""
         at_s = (self._shot_s, self._origin_s)
         moments = [divmod(round(one_s * _MEMORY_PARTS), _MEMORY_PARTS) for one_s in at_s]
         return {"pace": [self._shot, *(number for moment in moments for number in moment)]}
 
     def recall(self, lists: dict[str, list[int]]) -> None:
-        """Go on where another one was, on the same machine; raises ValueError where that makes no sense."""
+        """Continue from another Pace's state, on the same machine; raises ValueError if it is invalid."""
         self._shot, s, parts, origin_s, origin_parts = lists.get("pace", [])
         self._shot_s, self._origin_s = s + parts / _MEMORY_PARTS, origin_s + origin_parts / _MEMORY_PARTS
         self.has_begun = True

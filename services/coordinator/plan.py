@@ -1,4 +1,4 @@
-"""What a session is to do, and the name of that: runs of one plan can go on from each other."""
+"""The plan of a session, and its name: a run can continue another of the same plan."""
 
 import hashlib
 import json
@@ -16,21 +16,22 @@ from services.mocap.types import Floats
 
 @dataclass(frozen=True)
 class Plan:
-    """What a session is to do."""
+    """The plan of a session."""
 
     take: Take
     frames: range
     settings: SearchSettings
     segmenter: str
-    """What makes the silhouettes, as --segmenter says it: a run goes on only with the same."""
+    """The option --segmenter: a run continues only with the same one."""
     actor: Actor | None
-    """None: the generic body in the height that the take gives, or else the one that fits the first frame."""
+    """None: the generic body with the take's height, or with the height that fits the first frame."""
     fitted_pose: Floats | None = None
     """(D,) of the first frame, where it was found along with the actor."""
 
     @property
     def name(self) -> str:
-        """The SHA-256 of what poses depend on; files count by their sizes and times of writing."""
+        """The SHA-256 of everything that poses depend on; files count by their sizes and modification
+        times."""
         from_videos = looks_at_videos(self.segmenter, self.take.source == "silhouettes")
         files = [*self.take.inputs(from_videos), *files_of_segmenter(self.segmenter)]
         inputs = {}

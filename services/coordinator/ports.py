@@ -1,4 +1,4 @@
-"""The coordinator's three sockets: who is heard and who is told something, where keys say so."""
+"""The coordinator's three sockets, with access control by keys."""
 
 import logging
 from collections import OrderedDict
@@ -15,19 +15,20 @@ from services.pose_size import with_whole_poses
 log = logging.getLogger(__name__)
 
 _SENDERS_KEPT = 4096
-"""Clients whose keys are remembered, those that spoke last; where there are keys, others are sent nothing."""
+"""Clients whose keys are remembered, the most recent ones; with keys, other clients are sent nothing."""
 _MOST_DROPPED = 64
 _HEARD: tuple[StreamName, ...] = ("silhouettes", "tasks")
-"""Streams on which something comes in."""
+"""Streams that receive messages."""
 _LIVE_SILHOUETTES = 128
-"""Live, silhouettes wait while somebody is looked for, some seconds long, to be followed afterwards."""
+"""For live input: silhouettes queue while the tracker searches for a person for some seconds, and are tracked
+afterwards."""
 
 
 class Ports:
-    """Opens the streams where an endpoint says; nothing waits but `wait`.
+    """Opens the streams at an endpoint; only `wait` blocks.
 
-    With an admission, messages of clients that are not on its list are counted and dropped unread, and such
-    clients are sent nothing. Raises OpenBindError or AddressError.
+    With an admission, messages of clients without access are counted and dropped unread, and such clients are
+    sent nothing. Raises OpenBindError or AddressError.
     """
 
     def __init__(self, endpoint: str, admission: Admission | None = None, *, is_live: bool = False) -> None:
@@ -39,7 +40,7 @@ class Ports:
         }
         self._sockets["poses"].set(
             zmq.SNDHWM, 1000
-        )  # poses are small, and a recorder asks again for what it missed
+        )  # poses are small, and a recorder asks again for missed ones
         if is_live:
             self._sockets["silhouettes"].set(zmq.RCVHWM, _LIVE_SILHOUETTES)
         self._addresses = self._listen(endpoint)
@@ -62,32 +63,33 @@ class Ports:
         return addresses
 
     def counts(self) -> dict[str, int]:
-        """What was dropped and refused."""
+        """Numbers of dropped and refused messages."""
         refused = self._doorkeeper.refused.total() if self._doorkeeper else 0
         return {"malformed": self._malformed, "unwelcome": self._unwelcome, "handshakes_failed": refused}
 
     def publish(self, message: Message) -> None:
-        """Send to all who listen to poses."""
+        """Send to all subscribers of poses."""
         self._cut_revoked()
         send(self._sockets["poses"], message)
 
     def _cut_revoked(self) -> None:
-        """Cut off all that listen to poses when somebody may no longer; the others are back in a moment.
+        """Disconnect all subscribers of poses after a client's access was revoked; the others reconnect in a
+        moment.
 
-        Nothing else tells who listens. What they missed meanwhile is published again or asked for.
+        Subscribers cannot be told apart. What they miss meanwhile is published again or requested.
         """
         if self._admission is not None and self._revocations != self._admission.revocations:
             self._revocations = self._admission.revocations
             cut_all(self._sockets["poses"], self._addresses["poses"])
 
     def send(self, identity: bytes, message: Message) -> bool:
-        """Send on the tasks stream; False where the peer is gone, or may no longer be there."""
+        """Send on the tasks stream; False if the peer is gone or has no access any more."""
         if self._admission is not None and not self._admission.admits(self._keys.get(identity)):
             return False
         return send(self._sockets["tasks"], message, identity)
 
     def wait(self, timeout_s: float) -> list[StreamName]:
-        """Return when a message is waiting, at the latest after timeout_s; the streams that have one."""
+        """Wait for a message, at most timeout_s; returns the streams that have one."""
         self._cut_revoked()
         ready = wait([self._sockets[name] for name in _HEARD], timeout_s)
         return [name for name in _HEARD if self._sockets[name] in ready]
@@ -95,7 +97,7 @@ class Ports:
     def receive(self, stream: StreamName) -> tuple[bytes, Message] | None:
         """The next message of a stream and, on tasks, its sender's identity; None when none is left.
 
-        Also after so many that had to be dropped that others should have their turn.
+        Also None after many dropped messages, so that other streams get their turn.
         """
         for _ in range(_MOST_DROPPED):
             envelope = take(self._sockets[stream])
@@ -116,7 +118,7 @@ class Ports:
         return None
 
     def drop(self, message: Message) -> None:
-        """Count a message that a coordinator has no use for."""
+        """Count and drop a message that is not for a coordinator."""
         self._malformed += 1
         log.warning("dropped a message that is not for a coordinator: %s", message.type)
 

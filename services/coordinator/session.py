@@ -1,4 +1,4 @@
-"""One take from its first frame to its last: where frames come in, poses go out, and nothing is skipped."""
+"""Tracks one take from its first frame to its last: frames come in, poses go out, nothing is skipped."""
 
 import logging
 import secrets
@@ -36,18 +36,18 @@ from services.process import StopRequest
 log = logging.getLogger(__name__)
 
 _UNRECORDED_FRAMES = 2000
-"""How far the fit may be ahead of the recorders that are waited for."""
+"""How far the fit may be ahead of the expected recorders."""
 _LOOK_S = 0.2
 _RETURN_S = 3.0
-"""How long a coordinator that goes on with a run waits for workers to come back."""
+"""How long a coordinator that continues a run waits for workers to return."""
 _CONFIRM_S = 20.0
-"""How long recorders may be silent before they have confirmed all frames."""
+"""How long recorders may be silent before confirming all frames."""
 _SAY_WAITING_EVERY = 25
-"""Looks without a frame after which the log says what is missing."""
+"""Attempts without a frame after which the log says what is missing."""
 
 
 class Session:
-    """Tracks one take; sockets belong to the switchboard, the energy to the engine."""
+    """Tracks one take; the switchboard owns the sockets, the engine the energy."""
 
     def __init__(
         self,
@@ -86,13 +86,13 @@ class Session:
         return told
 
     def run(self, workers: int, recorders: int, timeout_s: float) -> None:
-        """Track all frames, or as many as are done when a stop is asked for; then say so and close.
+        """Track all frames, or until a stop is requested; then announce the end and close.
 
-        It first waits until so many workers and recorders are there, or until the time is up. If recorders
-        hold the beginning of a run of the same plan, that run goes on after it; else a new one begins.
+        It first waits for this many workers and recorders, or until the time is up. If recorders hold the
+        beginning of a run of the same plan, that run continues; else a new one begins.
 
-        After an error of the user's, too, the frames solved before it are said to be all. After another one
-        nothing is said, since a coordinator that takes this one's place may still do better.
+        After a user's error the take ends with the frames solved so far. After another error nothing is
+        announced, because a restarted coordinator may still succeed.
         """
         held = self._await_clients(workers, recorders, timeout_s)
         self._outgoing.run = held.run if held else secrets.token_hex(16)
@@ -109,9 +109,9 @@ class Session:
             self._board.close()
 
     def _await_clients(self, workers: int, recorders: int, timeout_s: float) -> Recording | None:
-        """Wait for clients; returns what recorders hold of this plan, if all of them do.
+        """Wait for clients; returns what the recorders hold of this plan, if all of them hold some of it.
 
-        From eight workers on they share limbs.
+        Eight or more workers share limbs.
         """
         board = self._board
         self._recorders = recorders
@@ -122,12 +122,12 @@ class Session:
         self._wait_until(lambda: board.dispatcher.n_workers >= workers, patience_s)
         if board.dispatcher.n_workers < workers or board.n_recorders < recorders:
             found = (board.dispatcher.n_workers, workers, board.n_recorders, recorders)
-            log.warning("going on with %d of %d workers and %d of %d recorders", *found)
+            log.warning("starting with %d of %d workers and %d of %d recorders", *found)
         self._shards = max(1, max(workers, board.dispatcher.n_workers) // len(LIMBS))
         return held if usable else None
 
     def _wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
-        """Wait until clients are there, until the time is up or a stop is asked for."""
+        """Wait until clients are there, the time is up or a stop is requested."""
         deadline_s = time.monotonic() + timeout_s
         while not condition() and time.monotonic() < deadline_s and not self._stop:
             beat()
@@ -155,19 +155,20 @@ class Session:
             beat()
             if time.monotonic() - self._board.recorders_heard_s > _CONFIRM_S:
                 if self._recorders and self._board.n_unrecorded:
-                    raise LostFramesError(f"a recorder has not got {self._board.n_unrecorded} frames on disk")
+                    raise LostFramesError(f"a recorder lacks {self._board.n_unrecorded} frames on disk")
                 log.error("a recorder has not confirmed all frames")
                 break
             self._board.pump(_LOOK_S)
         log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._incoming.dropped})
 
     def _rehearse(self) -> None:
-        """Make what the first pose needs, here and in workers, before cameras begin: they do not wait."""
+        """Prepare everything for the first pose, here and in workers, before cameras start, because cameras
+        do not wait."""
         told = told_actor(self._plan.actor, self._plan.take.settings)
         model = model_of(told or Actor(), self._rig, self._engine)
         began_s = time.perf_counter()
         rehearse(model, self._pool(model, told or Actor()), self._plan.settings)
-        log.info("ready for the first shot: rehearsed in %.1f s", time.perf_counter() - began_s)
+        log.info("ready for the first shot: prepared in %.1f s", time.perf_counter() - began_s)
         if told is not None:
             self._made = model
         else:
@@ -198,10 +199,10 @@ class Session:
             self._publish(frame, found, solution, tracker)
 
     def _open(self) -> Tracker | None:
-        """Find the actor in the first frame; None when a stop was asked for before it came."""
+        """Find the actor in the first frame; None if a stop was requested before it came."""
         while (first := self._next_frame()) is not None:
             if self._incoming.is_live and set(first.absent) - set(self._incoming.waiting_for()):
-                continue  # cameras that are only late will have the next one
+                continue  # cameras that are only late will be in the next one
             about(frame=self._plan.frames.start)
             self._published_s = time.perf_counter()
             try:
@@ -216,7 +217,7 @@ class Session:
             self._incoming.catch_up()
             tracker = self._tracker(solved.model, solved.actor, solved.solution.pose[None])
             self._publish(self._plan.frames.start, first, solved.solution, tracker)
-            if self._unsure is not None and self._plan.fitted_pose is None:  # else the fit has said so
+            if self._unsure is not None and self._plan.fitted_pose is None:  # else the fit has reported it
                 self._unsure.tell_first(first.seen, solved.solution.pose)
             return tracker
         return None
@@ -236,8 +237,8 @@ class Session:
         )
 
     def _go_on(self, held: Recording) -> Tracker:
-        """Go on where the recorders' poses end, as if this coordinator had solved them itself."""
-        log.warning("going on with run %s at frame %d", held.run[:8], held.end_frame)
+        """Continue after the recorders' poses, as if this coordinator had solved them itself."""
+        log.warning("continuing run %s at frame %d", held.run[:8], held.end_frame)
         actor = self._plan.actor or Actor.from_toml(held.actor.tobytes().decode())
         self._shards = held.shards
         self._board.dispatcher.retries = held.retries
@@ -248,17 +249,17 @@ class Session:
         return tracker
 
     def _tracker(self, model: Model, actor: Actor, poses: Floats) -> Tracker:
-        """What follows the actor; tells recorders and viewers about the take."""
+        """The tracker of the actor; also announces the take to recorders and viewers."""
         self._limbs = self._pool(model, actor)
         self._unsure = UnsureParts(model, self._camera_names)
         self._board.announce(self._outgoing.take_info(actor, self._shards))
         return Tracker(model, self._plan.settings, self._limbs, poses)
 
     def _next_frame(self) -> Frame | None:
-        """The next frame; None when a stop was asked for or live input has ended."""
+        """The next frame; None if a stop was requested or live input has ended."""
         looks, incoming = 0, self._incoming
         if self._incoming.is_live:
-            self._board.pump(0.0)  # what has come meanwhile is newer than what is here
+            self._board.pump(0.0)  # messages that have arrived meanwhile are newer
         while not self._stop and not incoming.has_ended:
             beat()
             found = incoming.take_next() if self._is_kept_up_with() else None
@@ -274,7 +275,7 @@ class Session:
         return None
 
     def _is_kept_up_with(self) -> bool:
-        """Whether recorders that are waited for are not too far behind."""
+        """Whether the expected recorders keep up."""
         return not self._recorders or self._board.n_unrecorded < _UNRECORDED_FRAMES
 
     def _say_why_waiting(self) -> None:
@@ -285,7 +286,7 @@ class Session:
             log.warning("waiting for recorders, which lack %d frames", self._board.n_unrecorded)
 
     def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
-        """The workers, told what they need to know of an actor."""
+        """The pool of workers for an actor."""
         for blob in self._outgoing.contents(actor):
             self._board.offer(blob)
         dispatcher, pump = self._board.dispatcher, self._board.pump
@@ -301,7 +302,7 @@ class Session:
         latency_s = self._incoming.note_latency(frame)
         pose = self._outgoing.pose(number, frame, solution, dispatcher, whole_s, memory, latency_s)
         self._board.publish(pose)
-        if frame.shutter_s is not None:  # recorded ones are kept as they come
+        if frame.shutter_s is not None:  # recorded frames' silhouettes are kept on arrival
             self._board.keep(self._outgoing.silhouettes(number, frame))
         if self._unsure is not None and not tracker.is_lost:
             self._unsure.note(frame.seen, solution.pose)

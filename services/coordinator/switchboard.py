@@ -1,4 +1,4 @@
-"""What comes in at the coordinator's ports brought to whom it concerns, and what goes out."""
+"""Routes the coordinator's incoming messages, and sends the outgoing ones."""
 
 import logging
 import time
@@ -36,30 +36,31 @@ from services.coordinator.ports import Ports
 log = logging.getLogger(__name__)
 
 _SEEN_FRAMES = 32
-"""Frames whose silhouettes are kept for viewers; what arrives is a few frames ahead of what is solved."""
+"""Frames whose silhouettes are kept for viewers; arriving frames are a few ahead of the solved one."""
 _MOST_AT_ONCE = 64
-"""Messages taken from one socket before the others get their turn."""
+"""Messages read from one socket before the others get their turn."""
 
 
 _KEPT_POSES = 1000
-"""The latest poses are kept for viewers, and for recorders that nobody waits for; others longer."""
+"""Poses kept for viewers and unexpected recorders; those that expected recorders lack are kept longer."""
 
 
 class LostFramesError(Exception):
-    """A recorder that is waited for lacks frames that are gone; a coordinator that restarts solves them."""
+    """An expected recorder lacks frames that are no longer kept; a restarted coordinator solves them
+    again."""
 
 
 @dataclass
 class _Recorder:
     name: str
     recording: Recording | None = None
-    """What it said last that it has on disk; None before it has said anything."""
+    """Its last report of what it has on disk; None before the first."""
     end_frame: int = 0
-    """It has confirmed all frames before this one at the end."""
+    """At the end it has confirmed all frames before this one."""
 
 
 class Switchboard:
-    """Owns the ports; every call returns quickly except for the wait that `pump` is told."""
+    """Owns the ports; every call returns quickly, except that `pump` may wait."""
 
     def __init__(self, endpoint: str, incoming: Incoming, admission: Admission | None = None) -> None:
         self._ports = Ports(endpoint, admission, is_live=incoming.is_live)
@@ -76,21 +77,21 @@ class Switchboard:
         self._credit: Credit | None = None
         self._repeated_s = 0.0
         self.telemetry: Callable[[], Telemetry] | None = None
-        """Says how the take is doing; published with what is repeated."""
+        """Returns the state of the take, which is published periodically."""
         self._foreign = 0
         self.recorders_heard_s = 0.0
-        """When a recorder last asked for or confirmed something, or the take ended."""
+        """When a recorder last requested or confirmed frames, or the take ended."""
 
     @property
     def n_recorders(self) -> int:
-        """Recorders that are registered and have said what they hold."""
+        """Number of registered recorders that have reported what they hold."""
         return len(self._recordings())
 
     def _recordings(self) -> list[Recording]:
         return [known.recording for known in self._recorders.values() if known.recording is not None]
 
     def recording(self, take: str, plan: str) -> Recording | None:
-        """What all recorders hold of an earlier run of a plan; None where one of them has nothing."""
+        """What all recorders hold of an earlier run of a plan; None if one of them has nothing."""
         held = self._recordings()
         least = min(held, key=lambda recording: recording.end_frame, default=None)
         if least is None or not len(least.poses):
@@ -99,7 +100,7 @@ class Switchboard:
         return least if same else None
 
     def begin(self, run: str, first_frame: int, recorders: int) -> None:
-        """From now on only this run counts, from a frame on, for so many recorders at least."""
+        """Start a run from a frame on, for at least this many recorders."""
         self._run, self._expected = run, recorders
         self._forgotten_end = self._recorded_end = first_frame
 
@@ -114,11 +115,11 @@ class Switchboard:
 
     @property
     def n_unrecorded(self) -> int:
-        """Poses that are kept since a recorder has not got them on disk yet."""
+        """Poses that are kept because a recorder does not have them on disk yet."""
         return sum(frame >= self._recorded_end for frame in self._poses)
 
     def counts(self) -> dict[str, int]:
-        """What was given out again, and what was dropped."""
+        """Numbers of repeated tasks and dropped messages."""
         dispatcher = self.dispatcher
         return {
             "retries": dispatcher.retries,
@@ -128,10 +129,11 @@ class Switchboard:
         }
 
     def recorded_up_to(self, end_frame: int, recorders: int) -> bool:
-        """Whether so many recorders have all frames before end_frame, and no other lacks any."""
+        """Whether at least this many recorders, and all that are registered, have all frames before
+        end_frame."""
         gone = [i for i in self._behind(end_frame) if not self._ports.send(i, Beat())]
         if gone:
-            self.pump(0)  # who has confirmed and left may have said so in words that still wait here
+            self.pump(0)  # the confirmation of a recorder that has left may still wait here
         for identity in set(gone) & self._behind(end_frame):
             log.warning("lost %s", self._recorders.pop(identity).name)
         done = [recorder for recorder in self._recorders.values() if recorder.end_frame >= end_frame]
@@ -142,30 +144,31 @@ class Switchboard:
         return {i for i, recorder in self._recorders.items() if recorder.end_frame < end_frame}
 
     def offer(self, blob: Blob) -> None:
-        """Keep content for those who ask for it."""
+        """Store content for requests."""
         self._blobs[blob.hash] = blob
 
     def announce(self, info: TakeInfo) -> None:
-        """Tell recorders, present and to come, about the take."""
+        """Announce the take to present and later recorders."""
         self._take_info = info
         self._ports.publish(info)
         for identity in self._recorders:
             self._tell_take(identity)
 
     def _tell_take(self, identity: Identity) -> None:
-        """Send a recorder what it needs to write results, lest it has to ask a coordinator that is gone."""
+        """Send a recorder everything that results need, because it cannot ask after the coordinator has
+        exited."""
         if self._take_info is not None:
             self._ports.send(identity, self._take_info)
             for content in (self._take_info.actor, self._take_info.rig):
                 self._ports.send(identity, self._blobs[content])
 
     def give_credit(self, credit: Credit) -> None:
-        """Let segmentation go on."""
+        """Let segmentation continue."""
         self._credit = credit
         self._ports.publish(credit)
 
     def publish(self, pose: Pose) -> None:
-        """Send a solved frame to all who listen, and keep it until all recorders have it on disk."""
+        """Publish a solved frame, and keep it until all recorders have it on disk."""
         self._poses[pose.frame] = pose
         self._ports.publish(pose)
         while len(self._poses) > _KEPT_POSES:
@@ -176,14 +179,14 @@ class Switchboard:
             self._forgotten_end = oldest + 1
 
     def end(self, message: TakeEnd) -> None:
-        """Say that no pose will follow."""
+        """Announce that no pose will follow."""
         self._end, self.recorders_heard_s = message, time.monotonic()
         self._repeat()
         for identity in self._recorders:
             self._ports.send(identity, message)
 
     def _repeat(self) -> None:
-        """Publish once more what those who joined late have missed."""
+        """Publish again what late subscribers have missed."""
         self._repeated_s = time.monotonic()
         for message in (self._credit, self._take_info, self._end):
             if message is not None:
@@ -192,7 +195,7 @@ class Switchboard:
             self._ports.publish(self.telemetry())
 
     def pump(self, timeout_s: float) -> None:
-        """Wait up to timeout_s for a message, then act on all that have come."""
+        """Wait up to timeout_s for a message, then handle all that have arrived."""
         if time.monotonic() - self._repeated_s > PUBLISHED.every_s:
             self._repeat()
         ready = self._ports.wait(timeout_s)
@@ -202,7 +205,7 @@ class Switchboard:
             ready = [stream for stream in ready if self._take_one(stream)]
 
     def _take_one(self, stream: StreamName) -> bool:
-        """Act on one waiting message of a stream; False if there was none."""
+        """Handle one waiting message of a stream; False if there was none."""
         arrived = self._ports.receive(stream)
         if arrived is None:
             return False
@@ -247,11 +250,12 @@ class Switchboard:
             self._ports.drop(message)
 
     def _hear_recorder(self, identity: Identity, message: Recording | PoseRequest | Recorded) -> None:
-        """Act on what a recorder says, or a viewer that asks for poses; of other runs only what there is."""
+        """Handle a message of a recorder, or a viewer's request for poses; for other runs only what is
+        kept."""
         if identity in self._recorders:
             self.recorders_heard_s = time.monotonic()
         if isinstance(message, Recording):
-            if identity in self._recorders:  # else late, from a connection that is gone: hello comes first
+            if identity in self._recorders:  # else a late message of a lost connection: hello comes first
                 self._recorders[identity].recording = message
                 ours = [one.end_frame if one.run == self._run else 0 for one in self._recordings()]
                 if len(ours) >= max(1, self._expected):
@@ -261,7 +265,7 @@ class Switchboard:
         elif isinstance(message, PoseRequest):
             self._send_poses(identity, message)
         else:
-            if identity not in self._recorders:  # its connection was made anew, and it has not registered yet
+            if identity not in self._recorders:  # it has reconnected and not registered yet
                 self._add_recorder(identity, "a recorder")
             self._recorders[identity].end_frame = message.end_frame
 
@@ -289,14 +293,14 @@ class Switchboard:
         elif request.hash in self._blobs:
             self._ports.send(identity, self._blobs[request.hash])
         else:
-            log.warning("unknown content %s was asked for", request.hash[:8])
+            log.warning("a client asked for unknown content %s", request.hash[:8])
 
     def _send_poses(self, identity: Identity, request: PoseRequest) -> None:
         if request.first_frame < self._forgotten_end:
             name = self._recorders[identity].name if identity in self._recorders else "a recorder"
-            problem = f"{name} lacks frame {request.first_frame}, which is kept no longer"
+            problem = f"{name} lacks frame {request.first_frame}, which is no longer kept"
             if self._expected and identity in self._recorders:  # a viewer may miss some
-                raise LostFramesError(f"{problem}: a coordinator that is started again solves it anew")
+                raise LostFramesError(f"{problem}: a restarted coordinator solves it again")
             log.info("%s", problem)
         for frame in range(request.first_frame, min(request.end_frame, request.first_frame + _MOST_AT_ONCE)):
             if frame in self._poses and not self._ports.send(identity, self._poses[frame]):

@@ -1,4 +1,4 @@
-"""What a coordinator says of parts of the actor that cannot be told from the background."""
+"""Warnings about parts of the actor that cannot be told from the background."""
 
 import logging
 
@@ -14,14 +14,14 @@ from services.mocap.types import Floats, Ints
 log = logging.getLogger(__name__)
 
 _EVERY_FRAMES = 20
-"""A look costs eight milliseconds, a frame some twenty."""
-_WHERE = "look in overlay.mp4 how poses fare there"
+"""A check takes eight milliseconds, a frame about twenty."""
+_WHERE = "check the poses there in overlay.mp4"
 _WORTH_SAYING = 0.05
 """Of the frames that were looked at."""
 
 
 class UnsureParts:
-    """Looks at the first frame, and at every twentieth of a take."""
+    """Checks the first frame and every twentieth frame of a take."""
 
     def __init__(self, model: Model, names: list[str]) -> None:
         """names: of the cameras."""
@@ -52,7 +52,7 @@ class UnsureParts:
         found = [f"{part.replace('_', ' ')} in {n}" for part, n in counts if n >= least]
         if found:
             log.warning(
-                "silhouettes: of %d frames that were looked at, parts of the actor %s in more than half of "
+                "silhouettes: of %d frames that were checked, parts of the actor %s in more than half of "
                 "the cameras (%s): %s; %s",
                 *(self._looks, UNTOLD, ", ".join(found), REMEDY, _WHERE),
             )

@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 def serve(
     endpoints: Sequence[str], engine: Engine, stop: StopRequest, keys: Sequence[ClientKeys | None]
 ) -> None:
-    """Solve limb tasks for all of these coordinators, in turn, until asked to stop. keys: one for each."""
+    """Solve limb tasks for these coordinators in turn until a stop is requested. keys: one for each."""
     warm_up(engine)
     log.info("%s", engine)
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
@@ -56,7 +56,7 @@ def serve(
 def _keys_for(endpoints: Sequence[str], folders: Sequence[Path]) -> list[ClientKeys | None]:
     """The keys for each coordinator, from one folder for all or one for each; raises UserError, KeysError."""
     if len(set(endpoints)) < len(endpoints):
-        raise UserError(f"--connect {' '.join(endpoints)}: names a coordinator twice: name each once")
+        raise UserError(f"--connect {' '.join(endpoints)}: contains a coordinator twice: name each once")
     if len(folders) not in (0, 1, len(endpoints)):
         raise UserError(
             f"--keys: expected one folder, or one for each of {len(endpoints)} coordinators in their order, "
@@ -72,8 +72,8 @@ def main(
         typer.Option(
             metavar="ENDPOINT",
             envvar="XORMOCAP_CONNECT",
-            help=f"A coordinator's endpoint ({DEFAULT_ENDPOINT}); repeated for several, which are served "
-            "in turn; in the environment with spaces between.",
+            help=f"A coordinator's endpoint ({DEFAULT_ENDPOINT}); repeat it for several, which are served "
+            "in turn; in the environment separated by spaces.",
         ),
     ] = None,
     backend: BackendOption = DEFAULT_ENGINE.backend,
@@ -83,8 +83,8 @@ def main(
         typer.Option(
             metavar="DIR",
             envvar=KEYS_VARIABLE,
-            help="The folder with this worker's keys, made by xormocap keys; needed beyond this machine. "
-            "Once for all coordinators, or once for each; in the environment with colons between.",
+            help="Folder with this worker's keys, made by xormocap keys; needed between machines. "
+            "One for all coordinators, or one for each; in the environment separated by colons.",
         ),
     ] = None,
     metrics: MetricsOption = None,

@@ -1,17 +1,15 @@
-"""A limb worker's figures for Prometheus."""
+"""Prometheus metrics of a limb worker."""
 
 from prometheus_client import Counter, Gauge, Histogram
 
 from proto.messages import LimbRefusal, LimbResult
 from services.metrics import TIME_BUCKETS_S
 
-_SECONDS = Histogram(
-    "xormocap_task_seconds", "Time that solving a limb task took.", ["limb"], buckets=TIME_BUCKETS_S
-)
+_SECONDS = Histogram("xormocap_task_seconds", "Time to solve a limb task.", ["limb"], buckets=TIME_BUCKETS_S)
 _EVALUATIONS = Counter("xormocap_energy_evaluations", "Evaluations of the energy.", ["backend"])
-_REFUSED = Counter("xormocap_tasks_refused", "Limb tasks that made no sense here.")
+_REFUSED = Counter("xormocap_tasks_refused", "Limb tasks that this worker refused.")
 WAITING = Gauge("xormocap_tasks_without_content", "Limb tasks that wait for an actor, a mesh or a rig.")
-HELD = Gauge("xormocap_tasks_held", "Limb tasks of all coordinators that this worker has not begun.")
+HELD = Gauge("xormocap_tasks_held", "Limb tasks of all coordinators that this worker has not started.")
 
 
 def note_answer(answer: LimbResult | LimbRefusal) -> None:

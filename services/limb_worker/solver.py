@@ -1,4 +1,4 @@
-"""Limb tasks solved, without a socket."""
+"""Solves limb tasks, without a socket."""
 
 import time
 from collections import OrderedDict
@@ -16,22 +16,23 @@ from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 
 _KEPT_BESIDE = 3
-"""Pairs of actor and rig that are kept beside one for each take: of takes just over, or fitted just now."""
+"""Number of pairs of actor and rig kept in addition to one per take, for takes that just ended or were just
+fitted."""
 _FARTHEST = 10_000.0
-"""Poses with larger numbers, in metres or radians, are not of this world."""
+"""Poses with larger numbers, in metres or radians, are refused."""
 
 
 class LimbSolver:
     """Solves limb tasks; keeps the content that they name and what was built from it, and nothing else."""
 
     def __init__(self, engine: Engine, takes: int = 1) -> None:
-        """takes: how many are served at the same time."""
+        """takes: how many takes are served at the same time."""
         self._engine, self._most = engine, takes + _KEPT_BESIDE
         self.blobs = BlobStore(self._most)
         self._models: OrderedDict[tuple[str, str], Model] = OrderedDict()
 
     def solve(self, task: LimbTask) -> LimbResult | LimbRefusal:
-        """Solve a task none of whose content is missing; one that makes no sense is refused."""
+        """Solve a task whose content is complete; refuses a task that makes no sense."""
         began = time.perf_counter()
         try:
             model = self._model(task)
@@ -64,12 +65,12 @@ class LimbSolver:
 
 
 def _check(task: LimbTask, rig: Rig) -> None:
-    """Raise ValueError unless the numbers of a task suit each other and the rig."""
+    """Raise ValueError unless a task's numbers are consistent with each other and the rig."""
     if task.shard >= task.shards:
         raise ValueError(f"shard: expected less than {task.shards}, got {task.shard}")
     if task.origin_px.shape != (rig.n_cameras, 2):
         raise ValueError(f"origin_px: expected {rig.n_cameras} cameras, got {len(task.origin_px)}")
-    largest_px = 2 * max(rig.shape_px)  # with the margin that a cost may need
+    largest_px = 2 * max(rig.shape_px)  # with the margin of a distance cost
     if not all(1 <= size <= largest_px for size in task.window.shape[1:]):
         raise ValueError(f"window: expected sides of 1 to {largest_px} pixels, got {task.window.shape[1:]}")
     if np.any((task.origin_px < -largest_px) | (task.origin_px > largest_px)):

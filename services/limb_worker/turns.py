@@ -1,4 +1,4 @@
-"""Whose task comes next: coordinators that share a worker are served in turn, one task each."""
+"""Chooses the next task: coordinators that share a worker are served in turn, one task each."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator
 from proto.messages import LimbTask
 
 _TASKS_HELD = 8
-"""Tasks of one coordinator that are held, at most; the oldest goes first. A sound one gives one at a time."""
+"""At most this many tasks of one coordinator are held; the oldest is dropped first. A correct coordinator
+sends one at a time."""
 
 
 class Turns:
-    """The tasks that coordinators, numbered from 0, have given to a worker and that it has not begun."""
+    """A worker's tasks that it has not started, by coordinator, numbered from 0."""
 
     def __init__(self, coordinators: int) -> None:
         self._held: list[deque[LimbTask]] = [deque(maxlen=_TASKS_HELD) for _ in range(coordinators)]
@@ -24,17 +25,17 @@ class Turns:
         return ((number, task) for number, held in enumerate(self._held) for task in held)
 
     def add(self, coordinator: int, task: LimbTask) -> None:
-        """Hold a task; whoever gives many loses his oldest, and takes no place from others."""
+        """Hold a task; a coordinator that sends too many loses its oldest, and none of another's."""
         self._held[coordinator].append(task)
 
     def forget(self, coordinator: int) -> None:
-        """Let go of the tasks of a coordinator that does not wait for them any more."""
+        """Drop the tasks of a coordinator that no longer waits for them."""
         self._held[coordinator].clear()
 
     def take(self, is_ready: Callable[[LimbTask], bool]) -> tuple[int, LimbTask] | None:
-        """The task whose turn it is and its coordinator; None where none is ready.
+        """The next task and its coordinator; None if none is ready.
 
-        Whoever has nothing that is ready loses this turn only.
+        A coordinator without a ready task loses only this turn.
         """
         for step in range(len(self._held)):
             number = (self._next + step) % len(self._held)

@@ -18,22 +18,22 @@ from services.mocap.energy.engine import Engine
 from services.pose_size import with_whole_poses
 
 _LOOK_S = 0.2
-"""How long to wait for messages before looking after beats and a request to stop."""
+"""How long to wait for messages before checking for beats and a request to stop."""
 _MOST_AT_ONCE = 64
-"""Messages taken from one coordinator before the others get their turn."""
+"""Messages read from one coordinator before the others get their turn."""
 
 log = logging.getLogger(__name__)
 
 
 class Worker:
-    """Takes tasks from coordinators, asks for what they lack, and sends back what it finds."""
+    """Receives tasks from coordinators, requests missing content, and returns results."""
 
     def __init__(self, links: Sequence[Link], engine: Engine) -> None:
         self._links, self._turns = links, Turns(len(links))
         self._solver = LimbSolver(engine, takes=len(links))
 
     def listen(self) -> None:
-        """Act on what has come, unless a task is ready after waiting a moment for something."""
+        """Wait briefly for messages, then handle them until a task is ready."""
         wait([link.socket for link in self._links], 0.0 if self._is_ready() else _LOOK_S)
         for number, link in enumerate(self._links):
             try:
@@ -47,7 +47,7 @@ class Worker:
         return any(not self._solver.blobs.missing(task) for _, task in self._turns)
 
     def _act(self, number: int, message: Message) -> None:
-        """Act on one message of a coordinator."""
+        """Handle one message of a coordinator."""
         message = with_whole_poses(message)
         if isinstance(message, LimbTask):
             self._turns.add(number, message)
@@ -57,7 +57,7 @@ class Worker:
                 self._solver.blobs.add(message)
             except UnusableBlobError as error:
                 log.warning("unusable content: %s", error)
-            if message.kind == "actor":  # it may name a mesh
+            if message.kind == "actor":  # it may need a mesh
                 for giver, task in self._turns:
                     self._ask_for(giver, task)
 
@@ -66,7 +66,7 @@ class Worker:
             self._links[number].send(BlobRequest(hash=content))
 
     def work(self) -> None:
-        """Solve the task whose turn it is, if any is ready."""
+        """Solve the next task, if one is ready."""
         taken = self._turns.take(lambda task: not self._solver.blobs.missing(task))
         WAITING.set(sum(bool(self._solver.blobs.missing(task)) for _, task in self._turns))
         HELD.set(len(self._turns))
@@ -81,7 +81,8 @@ class Worker:
         self._links[number].send(answer)
 
     def tick(self) -> None:
-        """Keep registered everywhere; whoever is told anew that this worker is there gives tasks anew."""
+        """Stay registered everywhere; a coordinator at which this worker registers again sends its tasks
+        again."""
         for number, link in enumerate(self._links):
             if link.tick():
                 self._turns.forget(number)

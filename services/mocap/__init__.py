@@ -2,7 +2,7 @@
 
 Conventions everywhere inside: metres, radians, seconds; right-handed world with z up; the body's own
 frame has x forward, y to its left, z up; pixel centres lie at whole coordinates (OpenCV's convention).
-A take whose world is y-up is turned to z-up when it is read and back when results are written.
+A y-up take is converted to z-up when it is read, and back when results are written.
 
 For notebooks: `from services.mocap import load_result, open_take, draw_frame`, and the names of what their
 arrays hold: DOF_NAMES, JOINT_NAMES, SEGMENT_NAMES, REFERENCE_JOINTS, PARTS.
@@ -51,7 +51,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """What notebooks ask for, imported when it is: services need other parts of the library."""
+    """Names for notebooks, imported lazily, because services need other parts of the library."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all: written beside their place, then renamed into it."""
+"""Files and folders that appear completely or not at all: written under a temporary name, then renamed."""
 
 import secrets
 import shutil
@@ -11,7 +11,7 @@ from services.mocap.errors import UserError
 
 def _sibling(target: Path) -> Path:
     """A free name beside the target, hidden, with the same suffix (encoders choose the format by it)."""
-    target = target.absolute()  # "." has no name of its own
+    target = target.absolute()  # "." has no name
     return target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
 
 
@@ -20,7 +20,7 @@ def _make_parent(target: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise UserError(
-            f"{target.parent}: cannot be made ({problem.strerror}): choose a folder that can be written to"
+            f"{target.parent}: cannot be created ({problem.strerror}): choose a writable folder"
         ) from None
 
 
@@ -28,7 +28,7 @@ def _make_parent(target: Path) -> None:
 def atomic_file(target: Path) -> Iterator[Path]:
     """Write to the path it yields; `target` is replaced by that file when the block ends well.
 
-    After an exception nothing is left and an older `target` stays as it was. The folder is made if missing.
+    After an exception nothing is left, and an older `target` is unchanged. The folder is created if missing.
     """
     _make_parent(target)
     part = _sibling(target)
@@ -43,11 +43,11 @@ def atomic_file(target: Path) -> Iterator[Path]:
 def atomic_folder(target: Path) -> Iterator[Path]:
     """Fill the empty folder it yields; it becomes `target` when the block ends well.
 
-    After an exception nothing is left. Raises UserError when `target` is there already and is anything but
-    an empty folder: a folder of the user's is never replaced.
+    After an exception nothing is left. Raises UserError if `target` exists and is not an empty folder: a
+    user's folder is never replaced.
     """
     if target.exists() and not (target.is_dir() and not any(target.iterdir())):
-        raise UserError(f"{target}: is there already: remove it or choose another name")
+        raise UserError(f"{target}: already exists: remove it or choose another name")
     _make_parent(target)
     part = _sibling(target)
     try:

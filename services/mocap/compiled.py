@@ -1,8 +1,8 @@
-"""Where Numba keeps compiled code: a folder of its own for every state of the sources.
+"""The folder for Numba's compiled code: one for every version of the sources.
 
 Numba compiles a function again when the file that defines it has changed, but not when a function or a table
-that it takes from another file has. After an update it would go on with old code, so the sources name the
-folder.
+that it takes from another file has. After an update it would continue with old code, so the folder's name is
+a hash of the sources.
 """
 
 import hashlib
@@ -12,12 +12,12 @@ from pathlib import Path
 
 _SOURCES = Path(__file__).parent
 _COMPILED = ("body", "energy", "fit", "search", "synth", "../segmentation")
-"""Packages with compiled code in them, and with the tables that it takes in as constants."""
+"""Packages with compiled code, and with tables that become constants in it."""
 _KEPT = _SOURCES / "__pycache__"
 
 
 def compiled_folder() -> Path:
-    """The folder for the sources as they are now."""
+    """The folder for the present sources."""
     digest = hashlib.sha256()
     for package in _COMPILED:
         for path in sorted((_SOURCES / package).rglob("*.py")):
@@ -28,12 +28,12 @@ def compiled_folder() -> Path:
 
 
 def keep_compiled_code() -> None:
-    """Tell Numba, before it is imported, where to keep compiled code; whoever said so before is right."""
+    """Set Numba's cache folder before Numba is imported, unless it is set already."""
     os.environ.setdefault("NUMBA_CACHE_DIR", str(compiled_folder()))
 
 
 def forget_other_code() -> None:
-    """Remove what was compiled from other states of the sources."""
+    """Remove code compiled from other versions of the sources."""
     for folder in _KEPT.glob("compiled-*"):
         if folder != compiled_folder():
             shutil.rmtree(folder, ignore_errors=True)

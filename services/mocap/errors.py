@@ -1,7 +1,7 @@
-"""Errors that a user can mend: each is one sentence that says which file, which field, what was expected.
+"""Errors that a user can correct: each is one sentence with the file, the field and what was expected.
 
-Also the one way in which TOML files are read and checked, so that every complaint of the TOML parser and
-of pydantic comes out as such a sentence.
+Also reads and checks all TOML files, so that every error of the TOML parser and of pydantic becomes such a
+sentence.
 """
 
 import tomllib
@@ -21,11 +21,11 @@ class UserError(Exception):
 
 
 class TakeError(UserError):
-    """A take folder, or a file in it, that cannot be worked with."""
+    """A take folder, or a file in it, cannot be used."""
 
 
 class CalibrationError(TakeError):
-    """A calibration file that cannot be worked with."""
+    """A calibration file cannot be used."""
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -61,8 +61,8 @@ def load_toml(path: Path, error: type[UserError]) -> dict[str, Any]:
 def validated(model: type[Model], data: dict[str, Any], where: str, error: type[UserError]) -> Model:
     """The model made from data.
 
-    where: the file, and the table in it, with which the sentence begins. Raises `error` with the first
-    complaint; a field's description in the model says what was expected of it.
+    where: the file and the table in it, for the start of the sentence. Raises `error` for the first invalid
+    field; its description in the model states the valid values.
     """
     try:
         return model.model_validate(data)

@@ -1,4 +1,4 @@
-"""Array types by element; shapes, units and frames stand in the docstrings of who takes them."""
+"""Array types by element; shapes, units and frames are in the docstrings of the functions."""
 
 from typing import TypeAlias
 
@@ -14,4 +14,4 @@ Trimap: TypeAlias = NDArray[np.uint8]
 """A silhouette (H, W) of three states, each pixel one of those below."""
 
 BACKGROUND, UNSURE, ACTOR = 0, 128, 255
-"""Pixels of a trimap; those that nobody is sure of count for nothing."""
+"""Pixels of a trimap; unsure ones are not counted."""

@@ -38,18 +38,19 @@ _LOOK_S = 0.2
 _ASK_AGAIN_S = 0.5
 _TELL_AGAIN_S = 1.0
 _ALONE_S = 20.0
-"""How long a recorder whose journal holds the whole take waits for a coordinator before it goes on alone."""
+"""How long a recorder whose journal holds the whole take waits for a coordinator before it continues
+alone."""
 _GRACE_S = 1.5
-"""How long after a stop the end of the take may take to arrive."""
+"""How long to wait for the end of the take after a stop."""
 
 log = logging.getLogger(__name__)
 
 
 class Listener(PosesListener):
-    """Listens to poses and asks for what is missing until the take is complete."""
+    """Receives poses and requests missing ones until the take is complete."""
 
     def __init__(self, take: str, endpoint: str, store: Store, keys: ClientKeys | None = None) -> None:
-        """Store: where what comes in is kept, and what it holds already."""
+        """store: where received messages are kept, including those of an earlier recorder."""
         super().__init__(endpoint, keys)
         self._take, self._store = take, store
         self.collection = Collection(store)
@@ -62,7 +63,7 @@ class Listener(PosesListener):
         self._told_end = 0
 
     def listen(self, timeout_s: float) -> None:
-        """Wait for messages a moment, take them in, and ask for what is missing."""
+        """Wait briefly for messages, store them, and request what is missing."""
         super().listen(timeout_s)
         with SYNC.time():
             self._store.sync()
@@ -90,7 +91,7 @@ class Listener(PosesListener):
             self._link.send(PoseRequest(run=info.run, first_frame=gap[0], end_frame=gap[1]))
 
     def _tell(self) -> None:
-        """Say now and then what is on disk, so that the coordinator need not keep it."""
+        """Report from time to time what is on disk, so that the coordinator need not keep it."""
         now, end = time.monotonic(), self.collection.held_end
         if end != self._told_end and now - self._told_s > _TELL_AGAIN_S:
             self._told_s, self._told_end = now, end
@@ -113,10 +114,10 @@ def serve(
     output: OutputSettings,
     keys: ClientKeys | None = None,
 ) -> None:
-    """Listen until the take is over, then write its results.
+    """Listen until the take has ended, then write its results.
 
-    After a stop the coordinator has a moment to end the take; then what is there is written. A second stop
-    leaves the overlay out. Everything taken in is kept in a journal until all frames are among the results.
+    After a stop the coordinator has a moment to end the take; then the frames so far are written. A second
+    stop leaves the overlay out. A journal keeps all messages until all frames are in the results.
     """
     take = open_source(take_folder)
     about(take=take.settings.name)
@@ -133,7 +134,7 @@ def serve(
         listener.close()
         if collection.foreign:
             log.warning("dropped %d messages of other runs", collection.foreign)
-        if collection.n_recorded:  # else the coordinator says why there is nothing
+        if collection.n_recorded:  # else the coordinator reports why there is nothing
             is_whole = write_results(
                 out,
                 take,
@@ -148,10 +149,10 @@ def serve(
 
 
 def _listen(listener: Listener, stop: StopRequest) -> None:
-    """Listen until the take is complete or a stop is asked for.
+    """Listen until the take is complete or a stop is requested.
 
-    What a journal holds may be complete without a word from a coordinator, which has left, or which has not
-    yet said that it begins another run.
+    The journal may be complete without a message of a coordinator: it may have exited, or may not have
+    announced its new run yet.
     """
     collection, began_s, stopped_s = listener.collection, time.monotonic(), None
     while not (collection.complete and (collection.is_live or time.monotonic() - began_s > _ALONE_S)):
@@ -165,10 +166,10 @@ def _listen(listener: Listener, stop: StopRequest) -> None:
 
 def main(
     take: Annotated[Path, typer.Option(help="The take folder.")],
-    out: Annotated[Path, typer.Option(help="Where the results go.")],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
-    overlay: Annotated[bool, typer.Option(help="Write overlay.mp4 too.")] = True,
-    report: Annotated[bool, typer.Option(help="Write report.html too.")] = True,
+    overlay: Annotated[bool, typer.Option(help="Write overlay.mp4.")] = True,
+    report: Annotated[bool, typer.Option(help="Write report.html.")] = True,
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
     cutoff_hz: CutoffOption = None,
     keys: KeysOption = None,

@@ -1,4 +1,4 @@
-"""The poses of one take as they come in, without a socket: what is there, and what is missing."""
+"""Collects the poses of one take, without a socket, and knows which are missing."""
 
 import logging
 
@@ -13,14 +13,14 @@ from services.recorder.store import Store
 log = logging.getLogger(__name__)
 
 _REMEMBERED = 2
-"""Poses that a tracker needs to go on."""
+"""Number of poses that a tracker needs to continue."""
 
 
 class Collection:
-    """Gathers what is needed to write a take's results; all of one run, the coordinator's latest."""
+    """Collects what a take's results need, from one run: the coordinator's latest."""
 
     def __init__(self, store: Store) -> None:
-        """Store: where everything is kept; what it holds already has been taken in before."""
+        """store: where everything is kept; its present content was collected earlier."""
         self._store = store
         self.info: TakeInfo | None = None
         self._end: int | None = None
@@ -28,10 +28,10 @@ class Collection:
         self._run: str | None = None
         self._held_end = 0
         self.is_live = False
-        """Whether a coordinator has described this run, and not only the journal of a recorder before."""
+        """Whether a coordinator has described this run, and not only the journal of an earlier recorder."""
         self._blobs = BlobStore()
         self.foreign = 0
-        """Messages of other runs, which were dropped."""
+        """Number of dropped messages of other runs."""
         for message in store.described:
             self._describe(message)
         if store.frames:
@@ -40,9 +40,10 @@ class Collection:
             self._end = self.info.end_frame  # nothing can follow
 
     def add(self, message: TakeInfo | Pose | TakeEnd | Blob) -> None:
-        """Take in a message; repeated, foreign and damaged ones change nothing.
+        """Add a message; repeated, foreign and damaged ones change nothing.
 
-        The description of another run says that the coordinator has begun anew: what is here is forgotten.
+        The description of another run means that the coordinator has started again: everything so far is
+        dropped.
         """
         if isinstance(message, TakeInfo):
             if self._run is not None and message.run != self._run:
@@ -69,13 +70,13 @@ class Collection:
             self._store.keep(message)
 
     def _refuse(self, message: Pose | TakeEnd) -> None:
-        """Drop another run's message; if that run has ended, nobody will go on with what a journal held."""
+        """Drop another run's message; if that run has ended, nobody will continue the run of the journal."""
         self.foreign += 1
         if isinstance(message, TakeEnd) and not self.is_live:
             self.info, self._end, self._is_empty = None, message.end_frame, True
 
     def _describe(self, message: TakeInfo | Blob) -> bool:
-        """Take in a description or content; False for what is known, not wanted or damaged."""
+        """Add a description or content; False if it is known, unwanted or damaged."""
         if isinstance(message, Blob):
             return self._add_blob(message)
         if self.info is not None:
@@ -84,7 +85,7 @@ class Collection:
         return True
 
     def _add_blob(self, blob: Blob) -> bool:
-        """Keep content that is wanted and whole; what is not is asked for again."""
+        """Store content that is wanted and undamaged; damaged content is requested again."""
         if blob.hash not in self.missing_blobs():
             return False
         try:
@@ -105,7 +106,8 @@ class Collection:
         return self._blobs.actor(self.info)
 
     def missing_frames(self) -> tuple[int, int] | None:
-        """The first gap in the frames, as a range; up to the latest pose or, once known, the take's end."""
+        """The first gap in the frames, as a range, up to the latest pose or, once known, the end of the
+        take."""
         if self.info is None:
             return None
         end = self._end if self._end is not None else self._store.last_frame
@@ -116,23 +118,23 @@ class Collection:
 
     @property
     def held_end(self) -> int:
-        """One past the last frame before which all are here."""
+        """One past the last frame up to which all frames are here."""
         while self.info is not None and self._held_end in self._store:
             self._held_end += 1
         return self._held_end
 
     @property
     def n_recorded(self) -> int:
-        """Poses from the first frame on up to the first that is missing."""
+        """Number of poses from the first frame up to the first missing one."""
         return 0 if self.info is None else self.held_end - self.info.first_frame
 
     def recorded(self) -> list[Pose]:
-        """The poses from the first frame on up to the first that is missing."""
+        """The poses from the first frame up to the first missing one."""
         end = self.held_end
         return [self._store.pose(frame) for frame in range(end - self.n_recorded, end)]
 
     def recording(self, take: str) -> Recording:
-        """What is here, for a coordinator that may have to go on from it."""
+        """What is here, for a coordinator that may have to continue from it."""
         info, end = self.info, self.held_end
         last = self._store.pose(end - 1) if self.n_recorded else None
         remembered = range(max(end - _REMEMBERED, end - self.n_recorded), end)
@@ -153,7 +155,7 @@ class Collection:
 
     @property
     def complete(self) -> bool:
-        """Whether the take is over and nothing is missing; its end may overtake its description."""
+        """Whether the take has ended and nothing is missing; its end may arrive before its description."""
         if self._end is None:
             return False
         if self.info is None:
@@ -162,7 +164,7 @@ class Collection:
 
     @property
     def end_frame(self) -> int:
-        """One past the take's last frame; only when it is over."""
+        """One past the take's last frame; only after its end."""
         if self._end is None:
             raise ValueError("the take is not over")
         return self._end

@@ -1,4 +1,4 @@
-"""What only poses of live input have: which shot each is of, and how late it came."""
+"""Quantities of live poses only: their shots and latencies."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from services.mocap.types import Floats
 
 _LEAST_STEP_S = 1e-6
 _FRESH_SHOTS, _FRESH_S = 4.0, 0.3
-"""A pose is abreast of the cameras if it came no later than both together."""
+"""A pose is abreast of the cameras if its latency is at most the sum of both."""
 
 
 def is_live(info: TakeInfo) -> bool:
@@ -19,7 +19,7 @@ def is_live(info: TakeInfo) -> bool:
 
 
 def increasing(times_s: Floats) -> Floats:
-    """Times (N,) with those moved on that are not later than the one before: cameras' stamps may jitter."""
+    """Times (N,), made strictly increasing: cameras' stamps may jitter."""
     steps_s = np.arange(len(times_s)) * _LEAST_STEP_S
     later: Floats = np.maximum.accumulate(times_s - steps_s) + steps_s
     return later
@@ -34,9 +34,10 @@ def rate_fps(info: TakeInfo, recorded: Sequence[Pose]) -> float:
 
 
 def since_abreast(times_s: Floats, latencies_s: Floats, fps: float) -> dict[str, Any] | None:
-    """When poses (N,) of some moments and latencies first were abreast of the cameras, and how late since.
+    """When poses (N,) with these times and latencies were first abreast of the cameras, and the latency since
+    then.
 
-    Before that come those of shots that waited while the first pose was looked for. None: they never were.
+    Earlier poses belong to shots that waited during the search for the first pose. None: never abreast.
     """
     is_abreast = latencies_s <= _FRESH_S + _FRESH_SHOTS / fps
     if not is_abreast.any():
@@ -52,7 +53,7 @@ def _latency_s(latencies_s: Floats) -> dict[str, float]:
 
 
 def live_report(info: TakeInfo, recorded: Sequence[Pose]) -> dict[str, Any]:
-    """For run.json: how late poses came, also since they caught up, and how many shots they are of."""
+    """For run.json: latencies of the poses, also since they caught up, and the number of shots."""
     latencies_s = np.array([message.latency_s for message in recorded])
     times_s = np.array([message.time_s for message in recorded])
     return {

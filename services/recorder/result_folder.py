@@ -1,4 +1,4 @@
-"""The folder that results go to: what may be there already, and how new results take its place whole."""
+"""The results folder: checks its present content, and replaces it as a whole."""
 
 import os
 import re
@@ -17,7 +17,7 @@ _OLD = ".old"
 
 
 def check_out(folder: Path) -> None:
-    """Raise UserError unless results may go to a folder: one to be made, or one of results only."""
+    """Raise UserError unless a folder does not exist yet or contains only results."""
     folder = folder.resolve()
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     if not existing.is_dir():
@@ -27,12 +27,12 @@ def check_out(folder: Path) -> None:
     others = sorted({path.name for path in folder.iterdir()} - KNOWN) if folder.is_dir() else []
     if others:
         raise UserError(
-            f"{folder}: holds other files than results ({others[0]}): choose another folder for --out"
+            f"{folder}: contains other files than results ({others[0]}): choose another folder for --out"
         )
 
 
 def clear_leftovers(out: Path) -> None:
-    """Undo what a recorder has left half-done that died while it wrote the results of this folder."""
+    """Remove the leftovers of a recorder that died while writing the results of this folder."""
     for folder in (out.resolve(), partial_of(out)):
         name, tag = re.escape(folder.name), "[0-9a-f]{8}"
         parts = re.compile(rf"\.{name}\.{tag}\.(new|old)|\.\.{name}\.{tag}\.{tag}\.part\.new")
@@ -46,9 +46,9 @@ def clear_leftovers(out: Path) -> None:
 
 @contextmanager
 def results_into(out: Path, complete: bool) -> Iterator[Path]:
-    """Fill a new folder, which takes the place of out when the block ends well.
+    """Yield a new folder, which replaces out if the block ends without an error.
 
-    Results that are not complete never replace older ones; then partial_of(out) takes them.
+    Incomplete results never replace older ones; they go to partial_of(out) instead.
     """
     out = out.resolve()
     if not complete and (out / RUN_JSON).exists():
@@ -64,13 +64,13 @@ def _put_in_place(fresh: Path, out: Path) -> None:
     if not out.exists():
         fresh.rename(out)
         return
-    if (out / JOURNAL).exists():  # it is being written to, and outlasts these results
+    if (out / JOURNAL).exists():  # the journal is in use, and is kept longer than these results
         _move_into(fresh, out)
         return
     old = out.with_name(f".{out.name}.{secrets.token_hex(4)}{_OLD}")
     try:
         out.rename(old)
-    except OSError:  # out is a mount point, which stays
+    except OSError:  # out is a mount point, which cannot be replaced
         _move_into(fresh, out)
         return
     fresh.rename(out)
@@ -78,7 +78,8 @@ def _put_in_place(fresh: Path, out: Path) -> None:
 
 
 def _move_into(fresh: Path, out: Path) -> None:
-    """Replace the results in a folder that stays; the report goes last, since it says that all is there."""
+    """Replace the results in a folder that cannot be replaced itself; the report goes last, because it marks
+    them complete."""
     (out / RUN_JSON).unlink(missing_ok=True)
     for path in out.iterdir():
         if path.is_file() and path.name != JOURNAL:

@@ -41,16 +41,16 @@ def write_results(
 ) -> bool:
     """Write poses.csv, joints.csv, actor.toml, run.json, the DEFAULT_FORMATS, and overlay.mp4 if wanted.
 
-    Returns whether that is every frame that was asked for.
+    Returns whether every requested frame was written.
 
-    Where output smooths, poses.csv and the overlay still show what was tracked; joints.csv, the exported
-    motion and a poses_smooth.csv hold the smoothed motion. Older results are replaced once the new ones are
-    there, unless these lack frames (see results_into). hurry: asked at every frame of the overlay, which is
-    left out when it says so. Raises UserError where there is nothing to write.
+    With smoothing, poses.csv and the overlay still show the poses as tracked; joints.csv, the exported motion
+    and poses_smooth.csv have the smoothed motion. Older results are replaced once the new ones are written,
+    unless these lack frames (see results_into). hurry: called at every frame of the overlay, which is left
+    out if it returns True. Raises UserError if there is nothing to write.
     """
     info, recorded = collection.info, collection.recorded()
     if info is None or not recorded or collection.missing_blobs():
-        raise UserError("no results: the coordinator was gone before it told of the take")
+        raise UserError("no results: the coordinator exited before it described the take")
     actor = collection.actor()
     body = build_body(actor)
     frames: Ints = np.array([message.frame for message in recorded], np.int32)

@@ -1,4 +1,4 @@
-"""run.json: what was run, with what, how long it took and, where the truth is known, how exact it is."""
+"""run.json: settings, versions, times and, with a reference, the joint errors."""
 
 import json
 import platform
@@ -25,9 +25,10 @@ from services.recorder.live import is_live, live_report, rate_fps
 _LIBRARIES = ("moderngl", "numpy", "numba", "opencv-contrib-python-headless", "pyzmq", "scipy")
 
 _SMOOTHED = (POSES_SMOOTH, JOINTS, BVH, GLB, TRC, C3D, ANGLES)
-"""What is made of the smoothed motion where there is one."""
+"""Files of the smoothed motion."""
 _LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
-"""Stages that five machines would go through side by side, where a coordinator books them one by one."""
+"""Stages that the paper's five machines run in parallel, while a coordinator measures them one after the
+other."""
 
 
 def write_run_json(
@@ -79,7 +80,7 @@ def write_run_json(
 
 
 def _settings(info: TakeInfo, recorded: list[Pose]) -> dict[str, Any]:
-    """What was chosen, and which energy backends then did the work: a GPU may fail on the way."""
+    """The settings, and the energy backends that did the work: a GPU may fail during the run."""
     return {
         "backend": info.backend,
         "backend_reason": info.backend_reason,
@@ -91,14 +92,14 @@ def _settings(info: TakeInfo, recorded: list[Pose]) -> dict[str, Any]:
 
 
 def _output(output: OutputSettings) -> dict[str, Any]:
-    """What was smoothed, and how."""
+    """The smoothing."""
     if output.smooth == "none":
         return {"smooth": output.smooth}
     return {"smooth": output.smooth, "cutoff_hz": output.hz, "smoothed": list(_SMOOTHED)}
 
 
 def _speed(recorded: list[Pose]) -> dict[str, Any]:
-    """Times of the frames after the first, whose pose has to be found from nothing."""
+    """Times of the frames after the first, whose pose is searched without a start."""
     steady = recorded[1:] or recorded
     stages = sorted({name for message in steady for name in message.seconds})
     seconds = {name: np.array([message.seconds.get(name, 0.0) for message in steady]) for name in stages}
@@ -118,7 +119,8 @@ def _speed(recorded: list[Pose]) -> dict[str, Any]:
 
 
 def _trust(marks: Marks) -> dict[str, Any]:
-    """In how many frames which part must not be trusted; what was never judged has no confidence."""
+    """The number of frames in which each part is unreliable; parts that were never judged have no
+    confidence."""
     judged = {
         part: float(np.nanmin(values))
         for part, values in zip(PARTS, marks.confidence.T, strict=True)
@@ -134,7 +136,7 @@ def _trust(marks: Marks) -> dict[str, Any]:
 def _accuracy(
     take: Take, recorded: list[Pose], joints_world_m: Floats, *, is_of_shots: bool
 ) -> dict[str, Any] | None:
-    """Joint errors against the take's reference, for the frames that it has."""
+    """Joint errors against the take's reference, for the frames in it."""
     path = take.folder / REFERENCE_JOINTS_CSV
     if not path.exists():
         return None

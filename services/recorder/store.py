@@ -1,4 +1,4 @@
-"""What a recorder has taken in, on disk: a journal of messages, from which another one goes on."""
+"""A recorder's messages on disk: a journal from which another recorder can continue."""
 
 import logging
 from pathlib import Path
@@ -12,14 +12,14 @@ log = logging.getLogger(__name__)
 
 
 class Store:
-    """Keeps a take's description, its content and its poses; these on disk only, since they are many."""
+    """Stores a take's description, its content and its poses; the many poses only on disk."""
 
     def __init__(self, folder: Path) -> None:
         """Take in what the journal in a folder holds, or begin one; raises UserError or TakeError."""
         self._journal = journal = Journal(folder / JOURNAL)
         self._poses: dict[int, int] = {}
         self.described: list[TakeInfo | Blob] = []
-        """The take's description and content, in the order in which they came."""
+        """The take's description and content, in order of arrival."""
         try:
             for offset, frames in journal.records():
                 self._note(decode(frames), offset)
@@ -37,12 +37,12 @@ class Store:
 
     @property
     def frames(self) -> list[int]:
-        """The frames whose poses are here, in the order in which they came."""
+        """The frames with a pose, in order of arrival."""
         return list(self._poses)
 
     @property
     def last_frame(self) -> int:
-        """The latest frame whose pose is here; 0 where there is none."""
+        """The latest frame with a pose; 0 if there is none."""
         return max(self._poses, default=0)
 
     def __contains__(self, frame: int) -> bool:
@@ -53,18 +53,18 @@ class Store:
         return cast(Pose, decode(self._journal.at(self._poses[frame])))
 
     def keep(self, message: TakeInfo | Blob | Pose) -> None:
-        """Take in a message; on disk for certain after `sync`."""
+        """Store a message; it is safely on disk after `sync`."""
         self._note(message, self._journal.append(encode(message)))
 
     def sync(self) -> None:
-        """Return when all that is kept would outlast a loss of power."""
+        """Return when everything stored would survive a loss of power."""
         self._journal.sync()
 
     def forget(self) -> None:
-        """Throw away everything."""
+        """Delete everything."""
         self._journal.clear()
         self._poses, self.described = {}, []
 
     def close(self, *, remove: bool) -> None:
-        """Let go of the journal, or remove it because the results are complete."""
+        """Close the journal, or remove it because the results are complete."""
         self._journal.close(remove=remove)

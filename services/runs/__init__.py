@@ -1,4 +1,4 @@
-"""What the commands run on this machine: the services as local processes, and the actor's fit."""
+"""Runs on this machine, for the commands: the services as local processes, and the actor's fit."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ class Interrupted(Exception):  # noqa: N818  (a request, not an error)
     """The run was stopped before its end."""
 
     def __init__(self, folder: Path | None) -> None:
-        """Folder: where the frames solved by then are; None where there were none."""
-        kept = f"what was tracked by then is in {folder}; the same command goes on from there"
+        """folder: where the frames so far are; None if there are none."""
+        kept = f"the frames so far are in {folder}; the same command continues from there"
         super().__init__(f"stopped; {kept if folder else 'nothing was tracked'}")
         self.folder = folder

@@ -40,29 +40,29 @@ log = logging.getLogger(__name__)
 DEFAULT_INIT_FRAMES = 10
 DRAWING_FROM = 0.97
 _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}
-"""How far the whole is at the end of each stage; drawing comes after."""
+"""Total progress at the end of each stage; drawing follows."""
 
 Show = Callable[[str, float], None]
-"""Called with what is being done, in words, and how far the whole is, 0 to 1."""
+"""Called with the current stage, in words, and the total progress, 0 to 1."""
 Fitter = Callable[[Rig, TriPlanes, Actor, Floats, Callable[[float], None]], Fit]
 
 
 @dataclass(frozen=True, eq=False)
 class TakeFit:
-    """The actor of a take, and the poses of some of its frames, as a rule the first."""
+    """The actor of a take, and the poses of some of its frames, usually the first."""
 
     frames: Sequence[int]
     """In increasing order."""
     cameras: tuple[Camera, ...]
-    """Those whose silhouettes made sense."""
+    """Cameras with usable silhouettes."""
     seen: TriPlanes
     """(F, P, H, W) of these cameras."""
     start: Actor
-    """The body that the fit began with …"""
+    """The body before the fit."""
     start_pose: Floats
     """… and its pose (D,) in the first frame."""
     actor: Actor
-    """As it is written to actor.toml."""
+    """The fitted actor, as written to actor.toml."""
     fit: Fit
     measures: tuple[Measure, ...]
     seconds: dict[str, float]
@@ -70,7 +70,7 @@ class TakeFit:
 
 
 def init_frames(take: Take, asked: int | None = None) -> range:
-    """The first frames, which a fit looks at: as many as asked for, else as in take.toml, else ten."""
+    """The first frames, for a fit: as many as requested, else as in take.toml, else ten."""
     wanted = asked or take.settings.init_frames or DEFAULT_INIT_FRAMES
     return range(min(wanted, take.settings.frames))
 
@@ -85,11 +85,11 @@ def fit_take(
     mesh: OwnMesh | None = None,
     segmenter: str = AUTO,
 ) -> TakeFit:
-    """Fit the actor of a checked take to some of its frames, which begin with the first.
+    """Fit the actor of a checked take to some of its frames, starting with the first.
 
-    engine and search: for the first pose. mesh: what is fitted in place of the generic body. segmenter: what
-    makes the silhouettes. Cameras whose silhouettes in the first frame make no sense are left out, with a
-    warning. Raises TakeError where there is nobody, or more than one, or hardly a camera is left.
+    engine and search: for the first pose. mesh: fitted in place of the generic body. Cameras with unusable
+    silhouettes in the first frame are left out, with a warning. Raises TakeError if no person or more than
+    one is visible, or too few cameras are left.
     """
     clock = Clock(show)
     with kept_warnings() as warnings:
@@ -114,7 +114,7 @@ def concluded(
     seconds: dict[str, float],
     warnings: list[str],
 ) -> TakeFit:
-    """A fit with what follows from it: the actor as it is written, its measures, and what is unsure of it."""
+    """A fit with its results: the actor to write, its measures, and the unsure parts."""
     actor = rounded(fit.actor)
     body, rig = build_body(actor), Rig.of(cameras)
     with closing(CpuBackend(body, rig)) as backend:
@@ -132,7 +132,7 @@ def concluded(
 def seen_of(
     take: Take, frames: Sequence[int], name: str, progress: Callable[[float], None]
 ) -> tuple[tuple[Camera, ...], TriPlanes]:
-    """The cameras that make sense, and what they see (F, P, H, W), as segmentation sends it."""
+    """The usable cameras and their silhouettes (F, P, H, W), in the form that segmentation sends."""
     height_px, width_px = Rig.of(take.cameras).shape_px
     trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
     segmenter = make_segmenter(take, take.cameras, SegmentationSettings(), name)
@@ -165,9 +165,9 @@ def guess_first_pose(
     mesh: OwnMesh | None = None,
     names: Sequence[str] = (),
 ) -> FirstFrame:
-    """The generic body or the mesh, and its pose in the first frame, of which is seen so much (P, H, W).
+    """The generic body or the mesh, and its pose in the first frame, whose silhouettes are `seen` (P, H, W).
 
-    names: of the cameras. The model's backend is closed. Raises TakeError where nobody can be so tall.
+    names: of the cameras. The model's backend is closed. Raises TakeError for an implausible height.
     """
     hull = carve(rig, unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras))
     picture = Picture.whole(rig, seen.silhouettes, seen.unsure)
@@ -179,7 +179,7 @@ def guess_first_pose(
 
 
 class Clock:
-    """Books the time of the stages and tells how far the whole is."""
+    """Measures the stages' times and reports the total progress."""
 
     def __init__(self, show: Show) -> None:
         self._show, self._from = show, 0.0
@@ -187,7 +187,7 @@ class Clock:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Callable[[float], None]]:
-        """Yields what takes the progress within the stage, 0 to 1."""
+        """Yields a function that takes the progress within the stage, 0 to 1."""
         began_s, start, end = time.perf_counter(), self._from, _SHARES[name]
         self._show(name, start)
         yield lambda share: self._show(name, start + share * (end - start))
@@ -196,7 +196,7 @@ class Clock:
 
 
 class _Keeper(logging.Handler):
-    """Keeps what it is told."""
+    """Stores log records."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -208,7 +208,7 @@ class _Keeper(logging.Handler):
 
 @contextmanager
 def kept_warnings() -> Iterator[list[str]]:
-    """Catches what the library warns of, for whoever shows it to the user."""
+    """Collects the library's warnings, to show them to the user."""
     logger, keeper = logging.getLogger("services"), _Keeper()
     logger.addHandler(keeper)
     try:

@@ -1,4 +1,4 @@
-"""What a fit leaves behind: actor.toml, poses, measures, pictures and a record of how well it went."""
+"""The files of a fit: actor.toml, poses, measures, pictures and a record of its quality."""
 
 import csv
 from pathlib import Path
@@ -38,9 +38,9 @@ from services.runs.fit import TakeFit
 def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
     """Write what a fit found into a folder: its actor.toml, poses, measures and pictures; fit.json last.
 
-    Files of an earlier fit are replaced one by one, each whole; others are left alone.
+    Each file of an earlier fit is replaced atomically; other files stay.
     """
-    (folder / RECORD).unlink(missing_ok=True)  # it vouches for the others
+    (folder / RECORD).unlink(missing_ok=True)  # it says that the other files are complete
     fit, frames = found.fit, np.array(found.frames, np.int32)
     table = PoseTable(frames, frames / take.settings.fps, fit.poses, fit.after.energy_px)
     write_poses_csv(folder / POSES, table)
@@ -55,7 +55,7 @@ def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
 
 
 def origin_of(take: Take, found: TakeFit) -> str:
-    """What an actor was fitted to, in words."""
+    """The source of a fit, in words."""
     return f"{frames_in_words(found)} of {take.settings.name!r}"
 
 
@@ -85,7 +85,7 @@ def _overlay(take: Take, found: TakeFit) -> Bytes:
 
 
 def _seen(take: Take, found: TakeFit) -> list[Seen]:
-    """The first frame as the cameras saw it; its silhouettes stand for pictures where there are none."""
+    """The first frame in all cameras: pictures, or silhouettes if there are none."""
     seen, trimaps = [], unpack_trimaps(found.seen[0], len(found.cameras))
     for c, camera in enumerate(found.cameras):
         trimap = trimaps[c, : camera.height_px, : camera.width_px]
@@ -98,7 +98,7 @@ def _seen(take: Take, found: TakeFit) -> list[Seen]:
 
 
 def uncertainty_of(row: Measure) -> str:
-    """The standard deviation of a measure as people read it; empty where it is not known."""
+    """The standard deviation of a measure as text; empty if it is not known."""
     return "" if row.uncertainty_cm is None else f"{row.uncertainty_cm:.1f}"
 
 

@@ -1,9 +1,9 @@
 """Services as copies of one process that has imported them all.
 
-To import what a service needs takes a second or more of a processor's time, and a run has seven of them, so
-that on a small machine most of its start went there. `ForkServer` is the launcher's side; the other one is
-`python -m services.runs.fork_server FD MODULE …`. Both speak over a socket: out go Births, back come the new
-process's id at once, and (id, exit code) when it has ended.
+Importing a service's modules takes a second or more of processor time, and a run has seven services, so
+imports would dominate the start on a small machine. `ForkServer` is the launcher's side; the other one is
+`python -m services.runs.fork_server FD MODULE …`. They communicate over a socket: requests are Births;
+answers are the new process's id at once, and (id, exit code) at its end.
 """
 
 import gc
@@ -29,11 +29,11 @@ from services.runs import ServiceFailedError
 
 _LOOK_S = 0.02
 _UNKNOWN = 1
-"""The exit code of a process whose end nobody saw."""
+"""The exit code of a process whose end was not observed."""
 
 
 def can_fork() -> bool:
-    """Whether this system can do it: elsewhere libraries do not work on in a copy of who has loaded them."""
+    """Whether this system supports it: elsewhere libraries do not survive a fork."""
     if sys.platform != "linux":
         return False
     try:
@@ -44,17 +44,17 @@ def can_fork() -> bool:
 
 
 class Birth(NamedTuple):
-    """What a new process is to be."""
+    """The description of a new process."""
 
     module: str
     """A package whose __main__ has a function main for typer."""
     arguments: list[str]
     log_path: str
-    """The file that its words are added to."""
+    """The file to which its output is appended."""
 
 
 class Forked:
-    """A process that a ForkServer has made, with what launchers use of subprocess.Popen."""
+    """A process of a ForkServer, with the methods of subprocess.Popen that launchers use."""
 
     def __init__(self, server: "ForkServer", pid: int) -> None:
         self._server, self.pid = server, pid
@@ -73,7 +73,7 @@ class Forked:
         return code
 
     def send_signal(self, number: int) -> None:
-        """As kill does; nothing where it has ended."""
+        """Send a signal; no effect if the process has ended."""
         if self.poll() is None:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, number)
@@ -83,8 +83,8 @@ class ForkServer:
     """Starts processes; threads may share it."""
 
     def __init__(self, modules: Iterable[str], environment: Mapping[str, str], log_path: Path) -> None:
-        """modules: to be imported at once, before what is started wants the processor; environment: of all
-        processes; log_path: for what goes wrong before one has a log of its own.
+        """modules: imported at once, before started processes need the processor; environment: of all
+        processes; log_path: for errors before a process has its own log.
         """
         self._line, theirs = Pipe()
         self._codes: dict[int, int] = {}
@@ -95,7 +95,7 @@ class ForkServer:
                 stdin=subprocess.DEVNULL,
                 stdout=log_file,
                 stderr=log_file,
-                # Threads of every service's linear algebra would only wait for those of others.
+                # Linear-algebra threads of several services would only wait for each other.
                 env={"OPENBLAS_NUM_THREADS": "1", **environment},
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
@@ -103,7 +103,8 @@ class ForkServer:
         theirs.close()
 
     def start(self, birth: Birth) -> Forked:
-        """Start a process; raises OSError where it cannot have a log, ServiceFailedError without a server."""
+        """Start a process; raises OSError if its log cannot be opened, ServiceFailedError if the server has
+        ended."""
         Path(birth.log_path).touch()
         try:
             with self._lock:
@@ -122,7 +123,7 @@ class ForkServer:
             with self._lock:
                 while pid not in self._codes and self._line.poll():
                     self._note(self._line.recv())
-        except (EOFError, OSError):  # the server is gone; its services notice, and stop
+        except (EOFError, OSError):  # the server is gone; its services detect this and stop
             return None if _exists(pid) else self._codes.setdefault(pid, _UNKNOWN)
         return self._codes.get(pid)
 
@@ -131,7 +132,7 @@ class ForkServer:
         self._codes[pid] = code
 
     def close(self) -> None:
-        """End the server, after all that it has started."""
+        """End the server, after all processes that it started."""
         self._line.close()
         self._process.wait()
         if self._log_path.exists() and not self._log_path.stat().st_size:
@@ -147,7 +148,7 @@ def _exists(pid: int) -> bool:
 
 
 def serve(line: Connection, modules: Iterable[str]) -> None:
-    """Start what is asked for, and tell what has ended; raises EOFError or ConnectionError at the end."""
+    """Start requested processes and report ended ones; raises EOFError or ConnectionError at the end."""
     for module in modules:
         import_module(f"{module}.__main__")
     generic_mesh()
@@ -163,7 +164,7 @@ def serve(line: Connection, modules: Iterable[str]) -> None:
                 continue
             birth: Birth = line.recv()
             main = import_module(f"{birth.module}.__main__").main
-            gc.freeze()  # what no copy changes, all of them share
+            gc.freeze()  # all copies share the objects that none of them changes
             pid = os.fork()
             if pid == 0:
                 line.close()
@@ -176,19 +177,19 @@ def serve(line: Connection, modules: Iterable[str]) -> None:
 
 
 def _settle(birth: Birth, server: int) -> None:
-    """Make a copy of the server a process of its own, as if it had been started by itself."""
+    """Turn a copy of the server into an independent process."""
     os.environ[PARENT_VARIABLE] = str(server)
     os.setsid()
     log = os.open(birth.log_path, os.O_WRONLY | os.O_APPEND)
     for stream in (1, 2):
         os.dup2(log, stream)
     os.close(log)
-    Path("/proc/self/comm").write_text(birth.module.rpartition(".")[2])  # what ps and top call it
+    Path("/proc/self/comm").write_text(birth.module.rpartition(".")[2])  # its name in ps and top
     sys.argv = [birth.module, *birth.arguments]
 
 
 if __name__ == "__main__":
-    # Python from 3.12 on warns of threads; those of linear algebra, if any, are built for this.
+    # Python 3.12 and later warn of threads; linear-algebra threads, if there are any, support forking.
     warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
     with suppress(EOFError, ConnectionError):
         serve(Connection(int(sys.argv[1])), sys.argv[2:])

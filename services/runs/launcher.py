@@ -29,10 +29,11 @@ _PORTS = 3
 _STOP_S = 4.0
 """How long processes may take to end after a SIGTERM before they get another."""
 _ORDERLY = (0, EXIT_STOPPED, -signal.SIGTERM)
-"""How a process ends that was told to; the last, when it was told before it could listen."""
+"""Exit codes of a process that was told to stop; the last, if the signal came before its handler was
+installed."""
 _LOWEST_PORT, _HIGHEST_PORT = 20_000, 32_000
-"""Below the ports that Linux lends to clients: one that calls a port where nobody listens just then may be
-lent that very port, talk to itself, and keep a coordinator that is started again out."""
+"""Below Linux's range of client ports. A client that connects to a port there without a listener may get the
+same port as its own, connect to itself, and block the port for a restarted coordinator."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ class ServiceSpec:
 
     module: str
     most_restarts: int
-    """How often in one run another takes the place of one that dies; more mean that it cannot work here."""
+    """How often in one run a process of this kind is restarted; more crashes mean that it cannot work
+    here."""
     stop_s: float = 5.0
     """How long a process may take to end after a second SIGTERM before it is killed."""
 
@@ -51,13 +53,13 @@ SERVICES: dict[str, ServiceSpec] = {
     "limb_worker": ServiceSpec("services.limb_worker", most_restarts=20),
     "segmentation": ServiceSpec("services.segmentation", most_restarts=20),
     "viewer": ServiceSpec("services.viewer", most_restarts=20),
-    "recorder": ServiceSpec("services.recorder", most_restarts=5, stop_s=60.0),  # it may be writing
+    "recorder": ServiceSpec("services.recorder", most_restarts=5, stop_s=60.0),  # it may be writing results
 }
 
 
 _Process: TypeAlias = "subprocess.Popen[bytes] | Forked"
 _STARTS_LOG = "starts.log"
-"""Kept only where something is in it."""
+"""Kept only if it is not empty."""
 
 
 @dataclass
@@ -102,7 +104,8 @@ class Launcher:
             self._running.append(_Running(name, list(arguments), log_path, process))
 
     def _spawn(self, name: str, arguments: list[str], log_path: Path) -> _Process:
-        """A process in a session of its own: Ctrl-C reaches the launcher only, which ends all in order."""
+        """A process in its own session: Ctrl-C reaches only the launcher, which stops all services
+        cleanly."""
         module = SERVICES[name].module
         if self._forks is not None:
             return self._forks.start(Birth(module, arguments, str(log_path)))
@@ -125,7 +128,7 @@ class Launcher:
         return not self.pids(name)
 
     def is_done(self, name: str) -> bool:
-        """Whether all processes of a kind have ended in order."""
+        """Whether all processes of a kind have ended without an error."""
         ours = [running for running in self._running if running.name == name]
         return bool(ours) and all(self._ended_well(running) for running in ours)
 
@@ -138,9 +141,9 @@ class Launcher:
         return time.monotonic() - max(running.started_s for running in self._running if running.name == name)
 
     def watch(self, over: Collection[str] = ()) -> None:
-        """Start another for each process that has died; over: kinds that have nothing to do any more.
+        """Restart each process that has died; over: kinds that have finished their work.
 
-        Raises UserError with a service's own sentence, or ServiceFailedError for what dies again and again.
+        Raises UserError with a service's own sentence, or ServiceFailedError for a service that keeps dying.
         """
         for running in self._running:
             code, name = running.process.poll(), running.name
@@ -161,7 +164,7 @@ class Launcher:
             running.started_s = time.monotonic()
 
     def tell_to_stop(self, name: str) -> None:
-        """Ask a kind's processes to end in order, once."""
+        """Tell a kind's processes to stop, once."""
         if name not in self._told:
             self._told.add(name)
             for running in self._running:
@@ -169,12 +172,12 @@ class Launcher:
                     running.process.send_signal(signal.SIGTERM)
 
     def warnings(self, name: str) -> list[str]:
-        """What a kind's processes have warned of, one sentence each, without time and name."""
+        """Warnings of a kind's processes, one sentence each, without time and name."""
         lines = [line for r in self._running if r.name == name for line in _lines(r.log_path)]
         return [line.partition(" WARNING ")[2] for line in lines if " WARNING " in line]
 
     def stop(self) -> None:
-        """End all processes: SIGTERM, a moment, SIGTERM again for those that finish something, SIGKILL."""
+        """End all processes: SIGTERM, a short wait, SIGTERM again for those still working, SIGKILL."""
         self._told |= set(SERVICES)
         for _ in range(2):
             for running in self._running:
@@ -186,7 +189,7 @@ class Launcher:
             running.process.wait()
 
     def _wait(self, patience_s: Callable[[ServiceSpec], float]) -> None:
-        """Wait for all processes, each so long as its kind is granted."""
+        """Wait for all processes, each as long as its kind allows."""
         began = time.monotonic()
         for running in self._running:
             left_s = began + patience_s(SERVICES[running.name]) - time.monotonic()
@@ -195,7 +198,7 @@ class Launcher:
 
 
 def _own_environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """What is meant for services on machines of their own is not for those on this one's loopback."""
+    """The environment without settings for services on several machines, which do not apply on loopback."""
     left_out = (KEYS_VARIABLE, METRICS_VARIABLE, logs.VARIABLE)
     return {name: value for name, value in environment.items() if name not in left_out}
 
@@ -218,7 +221,7 @@ def free_port(ports: int = 1) -> int:
 
 
 def last_line(path: Path) -> str:
-    """What a log says last."""
+    """The last line of a log."""
     lines = _lines(path)
     return lines[-1] if lines else "it said nothing"
 

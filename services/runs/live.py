@@ -28,7 +28,7 @@ from services.runs.progress import Progress
 
 _RATE_S = 5.0
 _NICENESS = 5
-"""Of what tracks: cameras do not wait, so their pictures go first where cores are few."""
+"""Niceness of the tracking processes: cameras do not wait, so their pictures have priority on few cores."""
 _ALONE_S = 15.0
 
 
@@ -39,7 +39,7 @@ class LiveJob(Job):
     config: Path
     take: LiveTake
     record: Path | None = None
-    """Where the pictures go as a take; None: nowhere."""
+    """Folder to record the pictures in as a take; None: no recording."""
 
 
 def live(
@@ -49,12 +49,12 @@ def live(
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any] | None:
-    """Track live until a stop is asked for or all sources are files that are over; returns run.json.
+    """Track live until a stop is requested or all sources are files that have ended; returns run.json.
 
     None where no pose was found. show, warn, started, and what is raised: as run_services.
     """
     recording = None if job.record is None else begin_recording(job.record)
-    shutil.rmtree(partial_of(job.out), ignore_errors=True)  # nobody goes on with live input that is over
+    shutil.rmtree(partial_of(job.out), ignore_errors=True)  # live input cannot be continued
     here = [group for group in job.take.groups() if group not in job.take.live.elsewhere]
     nice = ("--nice", str(_NICENESS))
     plan = Plan(
@@ -73,7 +73,7 @@ def live(
     if job.record is not None:
         away = finish_recording(job.take, job.record)
         if away:
-            warn(f"{job.record}: lacks {', '.join(away)}: copy what --record wrote on their hosts into it")
+            warn(f"{job.record}: lacks {', '.join(away)}: copy the recordings from their hosts into it")
     if written_ns(job.out) == before_ns:
         shutil.rmtree(ended.logs, ignore_errors=True)
         return None
@@ -93,7 +93,7 @@ def _cameras(job: LiveJob, group: str, recording: Path | None) -> Words:
 
 
 def serve_group(job: LiveJob, group: str, endpoint: str) -> None:
-    """Serve one group of cameras on this host until its segmentation ends or a stop is asked for."""
+    """Serve one group of cameras on this host until its segmentation ends or a stop is requested."""
     recording = None if job.record is None else begin_recording(job.record)
     with (
         tempfile.TemporaryDirectory(prefix="xormocap-logs-") as logs,

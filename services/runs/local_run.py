@@ -34,7 +34,7 @@ from services.runs.progress import Progress, ProgressWatch
 
 LOOK_S = 0.2
 _LEAVE_S = 10.0
-"""How long a coordinator may take to end after the recorder."""
+"""How long a coordinator may take to exit after the recorder."""
 _STARTING_S = 10.0
 """How long a recorder may take to start."""
 _CHECKS_S, _CHECK_LOOK_S = 20.0, 0.05
@@ -56,13 +56,13 @@ class Job:
     search: SearchSettings
     """Of the coordinator, whose tasks carry them."""
     output: OutputSettings = DEFAULT_OUTPUT
-    """How the recorder makes results of the poses."""
+    """How the recorder turns poses into results."""
     segmenter: str = DEFAULT_SEGMENTER
     """What makes the silhouettes."""
     page: str | None = None
-    """Where browsers can watch, as HOST:PORT; None: nowhere."""
+    """Address of the page, as HOST:PORT; None: no page."""
     keys: Path | None = None
-    """The folder that xormocap keys made, where the coordinator listens beyond this machine."""
+    """The folder of xormocap keys, if the coordinator listens beyond this machine."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class Plan:
     lasting: Words
     """Kinds of processes whose end is waited for, beside the recorder's."""
     alone_s: float
-    """How long after the coordinator's end a recorder that still waits for it is left waiting."""
+    """How long a recorder may still wait for the coordinator after the coordinator's end."""
 
 
 @dataclass(frozen=True)
@@ -98,11 +98,11 @@ class Ended:
     """A temporary folder."""
     was_stopped: bool
     told: Telemetry | None
-    """What the coordinator said last."""
+    """The coordinator's last telemetry."""
 
 
 class StopSignals:
-    """Counts SIGINT and SIGTERM inside its block: the first ends a run in order, the second at once."""
+    """Counts SIGINT and SIGTERM inside its block: the first stops a run cleanly, the second at once."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -179,14 +179,14 @@ def _keys(job: Job) -> Words:
 
 
 def _from_here(endpoint: str) -> str:
-    """Where processes on this machine find a coordinator that listens at every address."""
+    """The endpoint for processes on this machine if the coordinator listens at every address."""
     return re.sub(r"^tcp://(\*|0\.0\.0\.0):", "tcp://127.0.0.1:", endpoint)
 
 
 def _follow(
     launcher: Launcher, job: Job, plan: Plan, stop: StopSignals, show: Callable[[Progress], None]
 ) -> Telemetry | None:
-    """Watch until all is written, or a second stop is asked for; returns the last telemetry."""
+    """Watch until all is written, or a second stop is requested; returns the last telemetry."""
     ended_s, keys = dict[str, float](), keys_of_client(job.keys, "viewer")
     with closing(ProgressWatch(_from_here(plan.endpoint), keys, plan.first_frame, plan.rate_s)) as watch:
         while stop.count < 2:
@@ -216,7 +216,7 @@ def _follow(
 
 
 def written_ns(folder: Path) -> int | None:
-    """When a folder's results were written; None without any."""
+    """When a folder's results were written; None if there are none."""
     report = folder / RUN_JSON
     return report.stat().st_mtime_ns if report.exists() else None
 

@@ -11,7 +11,7 @@ from services.listener import PosesListener
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is."""
+    """The progress of a run."""
 
     frames_done: int
     frames_per_s: float
@@ -19,7 +19,7 @@ class Progress:
     stage: str
     """What a run of a recorded take is doing, in words."""
     told: Telemetry | None
-    """What the coordinator said last."""
+    """The coordinator's last telemetry."""
 
 
 class ProgressWatch(PosesListener):
@@ -65,7 +65,7 @@ def live_in_words(progress: Progress) -> str:
     if told.absent:
         dropped += f"  absent: {', '.join(told.absent)}"
     if not progress.frames_done:
-        what = "looking for somebody" if told.stage == "first frame" else told.stage
+        what = "looking for a person" if told.stage == "first frame" else told.stage
         return f"{what}; {dropped}"
     words = f"{told.stage}  {progress.frames_done} poses, {progress.frames_per_s:.1f} a second"
     if told.latency_s:

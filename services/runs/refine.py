@@ -1,6 +1,6 @@
-"""Fitting the actor of a take again, to frames of all of it: a run over it says where everybody was.
+"""Fitting the actor of a take again, to frames of the whole take, with the poses of an earlier run.
 
-In the first frames people often hold their arms and legs straight, and along a straight limb no outline tells
+In the first frames people often hold their arms and legs straight, and along a straight limb no outline shows
 where its joint is. Later they bend them.
 """
 
@@ -20,17 +20,17 @@ from services.segmentation.segmenters import AUTO
 
 DEFAULT_REFINE_FRAMES = 16
 fit_apart: Fitter = partial(fit_actor, apart=True)
-"""What fits an actor to frames of all of a take."""
+"""Settings of a fit to frames of a whole take."""
 LEAST_FRAMES = 2
 
 
 def refine_take(
     take: Take, result: Path, n_frames: int, show: Show, fitter: Fitter = fit_apart, segmenter: str = AUTO
 ) -> TakeFit:
-    """Fit the actor of a result anew, to so many frames of its take, from the first to the last alike.
+    """Fit the actor of a result again, to n frames evenly spread over its take.
 
-    Frames that the result marks are left out. Raises UserError where the result is another take's, or has not
-    two frames to be trusted; else as fit_take.
+    Frames that the result marks are left out. Raises UserError if the result belongs to another take or has
+    fewer than two reliable frames; else as fit_take.
     """
     found = load_result(result)
     name = found.run.get("take", {}).get("name", take.settings.name)
@@ -53,7 +53,7 @@ def refine_take(
 
 
 def spread(distrusted: Mask, n_frames: int) -> Ints:
-    """At most so many rows of (N,) frames, evenly spread over those that are not distrusted."""
+    """At most n rows of (N,) frames, evenly spread over the reliable ones."""
     trusted = np.flatnonzero(~distrusted)
     picked = np.linspace(0, max(len(trusted) - 1, 0), min(n_frames, len(trusted)))
     return np.asarray(trusted[np.unique(picked.round().astype(int))], np.int64)

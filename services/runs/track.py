@@ -32,9 +32,9 @@ class TakeJob(Job):
     frames: range
     overlay: bool
     fitted: Path | None = None
-    """A folder of xormocap fit, whose actor and poses go before the take's; out/fit is a copy of it."""
+    """A folder of xormocap fit, used instead of the take's actor and poses; copied to out/fit."""
     endpoint: str | None = None
-    """Where the coordinator listens; None: at ports that are free."""
+    """Where the coordinator listens; None: at free ports."""
 
 
 def track(
@@ -44,7 +44,7 @@ def track(
     warn: Callable[[str], None] = lambda _: None,
     started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Do a job and return its run.json, which tells of the actor's fit too; the logs go to out/logs.
+    """Do a job and return its run.json, which includes the actor's fit; the logs go to out/logs.
 
     show, warn, started, and what is raised: as run_services. Raises Interrupted once a stop was asked for and
     what was done by then is written.

@@ -34,7 +34,7 @@ from services.segmentation.silhouettes import packed
 
 _LOOK_S = 0.2
 _RESEND_S = 3.0
-"""A frame that was sent and is still asked for after so long got lost with a coordinator."""
+"""A sent frame that is still requested after this time was lost with a coordinator."""
 
 log = logging.getLogger(__name__)
 
@@ -74,7 +74,7 @@ class Sender:
             self._check_a_plate()
 
     def close(self) -> None:
-        """Close the connections, letting what was sent go out."""
+        """Close the connections after sending what is queued."""
         self._silhouettes.close()
         self._poses.close()
         self._context.term()
@@ -99,7 +99,7 @@ class Sender:
         return False
 
     def _follow(self, credit: Credit) -> None:
-        """Go to where the coordinator is, should it be behind (it restarted), far ahead, or another run's."""
+        """Move to the coordinator's position if it is behind (restarted), far ahead, or in another run."""
         self._credit = credit
         stalled = credit.next_frame < self._next and time.monotonic() - self._advanced_s > _RESEND_S
         is_other = credit.run != self._run
@@ -109,7 +109,7 @@ class Sender:
             self._advanced_s = time.monotonic()
 
     def _send_next(self) -> bool:
-        """Send one frame if credit allows; False when there is nothing to do just now."""
+        """Send one frame if credit allows; False if there is nothing to do at the moment."""
         if self._credit is None:
             return False
         if self._unsent is None:
@@ -135,7 +135,7 @@ class Sender:
 
 
 def _choose(take: Take, names: str) -> list[int]:
-    """Camera indices from names with commas between; none given: all."""
+    """Camera indices from names separated by commas; empty: all."""
     known = [camera.name for camera in take.cameras]
     wanted = [name.strip() for name in names.split(",") if name.strip()] or known
     for name in wanted:
@@ -147,11 +147,11 @@ def _choose(take: Take, names: str) -> list[int]:
 def main(
     take: Annotated[Path, typer.Option(help="The take folder, or a live configuration.")],
     connect: Annotated[str, typer.Option(help="The coordinator's endpoint.")] = DEFAULT_ENDPOINT,
-    cameras: Annotated[str, typer.Option(help="Cameras to serve, with commas between; all by default.")] = "",
+    cameras: Annotated[str, typer.Option(help="Cameras to serve, separated by commas; all by default.")] = "",
     keys: KeysOption = None,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     metrics: MetricsOption = None,
-    record: Annotated[Path | None, typer.Option(help="Live: the folder that pictures are kept in.")] = None,
+    record: Annotated[Path | None, typer.Option(help="Live: folder to record the pictures in.")] = None,
 ) -> None:
     """Make and send the silhouettes of a take's cameras."""
 

@@ -28,7 +28,7 @@ _MOST_DECODED = 48
 
 
 class KeptLooks:
-    """Small copies of some of the pictures that go by, evenly spread, however many there will be."""
+    """Keeps small copies of some pictures of a stream, evenly spread, without knowing its length."""
 
     def __init__(self, fewest: int) -> None:
         """fewest: at least so many are kept, if so many go by; always fewer than twice as many."""
@@ -36,7 +36,7 @@ class KeptLooks:
         self._kept: list[Bytes] = []
 
     def of(self, pictures: Iterable[Bytes]) -> Iterator[Bytes]:
-        """The very pictures (H, W, 3), looked at as they go by."""
+        """Pass the pictures (H, W, 3) through, and keep copies of some."""
         for n, picture in enumerate(pictures):
             if n % self._every == 0:
                 self._kept.append(shrunk(picture))
@@ -52,13 +52,13 @@ class KeptLooks:
 
 @dataclass(frozen=True, eq=False)
 class CameraBackground:
-    """What there is to learn one camera's background from."""
+    """The sources for learning one camera's background."""
 
     take: Take
     camera: Camera
     settings: SegmentationSettings
     looks: KeptLooks = field(default_factory=lambda: KeptLooks(LOOKS))
-    """At the recorded clean plate, once it was learnt."""
+    """Small copies of the recorded clean plate, after learning it."""
 
     @property
     def is_recorded(self) -> bool:
@@ -71,7 +71,7 @@ class CameraBackground:
         return plate_of_samples(spread_pictures(self.take, self.camera, SAMPLES))
 
     def pictures(self) -> Iterable[Bytes]:
-        """Pictures (H, W, 3) of the empty scene: the clean plate, or what the take itself tells of it."""
+        """Pictures (H, W, 3) of the empty scene: the clean plate, or an estimate from the take."""
         return self.looks.of(self.take.background(self.camera)) if self.is_recorded else self.made.frames
 
     def mean_picture(self) -> Bytes | None:
@@ -89,15 +89,14 @@ class CameraBackground:
         if shift_px != (0.0, 0.0):
             log.warning(
                 "%s/background: clean plate of %s lies %.1f px beside the pictures and was moved: the camera "
-                "was touched since, so record the empty stage again, and check the calibration "
+                "was moved since, so record the empty stage again, and check the calibration "
                 "(xormocap calibrate --check)",
                 self.take.folder, self.camera.name, float(np.hypot(*shift_px)),
             )  # fmt: skip
         return Plate.learn(shifted(self.pictures(), shift_px), self.settings, LIGHT_UNCERTAINTY)
 
     def _shift_px(self) -> tuple[float, float]:
-        """How far to the right and down a recorded clean plate has to move to lie on the take's first
-        picture."""
+        """The shift (right, down) that aligns a recorded clean plate with the take's first picture."""
         if not self.is_recorded or not self.take.has_video(self.camera):
             return 0.0, 0.0
         with self.take.video(self.camera, 0, 1) as video:
@@ -108,7 +107,7 @@ class CameraBackground:
         return plate_shift_px(plate, first)
 
     def check(self) -> None:
-        """Warn of a recorded clean plate, already learnt, that is not clean."""
+        """Warn if a recorded clean plate, already learnt, is not clean."""
         ghost = find_ghost(self.looks.pictures, quick_looks(self.take, self.camera, LOOKS))
         if ghost is None:
             return
@@ -122,10 +121,10 @@ class CameraBackground:
 
 
 def warn_of_guesses(take: Take, unsure_shares: dict[str, float]) -> None:
-    """Say how far plates made of the take can be trusted, by the worst of the cameras."""
+    """Warn of the reliability of plates estimated from the take, for the worst camera."""
     worst = max(unsure_shares, key=lambda name: unsure_shares[name])
     log.warning(
-        "%s/background: is missing: the empty scene was taken from the videos themselves; in %s, the worst, "
+        "%s/background: is missing: the empty scene was estimated from the videos; in %s, the worst, "
         "%.1f%% of the part where anything moves shows it in fewer than half of %d frames%s: record the "
         "empty stage",
         take.folder, worst, 100 * unsure_shares[worst], min(SAMPLES, take.settings.frames),
@@ -138,7 +137,7 @@ def warn_of_guesses(take: Take, unsure_shares: dict[str, float]) -> None:
 def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
     """Up to so many raw pictures (N, H, W, 3) of a camera, from the first frame to the last."""
     index, keys = keyframes(take, camera)
-    if len(keys) >= most:  # these need no other frame to be decoded
+    if len(keys) >= most:  # keyframes can be decoded alone
         pictures = []
         for key in (keys[i] for i in _spread(len(keys), most)):
             with take.video(camera, key, key + 1, index) as video:
@@ -150,9 +149,9 @@ def spread_pictures(take: Take, camera: Camera, most: int) -> Bytes:
 
 
 def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:
-    """Up to so many small copies (N, h, w, 3) of a camera's raw pictures, of which few need to be decoded.
+    """Up to so many small copies (N, h, w, 3) of a camera's raw pictures, decoding as few frames as possible.
 
-    Keyframes, and where there are too few of them, frames soon after each.
+    Keyframes, and frames soon after each if there are too few of them.
     """
     index, keys = keyframes(take, camera)
     begins = sorted({0, *keys})
@@ -168,7 +167,7 @@ def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:
 
 
 def shrunk(picture: Bytes) -> Bytes:
-    """A picture (H, W, 3), or a smaller one of it that shows people no worse."""
+    """A picture (H, W, 3), reduced as far as people remain recognisable."""
     share = _LOOK_WIDTH_PX / picture.shape[1]
     if share >= 1:
         return picture

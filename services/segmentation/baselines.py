@@ -40,18 +40,18 @@ class TrainedModel:
                 model.apply(picture)
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
-        """See Matte.trimap; every pixel is taken as sure."""
+        """See Matte.trimap; no pixel is unsure."""
         marked = np.asarray(self._model.apply(image_bgr, learningRate=0))
         return trimap_of(cleanup(marked == _FOREGROUND, self._settings))
 
 
 @dataclass(frozen=True, eq=False)
 class PaperTest:
-    """Tells a camera's pictures from its clean plate. Made by `learn`."""
+    """Compares a camera's pictures with its clean plate. Made by `learn`."""
 
     plate: Plate
     channels: Bytes
-    """(3, H, W) room for the picture in work: blue, green and red."""
+    """(3, H, W) buffer for the current picture: blue, green and red."""
 
     @staticmethod
     def learn(frames: Iterable[Bytes], settings: SegmentationSettings) -> "PaperTest":
@@ -65,7 +65,7 @@ class PaperTest:
         return trimap_of(cleanup(self.foreground(image_bgr), self.plate.settings))
 
     def foreground(self, image_bgr: Bytes) -> Mask:
-        """What differs from the plate and is no shadow, pixel by pixel: a mask (H, W), specks included."""
+        """The pixels that differ from the plate and are not shadow: a mask (H, W), including specks."""
         plate, settings = self.plate, self.plate.settings
         check_size(image_bgr, plate.shape, "image", "the clean plate")
         gains = plate.gauge.gains(image_bgr, settings.flicker_limit)
@@ -84,10 +84,10 @@ class PaperTest:
 def _mark_differences(
     channels: Bytes, gains: Levels, mean: Steps, whitening: Steps, sigmas: float, mask: Bytes
 ) -> None:
-    """Set a mask (H, W or more) to 1 where channels (3, H, W) differ too much for noise from gains * mean.
+    """Set a mask (H, W or more) to 1 where channels (3, H, W) differ from gains * mean by more than noise.
 
-    gains (3,), mean (3, H, W), whitening (6, H, W): see Plate. The inner loop has no branch, so that it
-    runs on many pixels at a time.
+    gains (3,), mean (3, H, W), whitening (6, H, W): see Plate. The inner loop has no branch, so that it is
+    vectorised.
     """
     blue, green, red = gains / np.float32(MEAN_STEPS)
     top = np.float32(255)
@@ -109,7 +109,8 @@ def _drop_shadow(
     mask: Bytes, words: NDArray[np.uint64], channels: Bytes, gains: Levels, mean: Steps,
     turn_noise: Levels, ratio_min: float, tangent: float,
 ) -> None:  # fmt: skip
-    """Clear what is background in shadow in a mask (H, W or more): darker, not too dark, of its colour.
+    """Clear pixels of a mask (H, W or more) that show background in shadow: darker, not too dark, same
+    colour.
 
     words: the mask's memory, eight pixels each; channels (3, H, W): the picture, gains (3,) brighter than the
     mean (3, H, W).

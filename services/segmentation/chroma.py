@@ -1,4 +1,4 @@
-"""Silhouettes before a green or blue screen: whatever has not the screen's colour, bright or dark."""
+"""Silhouettes in front of a green or blue screen: all pixels without the screen's colour, bright or dark."""
 
 from dataclasses import dataclass
 
@@ -12,20 +12,20 @@ from services.segmentation.cleanup import SegmentationSettings, cleanup
 from services.segmentation.pixels import Levels
 
 _TURN = np.tan(np.radians(25.0))
-"""How far the screen's colour may turn, folds and mixed light included."""
+"""How far the screen's hue may vary, including folds and mixed light."""
 _SATURATION = 0.5
 """Share of the screen's own saturation; paler colours are the actor's."""
 _DARKEST = 0.06
-"""Brightness, 0 to 1, below which a colour no longer says anything."""
+"""Brightness, 0 to 1, below which a colour is meaningless."""
 _LEAST_COLOUR = 0.25
-"""A grey has 0, pure green 0.9: what is paler is no screen."""
+"""A grey has 0, pure green 0.9: a paler colour is not a screen."""
 _BORDER = 0.06
 """Share of the picture's width: how close to the edges the screen is looked for."""
 _LEAST_SHARE = 0.4
 """Share of the border that must show the screen."""
 _HUE_BINS = 72
 _HUE_REACH = 4
-"""Bins to each side of the most frequent hue that are still the screen's: 20 degrees."""
+"""Bins on each side of the most frequent hue that still belong to the screen: 20 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +33,12 @@ class ChromaKey:
     """Tells a screen of one colour from the actor before it."""
 
     key: Floats
-    """(2,) the screen's Cr and Cb about grey, over its brightness: no shadow changes that."""
+    """(2,) the screen's Cr and Cb about grey, over its brightness: shadows do not change it."""
     settings: SegmentationSettings
 
     @staticmethod
     def of_colour(colour_bgr: tuple[int, int, int], settings: SegmentationSettings) -> "ChromaKey":
-        """For a screen whose colour is known; raises UserError for one that is hardly a colour."""
+        """For a screen of a known colour; raises UserError if it is almost grey."""
         chroma, luma = _chroma(np.array([[colour_bgr]], np.uint8))
         if np.linalg.norm(chroma[0, 0]) < _LEAST_COLOUR or luma[0, 0] < _DARKEST:
             blue, green, red = colour_bgr
@@ -50,7 +50,7 @@ class ChromaKey:
 
     @staticmethod
     def of_pictures(pictures: Bytes, settings: SegmentationSettings) -> "ChromaKey":
-        """For the screen that pictures (N, H, W, 3) show along their edges; raises UserError without one."""
+        """For the screen along the edges of pictures (N, H, W, 3); raises UserError if there is none."""
         width_px = max(2, round(_BORDER * pictures.shape[2]))
         edge = np.ones(pictures.shape[1:3], np.bool_)
         edge[width_px:-width_px, width_px:-width_px] = False
@@ -70,7 +70,7 @@ class ChromaKey:
         return ChromaKey(np.median(screen, axis=0).astype(np.float64), settings)
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
-        """See Matte.trimap; every pixel is taken as sure."""
+        """See Matte.trimap; no pixel is unsure."""
         return trimap_of(cleanup(~self.screen(image_bgr), self.settings))
 
     def screen(self, image_bgr: Bytes) -> Mask:

@@ -1,8 +1,8 @@
-"""What turns a raw foreground mask into a silhouette: specks and small holes.
+"""Turns a raw foreground mask into a silhouette by removing specks and small holes.
 
-The settings of the whole segmentation stand here too. Lengths and areas are given relative to the
-picture, so that one set of values serves 320x240 and 1920x1080. Connected patches are found row by row:
-a mask is a handful of runs per row, and joining runs takes a tenth of the time of labelling pixels.
+The settings of the whole segmentation are here too. Lengths and areas are relative to the picture, so that
+one set of values serves 320x240 and 1920x1080. Connected patches are found row by row: a mask is a handful of
+runs per row, and joining runs takes a tenth of the time of labelling pixels.
 """
 
 from typing import TypeAlias
@@ -22,7 +22,7 @@ Part: TypeAlias = tuple[slice, slice]
 
 
 class SegmentationSettings(BaseModel):
-    """How pictures become silhouettes; a level is one step of an 8-bit channel."""
+    """Settings of the segmentation; a level is one step of an 8-bit channel."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
@@ -61,13 +61,14 @@ def cleanup(mask: Mask, settings: SegmentationSettings) -> Mask:
 
 
 def cleanup_in_place(part: Bytes, picture_px: int, settings: SegmentationSettings) -> None:
-    """Clean a mask (h, w) of zeros and ones: a picture of so many pixels, or all that is set in it."""
+    """Clean a mask (h, w) of zeros and ones: a whole picture of picture_px pixels, or the part of it that is
+    set."""
     drop_specks(part, settings.speck_area_ppm * 1e-6 * picture_px)
     _fill_holes(part, settings.hole_area_ppm * 1e-6 * picture_px)
 
 
 def box_of(mask: Mask | Bytes, margin_px: int) -> Part | None:
-    """Rows and columns that hold all that is set in a mask (H, W), and a margin; None where nothing is."""
+    """Bounding rows and columns of a mask (H, W), with a margin; None if it is empty."""
     left, top, across, down = cv2.boundingRect(mask.view(np.uint8))
     if across == 0:
         return None
@@ -113,12 +114,12 @@ def _fill_holes(mask: Bytes, least_px: float) -> None:
 
 @numba.njit(cache=True, nogil=True)
 def _joined_runs(mask: Bytes, value: int) -> Ints:
-    """The runs (N, 6) of a value in a mask; those at the root of a patch know all of its area and border.
+    """The runs (N, 6) of a value in a mask; the root run of a patch has its total area and border.
 
     Runs of 1 that touch at a corner are one patch, runs of 0 are not: a diagonal line of actor closes a hole.
     """
     height, width = mask.shape
-    # As many as could be: memory that is not written costs nothing, and counting costs as much as finding.
+    # The largest possible number: unused memory costs nothing, and counting takes as long as finding.
     runs = np.empty((height * (width // 2 + 1), 6), np.int32)
     before, row_start, n = 0, 0, 0
     for y in range(height):

@@ -26,22 +26,21 @@ from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHI
 from services.segmentation.plate import LEAST_RATIO, MOST_RATIO, Plate, check_size
 
 UNSEEN, UNCHANGED, CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW = range(5)
-"""What a pixel shows: nothing that was looked at; the stage in light; something else, which may be a shadow's
-edge, or shadow."""
+"""State of a pixel: not examined; lit stage; changed; possibly a shadow's edge; possibly shadow."""
 LEAST_CHANGE = 0.25
-"""A pixel has changed where the evidence for it is more."""
+"""A pixel has changed if the evidence for it is larger."""
 _SQUARE_PX = 5
-"""Squares in which shadow is told from cloth."""
+"""Size of the squares in which shadow is separated from cloth."""
 _MARGIN_PX = 8
-"""About what has changed, in which shadow is looked for too."""
+"""Margin around changed pixels in which shadow is searched."""
 _SLOPE, _EVEN_DEVIATION2 = np.float32(0.25), np.float32(8.0)
-"""Evidence for a change per squared deviation, and the deviation that tells nothing (three channels)."""
+"""Evidence for a change per squared deviation, and the neutral deviation (three channels)."""
 _LEAST, _MOST = np.float32(-1.5), np.float32(4.0)
-"""Of evidence for a change in one pixel."""
+"""Bound of the evidence for a change in one pixel."""
 _MOST_MISFIT = np.float32(8.0 / 3.0)
-"""Times the noise, squared, on average over three channels: more is no shadow."""
+"""Largest squared deviation in shadow, in units of the noise, averaged over three channels."""
 _MOST_OWN_MISFIT = np.float32(16.0)
-"""The same of one pixel, summed over three channels."""
+"""The same for one pixel, summed over three channels."""
 _N_PRODUCTS = 3
 _SEEN, _BOTH, _KNOWN = range(_N_PRODUCTS)
 """Planes of a pixel's products: |z|², z·μ and |μ|² + 1."""
@@ -62,14 +61,14 @@ class Comparison:
         self.change: Levels = np.empty(shape, np.float32)
         """(H, W) evidence for a change."""
         self.part: Part | None = None
-        """Rows and columns that hold all that has changed; None where nothing has."""
+        """Bounding rows and columns of all changes; None if there are none."""
         self.ratio: Levels = np.empty(shape, np.float32)
-        """(H, W) brightness of the square about a pixel over what is expected."""
+        """(H, W) brightness of the square around a pixel over the expected brightness."""
         self.state: Bytes = np.empty(shape, np.uint8)
         """(H, W) what a pixel shows, UNSEEN to PERHAPS_SHADOW."""
 
     def look(self, image_bgr: Bytes) -> None:
-        """Compare a picture (H, W, 3) with the plate; raises UserError where it is of another size."""
+        """Compare a picture (H, W, 3) with the plate; raises UserError if its size differs."""
         plate = self.plate
         height, width = plate.shape
         check_size(image_bgr, plate.shape, "image", "the clean plate")
@@ -115,7 +114,7 @@ def _compare(
             change[y, x] = evidence if evidence < _MOST else _MOST
 
 
-# A loop for each result over rows that lie in one piece: so the compiler takes many pixels at a time.
+# One loop per result over contiguous rows, so that the compiler vectorises it.
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})

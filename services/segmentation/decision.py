@@ -19,7 +19,7 @@ labels. With energies' differences between the labels as messages, the one from 
 
 and a pixel believes its evidence plus all messages to it (Pearl, Probabilistic Reasoning in Intelligent
 Systems, 1988; Felzenszwalb, Huttenlocher, Efficient Belief Propagation for Early Vision, IJCV 70, 2006).
-Sweeps carry a message through a row at a time, so a few rounds do.
+A sweep carries messages through a whole row, so a few rounds are enough.
 """
 
 from math import log
@@ -33,7 +33,8 @@ from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 from services.segmentation.plate import LEAST_RATIO
 
 _IN_PLACE, _OFF_PLACE = np.float32(log(0.8)), np.float32(log(0.2))
-"""How often the plate lies just where the pictures do, and how often a part of a pixel off."""
+"""Probability that the plate is exactly aligned with the pictures, and that it is off by a fraction of a
+pixel."""
 _NEVER = np.float32(-60.0)
 _SQUARE_SHARE = np.float32(0.12)
 """β: what a square of five pixels has in common, its darkness in shadow or the colour of its cloth, costs
@@ -41,7 +42,7 @@ each of its pixels so much of what it would cost one alone."""
 _CLOTH_SHARE = np.float32(0.25)
 """β': the same for an even cloth, whose colour was seen or not."""
 _OTHER_LIGHT = np.float32(-1.0)
-"""Logarithm of the odds of light that is a few per cent off to light as in the rest of the picture."""
+"""Log odds of light that differs by a few per cent against light as in the rest of the picture."""
 _LIGHT_REACH = np.float32(0.05)
 _CLOTH_NOISE2 = np.float32(1.3)
 """κ: noise of an even cloth, squared, over that of the stage: it has folds and a weave."""
@@ -106,7 +107,7 @@ def actor_evidence(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _larger(a: np.float32, b: np.float32) -> np.float32:
-    """As max, which Numba makes slower for the sake of NaN."""
+    """Like max, which is slower in Numba because of NaN."""
     return a if a > b else b
 
 
@@ -116,7 +117,7 @@ def prices(
 ) -> None:
     """Write the price (h, w) between each pixel and the next in its row, and the next in its column.
 
-    An edge is where the difference from the plate jumps: outlines of the stage itself are none.
+    An edge is a jump in the difference from the plate, so outlines of the stage itself do not count.
     """
     height, width = across.shape
     top, left = corner_px
@@ -157,7 +158,7 @@ def beliefs(evidence: Levels, across: Levels, down: Levels, rounds: int) -> Leve
         for y in range(height):
             for x in range(width):
                 held[x] = evidence[y, x] + from_above[y, x] + from_below[y, x]
-            # Both ways in one loop: each step waits for the one before it, but not for the other way's.
+            # Both directions in one loop: each step depends on the previous one of its own direction only.
             to_right = to_left = np.float32(0)
             for x in range(width - 1):
                 back = width - 1 - x

@@ -1,4 +1,5 @@
-"""Which pixels of a silhouette's rim belong to the actor: those of which the actor covers more than half.
+"""Decides which pixels of a silhouette's rim belong to the actor: those that the actor covers by more than
+half.
 
 A statistical test takes every pixel that differs at all, which makes silhouettes half a pixel too fat all
 round. A rim pixel z mixes actor and background, z = α a + (1 - α) b, and the colours nearby tell a and b:
@@ -21,7 +22,7 @@ from services.mocap.types import Bytes, Floats
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 _MIN_CONTRAST_LEVELS = 15.0
-"""Of |a - b|; below it, noise decides on which side of the middle a mixed pixel falls."""
+"""Of |a - b|; with less contrast, noise would decide about a mixed pixel."""
 _MIN_PURITY = 1e-3
 _LEAST_OUTSIDE_PX = 2.0
 """So far out of the mask, at least, there may be some actor: thin limbs before noise."""
@@ -41,7 +42,8 @@ _Sums: TypeAlias = tuple[float, float, float, float, float, float]
 def settle_edges(
     part: Bytes, corner_px: tuple[int, int], channels: Bytes, expected: Steps, rim_px: float, misfit: float
 ) -> None:
-    """Give each pixel of a mask's rim to whom more than half of it belongs, in place.
+    """Assign each pixel of a mask's rim to actor or background, whichever covers more than half of it, in
+    place.
 
     part (h, w): the part of the mask that is set, and a margin; corner_px: its first row and column.
     channels, expected (3, H, W): the picture, and the background as it should be in the picture's light, in
@@ -91,7 +93,7 @@ def _depths2(mask: Bytes, reach: int, most: np.float32) -> tuple[Levels, Levels]
 
 @numba.njit(cache=True, nogil=True)
 def _depths2_along_rows(mask: Bytes, reach: int, most: np.float32) -> Levels:
-    """Squared distances (2, H, W) in each row, to what is not set and to what is."""
+    """Squared distances (2, H, W) in each row, to pixels that are not set and to pixels that are."""
     height, width = mask.shape
     along = np.empty((2, height, width), np.float32)
     for y in range(height):
@@ -115,7 +117,7 @@ def _mix(
     share: Levels, on_rim: Bytes, corner_px: tuple[int, int], inside2: Levels, outside2: Levels,
     channels: Bytes, expected: Steps, rim_px: np.float32, misfit: np.float32,
 ) -> None:  # fmt: skip
-    """Mark a mask's rim (h, w), and put in the actor's share in its pixels, by sums over neighbourhoods.
+    """Mark a mask's rim (h, w), and write the actor's share in its pixels, by sums over neighbourhoods.
 
     share (h, w): the mask's ones and zeros before.
     """
@@ -150,7 +152,8 @@ def _mix(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _sums_near(columns: Floats, begin: int, end: int) -> _Sums:
-    """The sums of some columns (6, w), all six at a time: one alone would wait for itself."""
+    """The sums of some columns (6, w), all six in one loop, because a single sum would wait for its own
+    result."""
     blue = green = red = purity = light = seen = 0.0
     for x in range(begin, end):
         blue += columns[0, x]
@@ -168,9 +171,9 @@ def _weigh(
     values: Levels,
 ) -> None:  # fmt: skip
     """Write what neighbourhoods are summed over (6, w) for one row (w,); light beyond the rim only."""
-    # Loops that write one row each: the compiler then takes many pixels at a time.
+    # Loops that write one row each, so that the compiler vectorises them.
     for x in range(inside2.size):
-        # The deeper in the body, the purer its colour; where a limb is thin, its middle line must do.
+        # Colours deeper in the body are purer; in a thin limb its middle line has to do.
         values[_PURITY, x] = inside2[x] * inside2[x]
         values[_LIGHT, x] = 0
         values[_SEEN, x] = 0
@@ -193,8 +196,8 @@ def _weigh(
 def _share(
     was: np.float32, channels: Bytes, expected: Steps, y: int, x: int, near: _Sums, misfit: np.float32
 ) -> np.float32:
-    """The actor's share in a pixel, 0 to 1; what it was where no mix explains its colour."""
-    # Beside the feet the floor lies in shadow: as dark at the rim as nearby beyond it.
+    """The actor's share in a pixel, 0 to 1; unchanged if no mix explains its colour."""
+    # Next to the feet the floor is in shadow, which is as dark at the rim as just beyond it.
     one = np.float32(1)
     shade, share = np.float32((near[_SEEN] + 1) / (near[_LIGHT] + 1)), np.float32(1 / near[_PURITY])
     length2 = along = offset2 = np.float32(0)

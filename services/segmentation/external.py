@@ -16,7 +16,7 @@ from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
 from services.segmentation.cleanup import SegmentationSettings, cleanup
 
 _HALF = 0.25, 0.75
-"""Opacities that tell nothing."""
+"""Range of undecided opacities."""
 _WIDER_THAN_A_RIM = np.ones((5, 5), np.uint8)
 _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
@@ -24,13 +24,14 @@ _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 class OnnxMatte:
     """Runs a network that takes a picture, and the clean plate if it has a second input: `onnx:FILE`.
 
-    Inputs are (1, 3, h, w) RGB from 0 to 1, at the network's own size where it has one. The first output of
-    one channel is the actor's opacity, 0 to 1; half and more is actor. Where patches of it are about half,
-    wider than a soft rim, the network does not know: they are unsure.
+    Inputs are (1, 3, h, w) RGB from 0 to 1, at the network's own size if it has one. The first output with
+    one channel is the actor's opacity, 0 to 1; 0.5 and more is actor. Areas of about 0.5 that are wider than
+    a soft edge are unsure.
     """
 
     def __init__(self, file: Path, plate_bgr: Bytes | None, settings: SegmentationSettings) -> None:
-        """Raises UserError where the file, the package or the clean plate is missing, or inputs differ."""
+        """Raises UserError if the file, the package or the clean plate is missing, or the inputs are not as
+        expected."""
         self._file, self._settings = file, settings
         self._session = _session(file)
         self._inputs = list(self._session.get_inputs())
@@ -45,7 +46,7 @@ class OnnxMatte:
             if plate_bgr is None:
                 raise UserError(
                     f"{file}: its second input is for the clean plate, but the take has no background/: "
-                    "record the empty stage, or take a network that needs none"
+                    "record the empty stage, or use a network that needs none"
                 )
             self._plates.append(plate_bgr)
 
@@ -106,7 +107,7 @@ class PluginMatte:
     """
 
     def __init__(self, name: str, camera: Camera, plate_bgr: Bytes | None, group: str) -> None:
-        """Raises UserError where the entry point cannot be loaded or made."""
+        """Raises UserError if the entry point cannot be loaded or called."""
         self._name, self._shape = name, (camera.height_px, camera.width_px)
         (entry,) = list(entry_points(group=group, name=name))[:1]
         try:
@@ -116,7 +117,7 @@ class PluginMatte:
         except Exception as problem:
             raise UserError(
                 f"--segmenter {name}: {entry.value} failed for {camera.name} "
-                f"({type(problem).__name__}: {problem}): ask those who made it"
+                f"({type(problem).__name__}: {problem}): ask its authors"
             ) from problem
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
@@ -125,7 +126,7 @@ class PluginMatte:
         if answer.dtype not in (np.bool_, np.uint8) or answer.shape != self._shape:
             raise UserError(
                 f"--segmenter {self._name}: expected masks of (height, width) {self._shape} and type bool "
-                f"or uint8, got {answer.shape} of {answer.dtype}: ask those who made it"
+                f"or uint8, got {answer.shape} of {answer.dtype}: ask its authors"
             )
         if answer.dtype == np.bool_:
             return trimap_of(np.ascontiguousarray(answer, np.bool_))
@@ -133,6 +134,6 @@ class PluginMatte:
         if unknown.any():
             raise UserError(
                 f"--segmenter {self._name}: expected {BACKGROUND} for background, {UNSURE} for unsure and "
-                f"{ACTOR} for the actor in masks of uint8, got {answer[unknown][0]}: ask those who made it"
+                f"{ACTOR} for the actor in masks of uint8, got {answer[unknown][0]}: ask its authors"
             )
         return np.ascontiguousarray(answer, np.uint8)

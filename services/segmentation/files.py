@@ -21,7 +21,7 @@ from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make
 log = logging.getLogger(__name__)
 
 UNSURE_SHEET = "unsure.png"
-"""Beside the silhouettes: where the actor cannot be told from the background, if anywhere."""
+"""File next to the silhouettes that shows where the actor cannot be told from the background."""
 _THIRDS = ("upper", "middle", "lower")
 _UNTOLD_SHARE = 0.4
 """Share of what may be the actor in a third; both shanks and feet are that much of the lower one."""
@@ -32,10 +32,10 @@ _MANY_FRAMES = 0.25
 def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmenter: str = AUTO) -> None:
     """Write silhouettes/<camera>/000000.png … of a take with videos into out, all or nothing.
 
-    They are those of the raw pictures, lens distortion included, as a take folder holds them: 0 is
-    background, 128 unsure, 255 actor. Where much of the actor is unsure a warning says so, and unsure.png
-    shows it. advance is called after each picture. segmenter: what makes them.
-    Raises UserError where that is silhouettes which the take has already, or out is not free.
+    They belong to the raw pictures, with lens distortion, as in a take folder: 0 is background, 128 unsure,
+    255 actor. Where much of the actor is unsure a warning says so, and unsure.png shows it. advance is called
+    after each picture. Raises UserError if the segmenter is the take's own silhouettes, or out already
+    exists.
     """
     if chosen_segmenter(take, segmenter) == READY:
         raise UserError(f"{take.folder}: has silhouettes already: expected videos, or --segmenter")
@@ -59,16 +59,16 @@ class UnsureThirds:
     """What one camera's silhouettes leave open in the upper, middle and lower third, frame by frame."""
 
     frames: int = 0
-    """That show somebody."""
+    """Number of frames that show a person."""
     untold: Ints = field(default_factory=lambda: np.zeros(3, np.int32))
-    """(3,) in how many of them most of the upper, middle and lower third is unsure."""
+    """(3,) number of these frames in which most of the upper, middle and lower third is unsure."""
     worst_frame: int = 0
     worst_trimap: Trimap | None = None
     """(H, W) of that frame; None where there is none."""
     _worst_px: int = 0
 
     def add(self, frame: int, trimap: Trimap) -> None:
-        """Take in the trimap (H, W) of a frame."""
+        """Add the trimap (H, W) of a frame."""
         actor = may_be_actor(trimap == ACTOR, trimap != BACKGROUND)
         if not actor.any():
             return
@@ -85,13 +85,13 @@ class UnsureThirds:
 
     @property
     def named(self) -> list[str]:
-        """The thirds that are so in many frames."""
+        """The thirds that are unsure in many frames."""
         many = max(_MANY_FRAMES * self.frames, 0.5)
         return [third for third, untold in zip(_THIRDS, self.untold, strict=True) if untold > many]
 
 
 def thirds_in_words(names: Sequence[str], thirds: Sequence[UnsureThirds]) -> str:
-    """The sentence for the user, by the cameras' names; "" where all can be told."""
+    """The warning for the user, with the cameras' names; "" if nothing is unsure."""
     parts = []
     for third in _THIRDS:
         where = [name for name, of_camera in zip(names, thirds, strict=True) if third in of_camera.named]

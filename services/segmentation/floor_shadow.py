@@ -1,7 +1,7 @@
-"""Shadow lies on the floor: where it does, every camera that sees the place sees it as dark.
+"""Shadow on the floor: every camera that sees a place in shadow sees it dark.
 
-A floor point in shadow is dark in all cameras; a shin before the floor is not, since other cameras see the
-floor behind it in light.
+A floor point in shadow is dark in all cameras; a shin in front of the floor is not, because other cameras see
+the floor behind it lit.
 """
 
 from collections.abc import Sequence
@@ -18,18 +18,18 @@ from services.segmentation.lenses import Lenses, Pixels, raw_pixel, rays_of
 from services.segmentation.pixels import Levels
 
 SUPPORTED = np.float32(1.0)
-"""Logarithm of the odds of shadow where another camera sees the same shadow on the floor."""
+"""Log odds of shadow where another camera sees the same shadow on the floor."""
 SUPPORTED_EDGE = np.float32(-1.0)
-"""Where another camera sees what may be a shadow's edge there."""
+"""Log odds where another camera sees a possible shadow edge there."""
 UNSUPPORTED = np.float32(-5.0)
-"""Where others see the place and none of them sees a shadow there."""
+"""Log odds where other cameras see the place and none sees a shadow there."""
 REFUTED = np.float32(-3.0)
 """Added for each camera that sees the place in light; each that sees the shadow, but the first, cancels
 one."""
 UNKNOWN = np.float32(-3.0)
-"""Where no other camera sees the place, or nobody knows where the floor is."""
+"""Log odds where no other camera sees the place, or the floor is unknown."""
 _ON_ITS_OWN = np.float32(-1.0)
-"""Where there is no other camera at all: shadow is told by colour and texture alone."""
+"""Log odds without any other camera: only colour and texture indicate shadow."""
 _AGREED = 0.1
 """Share of the possible shadow pixels that other cameras must support for the floor to be known."""
 _SURELY_AGREED = 0.35
@@ -50,7 +50,8 @@ class Floor:
 
     height_m: float
     places_m: list[Levels]
-    """Per camera (H, W, 2): where on the floor a raw pixel looks, x and y in the world; NaN off it."""
+    """Per camera (H, W, 2): the floor point that a raw pixel sees, x and y in the world; NaN off the
+    floor."""
 
     @classmethod
     def at(cls, height_m: float, cameras: Sequence[Camera]) -> "Floor":
@@ -69,9 +70,9 @@ class Floor:
     def shadow_prior(
         self, camera: int, part: Part | None, lenses: Lenses, ratios: Levels, states: Bytes, there: Ints
     ) -> Levels:
-        """(H, W) logarithm of the odds of shadow to light where a camera's picture may show shadow.
+        """(H, W) log odds of shadow against light where a camera's picture may show shadow.
 
-        part: all of the picture in which it may; None where it does nowhere.
+        part: the part of the picture that may show shadow; None if there is none.
         ratios, states (C, H, W): of all Comparisons; there: the cameras that have a picture. Elsewhere it is
         UNKNOWN.
         """
@@ -89,14 +90,14 @@ class Floor:
 
 
 def unknown_shadow(shape: tuple[int, int], *, has_others: bool) -> Levels:
-    """The shadow prior (H, W) where nobody knows where the floor is, or there is no other camera to ask."""
+    """The shadow prior (H, W) if the floor is unknown, or there is no other camera."""
     return np.full(shape, UNKNOWN if has_others else _ON_ITS_OWN, np.float32)
 
 
 def find_floor(
     cameras: Sequence[Camera], lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
 ) -> Floor | None:
-    """The floor at the height at which cameras agree best on where shadow lies; None where they do not agree.
+    """The floor at the height at which cameras agree best on shadows; None if they do not agree.
 
     moments: ratios (C, H, W), states (C, H, W) and cameras that have a picture. The world's origin is tried
     first.
@@ -118,7 +119,7 @@ def find_floor(
 
 
 def _agreement(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]) -> float:
-    """Of all pixels that may show shadow, the share that another camera supports."""
+    """The share of all possible shadow pixels that another camera supports."""
     supported = candidates = 0
     for ratios, states, there in moments:
         for c in map(int, there):
@@ -137,9 +138,10 @@ def _vote(
     ratio: Levels, state: Bytes, ratios: Levels, states: Bytes, block_px: int,
     within: tuple[int, int, int, int], prior: Levels,
 ) -> None:  # fmt: skip
-    """Write the prior of pixels within rows and columns, block by block: shadow has no finer detail."""
+    """Write the prior of pixels within rows and columns, block by block, because shadow has no finer
+    detail."""
     first_row, end_row, first_column, end_column = within
-    # Blocks lie where they lie in all pictures, wherever the part begins.
+    # The grid of blocks is the same in all pictures, wherever the part begins.
     for top in range(first_row // block_px * block_px, end_row, block_px):
         for left in range(first_column // block_px * block_px, end_column, block_px):
             bottom, right = min(top + block_px, end_row), min(left + block_px, end_column)
@@ -155,7 +157,7 @@ def _vote(
 def _most_like_shadow(
     state: Bytes, places_m: Levels, top: int, bottom: int, left: int, right: int
 ) -> tuple[int, int]:
-    """Row and column of the pixel of a block, before the floor, that is likeliest a shadow's; -1 for none."""
+    """Row and column of the most shadow-like pixel of a block in front of the floor; -1 for none."""
     row, column, most = -1, -1, CHANGED
     for y in range(top, bottom):
         for x in range(left, right):
@@ -169,7 +171,7 @@ def _odds(
     x_m: float, y_m: float, height_m: float, P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, others: Ints,
     ratio: np.float32, ratios: Levels, states: Bytes,
 ) -> np.float32:  # fmt: skip
-    """Logarithm of the odds of shadow at a place on the floor, as dark as a ratio, by the other cameras."""
+    """Log odds of shadow at a place on the floor with this darkness, from the other cameras."""
     seeing = lit = alike = 0
     best = CHANGED
     for j in others:
@@ -183,7 +185,8 @@ def _odds(
         best = max(best, found)
     if seeing == 0:
         return UNKNOWN
-    # Furniture may hide a place from some, who then see no change: several who see the shadow outweigh them.
+    # Furniture may hide a place from some cameras, which then see no change; several cameras that see the
+    # shadow outweigh them.
     refuted = np.float32(max(lit - max(alike - 1, 0), 0)) * REFUTED
     if best == PERHAPS_SHADOW:
         return refuted + SUPPORTED
@@ -192,7 +195,7 @@ def _odds(
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _look(state: Bytes, ratio: Levels, size_px: Ints, column: int, row: int, like: np.float32) -> int:
-    """What a camera sees about a pixel: shadow or its edge only if it is as dark."""
+    """What a camera sees around a pixel: shadow or its edge only if it is equally dark."""
     found = UNCHANGED
     for v in range(max(row - 2, 0), min(row + 3, size_px[1]), 2):
         for u in range(max(column - 2, 0), min(column + 3, size_px[0]), 2):

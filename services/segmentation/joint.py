@@ -39,27 +39,28 @@ from services.segmentation.plate import Plate
 from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, VoxelGrid
 
 _ROUNDS = 3
-"""Of messages; more change hardly anything."""
+"""Rounds of messages; more change almost nothing."""
 _SURELY_CHANGED, _SURELY_SAME = 1.0, -0.5
-"""Evidence for a change by which the odds of other cameras' word, and colours, are learnt."""
+"""Evidence for a change above which a pixel is used to learn colours and the weight of the other cameras."""
 _BIAS = np.float32(-0.3)
-"""Evidence against the actor: rims mix both, and are better cut off, since edges are settled afterwards."""
+"""Bias against the actor: rims mix both and are better cut off here, because the edges are settled
+afterwards."""
 _TELLING = -0.5
-"""Prior odds by the other cameras above which they are believed to see the actor along a pixel's ray."""
+"""Prior odds above which the other cameras count as seeing the actor along a pixel's ray."""
 _HARDLY_AGAINST = -2.2
-"""Log odds of a pixel, its own evidence plus the other cameras' word, above which it is unsure and not surely
+"""Log odds of a pixel (its own evidence plus the other cameras') above which it is unsure instead of
 background."""
 _NO_WORD = -1.7
 """In place of the others' word where too few see a place: the pixel is then unsure only if its own evidence
 is."""
 _SLIGHTLY_AGAINST = -0.5
-"""Own evidence below which a pixel is the actor's by its neighbours alone."""
+"""Own evidence below which only its neighbours make a pixel the actor's."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
 """Around what may be the actor, so that messages can spread; around what is, so that edges can be settled."""
 
 
 class JointMatte:
-    """Cuts the actor out of the pictures that several cameras took at one moment; one camera will do."""
+    """Segments pictures that one or several cameras took at one moment."""
 
     def __init__(
         self, cameras: Sequence[Camera], plates: Sequence[Plate], settings: SegmentationSettings
@@ -80,7 +81,7 @@ class JointMatte:
     def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
         """The actor in raw pictures (H, W, 3) by their camera's place: trimaps (H, W).
 
-        Cameras may be missing. Raises UserError where a picture is not of its plate's size.
+        Cameras may be missing. Raises UserError if a picture does not have its plate's size.
         """
         there = self._compare(images_bgr)
         shadow_priors = self._shadow_priors(there)
@@ -92,11 +93,11 @@ class JointMatte:
 
     @property
     def moved(self) -> list[Mask]:
-        """Per camera (H, W): where something stands since its plate was recorded, or no longer does."""
+        """Per camera (H, W): where an object was added or removed since the plate was recorded."""
         return [learnt.moved for learnt in self._learnt]
 
     def learn(self, images_bgr: Mapping[int, Bytes]) -> None:
-        """Take in what is sure of the actor in pictures; `conclude` makes it count."""
+        """Collect the certain actor pixels in pictures; `conclude` puts them to use."""
         there = self._compare(images_bgr)
         shadow_priors = self._shadow_priors(there)
         classes = self._classes(shadow_priors, there)
@@ -109,13 +110,13 @@ class JointMatte:
             self._learnt[c].add(images_bgr[c], classes[c], changed, compared.change < _SURELY_SAME)
 
     def conclude(self) -> None:
-        """Let what was learnt count from now on."""
+        """Use what was learnt from now on."""
         of_all = ActorColours(np.sum([learnt.colours.counts for learnt in self._learnt], axis=0))
         for learnt in self._learnt:
             learnt.conclude(of_all)
 
     def settle_floor(self, moments: Sequence[Mapping[int, Bytes]]) -> None:
-        """Find out how high the floor lies, by the shadows in pictures of some moments."""
+        """Find the height of the floor from the shadows in pictures of some moments."""
         if not self._has_others:
             return
         seen = []
@@ -193,10 +194,10 @@ class JointMatte:
         return trimap
 
     def _likely_part(self, change: Levels, classes: Bytes) -> Part | None:
-        """The part of the picture that may show the actor; None where nothing does."""
+        """The part of the picture that may show the actor; None if there is none."""
         changed = ((change > LEAST_CHANGE) & (classes != MORE_MISS)).view(np.uint8)
         likely = opened(changed | (classes == INSIDE), 3)
-        # With few cameras there is much in which all others see a change, where this one sees none.
+        # With few cameras all others see a change along many rays of pixels that have not changed here.
         drop_unconfirmed(likely, changed, self._settings.speck_area_ppm * 1e-6 * changed.size)
         return box_of(likely, _MARGIN_PX)
 
@@ -218,7 +219,7 @@ class JointMatte:
         doubt = opened(doubtful, 3)
         drop_specks(doubt, settings.speck_area_ppm * 1e-6 * height * width)
         trimap[doubt > 0] = UNSURE
-        if actor.any():  # what the others leave room for far from the actor is nobody
+        if actor.any():  # space that the other cameras leave open far from the actor is empty
             body = (trimap > 0).view(np.uint8)
             drop_unconfirmed(body, actor, 1)
             trimap *= body

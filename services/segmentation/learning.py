@@ -22,15 +22,16 @@ _FLOOR_MOMENTS = 4
 _LIVE_EVERY = 5
 """At first, one of so many live shots is learnt from."""
 _LIVE_CONCLUSIONS = 6
-"""Shots that are learnt from between two conclusions."""
+"""Number of learnt shots between two conclusions."""
 _SLOWER_AFTER, _SLOWER = 60, 10
-"""After so many shots only every tenth of them is learnt from."""
+"""After this many shots only every tenth of them is learnt from."""
 
 log = logging.getLogger(__name__)
 
 
 def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) -> None:
-    """Look at moments of all of a take's beginning and of later keyframes; the same whoever asks when."""
+    """Learn from moments at the start of a take and from later keyframes; the result does not depend on the
+    call."""
     floor_moments = list(islice(_moments(take, cameras), 0, None, _MOMENTS // _FLOOR_MOMENTS))
     matte.settle_floor(floor_moments)
     for images in _moments(take, cameras):
@@ -40,7 +41,7 @@ def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) ->
         if moved.any():
             rows, columns = np.nonzero(moved)
             log.warning(
-                "%s: something that %s sees about column %d, row %d (%.1f%% of the picture) is not as "
+                "%s: something in %s near column %d, row %d (%.1f%% of the picture) is not as "
                 "in its clean plate, and does not move: these pixels count for nothing; record the "
                 "empty stage again",
                 take.folder, camera.name, np.median(columns), np.median(rows), 100 * moved.mean(),
@@ -48,7 +49,7 @@ def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) ->
 
 
 def _moments(take: Take, cameras: Sequence[Camera]) -> Iterator[dict[int, Bytes]]:
-    """Pictures of all cameras at some moments, of which few frames have to be decoded."""
+    """Pictures of all cameras at some moments, chosen so that few frames have to be decoded."""
     begins = sorted({0, *keyframes(take, cameras[0])[1]})
     begins = begins[:: -(-len(begins) // _MOST_RUNS)]
     longest, each = _MOST_DECODED // len(begins), -(-_MOMENTS // len(begins))

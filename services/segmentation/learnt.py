@@ -17,25 +17,25 @@ BINS = 32
 BIN_SHIFT = 3
 _BIN_VOLUME = float(8**3)
 _BROAD = 1.0 / 220.0**3
-"""Density of a colour that was never seen, per cubic level: nearly all are possible."""
+"""Density of an unseen colour, per cubic level: nearly all colours are possible."""
 _BROAD_SHARE = 0.1
 """Share of the actor's pixels that may have any colour: sides of the actor that were not seen yet."""
 _OWN_SHARE = 0.5
 """Share of the other pixels that follow this camera's histogram; the rest follow that of all cameras."""
 _LEAST_PIXELS = 200
 _COUNTED_PIXELS = 300.0
-"""The usual odds by what other cameras say count as much as so many pixels of the take's own."""
+"""The default odds from other cameras have the weight of this many pixels of the take."""
 _TELLING_COLOUR = -8.0
-"""A pixel as in the plate tells that the actor is not there only where that colour is so much rarer with the
-actor: logarithm of the density over that of the plate's own colours."""
+"""An unchanged pixel counts against the actor only if its colour is this much rarer on the actor than in the
+plate: log ratio of the densities."""
 _MOST_PRIOR = 1.0
 """What the others say is the same for many pixels that lie together, so it may not count as much for each."""
 _UNSUPPORTED_SHARES, _LEAST_PRIORS = (0.02, 0.15), (-5.0, -2.0)
-"""The more of what surely changed no other camera confirms, the less it means: cameras are badly calibrated,
-or do not see the same places."""
+"""The more certain changes no other camera confirms, the lower their weight: cameras are badly calibrated, or
+do not see the same places."""
 _FEWEST_MOMENTS, _STILL, _UNCONFIRMED = 6, 0.9, 0.5
-"""Something was moved where nearly all of so many moments show a change that in half of them no other camera
-confirms."""
+"""An object was moved if nearly all of this many moments show a change that no other camera confirms in half
+of them."""
 _LEAST_MOVED = 0.003
 """Share of the picture: shoes of somebody who stands still are smaller, and no voxel reaches down to them."""
 
@@ -48,19 +48,19 @@ class ActorColours:
     """(BINS, BINS, BINS) by blue, green and red."""
 
     def add(self, pixels: Bytes) -> None:
-        """Take in pixels (N, 3) that are surely the actor's."""
+        """Add pixels (N, 3) that certainly show the actor."""
         self.counts += np.bincount(_bins_of(pixels), minlength=BINS**3).reshape(self.counts.shape)
 
     @property
     def n_pixels(self) -> int:
-        """How many have been taken in."""
+        """Number of pixels so far."""
         return int(self.counts.sum())
 
     def log_density(self, of_all: "ActorColours") -> Levels:
         """(BINS, BINS, BINS) logarithm of the density of colours, per cubic level.
 
-        of_all: what all cameras saw together: clothes that one camera sees before a wall of their colour,
-        another sees before something else.
+        of_all: what all cameras saw together: clothes that one camera sees in front of a wall of the same
+        colour, another camera sees in front of something else.
         """
         known = [
             (h, w) for h, w in ((self, _OWN_SHARE), (of_all, 1 - _OWN_SHARE)) if h.n_pixels >= _LEAST_PIXELS
@@ -80,7 +80,7 @@ def _bins_of(pixels: Bytes) -> NDArray[np.int64]:
 
 
 def _smoothed(counts: Floats) -> Floats:
-    """Counts (B, B, B) of which each bin gives a quarter to either neighbour along every axis."""
+    """Counts (B, B, B), smoothed along every axis with weights 1/4, 1/2, 1/4."""
     for axis in range(3):
         moved = np.moveaxis(counts, axis, 0)
         smooth = moved / 2
@@ -97,19 +97,19 @@ class Learnt:
         self._plate_log_density = float(np.median(plate.log_peak))
         self.colours = ActorColours()
         self._n_changed = np.zeros(N_CLASSES)
-        """Pixels that surely changed, by what the other cameras say."""
+        """Number of certainly changed pixels, by the class from the other cameras."""
         self._n_same = np.zeros((N_CLASSES, BINS**3), np.int64)
-        """Pixels that surely did not, by that and by their colour."""
+        """Number of certainly unchanged pixels, by class and colour."""
         self._changed, self._unsupported = np.zeros((2, *plate.shape), np.uint16)
-        """(H, W) in how many moments a pixel had changed, and in how many of these no other camera saw
-        anything along its ray."""
+        """(H, W) number of moments in which a pixel had changed, and of those in which no other camera saw a
+        change along its ray."""
         self._moments = 0
         self.log_colours = self.colours.log_density(self.colours)
         """(BINS, BINS, BINS) see ActorColours.log_density."""
         self.class_prior = CLASS_PRIOR
         """(N_CLASSES,) logarithm of the odds of the actor, by what the other cameras say."""
         self.moved: Mask = np.zeros(plate.shape, np.bool_)
-        """(H, W) where something stands since the plate was recorded, or no longer does."""
+        """(H, W) where an object was added or removed after the plate was recorded."""
 
     def add(self, image_bgr: Bytes, classes: Bytes, changed: Mask, same: Mask) -> None:
         """Take in a picture (H, W, 3), what the others say of its pixels (H, W), and which of them surely

@@ -15,7 +15,7 @@ from services.mocap.types import Floats, Ints
 Pixels: TypeAlias = NDArray[np.int16]
 
 NOWHERE = -1
-"""Column and row of what no raw pixel shows."""
+"""Column and row for points outside the raw picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Lenses:
     sizes_px: Ints
     """(C, 2) width and height."""
     raw_px: Pixels
-    """(C, H, W, 2) column and row in the raw picture by those in the undistorted one; NOWHERE off it."""
+    """(C, H, W, 2) column and row in the raw picture for each undistorted pixel; NOWHERE outside it."""
 
     @classmethod
     def of(cls, cameras: Sequence[Camera]) -> "Lenses":
@@ -46,7 +46,7 @@ class Lenses:
 
 
 def rays_of(camera: Camera) -> tuple[Floats, Floats]:
-    """A camera's centre (3,) in the world, and the rays (H, W, 3) that its raw pixels see along."""
+    """A camera's centre (3,) in the world, and the rays (H, W, 3) of its raw pixels."""
     columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
     raw = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
     undo = cv2.fisheye.undistortPoints if camera.fisheye else cv2.undistortPoints
@@ -57,7 +57,7 @@ def rays_of(camera: Camera) -> tuple[Floats, Floats]:
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def raw_pixel(P: Floats, size_px: Ints, raw_px: Pixels, x: float, y: float, z: float) -> tuple[int, int]:
-    """Column and row in one camera's raw picture of a point of the world, in metres; NOWHERE where off it."""
+    """Column and row of a world point, in metres, in one camera's raw picture; NOWHERE if outside."""
     across = P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]
     down = P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]
     return raw_of(across, down, P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3], size_px, raw_px)
@@ -65,7 +65,7 @@ def raw_pixel(P: Floats, size_px: Ints, raw_px: Pixels, x: float, y: float, z: f
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def raw_of(across: float, down: float, depth_m: float, size_px: Ints, raw_px: Pixels) -> tuple[int, int]:
-    """Column and row in one camera's raw picture of what lies in a direction; NOWHERE where off it.
+    """Column and row of a direction in one camera's raw picture; NOWHERE if outside.
 
     across, down: column and row in the undistorted picture, both times the depth.
     """

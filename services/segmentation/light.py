@@ -23,13 +23,14 @@ _SAMPLED_ROWS, _SAMPLED_COLUMNS = 4, 8
 """Of a tile: so many are sampled."""
 _BINS = 64
 _LEAST_RATIO, _MOST_RATIO = 0.8, 1.25
-"""Of brightness to the plate's at the same exposure; what lies outside is no drift of the light."""
+"""Range of the brightness ratio to the plate at equal exposure; a ratio outside is not a drift of the
+light."""
 _DARKEST = 40.0
-"""Sum of three channels, in levels; darker pixels say nothing of the light."""
+"""Sum of three channels, in levels; darker pixels say nothing about the light."""
 _LEAST_SAMPLES = 8
 _FAR_APART, _APART = 0.06, 0.03
-"""A tile this far off the median of its neighbourhood, or then off what is found so far, shows somebody, or a
-shadow, not the light."""
+"""A tile this far from the median of its neighbourhood, or later from the present estimate, shows a person or
+a shadow."""
 _NEAR_TILES, _FAR_TILES = 1.2, 4.0
 """Deviations of the Gaussians by which tiles are smoothed."""
 _LEAST_TILES = 5
@@ -59,10 +60,10 @@ class Gauge:
         return Gauge(places, np.ascontiguousarray(pixels[places]))
 
     def gains(self, image_bgr: Bytes, limit: float) -> Levels:
-        """(3,) how much brighter than the reference's the channels of an image are: exposure, white balance.
+        """(3,) gains of an image's channels relative to the reference: exposure, white balance.
 
-        The exposure lies within 1 ± limit. Medians hold as long as more than half of the picture shows the
-        lit background; what is far from the exposure does not count for a channel's.
+        The exposure is within 1 ± limit. Medians are right while more than half of the picture shows the lit
+        background; ratios far from the exposure do not count for a channel.
         """
         gains: Levels = np.ones(3, np.float32)
         if self.places.size == 0 or limit == 0:
@@ -88,8 +89,8 @@ def _median_ratio(
 ) -> float:
     """Median over places (n,) of the sum of channels first to last of pixels (N, 3) over that of a reference.
 
-    reference (n, 3): at these places. Only ratios within middle ± reach count; the median is found to a
-    2048th of that range, and is the middle where none does.
+    reference (n, 3): at these places. Only ratios within middle ± reach count. The median is found to 1/2048
+    of that range; it is the middle if no ratio counts.
     """
     counts = np.zeros(_RATIO_BINS, np.int32)
     scale, n = _RATIO_BINS / (2 * reach), 0
@@ -135,7 +136,7 @@ def light_field(channels: Bytes, mean: Steps, gains: Levels) -> Levels:
 
 
 def _smoothed(tiles: Levels, weights: Levels) -> Levels:
-    """Tiles (h, w) as those about them are; where none of weight is near, as those far away, and else 0."""
+    """Smoothed tiles (h, w); without weighted tiles nearby, from distant ones; otherwise 0."""
     near, far = (
         [
             _smoothing(len(part), reach) @ part @ _smoothing(part.shape[1], reach)
@@ -149,17 +150,18 @@ def _smoothed(tiles: Levels, weights: Levels) -> Levels:
 
 @cache
 def _smoothing(n: int, reach: float) -> Levels:
-    """The matrix (n, n) that smooths n tiles in a row by a Gaussian; beyond the last there is nothing."""
+    """The matrix (n, n) that smooths a row of n tiles by a Gaussian, with zeros beyond the ends."""
     apart = np.subtract.outer(np.arange(n), np.arange(n)) / reach
     matrix: Floats = np.exp(-0.5 * apart**2) / (reach * np.sqrt(2 * np.pi))
-    return np.where(matrix > _LEAST_WEIGHT**2, matrix, 0).astype(np.float32)  # smaller numbers are slow
+    return np.where(matrix > _LEAST_WEIGHT**2, matrix, 0).astype(np.float32)  # denormal numbers are slow
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _tile_medians(
     channels: Bytes, mean: Steps, levels: Levels, tile_px: int, ratios: Levels, weights: Levels
 ) -> None:
-    """Write to ratios (h, w) the median of brightness over the plate's; to weights the share that counted."""
+    """Write to ratios (h, w) the median of the brightness over the plate's, and to weights the share of valid
+    pixels."""
     height, width = channels.shape[1:]
     counts = np.zeros(_BINS, np.int32)
     rows_apart, columns_apart = max(tile_px // _SAMPLED_ROWS, 1), max(tile_px // _SAMPLED_COLUMNS, 1)

@@ -1,4 +1,4 @@
-"""A segmentation's figures for Prometheus."""
+"""Prometheus metrics of a segmentation."""
 
 from prometheus_client import Counter, Gauge, Histogram
 

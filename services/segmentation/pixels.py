@@ -1,7 +1,7 @@
 """How pixels' values are kept.
 
-Statistics stand as whole numbers, in planes of their own: half the bytes of single precision, and bytes are
-what the test of a picture spends its time on.
+Statistics are integers in separate planes: half the bytes of single precision, and memory bandwidth limits
+the test.
 """
 
 from typing import TypeAlias

@@ -1,4 +1,4 @@
-"""The empty stage as one camera sees it: colour, noise and outlines of every pixel."""
+"""The empty stage as seen by one camera: colour, noise and outlines of every pixel."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ from services.segmentation.light import Gauge
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
 
 LIGHT_UNCERTAINTY = 0.012
-"""Share of a pixel's brightness by which its light may be off after all: patches smaller than the light
-field."""
+"""Share of a pixel's brightness by which its light may still differ, in patches smaller than the light field
+resolves."""
 LEAST_RATIO, MOST_RATIO = np.float32(0.35), np.float32(0.97)
 """Brightness in shadow over that in light."""
 _PRIOR_FRAMES = 10.0
@@ -43,11 +43,12 @@ class Plate:
     turn_noise: Levels
     """(H, W) deviation of the noise across the direction of the background's colour, in levels."""
     slack: Levels
-    """(H, W) 0 to 1: how much of a squared deviation counts where the plate may lie a part of a pixel off."""
+    """(H, W) 0 to 1: weight of a squared deviation, less where the plate may be off by a fraction of a
+    pixel."""
     log_peak: Levels
-    """(H, W) logarithm of the density of colours, per cubic level, where nothing deviates."""
+    """(H, W) log density of colours, per cubic level, at zero deviation."""
     log_slack: Levels
-    """(H, W) what that costs an unchanged pixel's logarithm of density."""
+    """(H, W) the expected loss of log density of an unchanged pixel."""
     log_span: Levels
     """(H, W) logarithm of a density of one darkness over that of any darkness that shadows have."""
     gauge: Gauge
@@ -58,11 +59,11 @@ class Plate:
     ) -> "Plate":
         """The plate from BGR uint8 frames (H, W, 3) of the empty stage; a single picture is enough.
 
-        light_uncertainty: a share of each pixel's brightness by which light may differ, as noise.
+        light_uncertainty: share of each pixel's brightness by which the light may vary, treated as noise.
 
-        Flicker between the frames is evened out first, so that it does not pass for noise. Each pixel's
-        covariance is drawn towards the picture's mean one, the more so the fewer the frames. Raises
-        UserError where there are no frames or their sizes differ.
+        Flicker between the frames is removed first, so that it does not count as noise. Each pixel's
+        covariance is shrunk towards the picture's mean, more for fewer frames. Raises UserError if there are
+        no frames or their sizes differ.
         """
         total = _Sums(settings.flicker_limit)
         for frame in frames:
@@ -132,7 +133,7 @@ class _Sums:
             spread = scatter[BB] + scatter[GG] + scatter[RR]
             common = scatter[:, spread <= 4 * np.median(spread)].mean(axis=1, keepdims=True) / extra
         covariance = (scatter + _PRIOR_FRAMES * common) / (extra + _PRIOR_FRAMES)
-        covariance *= 1 + 1 / self._count  # the mean has noise of its own, which adds to the new picture's
+        covariance *= 1 + 1 / self._count  # the mean's own noise adds to the new picture's
         covariance += one * settings.noise_floor_levels**2
         height, width = self._first.shape[:2]
         mean = np.moveaxis(self._first, 2, 0) + shift.reshape(3, height, width)

@@ -1,4 +1,4 @@
-"""A camera that was touched since its clean plate was recorded: by how much the plate lies beside the
+"""Detects a camera that was moved after its clean plate was recorded: the shift of the plate against the
 pictures."""
 
 from collections.abc import Iterable, Iterator
@@ -14,7 +14,7 @@ from services.segmentation.pixels import Levels
 _Level = TypeVar("_Level", np.uint8, np.float32)
 
 _LEAST_PX, _MOST_PX = 0.25, 6.0
-"""Less does no harm; more is another view, for which the calibration is no longer true."""
+"""A smaller shift does no harm; a larger one is another view, for which the calibration is wrong."""
 _GAIN = 0.97
 """A shift counts only if it leaves at most this share of the difference in outlines."""
 _UNTIL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
@@ -27,12 +27,12 @@ _INNER = (slice(8, -8), slice(8, -8))
 def plate_shift_px(plate_bgr: Bytes, picture_bgr: Bytes) -> tuple[float, float]:
     """How far to the right and down a plate (H, W, 3) has to move to lie on a picture (H, W, 3).
 
-    (0, 0) where it lies well, or where no shift makes it lie better. The shift with the best correlation of
-    what they show (Evangelidis, Psarakis, PAMI 30(10), 2008), which does not mind other light, and is hardly
-    changed by somebody before a stage that has outlines of its own.
+    (0, 0) if it fits, or if no shift improves it. It is the shift with the best correlation of the pictures
+    (Evangelidis, Psarakis, PAMI 30(10), 2008), which is independent of the light and almost independent of a
+    person in front of a stage with outlines.
     """
     plate, picture = _grey(plate_bgr), _grey(picture_bgr)
-    plate *= np.float32(np.median(picture / np.maximum(plate, 1)))  # another exposure is no shift
+    plate *= np.float32(np.median(picture / np.maximum(plate, 1)))  # remove differences of exposure
     rough = _correlated(plate, picture, np.full(plate.shape, 1, np.uint8))
     alike = np.abs(cv2.blur(picture - _moved(plate, *rough), (5, 5))) < _ALIKE_LEVELS
     stage = np.asarray(cv2.erode(alike.view(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
@@ -55,7 +55,7 @@ def _correlated(plate: Levels, picture: Levels, stage: Bytes) -> tuple[float, fl
         _, found = cv2.findTransformECC(
             picture, plate, matrix, cv2.MOTION_TRANSLATION, _UNTIL, stage, _SMOOTHING_PX
         )
-    except cv2.error:  # nothing to correlate: a stage in one colour
+    except cv2.error:  # nothing to correlate: a stage of one colour
         return 0.0, 0.0
     return -float(found[0, 2]), -float(found[1, 2])
 
@@ -78,6 +78,6 @@ def _grey(picture_bgr: Bytes) -> Levels:
 
 
 def _slopes(grey: Levels) -> Levels:
-    """How steep brightness (H, W) is, its noise evened out."""
+    """Gradient magnitude of the smoothed brightness (H, W)."""
     even = cv2.GaussianBlur(grey, (0, 0), 1.0)
     return np.asarray(np.hypot(cv2.Sobel(even, cv2.CV_32F, 1, 0), cv2.Sobel(even, cv2.CV_32F, 0, 1)))

@@ -1,6 +1,6 @@
-"""The table of segmenters: what `--segmenter NAME` may say, and what each is made of.
+"""The table of segmenters: the names for `--segmenter NAME`, and how each is made.
 
-Others come in from outside, as entry points of the group `xormocap.segmenters`.
+Other packages add segmenters as entry points of the group `xormocap.segmenters`.
 """
 
 import re
@@ -28,10 +28,10 @@ from services.segmentation.silhouettes import GroupMatte, Matte, Segmenter, Sepa
 
 USUAL = "clean-plate"
 _KEY_PICTURES = 8
-"""From which a screen's colour is estimated."""
+"""Number of pictures from which a screen's colour is estimated."""
 
 PlateCheck: TypeAlias = Callable[[], None]
-"""Warns of a recorded clean plate that is not clean."""
+"""Warns if a recorded clean plate is not clean."""
 
 
 class Kind(NamedTuple):
@@ -41,10 +41,10 @@ class Kind(NamedTuple):
     """Takes the background and what stands after the colon of `NAME:ARGUMENT`, "" for nothing; None: made of
     all cameras' plates together."""
     argument: str = ""
-    """What may stand there, for messages; "" for nothing."""
+    """The expected argument, for messages; "" for none."""
     needs_argument: bool = False
     needs_plate: bool = False
-    """Whether the empty scene has to be known."""
+    """Whether it needs the empty scene."""
 
 
 def _paper(background: CameraBackground, _: str) -> Matte:
@@ -86,12 +86,12 @@ KINDS: dict[str, Kind] = {
 
 
 def known_segmenters() -> list[str]:
-    """Names that --segmenter takes here, those of installed plug-ins last."""
+    """The names for --segmenter on this machine, installed plug-ins last."""
     return [AUTO, READY, *KINDS, *sorted(entry_points(group=GROUP).names)]
 
 
 def check_segmenter(name: str) -> None:
-    """Raise UserError, in one sentence, for what --segmenter cannot mean."""
+    """Raise UserError for an invalid --segmenter."""
     kind, colon, argument = name.partition(":")
     if kind not in known_segmenters():
         raise UserError(
@@ -107,14 +107,16 @@ def check_segmenter(name: str) -> None:
 
 
 def chosen_segmenter(take: Take, name: str = AUTO) -> str:
-    """The segmenter for a take: the one asked for, or with auto the one that suits what the take has.
+    """The segmenter for a take: the requested one, or with auto the one that suits the take.
 
-    Raises UserError where there is none of that name, or the take lacks what it needs.
+    Raises UserError if there is none of that name, or the take lacks something that it needs.
     """
     check_segmenter(name)
     chosen = name if name != AUTO else READY if take.source == "silhouettes" else USUAL
     if chosen == READY and take.source != "silhouettes":
-        raise UserError(f"--segmenter {READY}: {take.folder} has none: expected silhouettes/ beside videos/")
+        raise UserError(
+            f"--segmenter {READY}: {take.folder} has no silhouettes: expected silhouettes/ beside videos/"
+        )
     if chosen != READY:
         for camera in take.cameras:
             if not take.has_video(camera):
@@ -129,11 +131,11 @@ def make_segmenter(
     name: str = AUTO,
     later: Callable[[PlateCheck], None] = lambda check: check(),
 ) -> Segmenter:
-    """A segmenter for some cameras of a take, trained; logs one warning where a plate is a guess.
+    """A trained segmenter for some cameras of a take; logs one warning if plates are estimated.
 
-    Cameras of one segmenter help each other; those that are to be compared get one each. later: gets what
-    checks each recorded clean plate, a quarter of a second each; by default it is done at once. Raises
-    UserError where there is none of that name, or the take lacks what it needs.
+    Cameras of one segmenter help each other; cameras that shall be compared need separate ones. later:
+    collects the checks of recorded clean plates, 0.25 s each; by default they run at once. Raises UserError
+    if there is no segmenter of that name, or the take lacks something that it needs.
     """
     chosen = chosen_segmenter(take, name)
     if chosen == READY:
@@ -155,16 +157,16 @@ def make_segmenter(
 def live_matte(
     take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str = AUTO
 ) -> GroupMatte:
-    """What cuts the actor out of live pictures of some cameras, whose empty stage the take knows.
+    """The matte for live pictures of some cameras, whose empty stage is known.
 
-    Raises UserError where there is nothing of that name, or it needs more than pictures of the empty stage.
+    Raises UserError if there is none of that name, or it needs more than pictures of the empty stage.
     """
     check_segmenter(name)
     chosen = USUAL if name == AUTO else name
     if chosen == READY:
         raise UserError(f"--segmenter {name}: live cameras give pictures: leave it out, or choose another")
     if chosen == "chroma":
-        raise UserError(f"--segmenter {name}: live, the screen's colour has to be said: chroma:RRGGBB")
+        raise UserError(f"--segmenter {name}: live, the screen's colour must be given: chroma:RRGGBB")
     return _group_matte([CameraBackground(take, camera, settings) for camera in cameras], chosen)[1]
 
 

@@ -16,13 +16,13 @@ from services.segmentation.lenses import Lenses
 from services.segmentation.voxels import MISS, MORE_MISS, VoxelGrid
 
 _LEAST_OTHERS = 3
-"""One of the others may miss what is there, and two have to agree on where it is."""
+"""One of the other cameras may miss an object, and two must agree on its position."""
 _SUPPORTED = 0.25
 """Share of a blob's area that the others must leave room for; the actor's parts have most of theirs."""
 
 
 class Matte(Protocol):
-    """Cuts the actor out of one camera's pictures, each by itself."""
+    """Segments one camera's pictures, each independently."""
 
     def trimap(self, image_bgr: Bytes, /) -> Trimap:
         """The actor in a raw picture (H, W, 3) BGR uint8: a trimap (H, W)."""
@@ -30,7 +30,7 @@ class Matte(Protocol):
 
 
 class GroupMatte(Protocol):
-    """Cuts the actor out of the pictures that several cameras took at one moment."""
+    """Segments the pictures that several cameras took at one moment."""
 
     def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
         """The actor in raw pictures (H, W, 3) by the camera's place: trimaps (H, W). Cameras may be
@@ -49,9 +49,9 @@ class SeparateMattes:
     def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
         """See GroupMatte.trimaps: without blobs that no other camera supports.
 
-        Blobs are of what is surely actor; unsure pixels of the others leave room, and stay what they are. A
-        camera whose picture has one blob or none stays as it is, and so does one in which nothing is
-        supported: it may be the calibration that is wrong.
+        Blobs consist of certain actor pixels; other cameras' unsure pixels leave room, and are not changed. A
+        picture with at most one blob is not changed, nor one in which no blob is supported, because the
+        calibration may be wrong.
         """
         trimaps = {c: self._mattes[c].trimap(image) for c, image in images_bgr.items()}
         blobs = {
@@ -106,13 +106,14 @@ class Segmenter:
         return cls(cameras, raw_trimaps)
 
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
-        """Undistorted trimaps (h, w), one per camera, of frames start up to and without stop."""
+        """Undistorted trimaps (h, w), one per camera, of frames start up to but not including stop."""
         for raw in self.raw_trimaps(start, stop):
             yield [u.trimap(trimap) for u, trimap in zip(self._undistorters, raw, strict=True)]
 
 
 def pictures_of(take: Take, cameras: Sequence[Camera], start: int, stop: int) -> Iterator[dict[int, Bytes]]:
-    """Raw pictures (H, W, 3) of some cameras by their place, frame by frame, start up to and without stop."""
+    """Raw pictures (H, W, 3) of some cameras by their position, frame by frame, from start up to but not
+    including stop."""
     with ExitStack() as closing:
         videos = [closing.enter_context(take.video(camera, start, stop)) for camera in cameras]
         for images in zip(*videos, strict=True):

@@ -1,8 +1,8 @@
 """A clean plate made of the take itself, for takes without one; and whether a recorded one is clean.
 
-A plate of the take is what most of the pictures show. Where the actor stands in most of them, nothing tells
-what is behind; how much of the picture that may be is part of the answer. Somebody in a recorded plate (a
-ghost) would be missing from the silhouettes, or stay in all of them.
+A plate of the take is what most of the pictures show. Where the actor stands in most of them, the background
+is unknown; the result includes the share of the picture for which this may be so. Somebody in a recorded
+plate (a ghost) would be missing from the silhouettes, or stay in all of them.
 """
 
 from dataclasses import dataclass
@@ -15,48 +15,48 @@ from services.segmentation.light import Gauge
 from services.segmentation.pixels import Levels
 
 SAMPLES = 48
-"""Pictures that a plate is made of, at most."""
+"""Most pictures for a plate."""
 LOOKS = 12
 """Pictures of a plate, and of a take, in which a ghost is looked for, at least where there are so many."""
 _FLICKER_LIMIT = 0.25
 _LEAST_TOLERANCE = 8.0
-"""Levels; pictures that differ by less show the same."""
+"""In levels; pictures that differ by less look the same."""
 _SIGMAS = 4.0
 _MAD_SIGMA = 1.4826
-"""Deviation of normal noise over the median of its size."""
+"""Standard deviation of normal noise over its median absolute value."""
 _STILL = 0.9
 """Share of the pictures that must agree where nothing moves."""
 _ROWS_AT_ONCE = 64
 _DIFFERENT_LEVELS = 16.0
-"""In one channel at least; less may be a codec's or a light's doing."""
+"""Least difference in one channel; a codec or a change of light may cause smaller ones."""
 _LEAST_SHARE = 0.002
 """Share of the picture; what is smaller than 154 pixels of 320x240 is no person."""
 _SEEN_EMPTY = 0.5
 """Share of the take's pictures that show the same where something of the plate is gone."""
 _EDGE_RATIO = 1.3
-"""How much stronger the outline of what is gone is in the plate than in the take."""
+"""How much stronger the outline of a missing object is in the plate than in the take."""
 
 
 @dataclass(frozen=True, eq=False)
 class TakePlate:
-    """What the empty scene of one camera probably looks like."""
+    """The estimated empty scene of one camera."""
 
     frames: Bytes
     """(N, H, W, 3) the samples at one exposure; where the actor was, an earlier look at the background."""
     support: Levels
-    """(H, W) the share of the samples, 0 to 1, that show the same at a pixel."""
+    """(H, W) the share of the samples, 0 to 1, that agree at a pixel."""
 
     @property
     def unsure_share(self) -> float:
-        """Of the pixels at which anything moves, the share that fewer than half of the samples show empty."""
+        """Of the pixels where something moves, the share that fewer than half of the samples show empty."""
         return float((self.support < 0.5).sum() / max(int((self.support < _STILL).sum()), 1))
 
 
 def plate_of_samples(samples: Bytes) -> TakePlate:
     """The plate of pictures (N, H, W, 3) of a camera that stands still, over which the actor moves.
 
-    A pixel's background is the median of its samples where half of them agree with it, else the colour that
-    most of them share.
+    A pixel's background is the median of its samples if half of them agree with it, else the most frequent
+    colour.
     """
     gauge = Gauge.on(_median_picture(samples).astype(np.float32))
     evened = np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
@@ -98,10 +98,10 @@ def _agreeing(samples: Bytes, background: Bytes, tolerance: float) -> Mask:
 
 @dataclass(frozen=True)
 class Ghost:
-    """What should not be in a clean plate."""
+    """Something that should not be in a clean plate."""
 
     moves: bool
-    """Whether it moves in the plate; else it stands there and is gone in the take."""
+    """Whether it moves in the plate; otherwise it stands there and is gone in the take."""
     share: float
     """Of the picture, 0 to 1."""
     centre: tuple[float, float]
@@ -116,8 +116,8 @@ class Ghost:
 def find_ghost(plate: Bytes, samples: Bytes) -> Ghost | None:
     """The largest thing in a plate (N, H, W, 3) that is not the empty scene of samples (M, H, W, 3).
 
-    None where there is none, as far as these pictures tell: whoever stands in the plate and for the whole
-    take in the same place is part of the scene.
+    None if these pictures show none. A person who stands in the same place in the plate and in the whole take
+    is part of the scene.
     """
     moving = _patches(np.asarray(plate_of_samples(plate).support < _STILL))
     gone = [] if moving else _gone(_median_picture(plate), samples)
@@ -133,8 +133,8 @@ def find_ghost(plate: Bytes, samples: Bytes) -> Ghost | None:
 def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
     """Patches of what stands in a plate (H, W, 3) and in no sample (M, H, W, 3).
 
-    An actor who never leaves a place differs from the plate there as well, but brings the outline along,
-    which a place that somebody has left does not have.
+    An actor who never leaves a place differs from the plate there as well, but has an outline there in the
+    take, which a place that a person has left does not have.
     """
     gauge = Gauge.on(plate.astype(np.float32))
     evened = np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
@@ -151,13 +151,13 @@ def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
 
 
 def _edges(picture: Bytes) -> Levels:
-    """How steep the brightness of a picture (H, W, 3) is: (H, W)."""
+    """Gradient magnitude (H, W) of the brightness of a picture (H, W, 3)."""
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.float32)
     return np.asarray(np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)))
 
 
 def _patches(mask: Mask) -> list[Mask]:
-    """The connected patches of a mask (H, W) that are as large as somebody, the largest first."""
+    """The connected patches of a mask (H, W) that are large enough for a person, the largest first."""
     _, labels, table, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     areas: Ints = np.asarray(table[1:, cv2.CC_STAT_AREA], np.int32)
     large = [k for k in np.argsort(-areas, kind="stable") if areas[k] >= _LEAST_SHARE * mask.size]

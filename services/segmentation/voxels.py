@@ -1,4 +1,5 @@
-"""What the other cameras say of a pixel: how many of them miss the actor wherever along its ray it may be.
+"""Evidence of the other cameras about a pixel: how many of them see no change, at the best place along its
+ray.
 
 The place is filled with voxels, coarse ones first, and finer ones where nearly all cameras see a change. The
 fewer of the others miss what a pixel's ray meets, the likelier the pixel is the actor's (a visual hull that
@@ -23,30 +24,29 @@ _PER_COARSE = 3
 _FINE_OFFSETS_M: Floats = np.ascontiguousarray(
     _FINE_M * (np.indices((3, 3, 3)).reshape(3, -1).T - 1.0), np.float64
 )
-"""(27, 3) centres of a coarse voxel's fine ones, from its own."""
+"""(27, 3) centres of the fine voxels relative to the coarse voxel's centre."""
 _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M = 1.5, 6.0
 """Limits of half the side of the voxels' square; between them, the cameras' median distance from its
 middle."""
 _HEIGHT_M = 2.9
 _OVER_FLOOR_M = 0.04
-"""Voxels begin so far over the floor: what lies on it is shadow."""
+"""Voxels start this far above the floor: on the floor there is shadow."""
 _OVERLAP = 1.2
 """A voxel is drawn so many times its size."""
 _LEAST_OTHERS, _MANY_OTHERS = 2, 4
 """Fewer others tell nothing; where fewer than so many see a voxel, what each of them misses weighs more."""
 _MOST_MISSES, _FEW, _MOST_OF_FEW = 1.5, 5, 0.75
-"""Voxels that more of the others miss are not looked into; fewer misses suffice where few others see one."""
+"""Voxels that more of the other cameras miss are not refined; the limit is lower where few others see one."""
 MISS = 16
-"""A camera that surely sees no change at a pixel misses by so much; one that surely sees one by 0."""
+"""Miss of a camera that certainly sees no change at a pixel; 0 if it certainly sees one."""
 _INSIDE_MISSES, _NEAR_MISSES, _DEEP_MISSES = 6, 12, 24
 """Of all others together, at most, for the classes below: 0.4, 0.75 and 1.5 times MISS."""
 
 INSIDE, DEEP, NEAR, ONE_MISSES, MORE_MISS, ALONE = range(6)
-"""What others say of a pixel: well within what all of them see; deep within what all but one see; at the rim
-of what all see; one or more miss it; too few others see along its ray to tell."""
+"""Classes of a pixel: well inside the hull of all other cameras; deep inside the hull of all but one; at the
+rim of the hull; missed by one or more; too few other cameras see along its ray."""
 CLASS_PRIOR: Levels = np.array([1.0, 0.8, -0.5, -1.0, -4.5, 0.0], np.float32)
-"""Logarithm of the odds that a pixel is the actor's, by class, before anything was learnt of a take. 0:
-nobody can tell, and nothing is learnt of it."""
+"""Default log odds of the actor, by class, before learning. 0: undecided, and never learnt."""
 N_CLASSES = len(CLASS_PRIOR)
 _NEVER = 255
 _WIDE, _NARROW = range(2)
@@ -58,9 +58,9 @@ class VoxelGrid:
 
     lenses: Lenses
     coarse_m: Floats
-    """(N, 3) centres of coarse voxels that enough cameras see."""
+    """(N, 3) centres of the coarse voxels that enough cameras see."""
     coarse_px: Pixels
-    """(C, N, 2) where they lie in the raw pictures."""
+    """(C, N, 2) their positions in the raw pictures."""
     reach_px: Ints
     """(C,) size of a coarse voxel in each camera's picture, an odd number of pixels."""
     covered: list[Mask]
@@ -92,9 +92,9 @@ class VoxelGrid:
         return cls(lenses, points_m, pixels, reach_px, covered)
 
     def classes(self, misses: Bytes, there: Ints) -> list[Bytes]:
-        """What the others say of each pixel, per camera that is there: INSIDE to ALONE (H, W).
+        """The class of each pixel, INSIDE to ALONE (H, W), per present camera.
 
-        misses (C, H, W): by how much each camera misses a change at its pixels, 0 to MISS.
+        misses (C, H, W): each camera's miss at its pixels, 0 to MISS.
         """
         lenses = self.lenses
         wide = np.stack([_eroded(of_camera, 3) for of_camera in misses])
@@ -102,7 +102,7 @@ class VoxelGrid:
         reaches = self.reach_px.tolist()
         coarse = np.stack([_eroded(n, reach + 2) for n, reach in zip(narrow, reaches, strict=True)])
         fewest = np.full((2, *misses.shape), _NEVER, np.uint8)  # by _WIDE and by _NARROW changes
-        # A projection is linear before its division: that of a fine voxel is a sum of two.
+        # A projection is linear before its division, so a fine voxel's is the sum of two terms.
         P, coarse_m = lenses.P_px_world, self.coarse_m[_promising(self.coarse_px, coarse, there)]
         of_coarse = np.einsum("crk,nk->ncr", P[..., :3], coarse_m) + P[..., 3]
         of_fine = np.einsum("crk,mk->mcr", P[..., :3], _FINE_OFFSETS_M)
@@ -124,7 +124,7 @@ def _square(size_px: int) -> Bytes:
 
 
 def _eroded(plane: Bytes, size_px: int) -> Bytes:
-    """The least value (H, W) in the square about each pixel."""
+    """The smallest value (H, W) in the square around each pixel."""
     return np.asarray(cv2.erode(plane, _square(size_px)), np.uint8)
 
 
@@ -161,13 +161,13 @@ def _project(P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, points_m: Float
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _most(seeing: int) -> int:
-    """How much cameras may miss together of a voxel that so many see, one of which may miss all of it."""
+    """Largest total miss of a voxel that `seeing` cameras see; one of them may miss it completely."""
     return int(MISS * (1.0 + (_MOST_MISSES if seeing > _FEW else _MOST_OF_FEW)))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _promising(coarse_px: Pixels, misses: Bytes, there: Ints) -> Mask:
-    """Which coarse voxels (N,) so few cameras miss that the actor may be in them."""
+    """Coarse voxels (N,) that few enough cameras miss, so that the actor may be in them."""
     promising = np.zeros(coarse_px.shape[1], np.bool_)
     most = _most(len(there))
     for i in range(coarse_px.shape[1]):
@@ -212,7 +212,7 @@ def _fewest_misses(
                         break
             if seeing <= _LEAST_OTHERS or by_wide > _most(seeing):
                 continue
-            # Where few see a voxel, the word of each counts as much as that of the usual number.
+            # If few cameras see a voxel, their misses are scaled to the usual number of cameras.
             share = max(usual_others / (seeing - 1), 1.0)
             for c in there:
                 u, v = columns[c], rows[c]

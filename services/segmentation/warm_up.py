@@ -1,4 +1,4 @@
-"""Compiling ahead: `python -m services.segmentation.warm_up` fills the cache that all processes load from."""
+"""Compiles in advance: `python -m services.segmentation.warm_up` fills the cache of all processes."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ _AWAY_M = 3.0
 
 
 def warm_up() -> None:
-    """Load or compile all that cutting somebody out of pictures needs, so that no picture waits for it."""
+    """Load or compile everything that segmentation needs, so that no picture waits for it."""
     cameras = [_camera(turn) for turn in (0.0, 2.0, 4.0)]
     settings = SegmentationSettings()
     empty: Bytes = np.random.default_rng(0).integers(90, 110, (4, _SIZE_PX, _SIZE_PX, 3)).astype(np.uint8)

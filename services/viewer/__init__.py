@@ -1,1 +1,1 @@
-"""Viewer: the page in a browser on which a take is watched, while it is tracked or afterwards."""
+"""Viewer: the page on which browsers show a take, during tracking or afterwards."""

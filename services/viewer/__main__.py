@@ -1,4 +1,4 @@
-"""Viewer process: `python -m services.viewer --connect tcp://HOST:5550`, then look at http://127.0.0.1:8080."""
+"""Viewer process: `python -m services.viewer --connect tcp://HOST:5550`, then open http://127.0.0.1:8080."""
 
 import logging
 import threading
@@ -24,7 +24,7 @@ from services.viewer.server import PageServer
 
 _LOOK_S = 0.1
 _REST_S = 0.25
-"""How often what comes is looked at while nobody looks at the page."""
+"""How often messages are read while no browser shows the page."""
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +54,8 @@ def serve(
     stop: StopRequest,
     niceness: int,
 ) -> None:
-    """Show what a coordinator tracks until a stop is asked for; give way to tracking once it was seen."""
+    """Show a coordinator's takes until a stop is requested; lower the priority once a browser has loaded the
+    page."""
     folder = None if take is None else open_source(take)
     with (
         _open_page(address, token) as (server, url),
@@ -62,16 +63,16 @@ def serve(
     ):
         BROWSERS.set_function(lambda: server.n_browsers)
         preparing = threading.Thread(target=listener.prepare, daemon=True)
-        log.info("coordinator at %s; look at %s", endpoint, url)
+        log.info("coordinator at %s; open %s", endpoint, url)
         while not stop:
             beat()
             listener.listen(_LOOK_S)
             if server.n_browsers and preparing.ident is None:
                 preparing.start()
-            if server.has_shown and niceness:  # not before, so that a first view does not take long
+            if server.has_shown and niceness:  # not before, so that the first view is fast
                 give_way(niceness)
                 niceness = 0
-            if not server.n_browsers:  # what comes waits, and is taken in at once
+            if not server.n_browsers:  # messages wait, and are then read together
                 time.sleep(_REST_S)
 
 
@@ -82,12 +83,10 @@ def main(
     ] = None,
     results: Annotated[
         Path | None,
-        typer.Option(
-            help="The results' folder, beside which is the journal: for frames that have left memory."
-        ),
+        typer.Option(help="The results folder, next to the journal: for frames no longer in memory."),
     ] = None,
     bind: Annotated[
-        str, typer.Option(help="Where browsers find the page, HOST:PORT; beyond this machine with a token.")
+        str, typer.Option(help="Address of the page, HOST:PORT; other machines need a token.")
     ] = DEFAULT_ADDRESS,
     token_file: TokenOption = None,
     niceness: Annotated[
@@ -96,13 +95,13 @@ def main(
             "--nice",
             min=0,
             max=19,
-            help="How far tracking goes first where both want a core, once a browser has seen all.",
+            help="Niceness of the viewer once a browser has loaded the page, so that tracking has priority.",
         ),
     ] = 10,
     keys: KeysOption = None,
     metrics: MetricsOption = None,
 ) -> None:
-    """Show a take in browsers while it is tracked."""
+    """Show a take in browsers during tracking."""
 
     def work(stop: StopRequest) -> None:
         address = Address.of(bind)

@@ -1,4 +1,4 @@
-"""Where browsers find the page, and what they must know to come in."""
+"""The page's address and its token."""
 
 import ipaddress
 import os
@@ -35,7 +35,7 @@ class Address:
 
     @classmethod
     def of(cls, text: str) -> Self:
-        """Read HOST:PORT; raises UserError where it is none."""
+        """Parse HOST:PORT; raises UserError if it is malformed."""
         parts = _ADDRESS.fullmatch(text)
         if parts is None or int(parts["port"]) > 65535:
             raise UserError(f"--bind {text}: expected HOST:PORT, such as {DEFAULT_ADDRESS}")
@@ -51,9 +51,9 @@ class Address:
 
 
 def token_of(file: Path | None, address: Address) -> str | None:
-    """The token that browsers must give: of a file, or of the environment; None: none is asked for.
+    """The token that browsers must give, from a file or the environment; None: none is required.
 
-    Raises UserError for one that is too short or that no address can hold, and where an address beyond this
+    Raises UserError for a token that is too short or that a URL cannot contain, and if an address beyond this
     machine has none.
     """
     token, where = os.environ.get(TOKEN_VARIABLE) or None, TOKEN_VARIABLE
@@ -67,7 +67,7 @@ def token_of(file: Path | None, address: Address) -> str | None:
         if address.is_loopback:
             return None
         raise UserError(
-            f"--bind {address.host}:{address.port}: anyone could look at the page there: give a token that "
+            f"--bind {address.host}:{address.port}: everybody could open the page there: give a token that "
             f"browsers must give, by --token-file FILE or {TOKEN_VARIABLE}, or bind to {DEFAULT_ADDRESS}"
         )
     if len(token) < SHORTEST_TOKEN or _TOKEN.fullmatch(token) is None:

@@ -1,4 +1,5 @@
-"""Frames that have left a viewer's memory: from the recorder's journal, results, or the coordinator."""
+"""Frames that are no longer in a viewer's memory: from the recorder's journal, results, or the
+coordinator."""
 
 import logging
 import math
@@ -19,7 +20,7 @@ from services.viewer.frame_history import ON_PAGE, SolvedFrame
 from services.viewer.journal_index import JournalIndex
 
 CHUNK_FRAMES = 64
-"""Poses that the coordinator sends at one request, at most."""
+"""Most poses that the coordinator sends for one request."""
 
 log = logging.getLogger(__name__)
 
@@ -35,16 +36,17 @@ class Archive:
         ask: Callable[[PoseRequest], None],
         heard_s: Callable[[], float],
     ) -> None:
-        """results: where the recorder's results will be, as this host sees it; None: it does not.
+        """results: the path of the recorder's results on this host; None: not on this host.
 
-        ask: asks the coordinator, whose answers go to the history. heard_s: when that was heard last.
+        ask: sends a request to the coordinator, whose answers go to the history. heard_s: time of its last
+        message.
         """
         self.is_over = False
-        """Whether the take is over: only then results may be those of this run."""
+        """Whether the take has ended: only then results can be those of this run."""
         self._run, self._ask, self._heard_s = info.run, ask, heard_s
         self._finished = FinishedTake(results, info.take)
         self._journal = None if results is None else JournalIndex(journal_of(results), info.run, frames)
-        self._problem = "this viewer was not told where the results go (--results)" if results is None else ""
+        self._problem = "this viewer does not know the results folder (--results)" if results is None else ""
         self._requests = RetryRequests()
 
     def solved(self, frame: int) -> SolvedFrame | None:
@@ -53,10 +55,10 @@ class Archive:
             return None
         try:
             record = self._journal.pose(frame)
-            self._problem = f"{self._journal.path} does not hold it"
+            self._problem = f"{self._journal.path} does not contain it"
             message = None if record is None else decode(record)
             return solved_frame_of(message) if isinstance(message, Pose) else None
-        except FileNotFoundError:  # not yet, or no longer, since all is among the results
+        except FileNotFoundError:  # not yet, or no longer because the results are complete
             self._problem = f"there is no journal at {self._journal.path}"
             return self._finished.solved(frame) if self.is_over else None
         except (OSError, TakeError) as problem:
@@ -66,16 +68,16 @@ class Archive:
         return None
 
     def ask(self, frame: int) -> None:
-        """Have the coordinator send a frame and those that follow it, if it may have them."""
+        """Request a frame and the following ones from the coordinator, if it may have them."""
         if self._requests.asks(range(frame, frame + 1), time.monotonic(), self._heard_s()):
             end = frame + CHUNK_FRAMES
             self._ask(PoseRequest(run=self._run, first_frame=frame, end_frame=end))
 
     def why_missing(self, frame: int) -> str:
-        """Why a frame is not here, as the end of a sentence."""
+        """Why a frame is missing, as the end of a sentence."""
         if frame >= self._requests.gone_end:
             return "was asked for"
-        return f"has left this viewer's memory and the coordinator's, and {self._problem}"
+        return f"is no longer in the viewer's or the coordinator's memory, and {self._problem}"
 
 
 def solved_frame_of(message: Pose) -> SolvedFrame:
@@ -90,22 +92,22 @@ def solved_frame_of(message: Pose) -> SolvedFrame:
 
 _AGAIN_S = 0.4
 _MOST = 3
-"""Requests for the same frames, before they are let be."""
+"""Number of requests for the same frames before they are given up."""
 
 
 class RetryRequests:
-    """Remembers what was asked for; for any thread."""
+    """Remembers the requests; for any thread."""
 
     def __init__(self) -> None:
         self.gone_end = 0
-        """Frames before this one are not to be had."""
+        """Frames before this one are not available."""
         self._frames, self._times, self._asked_s = range(0), 0, -math.inf
         self._lock = threading.Lock()
 
     def asks(self, frames: range, now_s: float, heard_s: float) -> bool:
-        """Whether to ask for some frames now; for others than before, or for the same after a while again.
+        """Whether to request some frames now: different ones from before, or the same again after a while.
 
-        heard_s: when the coordinator was heard last; of one that says nothing, nothing follows.
+        heard_s: time of the coordinator's last message; requests to a silent coordinator do not count.
         """
         with self._lock:
             if frames.start < self.gone_end or now_s - self._asked_s < _AGAIN_S:

@@ -1,7 +1,7 @@
-"""A proxy before the page's server: who gives the token comes in, and is known by a cookie from then on.
+"""A proxy in front of the page's server: a browser that gives the token gets in, and then has a cookie.
 
-It passes bytes on and looks at the first request of each connection only. So that there is no second one, it
-has the server close the connection after each answer; a websocket stays for as long as it likes.
+It forwards bytes and reads only the first request of each connection. It makes the server close the
+connection after each answer, so that there is no second request; a websocket may stay open.
 """
 
 import asyncio
@@ -22,7 +22,7 @@ MOST_HEAD_BYTES = 32768
 
 
 class MalformedHeadError(ValueError):
-    """Bytes that are no head of an HTTP/1.1 request."""
+    """The bytes are not the head of an HTTP/1.1 request."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class Head:
 
     line: str
     target: str
-    """What is asked for: path and query."""
+    """Path and query."""
     headers: tuple[tuple[str, str], ...]
-    """Names as they came, and values."""
+    """Names as received, and values."""
 
     @classmethod
     def of(cls, text: bytes) -> Self:
-        """Read a head up to and with its empty line; raises MalformedHeadError."""
+        """Parse a head including its empty line; raises MalformedHeadError."""
         lines = text.decode("latin-1").split("\r\n")[:-2]
         words = lines[0].split(" ")
         if len(words) != 3 or words[2] != "HTTP/1.1" or not words[1].startswith("/"):
@@ -48,30 +48,30 @@ class Head:
         return cls(lines[0], words[1], tuple((name, value.strip()) for name, _, value in pairs))
 
     def value(self, name: str) -> str:
-        """A header's value; empty where there is none."""
+        """A header's value; empty if there is none."""
         return next((value for key, value in self.headers if key.lower() == name.lower()), "")
 
     @property
     def is_websocket(self) -> bool:
-        """Whether the connection is to become a websocket."""
+        """Whether the client requests a websocket."""
         return self.value("Upgrade").lower() == "websocket"
 
     @property
     def is_from_elsewhere(self) -> bool:
-        """Whether a page of another site wants a websocket."""
+        """Whether a page of another site requests a websocket."""
         origin = self.value("Origin")
         return self.is_websocket and urlsplit(origin).netloc.lower() != self.value("Host").lower()
 
     @property
     def cookies(self) -> dict[str, str]:
-        """What the browser was given before."""
+        """The browser's cookies."""
         try:
             return {name: morsel.value for name, morsel in SimpleCookie(self.value("Cookie")).items()}
         except CookieError:
             return {}
 
     def alone(self) -> bytes:
-        """The head as the only one of its connection, without the cookie, which is none of the server's."""
+        """The head for the server: with `Connection: close`, and without the proxy's cookie."""
         left_out = {"cookie"} if self.is_websocket else {"cookie", "connection"}
         kept = [(name, value) for name, value in self.headers if name.lower() not in left_out]
         if not self.is_websocket:
@@ -83,9 +83,9 @@ class Head:
 log = logging.getLogger(__name__)
 
 _HEAD_S = 10.0
-"""How long a browser may take to say what it wants."""
+"""How long a browser may take to send its request."""
 _WRONG_S = 1.0
-"""How long whoever gives a wrong token waits for the answer."""
+"""Delay of the answer to a wrong token."""
 _MOST_CONNECTIONS = 256
 _BLOCK_BYTES = 65536
 _END_S = 2.0
@@ -100,10 +100,10 @@ class AuthProxy:
     """Listens at an address for browsers, in a thread of its own; a context manager."""
 
     def __init__(self, address: Address, token: str, server_port: int) -> None:
-        """server_port: the page's server on loopback. Raises UserError where nobody can listen there."""
+        """server_port: the page's server on loopback. Raises UserError if the address cannot be used."""
         self._token, self._server_port = token, server_port
         self._pass = hashlib.sha256(b"xormocap page " + token.encode()).hexdigest()
-        """What the cookie holds, from which the token cannot be told."""
+        """The cookie's value, from which the token cannot be derived."""
         self._connections = 0
         self._loop = asyncio.new_event_loop()
         listening = asyncio.start_server(self._serve, address.host, address.port, limit=MOST_HEAD_BYTES)
@@ -125,7 +125,7 @@ class AuthProxy:
             if self._connections <= _MOST_CONNECTIONS:
                 await self._admit(reader, writer)
         except (TimeoutError, OSError, MalformedHeadError, asyncio.IncompleteReadError):
-            pass  # whoever it was left, dawdled or spoke no HTTP
+            pass  # the client left, was too slow or did not speak HTTP
         except asyncio.LimitOverrunError:
             await _answer(writer, "431 Request Header Fields Too Large", "")
         finally:
@@ -146,18 +146,18 @@ class AuthProxy:
                 await self._pass_on(head.alone(), reader, writer)
         else:
             if given:
-                log.warning("somebody gave a wrong token")
+                log.warning("a browser gave a wrong token")
                 await asyncio.sleep(_WRONG_S)
-            words = "That is not the token." if given else "The token, please: the viewer's log has it."
+            words = "This token is wrong." if given else "Enter the token; it is in the viewer's log."
             await _answer(writer, "401 Unauthorized", _FORM.format(words=words))
 
     @property
     def _cookie(self) -> str:
-        """Its name; browsers do not tell ports apart."""
+        """The cookie's name, with the port: browsers share cookies between ports."""
         return f"xormocap-{self.port}"
 
     async def _pass_on(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Connect a browser with the server until one of both leaves."""
+        """Connect a browser with the server until one of them closes the connection."""
         from_server, to_server = await asyncio.open_connection("127.0.0.1", self._server_port)
         try:
             to_server.write(head)
@@ -171,7 +171,7 @@ class AuthProxy:
             to_server.close()
 
     def close(self) -> None:
-        """Stop listening and cut all connections."""
+        """Stop listening and close all connections."""
 
         async def end() -> None:
             self._listener.close()
@@ -195,7 +195,7 @@ class AuthProxy:
 
 
 async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Pass bytes on as fast as they are taken."""
+    """Forward bytes as fast as the receiver reads them."""
     while block := await reader.read(_BLOCK_BYTES):
         writer.write(block)
         await writer.drain()

@@ -1,7 +1,7 @@
 """The widgets of one browser, what its user has chosen with them, and which frame is shown.
 
-What a user does arrives on the page server's threads; it goes into a mailbox, and the page's own thread acts
-on it.
+A user's actions arrive on the page server's threads; they go into a queue, and the page's own thread handles
+them.
 """
 
 import queue
@@ -32,15 +32,15 @@ class Player:
     frame: int
     """The frame that is shown."""
     is_live: bool
-    """Follows the newest frame."""
+    """Whether the page follows the newest frame."""
     is_playing: bool = False
     speed: float = 1.0
-    """Times the recording's own; playing only."""
+    """Speed relative to the recording, while playing."""
     _carry: float = 0.0
-    """Part of a frame that time has already gone on by."""
+    """Fraction of a frame that has already elapsed."""
 
     def advance(self, elapsed_s: float) -> int:
-        """Let time go on; returns the frame to show."""
+        """Advance the time; returns the frame to show."""
         newest = self.history.newest
         if newest is None:
             return self.frame
@@ -55,19 +55,19 @@ class Player:
         return self.frame
 
     def seek(self, frame: int) -> None:
-        """Show a frame, and stand there or go on playing from there; no longer live."""
+        """Show a frame, and stay there or continue playing from there; leaves live mode."""
         self.frame, self.is_live, self._carry = frame, False, 0.0
 
     def play(self, playing: bool) -> None:
-        """Play from the frame that is shown, or stand there; no longer live."""
+        """Play from the shown frame, or stay there; leaves live mode."""
         self.is_playing, self.is_live, self._carry = playing, False, 0.0
 
     def go_live(self) -> None:
-        """Follow the newest frame from now on."""
+        """Follow the newest frame (live mode)."""
         self.is_live, self.is_playing = True, False
 
     def step(self, frames: int) -> None:
-        """Stand so many frames later, or earlier."""
+        """Stay at a frame this many frames later or earlier."""
         newest = self.history.newest
         if newest is not None:
             self.play(False)
@@ -85,18 +85,18 @@ _WIDE_TILE_PX, _TILE_PX = 640, 320
 _SIDES = (
     (rgb_of("left_hand"), "left"),
     (rgb_of("right_hand"), "right"),
-    (DISTRUSTED_RGB, "not to be trusted"),
+    (DISTRUSTED_RGB, "unreliable"),
 )
 _DIFFERENCES = (
-    (MISSED_BGR[::-1], "actor that the model misses"),
-    (BEYOND_BGR[::-1], "model beyond the actor"),
+    (MISSED_BGR[::-1], "actor without model"),
+    (BEYOND_BGR[::-1], "model without actor"),
 )
 
 Action = Callable[[], None]
 
 
 class Controls:
-    """One browser's; `perform` is for the page's thread, and so is all that it reads."""
+    """The controls of one browser; `perform` and everything that it reads belong to the page's thread."""
 
     def __init__(self, gui: viser.GuiApi, show: Show) -> None:
         self.show = show
@@ -105,7 +105,7 @@ class Controls:
         at = newest if show.is_live and newest is not None else frames.start
         self.player = Player(show.history, show.fps, at, is_live=show.is_live, is_playing=not show.is_live)
         self.version = 0
-        """Grows with everything that a user does."""
+        """Incremented by every action of the user."""
         self._mail: queue.SimpleQueue[Action] = queue.SimpleQueue()
         self._gui = gui
         self.status = gui.add_html("")
@@ -121,7 +121,7 @@ class Controls:
         self.player.seek(min(int(frame), start if newest is None else newest))
 
     def _on_update(self, handle: Any, act: Callable[[Any], None]) -> None:
-        """Act on what a user does with a widget; not on what the page itself sets."""
+        """Handle a user's action on a widget, but not changes by the page itself."""
 
         @handle.on_update  # type: ignore[untyped-decorator, unused-ignore]
         def _(event: Any) -> None:
@@ -162,7 +162,9 @@ class Controls:
                     self._on_update(self._gui.add_checkbox(name, True), partial(self._choose, c))
             frusta = self._gui.add_checkbox("Frusta", True, hint="The cameras in the room")
             self._on_update(frusta, lambda value: setattr(self, "wants_frusta", value))
-        trails = self._gui.add_checkbox("Trails", False, hint="Of hands and feet, over the last two seconds")
+        trails = self._gui.add_checkbox(
+            "Trails", False, hint="Paths of hands and feet in the last two seconds"
+        )
         self._on_update(trails, lambda value: setattr(self, "wants_trails", value))
 
     def _compare(self, content: Content) -> None:
@@ -174,12 +176,12 @@ class Controls:
 
     @property
     def look(self) -> Look:
-        """What the camera grid is to show."""
+        """The content of the camera grid."""
         width_px = _WIDE_TILE_PX if len(self._shown) == 1 else _TILE_PX
         return Look(self._content, tuple(self._shown), self._part, width_px)
 
     def perform(self, timeout_s: float) -> None:
-        """Wait a moment for something that the user does, and act on all that was done."""
+        """Wait briefly for the user's actions, and handle all of them."""
         with suppress(queue.Empty):
             self._mail.get(timeout=timeout_s)()
             self.version += 1
@@ -187,7 +189,7 @@ class Controls:
                 self._mail.get_nowait()()
 
     def follow(self, frame: int) -> None:
-        """Let the widgets say what is shown."""
+        """Update the widgets to the shown frame."""
         last = self.show.history.extent[-1]
         if last > self._slider.max:
             self._slider.max = last

@@ -1,4 +1,4 @@
-"""The curves of one browser: energy, confidence, times, speed, over the last frames that are known."""
+"""The curves of one browser: energy, confidence, times, speed, over the last known frames."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from services.mocap.types import Floats, Ints
 from services.viewer.frame_history import FrameHistory, Stretch
 
 SPAN_FRAMES = 300
-"""Frames that the curves show, of which those up to the one that is shown are shaded."""
+"""Number of frames in the curves; those up to the shown frame are shaded."""
 _HEIGHT_PX = 130
 _PAST = "rgba(16, 42, 67, 0.07)"
 _COLOURS = ("#486581", "#2f9e44", "#f35e00", "#1e96f0", "#9c36b5", "#a67c00")
@@ -25,18 +25,18 @@ _STAGE_WORDS = {"torso": "whole body", "limbs": "limbs", "head": "head", "frame"
 
 
 Draw: TypeAlias = Callable[[int], bool]
-"""Draws a chart about a frame; False where nothing is known of it."""
+"""Draws a chart around a frame; False if there are no values."""
 
 
 @dataclass
 class _Chart:
     handle: "viser.GuiUplotHandle"
     floor: float | None
-    """Its lowest value, where that is settled."""
+    """Its lowest value, if fixed."""
 
 
 class Curves:
-    """Charts of a history; each sent anew as a whole, so not to be drawn too often."""
+    """Charts of a history; each is sent as a whole, so they must not be drawn too often."""
 
     def __init__(self, gui: viser.GuiApi, history: FrameHistory) -> None:
         self._history = history
@@ -44,11 +44,11 @@ class Curves:
             (self._quantity_chart(gui, row), partial(_shown, row)) for row in QUANTITIES if row.chart
         ]
         known.append((self._chart(gui, "Frames per second", ("tracked",)), _frames_per_s))
-        self._lag = self._chart(gui, "Seconds that this page is behind", ("behind",))
+        self._lag = self._chart(gui, "Delay of this page in seconds", ("behind",))
         self._lags_s: deque[tuple[int, Floats]] = deque(maxlen=SPAN_FRAMES)
         self._turns = deque[Draw]([*(partial(self._draw, *chart) for chart in known), self._draw_lag])
         self._drawn: dict[Draw, int] = {}
-        """The frame that each was drawn about last."""
+        """The frame around which each chart was last drawn."""
 
     @classmethod
     def _quantity_chart(cls, gui: viser.GuiApi, row: Quantity) -> _Chart:
@@ -90,10 +90,10 @@ class Curves:
         return _Chart(handle, None if limits is None else limits[0])
 
     def draw_next(self, frame: int) -> bool:
-        """Draw the next chart, about a frame, that has not been; False once all have.
+        """Draw the next chart that has not been drawn around this frame; False if there is none.
 
-        One at a time, since the next body waits for as long as it is on its way. Charts of which nothing is
-        known stay away.
+        One at a time, because the next body waits while a chart is being sent. Charts without values are
+        hidden.
         """
         for _ in range(len(self._turns)):
             draw = self._turns[0]
@@ -110,11 +110,11 @@ class Curves:
         return len(known.frames) > 1 and self._fill(chart, known.frames, frame, values_of(known))
 
     def note_lag(self, frame: int, behind_s: float) -> None:
-        """Remember how late the browser was with a live frame."""
+        """Store the browser's delay for a live frame."""
         self._lags_s.append((frame, np.array([behind_s])))
 
     def _draw_lag(self, frame: int) -> bool:
-        """Draw what was remembered, in the order of frames."""
+        """Draw the stored delays, in the order of frames."""
         rows = dict(sorted(dict(self._lags_s).items()))
         frames, values = np.array(list(rows), np.int32), np.array(list(rows.values()))
         return len(rows) > 1 and self._fill(self._lag, frames, frame, values)
@@ -124,7 +124,7 @@ class Curves:
         """frames: (N,), values: (N, S) of the chart's series; up to a frame they are shaded."""
         has_any = bool(np.isfinite(values).any())
         if has_any:
-            columns = np.nan_to_num(values, posinf=0.0).T  # a chart without numbers only has no scale
+            columns = np.nan_to_num(values, posinf=0.0).T  # a chart with only NaN has no scale
             has_more = frame < frames[-1]
             floor = columns.min() if chart.floor is None else chart.floor
             past = np.where(has_more & (frames <= frame), columns.max(), floor)
@@ -145,12 +145,12 @@ def _shown(row: Quantity, known: Stretch) -> Floats:
 
 
 def _frames_per_s(known: Stretch) -> Floats:
-    """(N, 1) how fast frames are tracked."""
+    """(N, 1) tracking speed."""
     with np.errstate(divide="ignore"):
         return _smooth(1.0 / known.of("seconds")[:, STAGES.index("frame")])[:, None]
 
 
 def _smooth(values: Floats, width: int = 9) -> Floats:
-    """Running medians (N,), which single late frames do not upset."""
+    """Running medians (N,), robust against single late frames."""
     padded = np.pad(values, width // 2, mode="edge")
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)

@@ -18,7 +18,7 @@ class FinishedFrames:
     """Results, frame by frame, as they were tracked."""
 
     def __init__(self, result: Result) -> None:
-        """Raises TakeError where energies or the stages' times cannot be read."""
+        """Raises TakeError if the energies or the stages' times cannot be read."""
         self._tracked, known = result.tracked, result.quantities
         self.frames = range(int(result.frames[0]), int(result.frames[-1]) + 1)
         unknown = np.full(len(self.frames), np.nan)
@@ -36,17 +36,17 @@ class FinishedFrames:
 
 
 class FinishedTake:
-    """The results of a take that has just been tracked, once they are there."""
+    """The results of a take that has just been tracked, once they are written."""
 
     def __init__(self, folder: Path | None, take: str) -> None:
-        """folder: where they will be; None: nobody knows."""
+        """folder: where they will be; None: unknown."""
         self._folder, self._take = folder, take
         self._frames: FinishedFrames | None = None
         self._read_ns = 0
-        """When those were written that were looked at last."""
+        """Modification time of the results that were last read."""
 
     def solved(self, frame: int) -> SolvedFrame | None:
-        """A frame; None as long as there are no results, or if they are another take's."""
+        """A frame; None while there are no results, or if they belong to another take."""
         if self._frames is None and self._folder is not None:
             with contextlib.suppress(FileNotFoundError):
                 written_ns = (self._folder / RUN_JSON).stat().st_mtime_ns

@@ -17,7 +17,7 @@ KEPT_FRAMES = 4096
 ON_PAGE = tuple(row for row in QUANTITIES if row.labels and not row.is_live)
 """Quantities that a page may show; those of cameras are not among them."""
 _FETCHED_FRAMES = 512
-"""Older frames that are kept after somebody asked for them."""
+"""Number of fetched older frames that are kept."""
 _MOST_BINS = 600
 _COLUMNS = [(row.name, label) for row in ON_PAGE for label in row.labels]
 _COLUMNS_OF = {row.name: [k for k, (name, _) in enumerate(_COLUMNS) if name == row.name] for row in ON_PAGE}
@@ -34,7 +34,7 @@ class SolvedFrame:
     numbers: Floats
     """(K,) of each label of each quantity ON_PAGE, in their order; NaN where it is not known."""
     arrived_s: float = np.nan
-    """When the viewer got it (time.monotonic); NaN for finished takes."""
+    """When the viewer received it (time.monotonic); NaN for finished takes."""
 
     def of(self, quantity: str) -> Floats:
         """A quantity's numbers (k,), one for each of its labels."""
@@ -47,13 +47,13 @@ class SolvedFrame:
 
     @property
     def distrusted(self) -> Mask:
-        """(6,) parts that must not be trusted."""
+        """(6,) unreliable parts."""
         return self.of(DISTRUSTED) > 0
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """Consecutive known frames (N), in increasing order, as arrays: what curves are drawn from."""
+    """Consecutive known frames (N), in increasing order, as arrays, for curves."""
 
     frames: Ints
     numbers: Floats
@@ -66,27 +66,27 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """The whole take in B equal bins: what a timeline is drawn from."""
+    """The whole take in B equal bins, for a timeline."""
 
     known: Mask
     """(B,) bins with a solved frame."""
     energy_px: Floats
-    """(B,) the largest; 0 where nothing is known."""
+    """(B,) the largest energy; 0 if unknown."""
     distrusted: Mask
-    """(B,) bins with a frame of which some part must not be trusted."""
+    """(B,) bins with a frame that has an unreliable part."""
 
 
 class Older(Protocol):
     """Where frames are that have left memory; for any thread."""
 
     def solved(self, frame: int) -> SolvedFrame | None:
-        """A frame that is at hand."""
+        """A frame, if it is available at once."""
 
     def ask(self, frame: int) -> None:
-        """Have a frame sent that is not at hand; it may be put into the history later, or never."""
+        """Request a frame; it may be put into the history later, or never."""
 
     def why_missing(self, frame: int) -> str:
-        """Why a frame is not there, as what follows its number in a sentence."""
+        """Why a frame is missing, as the end of a sentence that begins with its number."""
 
 
 class FrameHistory:
@@ -98,10 +98,11 @@ class FrameHistory:
     def __init__(
         self, frames: range, capacity: int = KEPT_FRAMES, older: Older | None = None, *, is_open: bool = False
     ) -> None:
-        """is_open: whether nobody knows yet how many frames come; then their end is the last that may."""
+        """is_open: whether the number of frames is not known yet; then the end of `frames` is only a
+        limit."""
         self.frames, self.capacity = frames, capacity
         self.extent = frames[:_MOST_BINS] if is_open else frames
-        """What the timeline spans: all frames, or twice as many whenever those of an open take exceed it."""
+        """The range of the timeline: all frames; for an open take it doubles whenever it is exceeded."""
         self._older = older
         self._latest: dict[int, SolvedFrame] = {}
         self._fetched: OrderedDict[int, SolvedFrame] = OrderedDict()
@@ -109,12 +110,12 @@ class FrameHistory:
         self._overview = Overview(np.zeros(bins, bool), np.zeros(bins), np.zeros(bins, bool))
         self._lock = threading.Lock()
         self.newest: int | None = None
-        """The frame that was solved last."""
+        """The last solved frame."""
         self.is_over = False
-        """Whether no further frame will come."""
+        """Whether no more frames will come."""
 
     def put(self, solved: SolvedFrame) -> None:
-        """Take in a frame; one outside the range is left out, one before the newest may fill a gap."""
+        """Add a frame; one outside the range is ignored, one before the newest may fill a gap."""
         if solved.frame not in self.frames:
             return
         FRAMES.inc()
@@ -167,11 +168,11 @@ class FrameHistory:
         return found
 
     def _is_past(self, frame: int) -> bool:
-        """Whether a frame was solved, as far as is known."""
+        """Whether a frame is known to be solved."""
         return frame in self.frames and self.newest is not None and frame <= self.newest
 
     def why_missing(self, frame: int) -> str:
-        """Why a frame is not there, as what follows its number in a sentence."""
+        """Why a frame is missing, as the end of a sentence that begins with its number."""
         if self._older is None or not self._is_past(frame):
             return "is not known yet"
         return self._older.why_missing(frame)
@@ -189,7 +190,7 @@ class FrameHistory:
         return range(first, end) if first < end else None
 
     def stretch(self, start: int, stop: int) -> Stretch:
-        """What is at hand of frames start up to and without stop."""
+        """The available frames from start up to but not including stop."""
         frames = range(max(start, self.frames.start), min(stop, self.frames.stop))
         known = [solved for solved in map(self._at_hand, frames) if solved is not None]
         numbers = np.array([solved.numbers for solved in known]).reshape(len(known), len(_COLUMNS))

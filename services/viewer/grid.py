@@ -12,29 +12,29 @@ from services.viewer.show import Show
 from services.viewer.tiles import Look
 
 _SMOOTH = 0.5
-"""How much of a connection's last answer goes into what is known of it."""
+"""Weight of the last answer in the running estimate of a connection."""
 _FEW_BYTES = 5_000
-"""Updates of fewer bytes say nothing of how many get through."""
+"""Smaller updates say nothing about the data rate."""
 
 
 class SendPacing:
-    """Says when something may be done again."""
+    """Decides when a task is due again."""
 
     def __init__(self, period_s: float, rest: float = 0.0, line_rest: float = 1.0) -> None:
-        """Afterwards it is left alone for rest times the processor time that making it took, so that others
-        have theirs, and for line_rest times as long as it was on its way, so that others have their turn.
+        """After each time it pauses for rest times the processor time it took, which leaves processor time to
+        others, and for line_rest times its sending time, which leaves the connection to others.
         """
         self._period_s, self._rest, self._line_rest = period_s, rest, line_rest
         self._again_s = 0.0
 
     def is_due(self) -> bool:
-        """Whether it may be done."""
+        """Whether it is due."""
         return time.monotonic() >= self._again_s
 
     def done(self, began_s: float, made_s: float | None = None, cpu_s: float = 0.0) -> None:
-        """It was done, beginning at a time of time.monotonic; made_s: when it began to be on its way.
+        """Note that it was done, starting at a time of time.monotonic; made_s: when sending started.
 
-        cpu_s: processor time that making it took, however long it had to wait for a processor.
+        cpu_s: processor time of making it, without waiting for a processor.
         """
         now = time.monotonic()
         made_s = now if made_s is None else made_s
@@ -43,15 +43,15 @@ class SendPacing:
 
 
 class Connection:
-    """How much a browser takes in, by how long its answers take."""
+    """The data rate of a browser, estimated from its answer times."""
 
     def __init__(self) -> None:
         self._seconds_per_byte: float | None = None
         self._base_s = 0.0
-        """What an answer takes whatever was sent: a browser that draws slowly is no slow connection."""
+        """Time of an answer independent of its size: a browser that draws slowly is not a slow connection."""
 
     def note(self, sent_bytes: int, answer_s: float) -> None:
-        """An update of so many bytes was answered after so long."""
+        """Note that an update of this size was answered after this time."""
         if sent_bytes >= _FEW_BYTES:
             found = max(answer_s - self._base_s, 0.0) / sent_bytes
             known = found if self._seconds_per_byte is None else self._seconds_per_byte
@@ -60,16 +60,16 @@ class Connection:
             self._base_s += _SMOOTH * (answer_s - self._base_s)
 
     def seconds_for(self, n_bytes: int) -> float | None:
-        """How long so many bytes will probably take; None where nothing is known yet."""
+        """Expected time to send this many bytes; None if nothing is known yet."""
         return None if self._seconds_per_byte is None else n_bytes * self._seconds_per_byte
 
 
 _PANEL_WIDTH_PX = 540
 _WIDTHS = (1.0, 0.75, 0.5, 0.375)
-"""Of tiles against those that are wanted: how small they get for connections that are slow."""
+"""Smallest tile size for slow connections, relative to the wanted size."""
 _FIRST_WIDTH = 0.5
 _ANSWER_S = 0.25
-"""How long a grid may be on its way to a browser."""
+"""How long sending a grid to a browser may take."""
 
 
 class CameraGrid:
@@ -79,11 +79,11 @@ class CameraGrid:
         self._show, self.pacing = show, pacing
         self.connection = Connection()
         self.sent_bytes = 0
-        """Of the grid that was sent last."""
+        """The state of the last sent grid."""
         self._whole_bytes, self._share = 0, 1.0
         self._drawn: tuple[int, Look] | None = None
         self._told = -1
-        """What the user had asked for when it was drawn last."""
+        """The user's choices when it was last drawn."""
         self._html = self._panel(gui)
 
     def _panel(self, gui: viser.GuiApi) -> viser.GuiHtmlHandle | None:
@@ -105,7 +105,7 @@ class CameraGrid:
         return None if self._drawn is None else self._drawn[0]
 
     def is_due(self, solved: SolvedFrame, controls: Controls) -> bool:
-        """Whether it is to show something else, and its turn has come."""
+        """Whether its content has changed and it is due."""
         look = controls.look
         stands = self._drawn == (solved.frame, look)
         is_followed = controls.player.is_live and not self._show.history.is_over  # another frame comes soon
@@ -117,7 +117,7 @@ class CameraGrid:
         return is_asked_for or self.pacing.is_due()
 
     def catch_up(self, solved: SolvedFrame, controls: Controls) -> None:
-        """Decode pictures as far as a frame, so that drawing one that has come by then takes less."""
+        """Decode pictures up to a frame, so that drawing a later frame takes less time."""
         if self._show.artist is not None:
             self._show.artist.catch_up(solved.frame, controls.look)
 

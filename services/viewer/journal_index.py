@@ -1,4 +1,4 @@
-"""Poses of a journal that another process still writes to, in any order."""
+"""Reads poses of a journal that another process is still writing, in any order."""
 
 import os
 import threading
@@ -17,7 +17,7 @@ class JournalIndex:
     """Finds the poses of one run; remembers where they are, reads them when asked. For any thread."""
 
     def __init__(self, path: Path, run: str, frames: range) -> None:
-        """path: need not be there yet. frames: those that may be asked for."""
+        """path: need not exist yet. frames: the range of possible frames."""
         self.path, self._run, self._frames = path, run, frames
         self._lock = threading.Lock()
         self._offsets: dict[int, int] = {}
@@ -25,9 +25,9 @@ class JournalIndex:
         self._begun: tuple[int, int, bytes] | None = None
 
     def pose(self, frame: int) -> list[bytes] | None:
-        """The record of a frame; None as long as the journal has none.
+        """The record of a frame; None while the journal has none.
 
-        Raises OSError where it cannot be read or is not there, TakeError where it is no journal.
+        Raises OSError if it cannot be read or does not exist, TakeError if it is not a journal.
         """
         if frame not in self._frames:
             return None
@@ -41,7 +41,7 @@ class JournalIndex:
     def _found(self, file: int, frame: int) -> list[bytes] | None:
         status = os.fstat(file)
         begun = status.st_dev, status.st_ino, os.pread(file, _HEAD_BYTES, FIRST)
-        if begun != self._begun:  # it is another file by now, or was begun anew
+        if begun != self._begun:  # the file was replaced or started again
             self._begun, self._offsets, self._end = begun, {}, FIRST
         if frame not in self._offsets:
             for offset, frames, end in records(file, self.path, self._end):

@@ -1,4 +1,5 @@
-"""Follows a coordinator: its poses, what they mean, and what was missed; it costs that next to nothing."""
+"""Follows a coordinator: its poses, actor, rig, and missed frames; this costs the coordinator almost
+nothing."""
 
 import logging
 import time
@@ -26,13 +27,13 @@ from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 
 _MOST_FRAMES = 100_000
-"""How far a timeline reaches at most: some hours of live input, whose end is open."""
+"""Longest timeline: some hours of live input, whose end is open."""
 
 log = logging.getLogger(__name__)
 
 
 class Listener(Follower):
-    """Makes a show of whatever the coordinator tracks, take after take."""
+    """Presents the coordinator's takes, one after the other."""
 
     def __init__(
         self,
@@ -42,9 +43,9 @@ class Listener(Follower):
         present: Callable[[Show], None],
         results: Path | None = None,
     ) -> None:
-        """folder: the take's, for its pictures, where this host has it. present is called with each show.
+        """folder: the take folder, for its pictures, if it is on this host. present is called with each show.
 
-        results: where the results will be, as this host sees it, beside which the recorder has its journal.
+        results: the path of the results on this host; the recorder's journal is next to it.
         """
         super().__init__(endpoint, keys)
         self._folder, self._present, self._results = folder, present, results
@@ -65,7 +66,7 @@ class Listener(Follower):
         self._history = FrameHistory(frames, KEPT_FRAMES, self._archive, is_open=is_open)
 
     def prepare(self) -> None:
-        """Do ahead what the first pictures would have to wait for; for a thread of its own.
+        """Prepare in advance what the first pictures need; call it in a separate thread.
 
         Loads what draws the model, and opens the videos.
         """
@@ -75,11 +76,11 @@ class Listener(Follower):
                 ModelPainter(body, Rig.of(self._folder.cameras)).segment_masks(np.zeros(N_DOF))
             if self._folder_pictures is not None:
                 self._folder_pictures.open()
-        except UserError as error:  # whoever wants pictures is told
+        except UserError as error:  # reported when pictures are requested
             log.warning("%s", error)
 
     def hear(self, message: Message) -> None:
-        """Take in what a page may show."""
+        """Store a message's content for the page."""
         if isinstance(message, Pose) and self._history is not None:
             self._history.put(replace(solved_frame_of(message), arrived_s=time.monotonic()))
         elif isinstance(message, Silhouettes) and self._pictures is not None:
@@ -100,14 +101,14 @@ class Listener(Follower):
             names = tuple(camera.name for camera in folder.cameras)
         else:
             pictures = None
-            log.warning("%s is another take than %s: there are silhouettes only", folder.folder, info.take)
+            log.warning("%s is another take than %s: showing only silhouettes", folder.folder, info.take)
         self._pictures = LivePictures(rig, pictures, lambda frame: self.ask(SilhouettesRequest(frame=frame)))
         artist, has_pictures = TileArtist(body, rig, self._pictures), pictures is not None
         show = Show(info.take, info.fps, history, body, rig, names, artist, True, has_pictures)
         self._present(show)
 
     def lacking(self) -> Sequence[Message]:
-        """The end of the last gap in the frames, unless the coordinator has nothing so old."""
+        """Requests for the end of the last gap in the frames, unless the coordinator no longer has them."""
         gap = None if self._history is None else self._history.last_gap(self._filling.gone_end)
         if gap is None or self.info is None:
             return ()

@@ -18,7 +18,7 @@ _CAPTION = (
 
 
 def grid_columns(n_cameras: int, square: bool) -> int:
-    """Into how many columns a number of tiles goes; square: tiles are as high as wide."""
+    """The number of columns for a number of tiles; square: tiles are as high as wide."""
     if n_cameras < 2:
         return 1
     return 2 if n_cameras <= (6 if square else 10) else 3
@@ -45,9 +45,9 @@ def camera_grid(tiles: Sequence[Tile], names: Sequence[str], frame: int, square:
 
 
 def timeline(overview: Overview, at: float) -> str:
-    """What is known of the whole take: its energy as a curve, distrusted frames as red marks above it.
+    """The known frames of the whole take: the energy as a curve, unreliable frames as red marks above it.
 
-    at: where the frame that is shown lies, 0 to 1.
+    at: position of the shown frame, 0 to 1.
     """
     bins, height = len(overview.known), _TIMELINE_HEIGHT
     top = float(overview.energy_px.max()) or 1.0
@@ -98,7 +98,7 @@ def legend(colours: Sequence[tuple[tuple[int, ...], str]]) -> str:
 
 
 def notice(sentence: str) -> str:
-    """A sentence that somebody should read."""
+    """A highlighted sentence."""
     return (
         '<div style="font:13px system-ui,sans-serif;padding:8px 12px;color:#7b341e;background:#fffaf0;'
         f'border-left:3px solid #dd6b20">{html.escape(sentence)}</div>'
@@ -106,7 +106,7 @@ def notice(sentence: str) -> str:
 
 
 def lines_of(rows: Sequence[tuple[str, str]]) -> str:
-    """Rows of a small table: what, and how much."""
+    """A small table of names and values."""
     cells = "".join(
         f'<tr><td style="color:#627d98;padding-right:10px">{html.escape(name)}</td>'
         f'<td style="font-variant-numeric:tabular-nums">{html.escape(value)}</td></tr>'

@@ -1,4 +1,4 @@
-"""One show on one browser's page: what is sent of it, and when."""
+"""One show on one browser's page: decides what is sent, and when."""
 
 import time
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from services.viewer.stage import Stage
 
 @dataclass(frozen=True)
 class _Pace:
-    """How often things are sent at most, in seconds."""
+    """Shortest intervals between two updates, in seconds."""
 
     body_s: float
     grid_s: float
@@ -29,19 +29,19 @@ class _Pace:
     """From one chart to the next."""
     timeline_s: float
     rest: float
-    """After drawing the grid nothing of it is drawn for so many times the processor time that this took. Most
-    goes into decoding the pictures between those that are shown, of which resting longer makes more."""
+    """Pause after drawing the grid, as a multiple of the processor time of drawing. Most of that time decodes
+    pictures between the shown ones, and a longer pause makes these more."""
 
 
 _LIVE = _Pace(body_s=0.066, grid_s=0.3, frusta_s=1.0, chart_s=0.2, timeline_s=0.5, rest=4.0)
-"""Beside tracking, which wants the processor."""
+"""The same during tracking, which needs the processor."""
 _FINISHED = _Pace(body_s=0.04, grid_s=0.1, frusta_s=0.5, chart_s=0.1, timeline_s=0.1, rest=2.0)
 _OFTEN, _SELDOM, _RARELY = 0.5, 4.0, 8.0
-"""How much longer the grid, charts, and the pictures in the room rest than they were on their way."""
+"""Pause after sending the grid, charts or pictures in the room, as a multiple of the sending time."""
 _TRAIL_S = 2.0
 _AWAY_M, _BESIDE_RAD, _FOV_RAD, _WAYPOINTS = 2.4, 0.9, 0.9, 9
 _ROAMING_M = 1.0
-"""Where a browser looks from at first, and how far it stands back while little is known of a motion."""
+"""A browser's first viewpoint, and its distance while little of the motion is known."""
 _FRUSTUM_PX = 160
 
 
@@ -64,7 +64,7 @@ class PageSession:
         self._timeline_pacing = SendPacing(pace.timeline_s)
         self._answered: set[SendPacing] = set()
         self._sending: SendPacing | None = None
-        """What the browser has not answered yet, of all that is large."""
+        """The large update that the browser has not answered yet."""
         self._began_s = self._made_s = self._cpu_s = 0.0
         self._hung_frame = self._timeline_frame = -1
         self._placed: SolvedFrame | None = None
@@ -73,7 +73,8 @@ class PageSession:
         self._looked = False
 
     def update(self) -> bool:
-        """Let the user's wishes and time go on, and send what differs; True when anything was sent."""
+        """Handle the user's actions and the passing of time, and send what has changed; True if anything was
+        sent."""
         controls = self._controls
         controls.perform(self._tick_s)
         now = time.monotonic()
@@ -90,7 +91,7 @@ class PageSession:
             newest = self._show.history.solved(controls.player.advance(0.0))
             if newest is not None and newest is not solved:
                 solved, sent = newest, self._show_room(newest) or sent
-        # Of what is large only one thing at a time, so that the next body does not wait for all.
+        # Only one large update at a time, so that the next body does not wait for all of them.
         if self._grid.draw(solved, controls):
             self._sending = self._grid.pacing
         elif self._curves_pacing.is_due() and self._curves.draw_next(solved.frame):
@@ -102,19 +103,19 @@ class PageSession:
 
     @property
     def has_shown(self) -> bool:
-        """Whether the browser has had pictures, where there are any, and curves."""
+        """Whether the browser has received the pictures (if there are any) and the curves."""
         wanted = {self._curves_pacing} | ({self._grid.pacing} if self._show.artist is not None else set())
         return wanted <= self._answered
 
     def _show_room(self, solved: SolvedFrame) -> bool:
-        """Send what is small, at once: drawing pictures takes its time."""
+        """Send the small updates at once, because drawing pictures takes time."""
         with self._client.atomic():
             sent = [self._show_body(solved), self._show_timeline(solved)]
         self._client.flush()
         return any(sent)
 
     def _say_missing(self, frame: int) -> bool:
-        """Say that a frame is not here; what was shown before stays."""
+        """Say that a frame is missing; the previous content stays."""
         words = f"{frame} {self._show.history.why_missing(frame)}"
         content = lines_of([("take", self._show.take), ("frame", words)])
         if content == self._controls.status.content:
@@ -124,11 +125,11 @@ class PageSession:
         return True
 
     def note_answer(self) -> None:
-        """The browser has taken in what was sent."""
+        """Called when the browser has received what was sent."""
         if self._sending is not None:
             self._sending.done(self._began_s, self._made_s, self._cpu_s)
             self._answered.add(self._sending)
-        if self._sending in (None, self._grid.pacing):  # of the others nobody has counted the bytes
+        if self._sending in (None, self._grid.pacing):  # the bytes of other updates are not counted
             sent_bytes = 0 if self._sending is None else self._grid.sent_bytes
             self._grid.connection.note(sent_bytes, time.monotonic() - self._made_s)
         if self._placed is not None and self._show.is_live and self._controls.player.is_live:
@@ -166,7 +167,7 @@ class PageSession:
         return True
 
     def _look_at(self, solved: SolvedFrame) -> None:
-        """Stand before the middle of what is known of the motion, a bit to the actor's side."""
+        """Place the viewpoint in front of the middle of the known motion, slightly to the actor's side."""
         self._looked = True
         history = self._show.history
         start = history.frames.start
@@ -198,7 +199,7 @@ class PageSession:
         return lines_of(rows)
 
     def _hang(self, solved: SolvedFrame) -> bool:
-        """Bring the pictures in the room up to date, with those that the grid has had decoded if it has."""
+        """Update the pictures in the room, preferably with those that the grid has decoded."""
         artist = self._show.artist
         frame = solved.frame if self._grid.frame is None else self._grid.frame
         if artist is None or not self._controls.wants_frusta or frame == self._hung_frame:

@@ -1,4 +1,4 @@
-"""What the cameras saw, frame by frame in any order: pictures and silhouettes, where there are any."""
+"""The cameras' pictures and silhouettes, if there are any, frame by frame in any order."""
 
 import threading
 import zlib
@@ -20,39 +20,39 @@ from services.mocap.types import Bytes, Trimap
 
 Content = TypeVar("Content")
 _SPARED_FRAMES = 24
-"""Where so many frames need not be read, it is worth to begin anew."""
+"""From this many skipped frames on, it is faster to reopen the video."""
 Trimaps = Callable[[int, int], Iterator[list[Trimap]]]
-"""Undistorted trimaps (h, w) of all cameras, from a frame up to and without another."""
+"""Undistorted trimaps (h, w) of all cameras, from a frame up to but not including another."""
 
 
 class Pictures(Protocol):
-    """What the cameras of a rig saw; everything undistorted. To be called by one thread at a time."""
+    """The undistorted pictures and silhouettes of a rig's cameras. Only one thread at a time may call it."""
 
     def picture(self, camera: int, frame: int) -> Bytes | None:
-        """(h, w, 3); None where there is none."""
+        """(h, w, 3); None if there is none."""
 
     def trimap(self, camera: int, frame: int) -> Trimap | None:
-        """(h, w); None where there is none."""
+        """(h, w); None if there is none."""
 
 
 class Reader(Generic[Content]):
-    """Reads something in order, and turns back or jumps where somebody wants another place."""
+    """Reads a stream in order, and reopens it to go back or to jump."""
 
     def __init__(self, begin: Callable[[int], Iterator[Content]]) -> None:
-        """Begin: what follows from a frame on."""
+        """begin: opens the stream at a frame."""
         self._begin = begin
         self._stream: Iterator[Content] = iter(())
         self._next: int | None = None
         self._last: tuple[int, Content] | None = None
 
     def read(self, frame: int) -> Content:
-        """What there is at a frame; raises what the stream raises, StopIteration beyond its end."""
+        """The content at a frame; raises what the stream raises, StopIteration beyond its end."""
         if self._last is not None and self._last[0] == frame:
             return self._last[1]
         at = self._next
         if at is None or frame < at or frame >= at + _SPARED_FRAMES:
             self._stream, at = self._begin(frame), frame
-        self._next = None  # until all went well
+        self._next = None  # until reading has succeeded
         for _ in range(at, frame):
             next(self._stream)
         self._last = frame, next(self._stream)
@@ -64,7 +64,7 @@ class _Video:
     """One camera's pictures, the last of which is kept."""
 
     def __init__(self, picker: PicturePicker, ahead: int, undistorter: Undistorter) -> None:
-        """ahead: frames that the camera began before the take."""
+        """ahead: how many frames the camera started before the take."""
         self._picker, self._ahead, self._undistorter = picker, ahead, undistorter
         self._last: tuple[int, Bytes] | None = None
 
@@ -79,14 +79,14 @@ class TakePictures:
     """A take folder's pictures and silhouettes."""
 
     def __init__(self, take: Take, trimaps: Trimaps | None) -> None:
-        """trimaps: makes those of takes that have none; None: then there are none."""
+        """trimaps: makes the silhouettes of takes without any; None: no silhouettes."""
         self._take, self._segment = take, trimaps
         self._lock = threading.Lock()
         self._pictures: dict[int, _Video] = {}
         self._trimaps = Reader(self._trimaps_from)
 
     def open(self) -> None:
-        """Open all videos ahead of the first picture; raises TakeError."""
+        """Open all videos before the first picture is needed; raises TakeError."""
         for c, camera in enumerate(self._take.cameras):
             if self._take.has_video(camera):
                 with self._lock:
@@ -126,16 +126,17 @@ class TakePictures:
 
 
 _KEPT_FRAMES = 512
-"""Frames whose silhouettes are kept, packed, for going back to them; a few kilobytes each."""
+"""Number of frames whose packed silhouettes are kept; a few kilobytes each."""
 _PATIENCE_S = 0.3
-"""How long a page waits for silhouettes; the coordinator answers between two steps of its own."""
+"""How long a page waits for silhouettes; the coordinator answers between two of its own steps."""
 
 
 class LivePictures:
-    """See Pictures. Silhouettes are there for frames that somebody looked at while they were new."""
+    """See Pictures. Silhouettes exist for frames that a page showed while they were new."""
 
     def __init__(self, rig: Rig, folder: TakePictures | None, ask: Callable[[int], None]) -> None:
-        """folder: the take's, where this host has it. ask: asks the coordinator for a frame's silhouettes."""
+        """folder: the take folder, if it is on this host. ask: requests a frame's silhouettes from the
+        coordinator."""
         self._rig, self._folder, self._ask = rig, folder, ask
         self._packed: OrderedDict[int, dict[int, bytes]] = OrderedDict()
         self._asked: OrderedDict[int, None] = OrderedDict()
@@ -165,7 +166,7 @@ class LivePictures:
         return np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, width)
 
     def add(self, message: Silhouettes) -> None:
-        """Take in silhouettes of some cameras; those that do not fit the rig are left out."""
+        """Add silhouettes of some cameras; those that do not fit the rig are ignored."""
         cameras = message.cameras
         fits = fit_together(message.planes, message.unsure, len(cameras), self._rig.shape_px)
         if max(cameras) >= self._rig.n_cameras or not fits:

@@ -28,7 +28,7 @@ _PANEL_WIDTH_PX = 400
 
 
 class Page:
-    """One browser's page of whatever show there is."""
+    """One browser's page of the current show."""
 
     def __init__(self, client: viser.ClientHandle, current: Callable[[], Show | None]) -> None:
         self._client, self._current = client, current
@@ -37,7 +37,7 @@ class Page:
 
     @property
     def has_shown(self) -> bool:
-        """Whether the browser has had the body, pictures where there are any, and curves."""
+        """Whether the browser has received the body, the pictures (if there are any) and the curves."""
         return self._session is not None and self._session.has_shown
 
     def run(self) -> None:
@@ -59,7 +59,7 @@ class Page:
         except UserError as error:
             self._client.gui.add_html(notice(str(error)))
             log.warning("%s", error)
-        except Exception:  # of one page only
+        except Exception:  # ends only this page
             log.exception("the page of browser %d has ended", self._client.client_id)
 
     def _wait_for_show(self) -> None:
@@ -67,7 +67,7 @@ class Page:
         self._client.gui.main_panel.dock_right()
         self._client.gui.main_panel.set_width(_PANEL_WIDTH_PX)
         if self._current() is None:
-            self._client.gui.add_html(notice("Waiting for a take: nobody tracks one at the moment."))
+            self._client.gui.add_html(notice("Waiting for a take: none is being tracked at the moment."))
         while self.is_open and self._current() is None:
             self._await_answer()
             time.sleep(_TICK_S)
@@ -93,17 +93,17 @@ _END_S = 2.0
 
 
 class _LocalServer(viser.ViserServer):
-    """Never asks anybody outside to pass the page on, whatever a browser wants."""
+    """Never shares the page through an outside server, even if a browser requests it."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002  (viser's signature)
         return None
 
 
 class PageServer:
-    """Serves whatever show it holds; a context manager."""
+    """Serves the current show; a context manager."""
 
     def __init__(self, port: int) -> None:
-        """Port: 0 for any that is free. Raises UserError where it is taken."""
+        """port: 0 for a free one. Raises UserError if it is in use."""
         self._pages: dict[int, tuple[Page, threading.Thread]] = {}
         self._lock = threading.Lock()
         self._show: Show | None = None
@@ -112,7 +112,7 @@ class PageServer:
         self.port = self._server.get_port()
         if port not in (0, self.port):
             self.close()
-            raise UserError(f"{LOOPBACK}:{port}: something listens there already: choose another port")
+            raise UserError(f"{LOOPBACK}:{port}: the port is in use: choose another port")
         self._server.scene.set_up_direction("+z")
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(30, 110, 190))
         self._server.on_client_connect(self._open)
@@ -120,17 +120,17 @@ class PageServer:
 
     @property
     def n_browsers(self) -> int:
-        """Browsers that look at the page."""
+        """Browsers that show the page."""
         return len(self._pages)
 
     @property
     def has_shown(self) -> bool:
-        """Whether a browser that looks at the page has got all kinds of things to see."""
+        """Whether a browser has received all kinds of content."""
         with self._lock:
             return any(page.has_shown for page, _ in self._pages.values())
 
     def show(self, show: Show) -> None:
-        """What all browsers see from now on."""
+        """Set the show for all browsers."""
         self._show = show
 
     def _open(self, client: viser.ClientHandle) -> None:
@@ -138,7 +138,7 @@ class PageServer:
         thread = threading.Thread(target=page.run, name=f"page-{client.client_id}", daemon=True)
         with self._lock:
             self._pages[client.client_id] = page, thread
-        log.info("browser %d looks at the page", client.client_id)
+        log.info("browser %d opened the page", client.client_id)
         thread.start()
 
     def _leave(self, client: viser.ClientHandle) -> None:

@@ -1,4 +1,4 @@
-"""What there is to see: a take's body, cameras and frames, as all browsers share it."""
+"""The content of a page: a take's body, cameras and frames, shared by all browsers."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ from services.viewer.tiles import TileArtist
 
 @dataclass(frozen=True, eq=False)
 class Show:
-    """One take, while it is tracked or afterwards."""
+    """One take, during tracking or afterwards."""
 
     take: str
     fps: float
@@ -26,16 +26,16 @@ class Show:
     history: FrameHistory
     body: Body
     rig: Rig | None
-    """None where nobody knows the cameras; then there is only the body."""
+    """None if the cameras are not known; then only the body is shown."""
     camera_names: tuple[str, ...]
     artist: TileArtist | None
     """Draws the camera grid; None without a rig."""
     is_live: bool
     """Whether frames may still come."""
     has_pictures: bool = True
-    """Whether there are pictures; else silhouettes stand for them."""
+    """Whether there are pictures; otherwise silhouettes are shown."""
     remark: str = ""
-    """What somebody should know who misses something here; a sentence, or nothing."""
+    """A sentence that explains what is missing, or nothing."""
 
 
 SEGMENT_PARENTS: tuple[str | None, ...] = tuple(
@@ -59,10 +59,10 @@ def placed_segments(body: Body, pose: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """A camera as a frustum shows it."""
+    """A camera as a frustum."""
 
     wxyz: Floats
-    """(4,) its axes in the world: x right, y down, z ahead."""
+    """(4,) its axes in the world: x right, y down, z forward."""
     position_m: Floats
     """(3,)"""
     fov_rad: float

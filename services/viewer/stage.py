@@ -26,17 +26,18 @@ _NO_LINE = np.zeros((1, 2, 3), np.float32)
 
 
 def rgb_of(name: str) -> tuple[int, int, int]:
-    """The colour of a joint or segment: its side's, as in the pictures."""
+    """The colour of a joint or segment, by its side, as in the pictures."""
     bgr = LEFT_BGR if name.startswith("left_") else RIGHT_BGR if name.startswith("right_") else CENTRE_BGR
     return bgr[2], bgr[1], bgr[0]
 
 
 class Stage:
-    """A show's scene in one browser; every method only sends what differs from before."""
+    """A show's scene in one browser; every method sends only what has changed."""
 
     def __init__(self, scene: viser.SceneApi, show: Show) -> None:
         self._show = show
-        # Light from above, not from a room around: without a GPU that is most of what drawing costs.
+        # Light from above instead of an environment map, which would take most of the drawing time without a
+        # GPU.
         scene.configure_environment_map(hdri=None)
         scene.add_light_hemisphere("/sky", sky_color=_SKY_RGB, ground_color=_GROUND_RGB, intensity=1.2)
         scene.add_grid(
@@ -62,7 +63,7 @@ class Stage:
 
     @staticmethod
     def _add_body(scene: viser.SceneApi, body: Body) -> "list[viser.MeshHandle]":
-        """The segments, each on the one that carries it, so that little has to be sent of a pose."""
+        """The segments, each attached to its parent, so that little data is sent per pose."""
         offsets_m, paths = body.offsets_m[SEGMENT_JOINTS], dict[str | None, str]({None: "/body"})
         segments = []
         for s, name in enumerate(SEGMENT_NAMES):
@@ -76,7 +77,7 @@ class Stage:
         return segments
 
     def place(self, solved: SolvedFrame) -> None:
-        """Put the body where a frame has it; parts that must not be trusted turn red."""
+        """Show a frame's pose; unreliable parts are red."""
         (wxyz, root_m), pelvis = placed_segments(self._show.body, solved.pose), self._segments[0]
         for s in _TURNING:
             self._segments[s].wxyz = wxyz[s]

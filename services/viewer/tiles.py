@@ -1,4 +1,4 @@
-"""The tiles of the camera grid: what each camera saw of a frame, with the model over it, as JPEG."""
+"""The tiles of the camera grid: each camera's picture of a frame, with the model over it, as JPEG."""
 
 import threading
 from dataclasses import dataclass
@@ -26,17 +26,17 @@ _JPEG = (
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
 )
 _KEPT_SHEETS = 8
-"""Sheets kept for other browsers that look at the same."""
+"""Number of sheets kept for other browsers with the same content."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What somebody wants to see in the grid."""
+    """A user's choice for the grid."""
 
     content: Content
     cameras: tuple[int, ...]
     part: Part | None
-    """Only this part's window in every camera; None: whole pictures."""
+    """Show only this part's window in every camera; None: whole pictures."""
     tile_width_px: int = 320
 
 
@@ -47,13 +47,13 @@ class Tile:
     camera: int
     jpeg: bytes
     differing_px: int | None
-    """Pixels of what is shown in which model and silhouette differ; None where no silhouette is known."""
+    """Number of shown pixels in which model and silhouette differ; None without a silhouette."""
     is_known: bool = True
-    """Whether anybody knows what the camera saw; else only the model is drawn, on black."""
+    """Whether the camera's picture or silhouette is known; otherwise only the model is drawn, on black."""
 
 
 class TileArtist:
-    """Draws tiles of one body before one rig; sheets that were drawn a moment ago are kept."""
+    """Draws tiles of one body in one rig; recent sheets are cached."""
 
     def __init__(self, body: Body, rig: Rig, pictures: Pictures) -> None:
         self._body, self._rig, self._pictures = body, rig, pictures
@@ -62,19 +62,20 @@ class TileArtist:
         self._drawn = lru_cache(_KEPT_SHEETS)(self._draw)
 
     def draw(self, solved: SolvedFrame, look: Look) -> tuple[Tile, ...]:
-        """The tiles of the cameras that a look names, in its order."""
+        """The tiles of a look's cameras, in its order."""
         with self._lock:
             return self._drawn(solved, look)
 
     def catch_up(self, frame: int, look: Look) -> None:
-        """Decode what a look shows of a frame and of those before it."""
+        """Decode the pictures of a look up to a frame."""
         if look.content != "silhouettes":
             with self._lock:
                 for camera in look.cameras:
                     self._pictures.picture(camera, frame)
 
     def ground(self, frame: int, camera: int) -> Bytes:
-        """What a camera saw of a frame (h, w, 3), without the model: its picture, or else its silhouette."""
+        """A camera's background for a frame (h, w, 3), without the model: its picture, or else its
+        silhouette."""
         width, height = self._rig.sizes_px[camera].tolist()
         with self._lock:
             picture = self._pictures.picture(camera, frame)
@@ -93,7 +94,7 @@ class TileArtist:
 
     def _tile(self, frame: int, camera: int, model: Bytes, window: tuple[slice, slice], look: Look) -> Tile:
         picture = None if look.content == "silhouettes" else self._pictures.picture(camera, frame)
-        is_needed = picture is None or look.content != "pictures"  # silhouettes may cost a lot
+        is_needed = picture is None or look.content != "pictures"  # making silhouettes may be expensive
         trimap = self._pictures.trimap(camera, frame) if is_needed else None
         ground, model = _ground(picture, trimap, model.shape)[window], model[window]
         height = max(2, round(look.tile_width_px * model.shape[0] / model.shape[1]))
@@ -111,7 +112,7 @@ class TileArtist:
 
 
 def _ground(picture: Bytes | None, trimap: Trimap | None, shape: tuple[int, ...]) -> Bytes:
-    """What the model is drawn over, (h, w, 3): black where nothing is known of a frame."""
+    """The background of the model, (h, w, 3): black if nothing is known of a frame."""
     if picture is not None:
         return picture
     if trimap is not None:

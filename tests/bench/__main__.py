@@ -74,7 +74,7 @@ TakesArgument: TypeAlias = Annotated[
     ),
 ]
 FramesOption: TypeAlias = Annotated[
-    str, typer.Option(help="Only frames A up to but not including B, as A:B.")
+    str, typer.Option(help="Range of frames A:B, from A up to but not including B.")
 ]
 
 
@@ -147,7 +147,7 @@ def accuracy(
     noise: Annotated[
         bool, typer.Option("--noise", help="Also with half of the cameras, and with bad silhouettes.")
     ] = False,
-    workers: Annotated[int, typer.Option(min=0, max=64, help="Limb worker processes.")] = 4,
+    workers: Annotated[int, typer.Option(min=0, max=64, help="Number of limb worker processes.")] = 4,
     options: Annotated[
         str, typer.Option("--track", help="Further options of xormocap track, such as '--set max_passes=5'.")
     ] = "",

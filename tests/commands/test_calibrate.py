@@ -136,7 +136,7 @@ def complaint(clips: Path, tmp_path: Path, said: dict[str, object]) -> str:
         ({"square_m": 12.0}, "square_m: expected the side of a square in metres"),
         (
             {"kind": "chessboard", "marker_m": None, "dictionary": None},
-            "look the same when the board is turned",
+            "look the same when the board is rotated",
         ),
     ],
 )
@@ -160,7 +160,7 @@ def test_mirrored_pictures_are_noticed(own_clips: Path, tmp_path: Path) -> None:
 
 def test_a_camera_twice_is_noticed(own_clips: Path, tmp_path: Path) -> None:
     shutil.copytree(own_clips / "cam02", own_clips / "cam04")
-    assert "cam02 and cam04: show the very same pictures" in complaint(own_clips, tmp_path, SAID)
+    assert "cam02 and cam04: have identical pictures" in complaint(own_clips, tmp_path, SAID)
 
 
 def test_clips_of_two_sizes_are_noticed(own_clips: Path, tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def in_glare() -> Bytes:
     [
         (
             np.full((240, 320, 3), 120, np.uint8),
-            "no colour chart is to be found in it: expected a ColorChecker",
+            "no colour chart was found in it: expected a ColorChecker",
         ),
         (overexposed(), "patches are overexposed: expose so that"),
         (cast(chart(), 0.02 * np.eye(3), noise=0), "the chart is too dark, its white patch has"),
@@ -137,7 +137,7 @@ def small_chart(matrix: Floats) -> Bytes:
 
 def test_pictures_that_are_missing_or_useless_leave_the_take_as_it_is(small_take: SmallTake) -> None:
     folder = small_take()
-    with pytest.raises(CalibrationError, match=r"colour/cam01\.png: is missing: expected a picture"):
+    with pytest.raises(CalibrationError, match=r"colour/cam01\.png: is missing: expected one picture"):
         correct(folder)
     write_png(folder / "colour/cam02.png", small_chart(np.eye(3)))
     with pytest.raises(CalibrationError, match=r"colour/cam02\.png: .* expected a ColorChecker"):

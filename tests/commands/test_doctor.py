@@ -50,7 +50,7 @@ def test_nothing_there() -> None:
     bare = replace(MESA, libegl=None, libgl=None, vendor_files=())
     assert _findings(bare, "libEGL cannot be loaded") == {
         "EGL": "no libEGL.so.1 and no libGL.so.1; vendor files: none",
-        "OpenGL": "none, so that only the cpu backend runs here: libEGL cannot be loaded",
+        "OpenGL": "none, so only the cpu backend runs here: libEGL cannot be loaded",
         "for a GPU": "run apt-get install --no-install-recommends libegl1 libgl1 libgl1-mesa-dri",
     }
 
@@ -65,7 +65,7 @@ def test_mesa_on_a_machine_without_a_gpu() -> None:
 
 def test_an_nvidia_gpu_that_works() -> None:
     found = _findings(NVIDIA, H100)
-    assert found["NVIDIA"] == f"a driver, with /usr/lib/libEGL_nvidia.so.0 and {VENDOR_FILE}"
+    assert found["NVIDIA"] == f"driver found, with /usr/lib/libEGL_nvidia.so.0 and {VENDOR_FILE}"
     assert found["OpenGL"].startswith("device 0, NVIDIA H100/PCIe/SSE2: hardware; 4.6.0 NVIDIA 570")
     assert "for a GPU" not in found
 

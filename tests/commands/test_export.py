@@ -80,9 +80,9 @@ def test_without_pyarrow_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_the_overlay_needs_the_take(folder: Path, small_take, tmp_path: Path) -> None:
-    assert refusal(folder, "--to", "overlay").endswith("does not say which take it is of: add --take FOLDER")
+    assert refusal(folder, "--to", "overlay").endswith("does not name its take: add --take FOLDER")
     short = small_take(frames=4)
-    assert "holds 4 frames, but the result goes on to frame 115" in refusal(
+    assert "has 4 frames, but the result extends to frame 115" in refusal(
         folder, "--to", "overlay", "--take", short
     )
     long = small_take("long", frames=116, source="silhouettes")
@@ -113,7 +113,7 @@ def test_a_run_goes_on_without_what_cannot_be_written(folder: Path, monkeypatch:
     said: list[str] = []
     write_defaults(folder, load_result(folder), DEFAULT_FORMATS, said.append)
     assert said == [
-        "motion.trc is left out, by an error of its own: no reason",
+        "motion.trc is left out because of an error: no reason",
         "motion.c3d: cannot hold so many frames",
         "report.html is left out without matplotlib: xormocap export --to report makes it",
     ]

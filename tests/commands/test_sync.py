@@ -84,7 +84,7 @@ def test_somebody_who_stands_still_tells_nothing(take: Path) -> None:
             if path.name != "000000.png":
                 shutil.copy(folder / "000000.png", path)
     before = (take / "take.toml").read_text()
-    with pytest.raises(UserError, match="do not tell the offsets"):
+    with pytest.raises(UserError, match="do not determine the offsets"):
         sync(take, reach=10, write=True)
     assert (take / "take.toml").read_text() == before
 

@@ -80,7 +80,7 @@ def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by
     docker("kill", stack.one("coordinator"))
     docker("start", stack.one("coordinator"))
     stack.until_solved(13)
-    assert "going on with run" in stack.logs("coordinator")
+    assert "continuing run" in stack.logs("coordinator")
 
     by_themselves = [*map(stack.one, ("segmentation", "recorder", "coordinator")), workers[3]]
     for container in by_themselves:

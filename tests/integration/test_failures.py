@@ -140,7 +140,7 @@ def test_a_coordinator_that_dies_goes_on_as_if_nothing_had_happened(run: Run, un
     run.when(after(1), kill("coordinator", signal.SIGKILL))
     run.when(after(5), kill("coordinator", signal.SIGKILL)).go(warn=said.append)
     assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
-    assert any("going on with run" in sentence for sentence in said)
+    assert any("continuing run" in sentence for sentence in said)
 
 
 def test_all_that_knew_the_poses_die_at_once(run: Run, undisturbed: Path) -> None:

@@ -105,8 +105,8 @@ def test_who_has_no_right_key_never_gets_in(
     logs = [run.start_worker(unknown), run.start_worker(misled)]
     run.launcher.start("limb_worker", "--connect", run.endpoint)
     keyless_log = tmp_path / "limb_worker-5.log"
-    run.until(lambda: "the coordinator wants keys: give --keys DIR" in keyless_log.read_text())
-    told = ("is not on the list in", "server.key is not this coordinator's", "somebody came without keys")
+    run.until(lambda: "the coordinator requires keys: give --keys DIR" in keyless_log.read_text())
+    told = ("is not on the list in", "server.key is not this coordinator's", "a client without keys")
     run.until(lambda: all(sentence in coordinator() for sentence in told))
     run.start_worker()  # not before: with it the run may be over before the others come
     *strangers, friend = run.launcher.pids("limb_worker")

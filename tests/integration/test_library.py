@@ -40,7 +40,7 @@ def test_a_result_is_replaced_as_a_whole(take: Take, tmp_path: Path) -> None:
     names = {path.name for path in (tmp_path / "result").iterdir()}
     assert names == {"poses.csv", "joints.csv", "actor.toml", "run.json", "motion.bvh"}
     for nothing in ([], [frames[0], frames[2]]):
-        with pytest.raises(UserError, match="follow each other"):
+        with pytest.raises(UserError, match="expected consecutive frames"):
             write_result(tmp_path / "result", take, actor, nothing)
     assert load_result(tmp_path / "result").frames.tolist() == [15, 16]
 

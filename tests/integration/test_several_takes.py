@@ -96,7 +96,7 @@ def test_two_takes_at_once_are_tracked_as_each_alone_though_one_coordinator_dies
             both.until(lambda: first.frame > died_at + 1 and second.frame > lived_at + 1)
         assert both.finish() == alone
     logs = both.coordinator_logs()
-    assert "going on with run" in logs[0]
+    assert "continuing run" in logs[0]
     assert "forgot limb_worker" not in logs[1], "the death of one coordinator is no matter to the other"
 
 
@@ -127,7 +127,7 @@ def test_one_key_opens_two_coordinators_with_keys_of_their_own(
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--connect", "tcp://127.0.0.1:1") * 2, "names a coordinator twice"),
+        (("--connect", "tcp://127.0.0.1:1") * 2, "contains a coordinator twice"),
         (("--keys", "a", "--keys", "b"), "expected one folder, or one for each of 1 coordinators"),
         (("--connect", "tcp://127.0.0.1:1", "--connect", "nonsense"), "expected an address"),
     ],

@@ -93,7 +93,7 @@ def test_a_run_from_its_beginning_to_its_end(known_take: Path, xormocap: Command
 def test_nobody_is_there(xormocap: Command) -> None:
     done = xormocap("status", "--connect", free_endpoint(), "--once", timeout_s=60)
     assert done.returncode == 2
-    assert "nothing heard: is a coordinator running there" in done.stderr.replace("\n", " ")
+    assert "no telemetry: is a coordinator running there" in done.stderr.replace("\n", " ")
 
 
 @pytest.mark.parametrize(

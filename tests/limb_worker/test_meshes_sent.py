@@ -48,7 +48,7 @@ def test_a_worker_asks_for_the_mesh_that_an_actor_names(task: LimbTask, first: B
 def test_a_damaged_mesh_is_not_kept(task: LimbTask) -> None:
     solver = LimbSolver(open_engine(EngineSettings(backend="cpu")))
     solver.blobs.add(ACTOR_BLOB)
-    with pytest.raises(UnusableBlobError, match="it is not a file that xormocap wrote"):
+    with pytest.raises(UnusableBlobError, match="it is not a file of xormocap"):
         solver.blobs.add(blob("mesh", MESH.content[:-100]))
     assert solver.blobs.missing(task)[0] == MESH.content_hash
 

@@ -46,7 +46,7 @@ def test_an_exception_leaves_no_folder(tmp_path: Path) -> None:
 
 def test_a_folder_of_the_users_is_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "note.txt").write_text("mine")
-    with pytest.raises(UserError, match="is there already: remove it") as refused, atomic_folder(tmp_path):
+    with pytest.raises(UserError, match="already exists: remove it") as refused, atomic_folder(tmp_path):
         pytest.fail("the block must not run")
     assert str(refused.value).startswith(f"{tmp_path}: ")
     assert (tmp_path / "note.txt").read_text() == "mine"
@@ -54,7 +54,7 @@ def test_a_folder_of_the_users_is_never_replaced(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(UserError, match="cannot be made"), atomic_file(tmp_path / "file" / "x.csv"):
+    with pytest.raises(UserError, match="cannot be created"), atomic_file(tmp_path / "file" / "x.csv"):
         pytest.fail("the block must not run")
 
 

@@ -152,7 +152,7 @@ def _swapped(folder: Path, tmp_path: Path) -> ClientKeys:  # noqa: ARG001
     [
         (_unknown, "the coordinator refuses this service's key", "is not on the list in"),
         (_misled, "server.key beside this service's keys is not this", "whose server.key is not"),
-        (lambda *_: None, "the coordinator wants keys: give --keys DIR", "somebody came without keys"),
+        (lambda *_: None, "the coordinator requires keys: give --keys DIR", "a client without keys"),
         (_swapped, "the handshake failed", ""),
     ],
     ids=["unknown", "misled", "none", "swapped"],
@@ -251,7 +251,7 @@ def test_a_coordinator_without_keys_is_told_by_who_has_some(
 
 def test_nobody_who_answers_is_told(context: Context, caplog: pytest.LogCaptureFixture) -> None:
     line = Line(context, free_endpoint(), "tasks")
-    assert until(lambda: "nobody answers: is the coordinator running" in caplog.text, line.tick)
+    assert until(lambda: "no answer: is the coordinator running" in caplog.text, line.tick)
     line.close()
 
 
@@ -292,10 +292,10 @@ def test_one_folder_for_all_or_one_each(folder: Path) -> None:
         (lambda own: (own / "server.key").unlink(), "server.key: cannot be read (it is missing)"),
         (lambda own: (own / "server.key").write_text("nothing"), "server.key: holds no public key"),
         (lambda own: (own / "server.key").write_text("public-key"), "server.key: holds no public key"),
-        (lambda own: (own / "server.key").write_bytes(b"public-key = \xff\xff"), "holds a damaged key"),
-        (lambda own: (own / "server.key").write_text(f'public-key = "{"#" * 40}"'), "holds a damaged key"),
-        (lambda own: (own / "server.key").write_text(f'public-key = "{"~" * 40}"'), "holds a damaged key"),
-        (lambda own: shutil.copy(own / "client.key", own / "client.key_secret"), "holds no secret key"),
+        (lambda own: (own / "server.key").write_bytes(b"public-key = \xff\xff"), "contains a damaged key"),
+        (lambda own: (own / "server.key").write_text(f'public-key = "{"#" * 40}"'), "contains a damaged key"),
+        (lambda own: (own / "server.key").write_text(f'public-key = "{"~" * 40}"'), "contains a damaged key"),
+        (lambda own: shutil.copy(own / "client.key", own / "client.key_secret"), "contains no secret key"),
     ],
 )
 def test_keys_that_cannot_be_used_are_one_sentence(folder: Path, damage, sentence: str) -> None:

@@ -21,7 +21,7 @@ _POSE_BYTES = 8 * _D
 _CROWDED = "header holds a list or map of more than 1000 entries"
 _NONE = [0, 2, 3]
 """The shape of unsure planes that there are none of."""
-_BAD_SIZE = "silhouettes.planes: a size is not a whole number in range"
+_BAD_SIZE = "silhouettes.planes: a size is not an integer in range"
 
 
 def frames_of(message: Message) -> list[bytes]:
@@ -61,13 +61,13 @@ def silhouettes_with(**changed: Any) -> list[bytes]:
 @pytest.mark.parametrize(
     ("frames", "reason"),
     [
-        ([], "no header, or one that is too long"),
+        ([], "the header is missing or too long"),
         ([b""], "header is not msgpack"),
         ([b"\xc1"], "header is not msgpack"),
         ([b"\x81"], "header is not msgpack"),
         ([msgpack.packb({}) + b"\x00"], "header is not msgpack"),
-        ([msgpack.packb([1, 2])], "header is not a map with names as keys"),
-        ([msgpack.packb({b"v": 1})], "header is not a map with names as keys"),
+        ([msgpack.packb([1, 2])], "header is not a map with string keys"),
+        ([msgpack.packb({b"v": 1})], "header is not a map with string keys"),
         ([msgpack.packb({1: 1})], "header is not msgpack"),
         ([b"\x81\xa1v\x91" + b"\x91" * 5000 + b"\x01"], "header is not msgpack"),
         ([b"\x81\xa1v\xdb\xff\xff\xff\xff"], "header is not msgpack"),
@@ -77,7 +77,7 @@ def silhouettes_with(**changed: Any) -> list[bytes]:
         ([msgpack.packb({"v": 8, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
         ([b"\x81\xa1v\xd5\xff\x00\x00"], "header is not msgpack"),
         ([b"\x81\xa1v\xa1\xff"], "header is not msgpack"),
-        ([msgpack.packb({"v": 8, "x": "y" * MAX_HEADER_BYTES})], "no header, or one that is too long"),
+        ([msgpack.packb({"v": 8, "x": "y" * MAX_HEADER_BYTES})], "the header is missing or too long"),
         ([msgpack.packb({})], "protocol version is not 8"),
         ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], "protocol version is not 8"),
         ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 8"),
@@ -134,7 +134,7 @@ def test_bad_headers(frames: list[bytes], reason: str) -> None:
         (silhouettes_with(colour="red"), "silhouettes.colour: Extra inputs are not permitted"),
         (
             silhouettes_with(planes="hidden"),
-            "silhouettes.planes: belongs in a frame of its own, not in the header",
+            "silhouettes.planes: belongs in its own frame, not in the header",
         ),
         (
             with_header(lambda header: header.pop("take"), silhouettes_frames()),

@@ -82,7 +82,7 @@ def test_the_page_says_why_it_has_not_got_a_frame(
     result: Path, info: TakeInfo, asked: list[PoseRequest], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     elsewhere = Archive(info, _FRAMES, None, asked.append, lambda: 1e9)
-    assert "was not told where the results go (--results)" in _words_when_nobody_has(elsewhere, monkeypatch)
+    assert "does not know the results folder (--results)" in _words_when_nobody_has(elsewhere, monkeypatch)
     assert len(asked) == 3
     missing = Archive(info, _FRAMES, result, asked.append, lambda: 1e9)
     words = f"there is no journal at {journal_of(result)}"

@@ -61,7 +61,7 @@ def test_without_a_token_there_is_a_form(proxy: AuthProxy) -> None:
 def test_a_wrong_token_does_not_help(proxy: AuthProxy) -> None:
     status, page, headers = _get(proxy, "/?token=something-else")
     assert status == 401
-    assert "not the token" in page
+    assert "token is wrong" in page
     assert "Set-Cookie" not in headers
 
 

@@ -1,1 +1,2 @@
-"""`xormocap calibrate`: cameras from clips of a board, from other tools' files, or checked by silhouettes."""
+"""`xormocap calibrate`: calibrates cameras from clips of a board or other tools' files, or checks them with
+silhouettes."""

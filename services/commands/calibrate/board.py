@@ -1,4 +1,4 @@
-"""Calibrating by a board, for the command: what board it is, a bar, the table, the files that are written."""
+"""Calibration with a board, for the command: the board's options, the progress bar, the table, the files."""
 
 import json
 from pathlib import Path
@@ -32,11 +32,11 @@ def calibrate_by_board(
 ) -> None:
     """Calibrate a folder of clips, write calibration.toml and, beside it, coverage.png and calibration.json.
 
-    said: what the command line says of the board (see board_of). Raises UserError with what is wrong.
+    said: the options about the board (see board_of). Raises UserError.
     """
     if not clips.is_dir():
         raise CalibrationError(
-            f"{clips}: is not a folder: expected one with a clip <camera>.mp4 for each camera"
+            f"{clips}: is not a folder: expected a folder with a clip <camera>.mp4 for each camera"
         )
     board = board_of(said, clips)
     with progress_bar(errors) as show:
@@ -52,9 +52,9 @@ def calibrate_by_board(
 
 
 def board_of(said: dict[str, Any], clips: Path | None) -> Board:
-    """The board as the folder's board.toml says, and the command line, which outweighs it.
+    """The board of the folder's board.toml and the command line, which overrides it.
 
-    said: fields of Board, and squares ("7x10") for columns and rows; None where nothing was said.
+    said: fields of Board, and squares ("7x10") for columns and rows; None for options that were not given.
     """
     path = None if clips is None else clips / BOARD_FILE
     fields = load_toml(path, CalibrationError) if path is not None and path.exists() else {}
@@ -82,8 +82,8 @@ def draw_board(path: Path, said: dict[str, Any], clips: Path | None, console: Co
     square_px = min(square_px, _LARGEST_PRINT_PX // (max(board.columns, board.rows) + 1))
     write_picture(path, board.draw(square_px))
     say(
-        f"{path}: print it so that a square measures {1e3 * board.square_m:g} mm, glue it on something "
-        "flat, and measure the squares: all lengths come from them",
+        f"{path}: print it so that a square is {1e3 * board.square_m:g} mm wide, glue it on something "
+        "flat, and measure the squares: all lengths are derived from them",
         console,
     )
 

@@ -1,4 +1,4 @@
-"""`xormocap calibrate --check TAKE`: whether a take's cameras agree, by silhouettes alone."""
+"""`xormocap calibrate --check TAKE`: checks with silhouettes alone whether a take's cameras agree."""
 
 from itertools import islice
 from pathlib import Path
@@ -31,17 +31,17 @@ class DisagreeError(TakeError):
 
 
 def check_take(folder: Path, console: Console, errors: Console) -> None:
-    """Print for every camera how far it is off, and raise DisagreeError where one does not agree."""
+    """Print the error of every camera, and raise DisagreeError if one does not agree."""
     take = open_take(folder)
     if len(take.cameras) < _FEWEST_CAMERAS:
-        raise TakeError(f"{folder}: has one camera: expected two or more to compare")
+        raise TakeError(f"{folder}: has only one camera: expected at least two cameras to compare")
     frames = range(take.settings.frames)
     cameras, outlines, middle = outlines_of(take, frames, -(-len(frames) // _MOST_FRAMES), errors)
     found = agreement_of(cameras, outlines)
     names = [camera.name for camera in cameras]
     if not np.isfinite(found.off_px).any():
         raise TakeError(
-            f"{folder}: silhouettes: the actor is whole in no two cameras: nothing can be compared"
+            f"{folder}: silhouettes: no two cameras show the whole actor: nothing can be compared"
         )
     filled = filled_by_others(Rig.of(cameras), middle == ACTOR, middle != BACKGROUND)
     console.print(_table(names, found, filled))
@@ -60,10 +60,10 @@ def check_take(folder: Path, console: Console, errors: Console) -> None:
 
 
 def _table(names: list[str], found: Agreement, filled: Floats) -> Table:
-    table = table_of("camera", "off, px", "filled by the others' hull", "")
+    table = table_of("camera", "off, px", "covered by the others' hull", "")
     for c, name in enumerate(names):
         known = np.isfinite(found.off_px[c])
-        verdict = "[red]does not agree[/]" if c in found.odd else "agrees" if known else "cannot be told"
+        verdict = "[red]does not agree[/]" if c in found.odd else "agrees" if known else "unknown"
         table.add_row(
             escape(name),
             f"{found.off_px[c]:.1f}" if known else "-",
@@ -78,7 +78,7 @@ def outlines_of(
 ) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
     """The cameras without lens distortion, their outlines in some frames, and the trimaps of one frame.
 
-    every: of how many frames one is taken. The trimaps (C, H, W) are those of the frame in the middle.
+    every: use every n-th frame. The trimaps (C, H, W) are those of the frame in the middle.
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
@@ -90,7 +90,7 @@ def outlines_of(
         for c, camera in enumerate(take.cameras):
             alone = make_segmenter(
                 take, [camera], SegmentationSettings()
-            )  # others must not help what is to be compared
+            )  # one camera must not help another, because they are compared
             trimaps = alone.trimaps(frames.start, frames.stop)
             of_camera: list[Outline | None] = []
             for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):

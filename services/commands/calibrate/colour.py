@@ -1,4 +1,4 @@
-"""`xormocap calibrate --colour TAKE`: cameras in the same colours, by pictures of a ColorChecker."""
+"""`xormocap calibrate --colour TAKE`: matches the cameras' colours with pictures of a ColorChecker."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from services.mocap.take.pictures import check_png, read_picture
 def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
     """Fit a correction to colour/<camera>.png of each camera, write colour.toml, print colour errors.
 
-    Raises UserError where there is no picture, or one of them cannot be used; then nothing is written.
+    Raises UserError, before anything is written, if there is no picture or one cannot be used.
     """
     take = open_take(folder)
     fits: dict[str, ColourFit] = {}
@@ -28,13 +28,13 @@ def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
             fits[camera.name] = fit_colours(read_picture(path), path)
     if not fits:
         raise CalibrationError(
-            f"{layout.colour_picture_path(folder, take.cameras[0].name)}: is missing: expected a picture "
-            "<camera>.png of a ColorChecker by each camera, in the light and with the settings of the take"
+            f"{layout.colour_picture_path(folder, take.cameras[0].name)}: is missing: expected one picture "
+            "<camera>.png of a ColorChecker per camera, in the light and with the settings of the take"
         )
     missing = [camera.name for camera in take.cameras if camera.name not in fits]
     if missing:
         names = ", ".join(missing)
-        warn([f"{folder}: no picture of a chart by {names}: colours stay as they are"], errors)
+        warn([f"{folder}: no picture of a chart from {names}: their colours stay unchanged"], errors)
     means = {
         name: (fit.correction, float(fit.before.mean()), float(fit.after.mean()))
         for name, fit in fits.items()

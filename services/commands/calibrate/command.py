@@ -1,4 +1,5 @@
-"""`xormocap calibrate`: cameras from clips of a board, from other tools' files, or checked by silhouettes."""
+"""`xormocap calibrate`: calibrates cameras from clips of a board or other tools' files, or checks them with
+silhouettes."""
 
 import re
 from pathlib import Path
@@ -24,78 +25,100 @@ _SIZE = re.compile(r"(\d{1,5})[xX](\d{1,5})")
 
 def calibrate(
     clips: Annotated[
-        Path | None, typer.Argument(help="The folder of clips: <camera>.mp4 and origin/.", metavar="CLIPS")
+        Path | None,
+        typer.Argument(help="The folder with the clips: <camera>.mp4 and origin/.", metavar="CLIPS"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Where it goes; CLIPS/calibration.toml by default.")
+        Path | None, typer.Option(help="The file to write; CLIPS/calibration.toml by default.")
     ] = None,
     board: Annotated[
         Literal["charuco", "chessboard"] | None,
-        typer.Option(help="What is printed on the board; charuco by default.", rich_help_panel=_BOARD),
+        typer.Option(help="The kind of board; charuco by default.", rich_help_panel=_BOARD),
     ] = None,
     squares: Annotated[
         str | None,
-        typer.Option(help="Squares in a row and rows, such as 7x10.", metavar="CxR", rich_help_panel=_BOARD),
+        typer.Option(
+            help="Number of squares per row, and number of rows, such as 7x10.",
+            metavar="CxR",
+            rich_help_panel=_BOARD,
+        ),
     ] = None,
     square: Annotated[
-        float | None, typer.Option(help="The side of a square in metres.", rich_help_panel=_BOARD)
+        float | None, typer.Option(help="Side length of a square in metres.", rich_help_panel=_BOARD)
     ] = None,
     marker: Annotated[
         float | None,
-        typer.Option(help="The side of a marker in metres; 3/4 of a square's.", rich_help_panel=_BOARD),
+        typer.Option(
+            help="Side length of a marker in metres; by default 3/4 of a square's.", rich_help_panel=_BOARD
+        ),
     ] = None,
     dictionary: Annotated[
-        str | None, typer.Option(help="The markers' dictionary; 5x5_100 by default.", rich_help_panel=_BOARD)
+        str | None,
+        typer.Option(help="Dictionary of the markers; 5x5_100 by default.", rich_help_panel=_BOARD),
     ] = None,
     legacy: Annotated[
         bool | None, typer.Option(help="The board was drawn by OpenCV before 4.6.", rich_help_panel=_BOARD)
     ] = None,
     draw: Annotated[
-        Path | None, typer.Option(help="Write the board as a PNG to print, and stop.", rich_help_panel=_BOARD)
+        Path | None,
+        typer.Option(help="Write the board as a PNG file to print, and exit.", rich_help_panel=_BOARD),
     ] = None,
     lens: Annotated[
-        Lens, typer.Option(help="normal, wide (one coefficient more) or fisheye.", rich_help_panel=_BOARD)
+        Lens,
+        typer.Option(
+            help="Lens model: normal, wide (one more coefficient) or fisheye.", rich_help_panel=_BOARD
+        ),
     ] = "normal",
     up: Annotated[Up, typer.Option(help="The axis that points up in the file that is written.")] = "z",
     check: Annotated[
-        Path | None, typer.Option(help="Say whether a take's cameras agree.", metavar="TAKE")
+        Path | None, typer.Option(help="Check whether the cameras of this take agree.", metavar="TAKE")
     ] = None,
     colour: Annotated[
         Path | None,
-        typer.Option(help="Correct a take's colours by colour/<camera>.png, a ColorChecker.", metavar="TAKE"),
+        typer.Option(
+            help="Match this take's colours with colour/<camera>.png, pictures of a ColorChecker.",
+            metavar="TAKE",
+        ),
     ] = None,
     source: Annotated[
         Path | None,
-        typer.Option("--import", help="Convert this file or folder instead.", rich_help_panel=_FILES),
+        typer.Option("--import", help="Convert this calibration file or folder.", rich_help_panel=_FILES),
     ] = None,
     kind: Annotated[
         Format | None,
-        typer.Option("--from", help="Its format; found out by default.", rich_help_panel=_FILES),
+        typer.Option("--from", help="Its format; detected by default.", rich_help_panel=_FILES),
     ] = None,
     target: Annotated[
         Literal["pose2sim", "opencv"],
-        typer.Option("--to", help="pose2sim (also xormocap's own) or opencv.", rich_help_panel=_FILES),
+        typer.Option(
+            "--to", help="Format to write: pose2sim (also xormocap's own) or opencv.", rich_help_panel=_FILES
+        ),
     ] = "pose2sim",
     size: Annotated[
         str | None,
-        typer.Option(help="Picture size WxH, where the file does not say.", rich_help_panel=_FILES),
+        typer.Option(help="Picture size WxH, if the file does not contain it.", rich_help_panel=_FILES),
     ] = None,
     units: Annotated[
         Units,
-        typer.Option(help="Its unit of length, where the format leaves it open.", rich_help_panel=_FILES),
+        typer.Option(help="Its unit of length, if the format does not define it.", rich_help_panel=_FILES),
     ] = "auto",
     scale: Annotated[
-        float, typer.Option(help="Multiply lengths by this, as for COLMAP.", rich_help_panel=_FILES)
+        float, typer.Option(help="Factor for all lengths, for example for COLMAP.", rich_help_panel=_FILES)
     ] = 1.0,
     world: Annotated[
-        Axis, typer.Option("--its-up", help="The axis that points up in it.", rich_help_panel=_FILES)
+        Axis,
+        typer.Option(
+            "--its-up", help="The axis that points up in the imported file.", rich_help_panel=_FILES
+        ),
     ] = "z",
 ) -> None:
-    """Calibrate cameras by a board, or convert a calibration, or check a take's.
+    """Calibrate cameras with a board, convert a calibration of another tool, or check the calibration of a
+    take.
 
-    CLIPS holds <camera>.mp4 or folders <camera> of pictures, in which the board is moved about, at the same
-    moments; origin/<camera>.mp4 or .png, where it lies on the floor at the world's origin; and optionally
-    intrinsics/<camera>.mp4, where one camera alone sees it close. The board may be said in CLIPS/board.toml.
+    CLIPS contains <camera>.mp4 or folders <camera> of pictures, synchronised, in which the board is moved
+    about; origin/<camera>.mp4 or .png, in which the board lies on the floor at the world's origin; and
+    optionally intrinsics/<camera>.mp4, in which the board is close to one camera. CLIPS/board.toml may
+    describe the board.
     """
     _check_one_is_asked_for(clips, draw, check, colour, source)
     if check is not None:
@@ -126,7 +149,7 @@ def calibrate(
 
 
 def _check_one_is_asked_for(clips: Path | None, draw: Path | None, *others: Path | None) -> None:
-    """Raise UserError unless one thing is asked for; a board may be drawn as the clips' board.toml says."""
+    """Raise UserError unless exactly one action is requested; --draw may use the board.toml of CLIPS."""
     asked = sum(given is not None for given in (clips, *others))
     if (draw is None and asked != 1) or (draw is not None and any(other is not None for other in others)):
         raise UserError(

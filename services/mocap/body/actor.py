@@ -19,18 +19,18 @@ from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
 from services.mocap.types import Floats, Ints
 
 DEFAULT_HEIGHT_M = 1.72
-"""Body height where neither the take nor an actor gives one: about the mean of adults."""
+"""Body height if neither the take nor an actor gives one: about the mean of adults."""
 MESH_FILE = "actor_mesh.npz"
-"""What the file of an own mesh is called, beside actor.toml."""
+"""File name of an own mesh, next to actor.toml."""
 _MIRROR = np.array([1.0, -1.0, 1.0])
 
 
 class MeshName(BaseModel):
-    """How actor.toml names an own mesh."""
+    """The table in actor.toml that names an own mesh."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    file: str = Field(pattern=r"^[^/\\]{1,100}$", description="the name of a file beside actor.toml")
+    file: str = Field(pattern=r"^[^/\\]{1,100}$", description="the name of a file next to actor.toml")
     sha256: str = Field(pattern="^[0-9a-f]{64}$", description="that file's SHA-256, 64 hexadecimal digits")
 
 
@@ -42,13 +42,14 @@ class Actor(BaseModel):
     height: float = Field(
         default=DEFAULT_HEIGHT_M, ge=0.5, le=2.5, description="the standing height in metres, from 0.5 to 2.5"
     )
-    """Standing height without shoes, in metres; what no bone length and no profile says scales with it."""
+    """Standing height without shoes, in metres; everything without a bone length or profile scales with
+    it."""
     bone_lengths: dict[str, float] = Field(default={}, description="a table of bones with lengths in metres")
     """Bone -> metres, for those that differ from the generic proportions (names: BONES)."""
     profiles: dict[str, Profile] = Field(default={}, description="a table of segments with width and depth")
     """Segment (without its side) -> its outline's factors over the generic one at this height (SECTIONS)."""
     mesh: OwnMesh | None = Field(default=None, description="a table with file and sha256 of an own mesh")
-    """A user's own mesh in place of the generic body; what is said above of that is then said of it."""
+    """A user's own mesh in place of the generic body; the other fields then refer to it."""
 
     @field_validator("bone_lengths")
     @classmethod
@@ -76,7 +77,7 @@ class Actor(BaseModel):
         if self.mesh is not None:
             tables["mesh"] = self._mesh_name(self.mesh)
         if not profiles:
-            del tables["profiles"]  # the text, and so the hash, of actors from before there were profiles
+            del tables["profiles"]  # keeps the text and the hash of actors without profiles
         return tomli_w.dumps(tables)
 
     @field_serializer("mesh")
@@ -85,7 +86,7 @@ class Actor(BaseModel):
 
     @classmethod
     def from_toml(cls, text: str, mesh_of: "Callable[[MeshName], OwnMesh] | None" = None) -> "Actor":
-        """Read the text of actor.toml; mesh_of finds the mesh that it names, if it names one.
+        """Read the text of actor.toml; mesh_of finds the mesh that it names, if any.
 
         Raises tomllib.TOMLDecodeError, pydantic.ValidationError or what mesh_of raises.
         """
@@ -112,7 +113,7 @@ class Body:
     """Per segment (F, 3), counter-clockwise seen from outside."""
     height_m: float
     mesh: BodyMesh = field(default_factory=generic_mesh)
-    """What it was made from."""
+    """The mesh that it was made from."""
 
     @cached_property
     def centres_m(self) -> Floats:

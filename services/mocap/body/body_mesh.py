@@ -1,7 +1,7 @@
 """What an actor's body is made from: closed meshes about a skeleton, the generic body's or a user's own.
 
-Whatever its own proportions, a mesh is kept stretched to the generic bones, so that one set of rules shapes
-them all; how long its bones are stands beside it. An own mesh is named by the SHA-256 of its file.
+Every mesh is stored stretched to the generic bones, together with its real bone lengths, so that the same
+rules shape all meshes. An own mesh is identified by the SHA-256 of its file.
 """
 
 import hashlib
@@ -23,12 +23,12 @@ from services.mocap.types import Floats, Ints
 _FORMAT = 1
 _MOST_BYTES = 48 * 1024 * 1024
 _RATIO_RANGE = (0.2, 5.0)
-"""Lengths of bones over the generic ones, and the size of everything in body heights, that are believed."""
+"""Plausible ranges of bone lengths over the generic ones, and of all sizes in body heights."""
 _MIRROR = np.array([1.0, -1.0, 1.0])
 
 
 class MeshContentError(ValueError):
-    """Bytes that are no mesh of a body; the text says why."""
+    """The bytes are not a body mesh; the text says why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class BodyMesh:
 
     @cached_property
     def left_forms(self) -> tuple[SegmentMesh, ...]:
-        """Every segment as if it were on the left; the left one itself where both sides are alike."""
+        """Every segment, mirrored to the left; the left one itself if both sides are equal."""
         left = {segment.name: segment for segment in self.segments}
         forms = []
         for segment in self.segments:
@@ -138,7 +138,7 @@ _SHAPES: dict[str, tuple[str, tuple[int, ...]]] = {
 
 
 def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays of a file, whose types, shapes and sums are right."""
+    """The arrays of a file, with checked types, shapes and checksums."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if sum(member.file_size for member in archive.infolist()) > _MOST_BYTES:
@@ -148,19 +148,19 @@ def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
     except (OSError, EOFError, ValueError, LookupError, zipfile.BadZipFile) as error:
         if isinstance(error, MeshContentError):
             raise
-        raise MeshContentError("it is not a file that xormocap wrote") from None
+        raise MeshContentError("it is not a file of xormocap") from None
     for name, (dtype, shape) in _SHAPES.items():
         array = arrays[name]
         fits = len(array.shape) == len(shape) and all(
             b in (-1, a) for a, b in zip(array.shape, shape, strict=True)
         )
         if array.dtype != np.dtype(dtype).newbyteorder("<") or not fits:
-            raise MeshContentError(f"{name} is not what xormocap writes")
+            raise MeshContentError(f"{name} is not as xormocap writes it")
         if array.dtype.kind == "f" and not np.all(np.abs(array) < _RATIO_RANGE[1]):
-            raise MeshContentError(f"{name} holds a number that cannot be")
+            raise MeshContentError(f"{name} contains an implausible number")
     for counts, rows in (("n_vertices", "vertices_heights"), ("n_faces", "faces")):
         if arrays[counts].min() < 0 or int(arrays[counts].sum(dtype=np.int64)) != len(arrays[rows]):
-            raise MeshContentError(f"{counts} and {rows} do not go together")
+            raise MeshContentError(f"{counts} and {rows} do not match")
     if int(arrays["format"]) != _FORMAT:
         raise MeshContentError("it is of another version of xormocap: import the mesh again")
     return arrays
@@ -168,7 +168,7 @@ def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
 
 def _segment(name: str, vertices_heights: Floats, faces: Ints) -> SegmentMesh:
     if len(faces) == 0 or faces.min() < 0 or faces.max() >= len(vertices_heights):
-        raise MeshContentError(f"the faces of its {name} name vertices that are not there")
+        raise MeshContentError(f"the faces of its {name} name vertices that do not exist")
     if not is_closed(faces):
         raise MeshContentError(f"its {name} is not closed")
     vertices_heights.flags.writeable = faces.flags.writeable = False

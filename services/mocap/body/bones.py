@@ -1,4 +1,4 @@
-"""Bones: lengths that may differ between people, and what each stretches."""
+"""Bones: lengths that may differ between people, and the parts that each stretches."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from services.mocap.types import Floats
 
 @dataclass(frozen=True)
 class Bone:
-    """A length that may differ between people, and what it stretches (left and right alike)."""
+    """A length that may differ between people, and the parts that it stretches, on both sides."""
 
     length_heights: float
     """The generic body's length, in body heights."""
@@ -39,19 +39,19 @@ BONES: dict[str, Bone] = {
     for row in ROWS
     for length in row.lengths
 }
-"""The trunk's mesh widens too: at the shoulders and above with shoulder_width, at the hips and below by as
-much as the hip joints move, and smoothly from one to the other between."""
+"""The trunk's mesh widens too: with shoulder_width at the shoulders and above, with the hip joints at the
+hips and below, and smoothly between."""
 
 _SHOULDERS = 0.280
 """Height of the shoulder joints over the hips', in body heights."""
 _HIPS_SHARE = 0.536
-"""Share of the trunk's width at the hips that lies between the hip joints."""
+"""Share of the trunk's width at the hips between the hip joints."""
 _TRUNK_OFFSETS = {"pelvis": 0.0, "torso": TORSO.offset_heights[2]}
 """The trunk's segments, and the height of their joints over the hips', in body heights."""
 
 
 def scales_across(segment: str, ratios: dict[str, float]) -> Floats:
-    """(3,) by how much a segment (without its side) is stretched along its frame's axes.
+    """(3,) stretch of a segment (without its side) along its frame's axes.
 
     ratios: bone -> its length over the generic one; those left out are 1.
     """
@@ -73,7 +73,7 @@ def stretched_offsets(offsets: Floats, ratios: dict[str, float]) -> Floats:
 
 
 def trunk_widening(segment: str, z_heights: Floats, ratios: dict[str, float]) -> Floats | float:
-    """(V,) by how much the trunk is wider at heights (V,), in body heights in the segment's frame.
+    """(V,) factor of the trunk's width at heights (V,), in body heights in the segment's frame.
 
     1 for other segments.
     """

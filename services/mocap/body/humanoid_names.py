@@ -1,8 +1,8 @@
 """Our joints' names in other humanoid skeletons: those that we understand, and those that we write.
 
 Knows the names of mocap databases and tools (CMU, ACCAD, Mixamo, HumanIK, Rokoko, Xsens, Perception Neuron,
-Poser, DAZ, Biped, Unreal, VRM, Rigify, MakeHuman, SMPL) and our own. A bone is named by the joint at which it
-turns.
+Poser, DAZ, Biped, Unreal, VRM, Rigify, MakeHuman, SMPL) and our own. A bone is identified by the joint at
+which it rotates.
 """
 
 import re
@@ -13,9 +13,9 @@ from services.mocap.body.segment_row import Tool
 from services.mocap.body.skeleton import SEGMENTS, Side, sided
 
 Naming: TypeAlias = Literal["xormocap", Tool]
-# Our joint and its side -> other names, without side, case, separators and numbers; the first one that a
-# skeleton has wins, since many names say different things beside others: HumanIK's LeftShoulder is the collar
-# bone beside a LeftArm, SMPL's L_Foot the toes beside an L_Ankle.
+# Our joint and its side -> other names, without side, case, separators and numbers; the first one in a
+# skeleton is used, because some names depend on others: HumanIK's LeftShoulder is the collar bone beside a
+# LeftArm, SMPL's L_Foot the toes beside an L_Ankle.
 _ALIASES = {(segment.joint, segment.side): segment.row.aliases for segment in SEGMENTS}
 _ALIASES |= {
     (sided(tip.joint, segment.side), segment.side): tip.aliases
@@ -25,14 +25,14 @@ _ALIASES |= {
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _SIDE_WORDS = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _PREFIXES = {"bip", "j", "c", "def", "org", "cc", "base", "character", "ctrl", "armature", "mixamorig", "b"}
-"""Words that tools put before the name proper."""
+"""Prefixes that tools add to names."""
 
 
 def matched_joints(names: Iterable[str]) -> dict[str, str]:
-    """Our joint -> the bone among `names` that turns there, for all joints that can be told.
+    """Our joint -> the bone among `names` that rotates there, for all joints that can be identified.
 
-    Of numbered bones (spine_01, spine_02, …) the first counts, in the order of `names`, which should be that
-    of the hierarchy, parents first.
+    Of numbered bones (spine_01, spine_02, …) the first in `names` is used; `names` should be ordered parents
+    first.
     """
     known: dict[tuple[Side | None, str], str] = {}
     for name in names:

@@ -21,7 +21,7 @@ _ROLES = {
     "translation": SHIFT, "swing": SWING, "heading": TURN, "lean": TURN, "pitch": TURN, "twist": TURN,
 }  # fmt: skip
 
-# Compiled code takes these tables in as constants.
+# In compiled code these tables are constants.
 PARENT: Ints = np.array([-1 if j.parent is None else JOINT_INDEX[j.parent] for j in JOINTS], np.int32)
 DOF_ROLE: Ints = np.array([_ROLES[dof.role] for dof in DOFS], np.int32)
 DOF_AXIS: Floats = np.array([dof.axis for dof in DOFS])
@@ -35,7 +35,7 @@ SEGMENT_JOINTS: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()]
 
 
 def moving_joints(dofs: tuple[int, ...], segments: tuple[int, ...]) -> Ints:
-    """The joints, parents first, that parameters move and that carry segments or lead to ones that do."""
+    """The joints with parameters, parents first, that carry segments or lead to joints that do."""
     moved, leading = set[int](), set[int]()
     for j in range(N_JOINTS):
         first, last = DOF_RANGE[j]
@@ -58,7 +58,7 @@ def joint_transforms(poses: Floats, offsets_m: Floats) -> Floats:
     poses: (N, D) in metres and radians. offsets_m: (J, 3), each joint relative to its parent in the rest
     pose. Returns T_world_joint (N, J, 4, 4).
     """
-    # A copy: to Numba an array that cannot be written to, as in a message, is another type to compile for.
+    # A copy: for Numba a read-only array, as in a message, is another type.
     poses = np.array(poses, np.float64, order="C")
     if poses.ndim != 2 or poses.shape[1] != N_DOF:
         raise ValueError(f"poses: expected shape (N, {N_DOF}), got {poses.shape}")
@@ -120,7 +120,7 @@ def _local_rotation(pose: Floats, joint: int, R: Floats, turn: Floats, product: 
 def place_joints(pose: Floats, offsets_m: Floats, joints: Ints, T_world_joint: Floats) -> None:
     """Write the world transforms of some joints, parents before children, into T_world_joint (J, 4, 4).
 
-    The transforms of their other parents must be there. pose (D,); offsets_m as for joint_transforms.
+    The transforms of their other parents must be set. pose (D,); offsets_m as for joint_transforms.
     """
     R_parent_joint, turn, product = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for j in joints:

@@ -1,7 +1,7 @@
-"""The measures of a body in centimetres, taken from its mesh as one would with a tape.
+"""The measures of a body in centimetres, taken from its mesh as with a tape.
 
-The body stands upright with its arms held out level (the rest pose), as one stands to have the arm span
-taken. Left and right are alike unless a body says otherwise: the left side is measured.
+The body stands upright with its arms held out level (the rest pose), as for measuring the arm span. The left
+side is measured.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX
 from services.mocap.types import Floats
 
 _LEVELS = 25
-"""Cross-sections among which the largest or smallest is looked for."""
+"""Number of cross-sections for finding the largest or smallest."""
 _CM_PER_M = 100.0
 _TRUNK = ("pelvis", "torso")
 _HIPS = ("pelvis", "torso", "left_thigh", "right_thigh")
@@ -30,7 +30,7 @@ class Measure:
     how: str
     """Where to put the tape."""
     uncertainty_cm: float | None = None
-    """One standard deviation, where it is known."""
+    """One standard deviation, if known."""
 
 
 def measure(body: Body) -> tuple[Measure, ...]:
@@ -113,7 +113,7 @@ class _Figure:
             v @ T[:3, :3].T + T[:3, 3] for v, T in zip(body.vertices_m, T_world_segment, strict=True)
         ]
         edges = [faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2) for faces in body.faces]
-        self._edges = [e[e[:, 0] < e[:, 1]] for e in edges]  # of the two directions of each the one
+        self._edges = [e[e[:, 0] < e[:, 1]] for e in edges]  # one of the two directions of each edge
 
     def joint_m(self, name: str) -> Floats:
         """A joint's centre (3,)."""
@@ -124,7 +124,7 @@ class _Figure:
         return float(np.linalg.norm(self.joint_m(one) - self.joint_m(other)))
 
     def up_the_trunk_m(self, share: float) -> float:
-        """The height so far up from the hip joints to the shoulder joints."""
+        """The height at this fraction of the way from the hip joints to the shoulder joints."""
         hip_m, shoulder_m = self.joint_m("left_hip")[2], self.joint_m("left_shoulder")[2]
         return float(hip_m + share * (shoulder_m - hip_m))
 
@@ -146,15 +146,15 @@ class _Figure:
         return np.delete(np.concatenate(points), axis, axis=1)
 
     def breadth_m(self, height_m: float, segments: tuple[str, ...]) -> float:
-        """From side to side of some segments at a height; 0 where there is nothing."""
+        """Width of some segments at a height; 0 if there is nothing."""
         across = self.section_m(2, height_m, segments)[:, 1]
         return float(np.ptp(across)) if across.size else 0.0
 
     def girth_m(self, axis: int, at_m: float, segments: tuple[str, ...]) -> float:
-        """Length of a tape drawn tight around some segments, which spans hollows; 0 where nothing is."""
+        """Length of a tight tape around some segments, which spans hollows; 0 if there is nothing."""
         try:
             return float(ConvexHull(self.section_m(axis, at_m, segments)).area)  # in the plane: the perimeter
-        except (QhullError, ValueError):  # nothing there, or a mere point
+        except (QhullError, ValueError):  # nothing there, or a single point
             return 0.0
 
     def girths_m(self, axis: int, start_m: float, end_m: float, segments: tuple[str, ...]) -> Floats:

@@ -1,10 +1,10 @@
 """How a person's outline differs from the generic body's along each bone: factors on width and depth.
 
-Factors stand at control points evenly spaced from a segment's near to its far end. Between them runs the
-Bézier curve of which they are the control values: smooth, never above the largest nor below the smallest
-of them, equal to the first and the last at the ends, straight where they lie on a line. Beyond an end the
-factor stays, or follows the next segment's profile where that goes on in the same direction. At the hips,
-where two thighs come out of one pelvis, each takes on something of the other, so that no step shows.
+Factors are given at control points evenly spaced from a segment's near to its far end. They are the control
+values of a Bézier curve: smooth, never above the largest nor below the smallest, equal to the first and the
+last at the ends, straight if they lie on a line. Beyond an end the factor is constant, or follows the next
+segment's profile if that continues in the same direction. At the hips, where two thighs meet the pelvis,
+thigh and pelvis are blended, so that there is no step.
 """
 
 from functools import lru_cache
@@ -21,10 +21,10 @@ from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats, Ints
 
 FACTOR_RANGE = (0.3, 3.0)
-"""Factors that an actor may have; people lie well within."""
+"""Range of factors; people are well inside it."""
 MOST_CONTROLS = 6
 _FORMS_KEPT = 128
-"""Forms of segments of which is remembered how profiles act on them."""
+"""Number of cached segment forms."""
 
 
 class Profile(BaseModel):
@@ -41,7 +41,7 @@ class Profile(BaseModel):
 SECTIONS: dict[str, Section] = {row.name: row.section for row in ROWS}
 """Segment (without its side) -> how it lies in its frame on the left."""
 _CONTINUES = {row.name: row.continued_by for row in ROWS if row.continued_by is not None}
-"""Segments whose bone goes on straight in another's in the rest pose."""
+"""Segments whose bone continues straight in another segment in the rest pose."""
 _CONTINUED = {after: before for before, after in _CONTINUES.items()}
 _CROTCH_POSITION = -0.6
 """Where along its bone the pelvis has become as deep as the thighs that come out of it."""
@@ -54,7 +54,7 @@ half a thigh about the hip joint. Any power keeps widths positive; this is neare
 
 
 def check_profiles(profiles: object) -> None:
-    """Raise ValueError with one sentence for the first thing wrong with the profiles read from a file."""
+    """Raise ValueError for the first error in the profiles of a file."""
     if not isinstance(profiles, dict):
         raise ValueError("expected a table per segment, such as [profiles.torso]")
     for segment, profile in profiles.items():
@@ -62,7 +62,7 @@ def check_profiles(profiles: object) -> None:
             raise ValueError(f"{segment} is not a segment; known are {', '.join(SECTIONS)}")
         fields = dict(profile) if isinstance(profile, dict | Profile) else None
         if fields is None or not set(fields) <= {"width", "depth"}:
-            raise ValueError(f"{segment}: expected width and depth and nothing else, each a list of factors")
+            raise ValueError(f"{segment}: expected only width and depth, each a list of factors")
         for name, factors in fields.items():
             _check_factors(f"{segment}.{name}", factors)
 

@@ -21,7 +21,7 @@ class Parameter:
     name: str
     role: Role
     axis: Vector
-    """Unit axis in the joint frame, of a positive turn (right-hand rule) or shift."""
+    """Unit axis in the joint frame, of a positive rotation (right-hand rule) or translation."""
     lower_deg: float = -inf
     upper_deg: float = inf
     rest: float = 0.0
@@ -54,7 +54,7 @@ class Section:
     start: float
     """Where along the bone the first control of its profile lies, in body heights from the carrying joint."""
     end: float
-    """Where the last one lies."""
+    """Position of the last one."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class SegmentRow:
     offset_bones: Mapping[str, str]
     """Axis -> the bone with whose length that offset grows."""
     paired: bool
-    """Whether there is one on the left and one on the right."""
+    """Whether there is one for the left and one for the right side."""
     part: Literal["torso", "head", "arm", "leg"]
     """Which chain of the search turns the joint, and to what part its pixels count."""
     window_px: int

@@ -1,7 +1,7 @@
-"""What shapes people have: a normal distribution over the shape space.
+"""The prior of body shapes: a normal distribution over the shape space.
 
-Who is stout is so all over, and what lies side by side on a limb or the trunk changes together; bones vary
-each by itself, but the two of a limb, and both limbs, less so than one against the other.
+Stout people are stout everywhere, and neighbouring places on a limb or the trunk change together; bones vary
+independently, except that those of a limb, and of both limbs, are correlated.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ _HIPS = ("trunk_width_hip", "trunk_depth_hip", "leg_girth_hip")
 _HIPS_ALIKE = 0.25
 """Share of the variance at the hips that pelvis and thighs have in common besides stoutness."""
 _CHAIN_REACH = 1.5
-"""Controls along a chain over which likeness falls to 1/e."""
+"""Controls along a chain over which the correlation falls to 1/e."""
 _LIMB_BONES = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
 _LONG_LIMBS = 0.4
 """Share of a limb bone's variance that all limb bones have in common."""
@@ -25,7 +25,7 @@ _MOST_DEVIATIONS = 2.0
 
 
 def _correlation() -> Floats:
-    """(n, n) as a sum of parts none of which is negative, so that it is a correlation."""
+    """(n, n) as a sum of non-negative parts, so that it is a valid correlation matrix."""
     names = list(INDEX)
     chain_of = {name: next((c for c in _CHAINS if name.startswith(c)), "") for name in names}
     stout = np.array([bool(chain_of[name]) or name == _NECK for name in names], float)
@@ -49,7 +49,7 @@ WHITENING: Floats = np.linalg.inv(np.linalg.cholesky(COVARIANCE))
 
 
 def random_shape(rng: np.random.Generator, low_m: float = 1.5, high_m: float = 2.0) -> Floats:
-    """A shape vector (n,) such as people have, of a height evenly between low_m and high_m."""
+    """A random shape vector (n,) from the prior, with a height uniform between low_m and high_m."""
     z = np.clip(rng.standard_normal(len(PARAMETERS)), -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
     x = clip_to_bounds(np.linalg.cholesky(COVARIANCE) @ z)
     height_m = rng.uniform(low_m, high_m)

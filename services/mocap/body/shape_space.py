@@ -1,10 +1,10 @@
 """The space of shapes that a fit searches: a vector of logarithms, zero for the generic body.
 
-Its parameters are what silhouettes can tell of a person: the height, the bones, the trunk's width and
+Its parameters are those that silhouettes can determine: the height, the bones, the trunk's width and
 depth, the girth of the limbs, and the size of neck, head, hands and feet. Neighbouring segments share the
-control at their joint. One direction changes next to nothing: greater height with shorter bones and slimmer
-profiles. There, and where silhouettes tell little, the deviations decide, or shape_prior, which knows too
-what goes together in people.
+control at their joint. One direction changes almost nothing: greater height with shorter bones and slimmer
+profiles. There, and where silhouettes determine little, the deviations decide, or shape_prior, which includes
+correlations.
 """
 
 from dataclasses import dataclass
@@ -103,8 +103,8 @@ NEIGHBOURS: tuple[tuple[int, int], ...] = _neighbours()
 """Pairs of parameters that are neighbouring controls of one profile: bodies change little between them."""
 
 
-# How the numbers change, in logarithms, when the same body is said to be taller. What is in metres stays,
-# and so do factors across where a bone scales the segment across; the trunk's widths follow bones in part.
+# How the parameters change, in logarithms, if the same body gets a larger `height`. Lengths in metres stay,
+# and so do factors across a segment that a bone scales; the trunk's widths follow bones in part.
 _STAYS = ("trunk_width_top", "head_", "hand_", "foot_width")
 _TRUNK_FOLLOWS = {"hip": -0.46, "belly": -0.43, "waist": -0.38, "ribs": -0.19, "chest": -0.03}
 
@@ -134,7 +134,7 @@ def clip_to_bounds(x: Floats) -> Floats:
 def actor_of(x: Floats, mesh: OwnMesh | None = None) -> Actor:
     """The actor of a shape vector (len(PARAMETERS),) within the bounds.
 
-    mesh: whose factors the shape holds, where that is not the generic body.
+    mesh: the mesh of the shape's factors, if it is not the generic body.
     """
     factors = dict(zip(INDEX, np.exp(x).tolist(), strict=True))
     lengths_heights = (mesh or generic_mesh()).lengths_heights
@@ -153,9 +153,9 @@ def actor_of(x: Floats, mesh: OwnMesh | None = None) -> Actor:
 
 
 def vector_of(actor: Actor) -> Floats:
-    """The shape vector (len(PARAMETERS),) of an actor, or the nearest to it that the space holds.
+    """The shape vector (len(PARAMETERS),) of an actor, or the nearest one in the space.
 
-    Zero is the actor's own mesh, where there is one. Profiles with other numbers of controls are
+    Zero is the actor's own mesh, if there is one. Profiles with other numbers of controls are
     approximated; controls that the space shares are averaged.
     """
     lengths_heights = (actor.mesh or generic_mesh()).lengths_heights
@@ -181,10 +181,11 @@ def _resampled(controls: Floats, n_controls: int) -> Floats:
 
 
 def with_true_height(x: Floats, mesh: OwnMesh | None = None) -> Floats:
-    """The shape vector of the same body, to a millimetre or two, whose height is how tall it stands.
+    """The shape vector of the same body, to a millimetre or two, whose height parameter is its standing
+    height.
 
-    A fit may find a tall actor with short bones and slim profiles; what is written for people to read should
-    name the height that a measuring rod shows. Within the bounds.
+    A fit may find a tall actor with short bones and slim profiles; written results should have the height
+    that a measuring rod shows. Within the bounds.
     """
     body = body_of(x, mesh)
     return clip_to_bounds(x + np.log(body.standing_height_m / body.height_m) * _RESTATED)

@@ -20,7 +20,7 @@ SIDES: tuple[Side, Side] = ("left", "right")
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint and where it sits in the rest pose."""
+    """A joint and its position in the rest pose."""
 
     name: str
     parent: str | None
@@ -50,7 +50,7 @@ class Dof:
     joint: str
     role: Role
     axis: Vector
-    """Unit axis in the joint frame, of a positive turn (right-hand rule) or shift."""
+    """Unit axis in the joint frame, of a positive rotation (right-hand rule) or translation."""
     lower: float
     upper: float
     rest: float
@@ -134,12 +134,12 @@ UPPER: Floats = np.array([dof.upper for dof in DOFS])
 
 
 def dofs_of(*joints: str) -> tuple[int, ...]:
-    """Indices into a pose of the parameters that turn or shift the named joints."""
+    """Indices into a pose of the parameters of the named joints."""
     return tuple(i for i, dof in enumerate(DOFS) if dof.joint in joints)
 
 
 def segments_below(joint: str) -> tuple[int, ...]:
-    """Indices of the segments that move when the joint turns, itself included."""
+    """Indices of the segments that move when the joint rotates."""
     moved = {joint}
     for candidate in JOINTS:  # parents precede children
         if candidate.parent in moved:

@@ -1,4 +1,4 @@
-"""The one table of the body: a row for each segment and the joint that carries it.
+"""The table of the body: a row for each segment and the joint that carries it.
 
 How many parameters, joints and segments there are follows from it (skeleton.py), and so does what the search
 moves, what a fit may change, and what the files list.
@@ -10,8 +10,8 @@ A parameter means the same movement on both sides (positive elbow flexion bends 
 Rotations: a joint turns by a swing (the rotation vector made of its swing parameters) after a twist about
 the bone. This keeps ball joints free of gimbal lock wherever the swing stays below half a turn. The root
 turns by heading about z, then side lean about x, then pitch about y; its only singularity is a side lean
-of a quarter turn. The T pose is the shoulder's zero, so that an arm hanging down, forward or overhead is
-about a quarter turn of swing away.
+of a quarter turn. The T pose is the shoulder's zero, so an arm hanging down, forward or overhead has a swing
+of about a quarter turn.
 
 Joint centres in body heights follow de Leva 1996 (J. Biomechanics 29(9)) and Drillis and Contini 1966.
 Deviations and ranges of lengths follow the spread over both sexes in the 2012 US Army survey (Gordon et al.

@@ -8,19 +8,19 @@ from numpy.typing import NDArray
 from services.mocap.types import Floats, Ints
 
 FEWEST_FACES = 4
-"""No closed body has less."""
+"""A closed mesh has at least this many faces."""
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A closed mesh that stands for a segment's: that one itself, or one with fewer faces."""
+    """A closed mesh of a segment: the full one, or one with fewer faces."""
 
     vertices_m: Floats
     """(V, 3)"""
     faces: Ints
     """(F, 3) counter-clockwise seen from outside."""
     error_m: float
-    """No point of its surface or of the segment's is farther than this from the other surface."""
+    """Largest distance of a point of its surface or of the segment's from the other surface."""
 
 
 def closed_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -32,13 +32,15 @@ def closed_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     along, against = np.flatnonzero(forward), np.flatnonzero(~forward)
     along, against = along[np.argsort(key[along])], against[np.argsort(key[against])]
     if not np.array_equal(key[along], key[against]) or len(np.unique(key)) != len(along):
-        raise ValueError("a segment's mesh is not closed: every edge needs exactly two faces, wound alike")
+        raise ValueError(
+            "a segment's mesh is not closed: every edge needs exactly two consistently oriented faces"
+        )
     edges = np.stack([start[along], end[along], opposite[along], opposite[against]], axis=1)
     return edges, np.stack([owner[along], owner[against]], axis=1)
 
 
 def is_closed(faces: Ints) -> bool:
-    """Whether every edge has exactly two faces, wound alike."""
+    """Whether every edge has exactly two consistently oriented faces."""
     start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     ways, ways_back = np.sort(start << 32 | end), np.sort(end << 32 | start)
     single = not np.any(ways[1:] == ways[:-1])

@@ -1,4 +1,4 @@
-"""Whether a take's cameras agree, by their silhouettes alone, and which one does not."""
+"""Checks from silhouettes alone whether a take's cameras agree, and finds those that do not."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,8 @@ from services.mocap.types import Bytes, Floats, Mask
 _OFF_PER_WIDTH = 0.005
 """Two good cameras' silhouettes touch the same planes to within this share of the width, 1.6 px of 320."""
 _DECISIVE = 2.0
-"""How many times less a camera must be off, once turned or mirrored, for that to be what is wrong with it."""
+"""Factor by which a camera's error must fall when its pictures are turned or mirrored, to conclude that they
+are."""
 _FEWEST_LEFT = 2
 
 _VOXEL_M = 0.05
@@ -24,21 +25,21 @@ _REACH_M = 1.6
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """What the silhouettes say of all cameras."""
+    """The agreement of all cameras."""
 
     off_px: Floats
-    """(C,) how far the planes that touch the actor are apart between a camera and those that agree; NaN where
-    nothing can be said."""
+    """(C,) distance of the tangent planes to the actor between a camera and those that agree; NaN if
+    unknown."""
     limit_px: float
-    """From here on a camera does not agree."""
+    """A camera with a larger error does not agree."""
     odd: tuple[int, ...]
     """Cameras that do not agree with the others, the worst first."""
 
 
 def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]) -> Agreement:
-    """The fewest cameras to blame: the worst is left out until all others agree.
+    """Find the cameras that disagree: the worst is left out until all others agree.
 
-    outlines: per camera, of each frame. Of two that disagree neither can be blamed: then both are odd.
+    outlines: per camera, of each frame. If two disagree it is unknown which is wrong: then both are odd.
     """
     off_px = pair_matrix(len(cameras), touches_of(cameras, outlines))
     limit_px = _OFF_PER_WIDTH * float(np.median([camera.width_px for camera in cameras]))
@@ -57,7 +58,7 @@ def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None
 
 
 def pair_matrix(n_cameras: int, pairs: Sequence[Touches]) -> Floats:
-    """(C, C) how far each two cameras are apart in the median frame; NaN where nothing can be said."""
+    """(C, C) error of each pair of cameras in the median frame; NaN if unknown."""
     off_px = np.full((n_cameras, n_cameras), np.nan)
     for pair in pairs:
         off = pair.off_px(0.0)
@@ -73,7 +74,7 @@ def likely_mistake(
     outlines: list[list[Outline | None]],
     off_px: float,
 ) -> str | None:
-    """What would make an odd camera agree with others that do: its pictures turned, or mirrored."""
+    """What makes an odd camera agree with the others: turning its pictures, or mirroring them."""
     for words, flip in (("upside down", (-1.0, -1.0)), ("mirrored", (-1.0, 1.0))):
         flipped = [_flipped(outline, cameras[camera], flip) for outline in outlines[camera]]
         chosen = (*(cameras[c] for c in others), cameras[camera])

@@ -1,4 +1,4 @@
-"""The calibration board: what is printed on it, and where its corners lie.
+"""The calibration board: its print, and the positions of its corners.
 
 Board frame, in metres: the origin in the middle of the board, x to the right and y up as the print is read, z
 out of the print towards the reader. The square at the upper left is black. Corners are those at which four
@@ -20,13 +20,13 @@ DICTIONARIES: dict[str, int] = {
     if name.startswith("DICT_") and name == name.upper()
 }
 FEWEST_SQUARES = 4
-"""Each way, of a chessboard, whose detector wants three corners inside."""
+"""Least number of squares in each direction of a chessboard, whose detector needs three inner corners."""
 _MARGIN_SQUARES = 0.5
-"""White round a drawn board: detection needs some."""
+"""White margin around a drawn board, which detection needs."""
 
 
 class Board(BaseModel):
-    """A flat board; a description says what its field has to be."""
+    """A flat board; a description states a field's valid values."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -54,9 +54,9 @@ class Board(BaseModel):
                 )
             if (self.columns + self.rows) % 2 == 0:
                 raise ValueError(
-                    f"columns: {self.columns} x {self.rows} squares look the same when the board is turned "
-                    "half round, so cameras cannot agree which end is which: expected one even and one odd "
-                    "number of squares (corners inside count one less each way)"
+                    f"columns: {self.columns} x {self.rows} squares look the same when the board is rotated "
+                    "by half a turn, so its ends cannot be told apart: expected one even and one odd "
+                    "number of squares (not of inner corners)"
                 )
             return self
         if self.dictionary not in DICTIONARIES:
@@ -72,14 +72,14 @@ class Board(BaseModel):
         if held < self.n_markers:
             raise ValueError(
                 f"dictionary: {self.dictionary} holds {held} markers, but a board of "
-                f"{self.columns}x{self.rows} squares has {self.n_markers}: name the dictionary that the "
+                f"{self.columns}x{self.rows} squares has {self.n_markers}: give the dictionary that the "
                 "board was made with"
             )
         return self
 
     @property
     def marker_side_m(self) -> float:
-        """The side of a marker; three quarters of a square's where nothing was said."""
+        """The side of a marker; by default three quarters of a square's."""
         return 0.75 * self.square_m if self.marker_m is None else self.marker_m
 
     @property
@@ -90,7 +90,7 @@ class Board(BaseModel):
 
     @property
     def n_corners(self) -> int:
-        """How many corners there are inside."""
+        """The number of inner corners."""
         return (self.columns - 1) * (self.rows - 1)
 
     @property
@@ -127,7 +127,7 @@ class Board(BaseModel):
         return np.pad(print_, margin_px, constant_values=255)
 
     def in_words(self) -> str:
-        """For sentences: what board this is."""
+        """A description of the board, for sentences."""
         size = f"{self.columns}x{self.rows} squares"
         return (
             f"a chessboard of {size}"

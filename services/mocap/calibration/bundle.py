@@ -1,4 +1,4 @@
-"""The bundle adjustment: all lenses, cameras and boards at once, so that corners fall where they are seen."""
+"""The bundle adjustment: fits all lenses, cameras and boards at once to the detected corners."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,11 +17,11 @@ from services.mocap.types import Floats, Ints, Mask
 _N_POSE = 6
 _N_CAMERA = N_INTRINSICS + _N_POSE
 _ROBUST_PX = 1.5
-"""Where corners begin to count linearly, while some may still be wrong."""
+"""Residual from which corners count linearly, while some may still be wrong."""
 _ROUGH, _EXACT = 1e-4, 1e-8
-"""Tolerances of the cost while wrong corners may be in, and once they are out."""
+"""Tolerances of the cost before and after wrong corners are removed."""
 _INNER = {"atol": 1e-8, "btol": 1e-8}
-"""Coarser steps of the inner solver zigzag: many cheap ones take far longer than a few good ones."""
+"""With coarser inner steps the solver zigzags: many cheap steps take far longer than a few exact ones."""
 _MOST_EVALUATIONS = 40
 _STEP = 1e-6
 _RIDGE = 1e-9
@@ -34,7 +34,7 @@ class Corners:
     camera: Ints
     """(N,)"""
     frame: Ints
-    """(N,) place of its moment in Estimate.boards."""
+    """(N,) index of its moment in Estimate.boards."""
     board_m: Floats
     """(N, 3) in the board frame."""
     points_px: Floats
@@ -47,15 +47,15 @@ class Corners:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What is known so far; the rig frame is that of the first camera."""
+    """The present estimate; the rig frame is that of the first camera."""
 
     lenses: list[Intrinsics]
     cameras: list[RigidTransform]
     """T_camera_rig."""
     frames: list[int]
-    """The number of each moment …"""
+    """The number of each moment."""
     boards: list[RigidTransform]
-    """… and T_rig_board in it."""
+    """T_rig_board in each moment."""
 
 
 def corners_of(seen: list[Sightings], frames: list[int], board: Board) -> Corners:
@@ -76,12 +76,12 @@ def corners_of(seen: list[Sightings], frames: list[int], board: Board) -> Corner
 
 
 def residuals_px(estimate: Estimate, corners: Corners) -> Floats:
-    """(N, 2) where corners are seen, less where they should be."""
+    """(N, 2) detected minus predicted corners."""
     return _Problem(estimate, corners).off_px(*_no_change(estimate)).reshape(-1, 2)
 
 
 def adjust(estimate: Estimate, corners: Corners, robust: bool) -> Estimate:
-    """The estimate that fits the corners best; robust: while wrong ones may be among them."""
+    """The estimate that fits the corners best; robust: if wrong ones may be among them."""
     problem, tolerance = _Problem(estimate, corners), _ROUGH if robust else _EXACT
     solution = least_squares(
         problem.residuals,
@@ -105,9 +105,9 @@ def _no_change(estimate: Estimate) -> tuple[Floats, Floats]:
 class _Problem:
     """Residuals by changes to an estimate.
 
-    Rotations change by small turns about the estimate, so that none comes near where turns are ambiguous.
-    The minimiser sees each camera's and each board's changes in units of their own in which all count alike
-    (see _units): without that its inner solver needs a hundred times as long.
+    Rotations are parametrised by small rotations about the estimate, far from any ambiguity. The parameters
+    of each camera and board are scaled to equal influence (see _units): without that the inner solver needs a
+    hundred times as long.
     """
 
     def __init__(self, estimate: Estimate, corners: Corners) -> None:
@@ -136,7 +136,7 @@ class _Problem:
         return self.off_px(*self._changes(x))
 
     def estimate(self, x: Floats) -> Estimate:
-        """What the minimiser's parameters lead to."""
+        """The estimate of the minimiser's parameters."""
         values, R, t_m = self._changed(*self._changes(x))
         poses = [RigidTransform(*pose) for pose in zip(R, t_m, strict=True)]
         lenses = [replace(lens, values=v) for lens, v in zip(self._start.lenses, values, strict=True)]

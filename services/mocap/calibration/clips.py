@@ -1,4 +1,4 @@
-"""A folder of board clips: which cameras there are, and their numbered pictures.
+"""A folder of board clips: its cameras and their numbered pictures.
 
 <camera>.mp4, or <camera>/ with pictures    the board moved about, the same moments in all cameras
 intrinsics/<camera>.mp4 or <camera>/        the board close before one camera alone, if recorded
@@ -29,7 +29,7 @@ class Clip:
     """A video, a picture, or a folder of pictures."""
 
     def n_frames(self) -> int:
-        """How many pictures there are; raises TakeError where it cannot be read."""
+        """The number of pictures; raises TakeError if the clip cannot be read."""
         return index_video(self.path).n_frames if self.is_video else len(self._files())
 
     @property
@@ -38,9 +38,9 @@ class Clip:
         return self.path.suffix.lower() in _VIDEOS
 
     def pictures(self, every: int) -> Iterator[tuple[int, Bytes]]:
-        """Every nth picture (H, W, 3) with its number; raises TakeError at one that cannot be read.
+        """Every nth picture (H, W, 3) with its number; raises TakeError if one cannot be read.
 
-        A picture's number is the one at the end of its file's name, where all have one, else its place.
+        A picture's number is the one at the end of its file name, if all have one, else its position.
         """
         if self.is_video:
             with VideoReader(self.path) as reader:
@@ -64,7 +64,7 @@ class Clip:
 
 
 def find_clips(folder: Path) -> list[Clip]:
-    """The clips in a folder, sorted by camera; raises CalibrationError where one camera has two."""
+    """The clips in a folder, sorted by camera; raises CalibrationError if one camera has two."""
     clips: dict[str, Clip] = {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
         if path.name.startswith(".") or path.name in (INTRINSICS, ORIGIN):

@@ -1,4 +1,4 @@
-"""A camera's colours by a picture of a ColorChecker Classic, the chart of 24 patches."""
+"""Calibrates a camera's colours with a picture of a ColorChecker Classic, the chart of 24 patches."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,18 +16,18 @@ _MEAN = 1
 _OVEREXPOSED_LEVEL, _FEWEST_PATCHES = 250, 18
 _DARKEST_WHITE_LEVEL = 40
 _LARGEST_ERROR = 8.0
-"""Mean colour error after correction, from which on it is no such chart, or not evenly lit."""
+"""Mean colour error after correction above which it is not such a chart, or not evenly lit."""
 
 
 @dataclass(frozen=True, eq=False)
 class ColourFit:
-    """What a chart says of a camera; colour errors are distances in CIE L*a*b* (delta E 1976)."""
+    """The colour fit of a camera; colour errors are distances in CIE L*a*b* (delta E 1976)."""
 
     correction: ColourCorrection
     before: Floats
-    """(24,) colour errors of the patches as they were photographed …"""
+    """(24,) colour errors of the patches as photographed."""
     after: Floats
-    """… and corrected."""
+    """(24,) colour errors of the patches after correction."""
 
 
 def reference_levels() -> Floats:
@@ -38,8 +38,8 @@ def reference_levels() -> Floats:
 def fit_colours(picture_bgr: Bytes, path: Path) -> ColourFit:
     """The correction that brings a chart's colours nearest to what they should be.
 
-    path: of the picture (H, W, 3), for messages. Raises CalibrationError, in one sentence, where there is no
-    chart in it, or the chart is too dark, overexposed or unevenly lit.
+    path: of the picture (H, W, 3), for messages. Raises CalibrationError if there is no chart in it, or the
+    chart is too dark, overexposed or unevenly lit.
     """
     seen = _patches(picture_bgr, path)
     usable = seen.max(axis=1) < _OVEREXPOSED_LEVEL
@@ -76,8 +76,8 @@ def _patches(picture_bgr: Bytes, path: Path) -> Floats:
     detector = _detector()
     if not detector.process(picture_bgr, 1):
         raise CalibrationError(
-            f"{path}: no colour chart is to be found in it: expected a ColorChecker Classic (24 patches), "
-            "whole, flat to the camera and at least a fifth of the picture wide"
+            f"{path}: no colour chart was found in it: expected a ColorChecker Classic (24 patches), "
+            "whole, facing the camera and at least a fifth of the picture wide"
         )
     statistics = np.asarray(detector.getBestColorChecker().getChartsRGB(), np.float64)
     return statistics.reshape(N_PATCHES, 3, -1)[:, :, _MEAN]

@@ -1,4 +1,4 @@
-"""The picture of a calibration: where in the pictures corners were seen, and how far they are off."""
+"""The picture of a calibration: the positions of the detected corners, and their errors."""
 
 import cv2
 import numpy as np
@@ -68,7 +68,7 @@ def _tile(solution: Solution, c: int, width_px: int, height_px: int) -> Bytes:
 
 
 def _draw_legend(sheet: Bytes) -> None:
-    words = "corners used, by how far they are off:"
+    words = "corners used, by their error:"
     cv2.putText(sheet, words, (6, 22), _FONT, 0.5, _TEXT_BGR, 1, cv2.LINE_AA)
     x = 6 + cv2.getTextSize(words, _FONT, 0.5, 1)[0][0] + 16
     for off_px in (0.0, _FULL_RED_PX / 2, _FULL_RED_PX):

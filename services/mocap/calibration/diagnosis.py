@@ -1,4 +1,5 @@
-"""Why a camera does not see the board: another board, mirrored pictures, another camera's pictures."""
+"""Finds out why a camera does not see the board: another board, mirrored pictures, another camera's
+pictures."""
 
 from collections.abc import Iterable
 from itertools import combinations
@@ -19,13 +20,13 @@ _SAME_PX, _SAME_SHARE, _FEWEST_SAME = 0.05, 0.9, 5
 _SIZES = range(3, 16)
 _FEWEST_MARKERS = 4
 _ON_LATTICE = 0.08
-"""How far markers may be off their places, in squares, for a size of the board to be the right one."""
+"""Allowed error of the markers' positions, in squares, for a board size to be the right one."""
 
 
 def check_prints(looked: list[tuple[Clip, Sightings]], board: Board) -> None:
-    """Raise CalibrationError where a camera hardly sees the board, with the reason if one can be found.
+    """Raise CalibrationError if a camera hardly sees the board, with the reason if it can be found.
 
-    Also where the pictures show that the board is another one than the one that was named.
+    Also if the pictures show another board than the one given.
     """
     for number, (clip, sightings) in enumerate(looked):
         if (board.kind == "charuco" and number == 0) or len(sightings.by_frame) < FEWEST_VIEWS:
@@ -44,7 +45,7 @@ def check_prints(looked: list[tuple[Clip, Sightings]], board: Board) -> None:
 
 
 def check_same_pictures(seen: list[Sightings]) -> None:
-    """Raise CalibrationError where two cameras saw the very same."""
+    """Raise CalibrationError if two cameras have identical pictures."""
     for one, other in combinations(seen, 2):
         shared = sorted(one.by_frame.keys() & other.by_frame.keys())
         if len(shared) < _FEWEST_SAME:
@@ -56,14 +57,14 @@ def check_same_pictures(seen: list[Sightings]) -> None:
         )
         if same >= _SAME_SHARE * len(shared):
             raise CalibrationError(
-                f"{one.camera} and {other.camera}: show the very same pictures: one clip is there under two "
+                f"{one.camera} and {other.camera}: have identical pictures: one clip exists under two "
                 "names: remove one, or put the right clip in its place"
             )
 
 
 def _wrong_chessboard(pictures: list[Bytes], board: Board) -> str | None:
-    """Another size of chessboard that is seen more often than the one named."""
-    # each size is looked for in all of them, which takes long in large pictures
+    """Another size of chessboard that is detected more often than the one given."""
+    # each size is searched in all pictures, which takes long in large ones
     pictures = pictures[:: max(1, len(pictures) // _FEW_SAMPLES)]
     share = min(1.0, _SHRUNK_WIDTH_PX / pictures[0].shape[1]) if pictures else 1.0
     area = cv2.INTER_AREA
@@ -129,7 +130,7 @@ def _markers(pictures: list[Bytes], dictionary: str) -> list[tuple[Ints, Floats]
 
 
 def _wrong_layout(views: list[tuple[Ints, Floats]], board: Board) -> str | None:
-    """The size of board on which the markers lie as they are seen, where it is not the one that was named."""
+    """The board size that matches the detected markers, if it is not the one given."""
     if _misplaced(views, board) < _ON_LATTICE:
         return None
     fits: dict[Board, float] = {}
@@ -156,7 +157,7 @@ def _wrong_layout(views: list[tuple[Ints, Floats]], board: Board) -> str | None:
 
 
 def _misplaced(views: list[tuple[Ints, Floats]], board: Board) -> float:
-    """How far markers are off where a board has them, in squares: the median over some pictures."""
+    """Error of the markers' positions on a board, in squares: the median over some pictures."""
     row, column = np.indices((board.rows, board.columns))
     white = (row + column) % 2 == (not (board.legacy and board.rows % 2 == 0))
     places = np.stack([column[white], row[white]], axis=1) + 0.5  # (n_markers, 2) their middles, in squares

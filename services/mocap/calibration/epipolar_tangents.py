@@ -1,8 +1,9 @@
-"""Where planes through two cameras' centres touch the actor: the same for both, if they agree.
+"""Compares the planes through two cameras' centres that touch the actor: equal for both, if the cameras
+agree.
 
 All planes that hold two cameras' centres form a pencil. The actor lies between two of them; each camera sees
 which, by the outermost points of its silhouette about the other camera's centre. So each pair of cameras is
-compared by two angles per frame, without any voxels, whatever the actor looks like.
+compared by two angles per frame, without voxels and for any actor.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,8 @@ from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Floats, Mask, Trimap
 
 _WIDEST_RAD = 2.0
-"""A silhouette that spans more of the pencil surrounds the other camera's centre: nothing is outermost."""
+"""A silhouette that spans more of the pencil surrounds the other camera's centre: it has no outermost
+points."""
 _SMALLEST_SHARE = 0.0005
 """Of a picture; less is noise."""
 
@@ -46,9 +48,9 @@ class Touches:
     """How far apart in the pictures planes are near the actor."""
 
     def off_px(self, later: float) -> Floats:
-        """(F, 2) how far apart both are where the second camera's frames are taken so much later.
+        """(F, 2) difference of both angles if the second camera's frames are this much later.
 
-        NaN where nothing can be said; halves of frames are interpolated.
+        NaN if unknown; half frames are interpolated.
         """
         frames = np.arange(len(self.angles_second)) + later
         low = np.floor(frames).astype(int)
@@ -63,7 +65,7 @@ class Touches:
 
 
 def outline_of(trimap: Trimap, camera: Camera) -> Outline | None:
-    """The convex outline of an undistorted trimap's actor (H, W); None where there is hardly any.
+    """The convex outline of an undistorted trimap's actor (H, W); None if there is almost none.
 
     Unsure pixels beside the actor belong to it, and where they are outermost, the actor is cut off: what is
     left are the points that are outermost whatever these pixels are.

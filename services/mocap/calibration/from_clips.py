@@ -14,10 +14,10 @@ from services.mocap.calibration.sightings import Detector, Sighting, Sightings, 
 from services.mocap.errors import CalibrationError
 
 _MOST_LOOKED_AT = 300
-"""Pictures of a clip in which the board is looked for; of longer clips every second, third and so on."""
+"""Number of pictures in which the board is searched; of longer clips every second, third and so on."""
 _MOST_OF_ORIGIN = 30
 _STILL_PX = 2.0
-"""How far a corner may wander while the board lies at the origin."""
+"""Allowed movement of a corner while the board lies at the origin."""
 _LOOKING_SHARE = 0.6
 
 
@@ -29,12 +29,12 @@ def calibrate_clips(folder: Path, board: Board, lens: Lens, show: Show) -> tuple
     clips = find_clips(folder)
     if len(clips) < 2:
         raise CalibrationError(
-            f"{folder}: holds clips of {len(clips)} cameras: expected <camera>.mp4, or a folder <camera> of "
+            f"{folder}: has clips of {len(clips)} cameras: expected <camera>.mp4, or a folder <camera> of "
             "pictures, for two cameras or more"
         )
     detector, seen = Detector(board), []
     for c, clip in enumerate(clips):
-        show(f"looking for the board: {clip.camera}", _LOOKING_SHARE * c / len(clips))
+        show(f"searching the board: {clip.camera}", _LOOKING_SHARE * c / len(clips))
         seen.append(_sightings(clip, folder, detector))
     check_prints(list(zip(clips, seen, strict=True)), board)
     check_same_pictures(seen)
@@ -83,7 +83,7 @@ def _at_rest(clip: Clip, sightings: list[Sighting], board: Board) -> Sighting | 
     away_px = np.linalg.norm(points[:, often] - middle_px, axis=-1)
     if often.size and float(np.nanmedian(np.nanmax(away_px, axis=1))) > _STILL_PX:
         raise CalibrationError(
-            f"{clip.path}: the board moves in it: expected a board that lies still where the origin shall be"
+            f"{clip.path}: the board moves in it: expected a board that lies still at the origin"
         )
     sighting = Sighting(often.astype(np.int32), middle_px)
     return sighting if is_usable(sighting, board) else None
@@ -93,16 +93,13 @@ def _no_origin(folder: Path, seen: list[Sightings], board: Board) -> str:
     there = find_clips(folder / ORIGIN)
     if not there:
         return (
-            f"{folder / ORIGIN}: holds no clip: expected a clip or a picture <camera>.png, by one camera or "
+            f"{folder / ORIGIN}: has no clip: expected a clip or a picture <camera>.png, by one camera or "
             "more, of the board lying on the floor where the world's origin shall be"
         )
     known = {sightings.camera for sightings in seen}
     if not any(clip.camera in known for clip in there):
         return (
-            f"{folder / ORIGIN}: {there[0].path.name} is no camera's: expected one of "
+            f"{folder / ORIGIN}: {there[0].path.name} belongs to no camera: expected one of "
             f"{', '.join(sorted(known))}"
         )
-    return (
-        f"{folder / ORIGIN}: {board.in_words()} is not to be found in it: show it larger, evenly lit and "
-        "whole"
-    )
+    return f"{folder / ORIGIN}: {board.in_words()} was not found in it: show it larger, evenly lit and whole"

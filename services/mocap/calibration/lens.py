@@ -93,9 +93,9 @@ def _fisheye(x: Floats, y: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 
 def estimate_intrinsics(sightings: Sightings, board: Board, lens: Lens) -> tuple[Intrinsics, list[int]]:
-    """A camera's lens, and the frames that do not fit to the others.
+    """A camera's lens, and the frames that do not fit the others.
 
-    Raises CalibrationError where there are too few views, or views that say too little.
+    Raises CalibrationError if there are too few views, or they do not determine the lens.
     """
     frames = spread_out(sightings.by_frame, sorted(sightings.by_frame), _MOST_VIEWS)
     spoiled: list[int] = []

@@ -1,6 +1,7 @@
-"""Cameras whose pictures of a chessboard are mirrored: the board itself looks the same in a mirror.
+"""Finds cameras with mirrored pictures of a chessboard, which itself looks the same in a mirror.
 
-Alone such a camera fits as well as any other; together with others it does not, until its views are flipped.
+Alone such a camera fits as well as any other; together with others it does not fit until its views are
+flipped.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ _CX, _P2 = 2, 7
 def check_mirroring(
     seen: Sequence[Sightings], lenses: Sequence[Intrinsics], links: Sequence[Link], board: Board
 ) -> None:
-    """Raise CalibrationError where cameras do not fit together, but would if one's pictures were flipped."""
+    """Raise CalibrationError if the cameras fit together only with one camera's pictures flipped."""
     bad = [link for link in links if link.agreeing < LEAST_AGREEING]
     if board.kind != "chessboard" or not bad:
         return
@@ -40,7 +41,7 @@ def check_mirroring(
     names = [seen[c].camera for c in sorted({worst, *others})]
     who = seen[worst].camera if len(others) > 1 else f"one of {' and '.join(names)}"
     raise CalibrationError(
-        f"{who}: shows mirrored pictures: flipped, they fit to those of "
+        f"{who}: has mirrored pictures: flipped, they fit those of "
         f"{', '.join(seen[c].camera for c in others) if len(others) > 1 else 'the other'}: switch mirroring "
         "off in the camera, or flip its clips"
     )

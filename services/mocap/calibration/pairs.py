@@ -1,4 +1,4 @@
-"""Which cameras see the board together, where one then stands to the other, and how all are chained."""
+"""Finds pairs of cameras that see the board together, their relative poses, and the chain of all cameras."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -16,12 +16,12 @@ FEWEST_SHARED = 3
 """Moments that two cameras must share to be linked."""
 _MOST_SHARED = 40
 LEAST_AGREEING = 0.4
-"""The share of shared moments that must fit to where two cameras stand."""
+"""The share of shared moments that must fit one relative pose."""
 AGREEING_PX_PER_WIDTH = 0.02
-"""How far off the median moment may be in one camera when predicted from the other, per pixel of width."""
+"""Allowed error of the median moment in one camera when predicted from the other, per pixel of width."""
 
 Sights = dict[int, list[RigidTransform]]
-"""T_camera_board by frame: one, or two where the direction is in doubt."""
+"""T_camera_board by frame: one, or two if the direction is ambiguous."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +40,12 @@ class Link:
 
     @property
     def strength(self) -> float:
-        """How much it may be relied on: by how many moments agree, and how well."""
+        """Its reliability: how many moments agree, and how well."""
         return self.n_shared * self.agreeing / (1.0 + self.error_px)
 
 
 def sights_of(sightings: Sightings, board: Board, intrinsics: Intrinsics) -> Sights:
-    """Where one camera sees the board in all its pictures."""
+    """The board's poses in all pictures of one camera."""
     found = {f: board_in_camera(s, board, intrinsics) for f, s in sightings.by_frame.items()}
     return {frame: poses for frame, poses in found.items() if poses}
 
@@ -66,7 +66,7 @@ def find_links(
 def _link(
     a: int, b: int, frames: list[int], n_shared: int, sights: list[Sights], board: Board, lens_b: Intrinsics
 ) -> Link:
-    """The one of all single moments' relative poses that most other moments agree with."""
+    """The relative pose of a single moment with which most other moments agree."""
     candidates = [
         in_b @ in_a.inverse for frame in frames for in_a in sights[a][frame] for in_b in sights[b][frame]
     ]
@@ -89,9 +89,9 @@ def _off_px(
     board: Board,
     lens_b: Intrinsics,
 ) -> Floats:
-    """(K,) how far the board's outline is off in the second camera, by each of K relative poses.
+    """(K,) error of the board's outline in the second camera for each of K relative poses.
 
-    Where the direction is in doubt in a camera, the pair of directions that fits best counts.
+    If the direction is ambiguous in a camera, the best pair of directions is used.
     """
     errors = []
     for first in in_a:
@@ -108,8 +108,8 @@ def _off_px(
 def chain(names: list[str], links: list[Link]) -> list[RigidTransform]:
     """T_camera_first for every camera, along the strongest links.
 
-    Raises CalibrationError where cameras are left that share no moments with the others, or whose moments do
-    not fit to any one place of the cameras.
+    Raises CalibrationError if cameras share no moments with the others, or their moments do not fit one
+    relative pose.
     """
     placed = {0: IDENTITY}
     while len(placed) < len(names):
@@ -118,14 +118,14 @@ def chain(names: list[str], links: list[Link]) -> list[RigidTransform]:
             others = [name for c, name in enumerate(names) if c not in placed]
             raise CalibrationError(
                 f"{', '.join(others)}: never or hardly ever see the board in the same moments as "
-                f"{', '.join(names[c] for c in placed)}: show it to cameras of both groups at once, in "
+                f"{', '.join(names[c] for c in placed)}: show it to cameras of both groups together, in "
                 f"{FEWEST_SHARED} places or more, and check that all clips show the same moments"
             )
         link = max(open_ends, key=lambda link: link.strength)
         if link.agreeing < LEAST_AGREEING:
             raise CalibrationError(
                 f"{names[link.first]} and {names[link.second]}: see the board in {link.n_shared} moments "
-                f"together, but only {100 * link.agreeing:.0f}% of these fit to one place of the cameras: "
+                f"together, but only {100 * link.agreeing:.0f}% of these fit one relative pose: "
                 "check that their clips show the same moments, that no camera moved, and that neither's "
                 "pictures are mirrored"
             )

@@ -1,4 +1,4 @@
-"""What is odd about calibrated cameras, in sentences: not wrong for certain, but worth a look."""
+"""Warnings about calibrated cameras: not certainly wrong, but worth checking."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -21,7 +21,8 @@ _LITTLE_COVERED = 0.4
 
 
 def remarks_on(cameras: Sequence[Camera]) -> list[str]:
-    """One sentence for each oddity of cameras in a z-up world whose origin is on the floor of the stage."""
+    """One sentence for each implausible property of cameras in a z-up world with its origin on the stage's
+    floor."""
     remarks = [
         f"{camera.name}: stands {-camera.centre_world_m[2]:.2f} m under the floor: check that the board at "
         "the origin lay on the floor, print up"
@@ -31,18 +32,18 @@ def remarks_on(cameras: Sequence[Camera]) -> list[str]:
     upward = np.array([-camera.R_camera_world[1, 2] for camera in cameras])
     if np.median(upward) < _LEVEL:  # all of them: then rather the origin's board is not on the floor
         remarks.append(
-            "most cameras are tilted against the floor by more than 60 degrees: check that the board at "
+            "most cameras are tilted by more than 60 degrees against the floor: check that the board at "
             "the origin lay flat on the floor, print up, and that the pictures are upright"
         )
     else:
         remarks += [
-            f"{camera.name}: hangs upside down, its pictures show the floor above; the calibration holds for "
-            "them as they are: do not turn the videos"
+            f"{camera.name}: hangs upside down, its pictures show the floor above; the calibration is for "
+            "these pictures: do not rotate the videos"
             for camera, up in zip(cameras, upward, strict=True)
             if up < _UPSIDE_DOWN
         ]
     remarks += [
-        f"{one.name} and {other.name}: stand in the same place and look the same way: check that they are "
+        f"{one.name} and {other.name}: have the same position and direction: check that they are "
         "not one camera under two names"
         for one, other in combinations(cameras, 2)
         if np.linalg.norm(one.centre_world_m - other.centre_world_m) < _SAME_PLACE_M
@@ -58,13 +59,13 @@ def remarks_on(cameras: Sequence[Camera]) -> list[str]:
 
 
 def remarks_on_views(solution: Solution) -> list[str]:
-    """One sentence for each camera whose views say too little, or that does not fit to the others."""
+    """One sentence for each camera with too few useful views, or that does not fit the others."""
     remarks = []
     errors_px = [solution.error_px(c) for c in range(len(solution.cameras))]
     for c, camera in enumerate(solution.cameras):
         if solution.n_bad_views[c] > _MANY_BAD * (solution.n_views[c] + solution.n_bad_views[c]):
             remarks.append(
-                f"{camera.name}: {solution.n_bad_views[c]} views do not fit to those of the other cameras "
+                f"{camera.name}: {solution.n_bad_views[c]} views do not fit those of the other cameras "
                 "and were left out: check that its clip shows the same moments as theirs, and that the "
                 "board is flat"
             )

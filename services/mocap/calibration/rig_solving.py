@@ -1,4 +1,4 @@
-"""All cameras in one world: each lens alone, pairs chained, then everything adjusted at once."""
+"""Calibrates all cameras in one world: each lens alone, pairs chained, then everything adjusted at once."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,35 +16,35 @@ from services.mocap.camera.camera import Camera
 from services.mocap.types import Floats, Mask
 
 ORIGIN_FRAME = 2**30
-"""The number of the moment in which the board lies where the origin shall be."""
+"""The number of the moment in which the board lies at the origin."""
 _MOST_PER_CAMERA, _MOST_PER_PAIR = 40, 25
-"""Moments that go into the adjustment: more hardly help and take long."""
+"""Number of moments for the adjustment: more hardly help and take long."""
 _WRONG_PX, _WRONG_RATIO = 1.5, 5.0
 """A corner that is off by more than both, in pixels and against its camera's median, is wrong."""
 _ROUNDS = 3
 
 Show = Callable[[str, float], None]
-"""Called with what is being done, in words, and how far it is, 0 to 1."""
+"""Called with the current stage, in words, and the progress, 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Calibrated cameras, and how well they explain what was seen."""
+    """Calibrated cameras, and their errors."""
 
     cameras: tuple[Camera, ...]
     """In the world of the origin's board: its middle is the origin, x and y lie in it, z leads out of it."""
     corners: Corners
-    """Those that were used …"""
+    """The corners that were used."""
     residuals_px: Floats
-    """… and how far each is off (N, 2)."""
+    """(N, 2) error of each corner."""
     n_views: tuple[int, ...]
-    """Per camera: how many sightings were used …"""
+    """Per camera: number of sightings used."""
     n_bad_views: tuple[int, ...]
-    """… and how many were left out because they do not fit to the others."""
+    """Per camera: number of sightings left out because they do not fit the others."""
     links: tuple[Link, ...]
 
     def error_px(self, camera: int) -> float:
-        """Mean reprojection error of a camera: how far off a corner is on average."""
+        """Mean reprojection error of a camera: the mean distance of its corners."""
         off = self.residuals_px[self.corners.camera == camera]
         return float(np.linalg.norm(off, axis=1).mean())
 
@@ -97,7 +97,7 @@ def _chosen_moments(seen: list[Sightings], links: list[Link]) -> list[int]:
 def _board_in_rig(
     frame: int, sights: list[Sights], cameras: list[RigidTransform], board: Board
 ) -> RigidTransform:
-    """T_rig_board in a moment: of what the cameras say alone, that which is nearest to all the others."""
+    """T_rig_board in a moment: of the single cameras' poses, the one nearest to all others."""
     told = [
         [cameras[c].inverse @ pose for pose in of_camera[frame]]
         for c, of_camera in enumerate(sights)
@@ -130,7 +130,7 @@ def _adjusted(
 
 
 def _believable(corners: Corners, off_px: Floats) -> Mask:
-    """(N,) corners that are not far off, in views of which that holds for most."""
+    """(N,) corners with small errors, in views with mostly such corners."""
     off = np.linalg.norm(off_px, axis=1)
     right = np.zeros(len(off), bool)
     for camera in np.unique(corners.camera):

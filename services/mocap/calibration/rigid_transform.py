@@ -1,4 +1,4 @@
-"""Rigid poses of boards and cameras, and where a camera sees the board by one sighting alone."""
+"""Rigid transforms of boards and cameras, and the board's pose from a single sighting."""
 
 from dataclasses import dataclass
 
@@ -39,9 +39,9 @@ IDENTITY = RigidTransform(np.eye(3), np.zeros(3))
 
 
 def board_in_camera(sighting: Sighting, board: Board, intrinsics: Intrinsics) -> list[RigidTransform]:
-    """T_camera_board by one sighting, the better one first.
+    """T_camera_board from one sighting, the better one first.
 
-    A small flat board can be seen from two directions nearly alike: then both are given.
+    A small flat board can look nearly the same from two directions: then both are returned.
     """
     corners_m = board.corners_m[sighting.corners]
     points = intrinsics.normalised(sighting.points_px)

@@ -10,9 +10,9 @@ from services.mocap.calibration.board import Board
 from services.mocap.types import Bytes, Floats, Ints
 
 ENOUGH_CORNERS = 6
-"""Fewer say too little of where the board is."""
+"""Fewer corners do not determine the board's pose."""
 _FLATTEST = 0.02
-"""How much narrower than long what is seen of a board may be: a single row of corners gives no pose."""
+"""Least ratio of width to length of the detected corners: a single row of corners gives no pose."""
 _BENT_SHARE, _BENT_PX = 0.03, 3.0
 """How far corners may be off a plane's picture, as a share of the board's size in it: a lens bends by that
 much, while corners that were taken for others are off by whole squares."""
@@ -41,7 +41,7 @@ class Sightings:
     by_frame: Mapping[int, Sighting]
     """Pictures of one number show one moment in all cameras; negative numbers are this camera's alone."""
     n_looked_at: int
-    """In how many pictures the board was looked for."""
+    """The number of pictures in which the board was searched."""
 
 
 def is_usable(sighting: Sighting, board: Board) -> bool:
@@ -94,7 +94,7 @@ class Detector:
         self._charuco = cv2.aruco.CharucoDetector(board.charuco()) if board.kind == "charuco" else None
 
     def find(self, picture: Bytes) -> Sighting | None:
-        """The corners in a picture (H, W, 3) or (H, W); None where too little of the board is to be seen."""
+        """The corners in a picture (H, W, 3) or (H, W); None if too little of the board is visible."""
         grey, found = grey_of(picture), None
         if self._charuco is None:
             found = self._chessboard(grey)
@@ -115,9 +115,10 @@ class Detector:
 
 
 def _in_order(grey: Bytes, grid: Floats) -> Floats:
-    """A chessboard's corners (rows, columns, 2) in the order of the board, whichever way they were found.
+    """A chessboard's corners (rows, columns, 2) in the order of the board, in whichever order they were
+    detected.
 
-    Which end of the board is which is told by colour: the square at the upper left is black.
+    Colour determines the orientation: the square at the upper left is black.
     """
     along, down = grid[:, -1] - grid[:, 0], grid[-1] - grid[0]
     (ax, ay), (dx, dy) = along.mean(axis=0), down.mean(axis=0)

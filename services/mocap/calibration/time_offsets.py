@@ -1,4 +1,4 @@
-"""Synchronisation by silhouettes: by how many frames each camera is ahead, so that all pairs agree."""
+"""Synchronisation by silhouettes: finds by how many frames each camera is ahead, so that all pairs agree."""
 
 from dataclasses import dataclass
 
@@ -24,15 +24,15 @@ class TimeOffsets:
     offsets: Floats
     """(C,) in frames, the smallest zero: frame n + offset of a camera shows what frame n of the take is."""
     confidence: Floats
-    """(C,) 0 to 1: how much better the offset is than the best other answer. 0: cannot be told."""
+    """(C,) 0 to 1: how much better the offset is than the best other one. 0: undetermined."""
     off_px: Floats
-    """(C,) how far apart the camera and the others are on average, with these offsets …"""
+    """(C,) mean error between the camera and the others, with these offsets."""
     off_before_px: Floats
-    """… and with none."""
+    """The same without offsets."""
 
 
 def find_offsets(pairs: list[Touches], n_cameras: int, reach: int, width_px: float) -> TimeOffsets:
-    """Offsets, up to so many frames between two cameras, with which all pairs of cameras agree best."""
+    """The offsets with which all pairs of cameras agree best; up to `reach` frames between two cameras."""
     later = np.arange(-2 * reach, 2 * reach + STEP / 2, STEP)  # of two cameras, each off by up to `reach`
     costs = {(p.first, p.second): _costs(p, later, _CAP_PX_PER_WIDTH * width_px) for p in pairs}
     costs = {pair: cost for pair, cost in costs.items() if np.isfinite(cost).any()}
@@ -53,7 +53,7 @@ def find_offsets(pairs: list[Touches], n_cameras: int, reach: int, width_px: flo
 
 
 Costs = dict[tuple[int, int], Floats]
-"""By pair of cameras: (L,) how far apart they are when the second is taken so much later."""
+"""By pair of cameras: (L,) their error if the second is this much later."""
 
 
 def _costs(pair: Touches, later: Floats, cap_px: float) -> Floats:
@@ -67,7 +67,7 @@ def _costs(pair: Touches, later: Floats, cap_px: float) -> Floats:
 
 
 def _first_guess(costs: Costs, later: Floats, n_cameras: int, reach: int) -> Floats:
-    """Along the pairs that tell most: those whose best offset is by far the best."""
+    """Chain the cameras along the most certain pairs: those with a clear best offset."""
     offsets, placed = np.zeros(n_cameras), {0}
     while len(placed) < n_cameras:
         ends = [pair for pair in costs if (pair[0] in placed) != (pair[1] in placed)]

@@ -23,13 +23,13 @@ _ThreeByThree: TypeAlias = Annotated[list[_Three], Field(min_length=3, max_lengt
 
 _LARGEST_SKEW_PX = 0.1
 _ROTATION_TOLERANCE = 1e-3
-"""How far a rotation matrix may be from orthonormal: files print as few as four digits."""
+"""Allowed deviation of a rotation matrix from orthonormal: some files have only four digits."""
 _LARGEST_STUDIO_M = 100.0
 _EXPORT_AGAIN = "export it again from the calibration tool as a rotation from world to camera"
 
 
 class _CameraTable(BaseModel):
-    """One camera's table; a description says what its field has to be."""
+    """One camera's table; a description states a field's valid values."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -37,7 +37,7 @@ class _CameraTable(BaseModel):
         pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$", description="a name that can be a file's name"
     )
     size: list[float] = Field(
-        min_length=2, max_length=2, description="[width, height] in whole pixels, such as [1920, 1080]"
+        min_length=2, max_length=2, description="[width, height] in pixels, such as [1920, 1080]"
     )
     matrix: _ThreeByThree = Field(description="the 3x3 camera matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     distortions: list[float] = Field(description="4, 5 or 8 finite numbers (4 for a fisheye lens)")
@@ -51,7 +51,7 @@ class _CameraTable(BaseModel):
     @classmethod
     def _whole_pixels(cls, size: list[float]) -> list[float]:
         if any(length < 1 or length != int(length) for length in size):
-            raise ValueError(f"expected [width, height] in whole pixels, found {in_short(size)}")
+            raise ValueError(f"expected [width, height] in integer pixels, found {in_short(size)}")
         return size
 
     @field_validator("rotation")
@@ -76,7 +76,7 @@ class _CameraTable(BaseModel):
             raise ValueError(f"matrix: expected positive focal lengths, found fx = {fx:g} and fy = {fy:g}")
         if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
             raise ValueError(
-                f"matrix: the principal point ({cx:g}, {cy:g}) lies outside the picture of "
+                f"matrix: the principal point ({cx:g}, {cy:g}) is outside the picture of "
                 f"{width:g}x{height:g} pixels: check that matrix and size belong to the same video"
             )
         allowed = (4,) if self.fisheye else (4, 5, 8)
@@ -87,9 +87,9 @@ class _CameraTable(BaseModel):
 
 
 def read_calibration(path: Path, up: Up) -> tuple[Camera, ...]:
-    """The cameras in the file's order, in the inside z-up world.
+    """The cameras in the file's order, in the internal z-up world.
 
-    up: the axis that points up in the file's world. Tables without any field of a camera are passed over.
+    up: the axis that points up in the file's world. Tables without any field of a camera are ignored.
     Raises CalibrationError, which names the file, the table and the field.
     """
     tables = {
@@ -98,7 +98,9 @@ def read_calibration(path: Path, up: Up) -> tuple[Camera, ...]:
         if isinstance(table, dict) and table.keys() & (_CameraTable.model_fields.keys() - {"name"})
     }
     if not tables:
-        raise CalibrationError(f"{path}: holds no camera: expected a table such as [cam01] for every camera")
+        raise CalibrationError(
+            f"{path}: contains no camera: expected a table such as [cam01] for every camera"
+        )
     cameras = tuple(
         _camera(validated(_CameraTable, {"name": key, **table}, f"{path}: [{key}] ", CalibrationError))
         for key, table in tables.items()
@@ -108,7 +110,7 @@ def read_calibration(path: Path, up: Up) -> tuple[Camera, ...]:
 
 
 def write_calibration(path: Path, cameras: tuple[Camera, ...], up: Up) -> None:
-    """Writes cameras of the inside z-up world; up: the axis that points up in the file's world."""
+    """Writes cameras of the internal z-up world; up: the axis that points up in the file's world."""
     if up == "y":
         cameras = tuple(camera.with_world_turned(R_ZUP_YUP.T) for camera in cameras)
     tables = {
@@ -149,7 +151,7 @@ def _check_together(path: Path, tables: list[str], cameras: tuple[Camera, ...]) 
         if camera.name in first_with:
             raise CalibrationError(
                 f"{path}: [{table}] name: {camera.name} is also the name in [{first_with[camera.name]}]: "
-                "expected a name of its own for every camera"
+                "expected a different name for every camera"
             )
         first_with[camera.name] = table
     centres_m: Floats = np.array([camera.centre_world_m for camera in cameras])

@@ -1,4 +1,4 @@
-"""One calibrated camera: a pinhole with the lens distortion that its raw pictures still carry."""
+"""One calibrated camera: a pinhole with the lens distortion of its raw pictures."""
 
 from dataclasses import dataclass, replace
 
@@ -50,9 +50,9 @@ class Camera:
         return np.where(depth > 0, homogeneous[..., :2] / np.where(depth > 0, depth, 1.0), np.nan)
 
     def with_world_turned(self, R_new_old: Floats) -> "Camera":
-        """The same camera in a world whose axes are turned: x_new = R_new_old @ x_old."""
+        """The same camera in a world with rotated axes: x_new = R_new_old @ x_old."""
         return replace(self, R_camera_world=self.R_camera_world @ R_new_old.T)
 
     def undistorted(self) -> "Camera":
-        """The pinhole that sees this camera's pictures once they are undistorted."""
+        """The pinhole of this camera's undistorted pictures."""
         return replace(self, distortion=np.zeros(4), fisheye=False)

@@ -1,4 +1,4 @@
-"""Colour correction of cameras, and the file that keeps it: colour.toml, one table per camera.
+"""Colour correction of cameras, and its file: colour.toml, one table per camera.
 
 A table holds `matrix`, 3 rows of 4 numbers: from linear red, green, blue (0 to 1) and one to corrected ones.
 Pictures are assumed to be sRGB: the curves of video cameras differ by less than the residuals of a fit.
@@ -20,7 +20,7 @@ from services.mocap.errors import CalibrationError, in_short, load_toml, nearest
 from services.mocap.types import Bytes, Floats
 
 _MOST = 65535
-"""What 1 is in pictures of linear light."""
+"""The value of 1 in pictures of linear light."""
 
 
 def linear_of(encoded: Floats) -> Floats:
@@ -41,13 +41,13 @@ _LEVELS: Bytes = np.rint(255 * encoded_of(np.arange(_MOST + 1) / _MOST)).astype(
 
 @dataclass(frozen=True, eq=False)
 class ColourCorrection:
-    """What one camera's colours have to be multiplied by."""
+    """The colour correction of one camera."""
 
     matrix: Floats
     """(3, 4) from linear red, green, blue and one to linear red, green, blue."""
 
     def apply(self, picture_bgr: Bytes) -> Bytes:
-        """A picture (H, W, 3) with its colours as they should be."""
+        """A picture (H, W, 3) with corrected colours."""
         # The same for blue, green, red from 0 to 65535.
         steps_bgr = np.column_stack([self.matrix[::-1, 2::-1], self.matrix[::-1, 3] * _MOST])
         mixed = cv2.transform(cv2.LUT(picture_bgr, _LINEAR), steps_bgr)
@@ -69,7 +69,7 @@ class _Table(BaseModel):
 
 
 def read_colours(path: Path, cameras: Iterable[str]) -> dict[str, ColourCorrection]:
-    """Corrections by camera; none where there is no file. Raises CalibrationError for another kind of one."""
+    """Corrections by camera; empty if there is no file. Raises CalibrationError for an invalid file."""
     if not path.exists():
         return {}
     known, found = list(cameras), {}

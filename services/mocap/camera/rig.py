@@ -1,4 +1,4 @@
-"""A rig: the projections and picture sizes of all cameras, which is what the energy needs to know of them."""
+"""A rig: the projections and picture sizes of all cameras, which the energy needs."""
 
 import hashlib
 import json
@@ -23,7 +23,7 @@ class Rig:
 
     @classmethod
     def of(cls, cameras: tuple[Camera, ...]) -> "Rig":
-        """The rig of a take's cameras; lens distortion is taken to be gone already."""
+        """The rig of a take's cameras; assumes undistorted pictures."""
         return cls(
             np.array([camera.P_px_world for camera in cameras]),
             np.array([(camera.width_px, camera.height_px) for camera in cameras], np.int32),
@@ -41,12 +41,12 @@ class Rig:
         return int(height), int(width)
 
     def to_json(self) -> str:
-        """The rig as text, for the wire."""
+        """The rig as JSON text, for the wire."""
         return json.dumps({"P_px_world": self.P_px_world.tolist(), "sizes_px": self.sizes_px.tolist()})
 
     @classmethod
     def from_json(cls, text: str) -> "Rig":
-        """Read to_json's text; raises pydantic.ValidationError where it is none."""
+        """Parse to_json's text; raises pydantic.ValidationError."""
         fields = _RigFields.model_validate_json(text)
         return cls(np.array(fields.P_px_world), np.array(fields.sizes_px, np.int32))
 

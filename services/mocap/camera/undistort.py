@@ -1,4 +1,4 @@
-"""Undistortion: raw pictures and silhouettes made into those of the camera's pinhole."""
+"""Undistortion: converts raw pictures and silhouettes to those of the camera's pinhole."""
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Mask, T
 class Undistorter:
     """Undoes one camera's lens distortion; the results belong to `camera.undistorted()`.
 
-    Where the pinhole sees past the raw picture's border, pictures are black and silhouettes empty.
+    Outside the raw picture's border, pictures are black and silhouettes empty.
     A pinhole camera's pictures are returned as they are, uncopied.
     """
 
@@ -21,7 +21,7 @@ class Undistorter:
         if not camera.is_pinhole:
             make = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
             size_px = (camera.width_px, camera.height_px)
-            # fixed-point maps: three times as quick, and exact to 1/32 pixel
+            # fixed-point maps: three times as fast, and exact to 1/32 pixel
             self._maps = make(camera.K, camera.distortion, np.eye(3), camera.K, size_px, cv2.CV_16SC2)
             # which rows of a raw picture each new row takes from, first and last; likewise columns
             whole_px = self._maps[0].astype(np.int32)
@@ -50,7 +50,7 @@ class Undistorter:
         return undistorted
 
     def trimap(self, trimap: Trimap) -> Trimap:
-        """(H, W) trimap; a pixel is sure where `mask` says the same whatever the unsure pixels were.
+        """(H, W) trimap; a pixel is certain if `mask` gives the same result whatever the unsure pixels are.
 
         Raises as image does.
         """

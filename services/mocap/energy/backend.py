@@ -10,7 +10,7 @@ from services.mocap.types import Bytes, Floats
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One sub-problem: which parameters vary, which segments they move, what these are compared with."""
+    """One sub-problem: its parameters, the segments that they move, and the input to compare with."""
 
     base_pose: Floats
     """(D,) the pose whose other parameters stay."""
@@ -60,5 +60,5 @@ class Backend(Protocol):
         ...
 
     def close(self) -> None:
-        """Give back what the backend holds."""
+        """Release the backend's resources."""
         ...

@@ -46,7 +46,7 @@ class TriPlanes:
     silhouettes: Bytes
     """What is surely actor."""
     unsure: Bytes
-    """What nobody is sure of."""
+    """Unsure pixels."""
 
     @classmethod
     def sure(cls, silhouettes: Bytes) -> "TriPlanes":
@@ -102,7 +102,7 @@ def joined(sources: Sequence[tuple[TriPlanes, int]]) -> TriPlanes:
 
 
 def fit_together(planes: Bytes, unsure: Bytes, n_cameras: int, shape_px: tuple[int, int]) -> bool:
-    """Whether planes of a message, and its unsure ones, are those of so many cameras."""
+    """Whether the planes of a message, and its unsure ones, match this number of cameras."""
     expected = (n_planes(n_cameras), *shape_px)
     return planes.shape == expected and unsure.shape in (expected, (0, *shape_px))
 

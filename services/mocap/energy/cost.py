@@ -1,4 +1,4 @@
-"""What a differing pixel costs, and what a camera's pixels together: plain XOR, and two variations of it."""
+"""The cost of differing pixels, and of a camera's total: plain XOR, and two variations of it."""
 
 from dataclasses import dataclass, replace
 from math import ceil
@@ -27,7 +27,7 @@ class Cost:
     """If positive, a differing pixel costs its distance to the input silhouette's contour, at most this, in
     pixels of the whole picture."""
     camera_weights: tuple[float, ...] = ()
-    """One factor per camera; none at all: all 1."""
+    """One factor per camera; empty: all 1."""
     camera_cap: float = 0.0
     """If positive, a camera's energy E enters as cap E / (cap + E), with cap this share of the foreground in
     the median camera (times distance_cap_px, if that is positive): one whose silhouette is wrong by more than
@@ -53,11 +53,11 @@ class Cost:
         return replace(picture, prices=np.rint(capped_px * DISTANCE_STEPS).astype(np.int32))
 
     def weights(self, n_cameras: int) -> Floats:
-        """(C,) what each camera's pixels count."""
+        """(C,) weight of each camera's pixels."""
         return np.array(self.camera_weights or (1.0,) * n_cameras, np.float64)
 
     def tally(self, picture: Picture) -> "Tally":
-        """Turn a picture, priced if need be, into what a model's covered pixels add to its energy.
+        """Convert a picture, with prices if needed, to the energy that each covered pixel adds.
 
         Raises ValueError where the number of weights is not that of cameras, or where prices are missing.
         """

@@ -16,7 +16,7 @@ from services.mocap.energy.gl.devices import Found, find_device
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
 
-if TYPE_CHECKING:  # whoever computes on the CPU needs no OpenGL bindings
+if TYPE_CHECKING:  # the CPU backend needs no OpenGL bindings
     from services.mocap.energy.gl.device import GlDevice
 
 log = logging.getLogger(__name__)
@@ -45,7 +45,7 @@ class Engine:
         self.close()
 
     def backend(self, body: Body, rig: Rig) -> Backend:
-        """A backend for a body before a rig; one that needs a GPU goes on with cpu where that fails."""
+        """A backend for a body in a rig; one that needs a GPU continues with cpu if the GPU fails."""
         if self._device is None:
             return self.make(body, rig)
         from services.mocap.energy.fallback import FallbackBackend

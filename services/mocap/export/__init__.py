@@ -1,1 +1,1 @@
-"""Result files that other programs open, and the figures of a comparison with a reference."""
+"""Writes result files for other programs, and compares joints with a reference."""

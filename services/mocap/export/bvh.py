@@ -44,12 +44,12 @@ def write_bvh(
     rest: Rest = "T",
     naming: Naming = "xormocap",
 ) -> None:
-    """Write poses as a BVH file, whole or not at all.
+    """Write poses as a BVH file, completely or not at all.
 
     poses: (N, D) in metres and radians in the z-up world inside, N >= 1. offsets_m: (J, 3), each joint
     relative to its parent in the skeleton's T pose. unit: of the file's lengths. rest: the pose of the file's
-    offsets, from which its angles count. The angles go on from frame to frame without jumps: a second full
-    turn ends at 720°. Raises ValueError on no frames, on another shape and on numbers that are not finite.
+    offsets, in which all angles are zero. Angles are continuous from frame to frame: a second full turn ends
+    at 720°. Raises ValueError for no frames, a wrong shape and numbers that are not finite.
     """
     if len(poses) == 0 or not np.isfinite(poses).all():
         raise ValueError("poses: expected at least one, of finite numbers")
@@ -97,7 +97,7 @@ def _with_tips(offsets_m: Floats, R_world_rest: Floats) -> Floats:
     carriers = [*(joint.parent for joint in JOINTS[1:]), *_TIPS_HEIGHTS]
     R_world_carrier = R_world_rest[[JOINT_INDEX[name] for name in carriers if name]]
     turned_m = np.einsum("jab,jb->ja", R_world_carrier, np.vstack([offsets_m[1:], tips_m]))
-    # The root's place comes from its position channels alone: readers differ in whether its offset adds.
+    # The root's position comes only from its position channels: some readers add its offset, others do not.
     return np.vstack([np.zeros((1, 3)), turned_m])
 
 

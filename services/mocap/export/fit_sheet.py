@@ -29,7 +29,7 @@ _TEXT_SCALE = 0.55
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What one camera saw of the actor."""
+    """One camera's picture of the actor."""
 
     camera: Camera
     picture: Bytes
@@ -40,19 +40,19 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One state of the fit, as the cameras see it."""
+    """One state of the fit in all cameras."""
 
     title: str
     segment_masks: Sequence[Bytes]
     """Per camera (H, W): 0 = no model, 1 = centre, 2 = left limb, 3 = right limb."""
     ious: Floats
-    """(C,) how far model and silhouette overlap in each camera."""
+    """(C,) overlap of model and silhouette in each camera (IoU)."""
 
 
 def draw_fit(seen: Sequence[Seen], states: Sequence[Shown]) -> Bytes:
     """The sheet (H, W, 3): for each state its title, and a tile for each camera, cut round the actor.
 
-    What the model leaves of a silhouette is yellow, what it covers beyond it magenta, what is unsure cyan.
+    Silhouette without model is yellow, model without silhouette magenta, unsure pixels cyan.
     """
     grid = _sheet_grid(seen)
     cuts = [
@@ -95,7 +95,7 @@ def _block(seen: Sequence[Seen], state: Shown, cuts: list[tuple[slice, slice]], 
 
 
 def _cut(shown: Mask, grid: Grid) -> tuple[slice, slice]:
-    """Rows and columns of a picture that hold all that is to be shown, in the shape of a tile if they can."""
+    """Rows and columns of a picture that contain everything to show, in the shape of a tile if possible."""
     rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
     if not rows.size:
         return slice(None), slice(None)
@@ -108,7 +108,7 @@ def _cut(shown: Mask, grid: Grid) -> tuple[slice, slice]:
 
 
 def _span(middle: float, length: float, limit: int) -> slice:
-    """So many pixels about the middle, moved to lie within the picture."""
+    """A range around the middle, shifted into the picture."""
     length = min(round(length), limit)
     start = int(np.clip(round(middle - length / 2), 0, limit - length))
     return slice(start, start + length)

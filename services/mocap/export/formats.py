@@ -1,4 +1,4 @@
-"""The one table of the files that a result can be exported to."""
+"""The table of export formats."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -37,14 +37,14 @@ FormatName: TypeAlias = Literal["bvh", "glb", "trc", "c3d", "angles", "report", 
 
 @dataclass(frozen=True)
 class Options:
-    """What may be chosen about some formats."""
+    """Options of some formats."""
 
     naming: Naming = "xormocap"
-    """What bvh calls joints."""
+    """Names of the joints in bvh."""
     unit: Literal["m", "cm"] = "m"
     """Of bvh's lengths."""
     rest: Rest = "T"
-    """The rest pose of bvh."""
+    """Rest pose of bvh."""
     take: Path | None = None
     """The take folder whose pictures overlay draws on; None: the one that was tracked."""
 
@@ -56,15 +56,15 @@ class Format:
     files: tuple[str, ...]
     """Their names."""
     write: Callable[[Path, Result, Options], None]
-    """Writes them into a folder, each whole or not at all; raises UserError."""
+    """Writes them into a folder, each completely or not at all; raises UserError."""
     by_default: bool = True
-    """Whether every run writes them without being asked."""
+    """Whether every run writes them by default."""
     needs: tuple[str, ...] = ()
-    """Packages that are not everywhere: extras of pyproject.toml."""
+    """Optional packages: extras of pyproject.toml."""
 
     @property
     def missing(self) -> list[str]:
-        """Of the packages it needs those that are not here."""
+        """The required packages that are not installed."""
         return [package for package in self.needs if find_spec(package) is None]
 
 
@@ -96,11 +96,11 @@ def _overlay(folder: Path, result: Result, options: Options) -> None:
     """Of the poses as they were tracked."""
     tracked = options.take or result.take_folder
     if tracked is None:
-        raise UserError(f"{result.folder}: does not say which take it is of: add --take FOLDER")
+        raise UserError(f"{result.folder}: does not name its take: add --take FOLDER")
     take = open_take(tracked)
     if int(result.frames[-1]) >= take.settings.frames:
         raise UserError(
-            f"{tracked}: holds {take.settings.frames} frames, but the result goes on to frame "
+            f"{tracked}: has {take.settings.frames} frames, but the result extends to frame "
             f"{result.frames[-1]}: expected the take that was tracked"
         )
     write_overlay(folder / OVERLAY, take, result.motion.body, result.tracked, hurry=lambda: False)
@@ -133,7 +133,7 @@ FORMATS: dict[FormatName, Format] = {
         by_default=False,
         needs=("pyarrow",),
     ),
-    "overlay": Format((OVERLAY,), _overlay, by_default=False),  # runs draw it themselves, where it is wanted
+    "overlay": Format((OVERLAY,), _overlay, by_default=False),  # runs draw it themselves, if it is wanted
 }
 DEFAULT_FORMATS: tuple[FormatName, ...] = tuple(name for name, form in FORMATS.items() if form.by_default)
 
@@ -157,7 +157,7 @@ def write_formats(
 def write_defaults(
     folder: Path, result: Result, names: Sequence[FormatName], warn: Callable[[str], object]
 ) -> None:
-    """Export what a run exports; what cannot be written here is told, and no reason to lose the rest."""
+    """Export the formats of a run; a format that cannot be written causes a warning, not an error."""
     for name in names:
         if missing := FORMATS[name].missing:
             file, packages = FORMATS[name].files[0], " and ".join(missing)
@@ -169,4 +169,4 @@ def write_defaults(
             warn(str(error))
         except Exception as error:
             log.exception("%s cannot be written", name)
-            warn(f"{FORMATS[name].files[0]} is left out, by an error of its own: {error}")
+            warn(f"{FORMATS[name].files[0]} is left out because of an error: {error}")

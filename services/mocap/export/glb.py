@@ -39,7 +39,7 @@ _LEAST_NORMAL = 1e-12
 
 
 def write_glb(path: Path, motion: Motion) -> None:
-    """Write a motion and the body that makes it, whole or not at all; the first frame is at 0 s."""
+    """Write a motion and the body that makes it, completely or not at all; the first frame is at 0 s."""
     file = _File()
     body, R = motion.body, turns_from_rest(motion.T_world_joint, rest_rotations("T"))
     nodes = [JOINT_INDEX[joint] for joint in _NODE_JOINTS]

@@ -1,8 +1,8 @@
 """Joint centres as markers: in a C3D file, and in a TRC file as OpenSim and other biomechanics tools read it.
 
-Lengths are millimetres. Axes of the C3D file are those of the world inside: z up, x where somebody with
-heading zero faces; the file says so in POINT:X_SCREEN and POINT:Y_SCREEN. Axes of the TRC file are those of
-motion.bvh: y up, as OpenSim wants it; z is where somebody with heading zero faces.
+Lengths are millimetres. Axes of the C3D file are those of the world inside: z up, x where an actor with
+heading zero faces; the file states this in POINT:X_SCREEN and POINT:Y_SCREEN. Axes of the TRC file are those
+of motion.bvh: y up, as OpenSim requires; z is where an actor with heading zero faces.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ _MOST_FRAMES = 2**16 - 1
 
 
 def write_c3d(path: Path, motion: Motion) -> None:
-    """Write the joints of joints.csv, whole or not at all; raises UserError for more than 65,535 frames.
+    """Write the joints of joints.csv, completely or not at all; raises UserError for more than 65,535 frames.
 
     Frames are counted from 1 in such files: the take's frame 0 is frame 1. Where the last number would be too
     large for the format, the motion's first frame is 1.
@@ -28,10 +28,10 @@ def write_c3d(path: Path, motion: Motion) -> None:
     n_frames = len(motion.frames)
     if n_frames > _MOST_FRAMES:
         raise UserError(
-            f"{path.name}: cannot hold {n_frames} frames: the format ends at {_MOST_FRAMES}: take another one"
+            f"{path.name}: cannot hold {n_frames} frames: the format ends at {_MOST_FRAMES}: use another"
         )
     joints_mm = _MM_PER_M * reference_joints(motion.poses, motion.body.offsets_m)
-    points = np.ones((4, len(REFERENCE_JOINTS), len(joints_mm)))  # homogeneous, as the library takes them
+    points = np.ones((4, len(REFERENCE_JOINTS), len(joints_mm)))  # homogeneous coordinates, for the library
     points[:3] = joints_mm.transpose(2, 1, 0)
     file, first = ezc3d.c3d(), int(motion.frames[0])
     file["data"]["points"] = points
@@ -49,7 +49,7 @@ def write_c3d(path: Path, motion: Motion) -> None:
 
 
 def write_trc(path: Path, motion: Motion) -> None:
-    """Write the joints of joints.csv, whole or not at all. Frame numbers and times are the take's."""
+    """Write the joints of joints.csv, completely or not at all. Frame numbers and times are the take's."""
     joints_mm = _MM_PER_M * to_y_up(reference_joints(motion.poses, motion.body.offsets_m))
     rows = np.column_stack([motion.frames, motion.times_s, joints_mm.reshape(len(joints_mm), -1)])
     with atomic_file(path) as part, part.open("w", encoding="ascii", newline="\n") as file:

@@ -1,4 +1,4 @@
-"""Where the cameras see the model, and which side of it."""
+"""Draws the model's silhouettes, by side."""
 
 import numpy as np
 
@@ -14,11 +14,11 @@ _SIDES = tuple(
     (value, tuple(i for i, segment in enumerate(SEGMENTS) if segment.side == side))
     for value, side in enumerate((None, *SIDES), start=1)
 )
-"""What pictures call the centre, the left and the right limbs, and their segments."""
+"""Names of the centre, the left and the right limbs in pictures, and their segments."""
 
 
 class ModelPainter:
-    """Draws which side of the model is seen where."""
+    """Draws which side of the model each pixel shows."""
 
     def __init__(self, body: Body, rig: Rig) -> None:
         self._backend, self._region, self._sizes_px = CpuBackend(body, rig), Region.whole(rig), rig.sizes_px

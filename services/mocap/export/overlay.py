@@ -30,13 +30,13 @@ _TEXT_SCALE = 0.6
 
 
 class _Hurried(Exception):  # noqa: N818  (a request, not an error)
-    """Drawing was cut short."""
+    """Drawing was interrupted."""
 
 
 def write_overlay(path: Path, take: Take, body: Body, table: PoseTable, hurry: Callable[[], bool]) -> None:
     """Draw poses of consecutive frames of a take; a camera without a video shows its silhouettes.
 
-    hurry: asked at every frame; when it says so nothing is written.
+    hurry: called at every frame; if it returns True nothing is written.
     """
     start, stop = int(table.frames[0]), int(table.frames[-1]) + 1
     painter = ModelPainter(body, Rig.of(take.cameras))
@@ -65,7 +65,7 @@ def pictures_of(take: Take, camera: Camera, start: int, stop: int, stack: ExitSt
 class OverlayWriter:
     """Writes the overlay, one frame for each `add`, as H.264 that browsers play.
 
-    A context manager: the file appears when the block ends well; after an exception nothing is left of it.
+    A context manager: the file appears if the block ends without an exception; otherwise nothing is left.
     A block that adds no frame ends in ValueError. path: of the .mp4. cameras: in the order of what `add`
     takes. tile_width_px: of one camera's tile, made even.
     """
@@ -138,7 +138,7 @@ def draw_frame(result: Result, take: Take, camera: str, frame: int, *, width_px:
     """A camera's picture of a frame with the motion's model over it, (H, W, 3) in BGR order.
 
     camera: its name; frame: its number in the take; width_px: of the drawn picture, the camera's by default.
-    Raises UserError where the take has no such camera, or the result no such frame.
+    Raises UserError if the take has no such camera, or the result no such frame.
     """
     by_name = {one.name: one for one in take.cameras}
     if camera not in by_name:

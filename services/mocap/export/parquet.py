@@ -22,7 +22,7 @@ Column = tuple[Any, str]
 
 
 def write_parquet(folder: Path, result: Result) -> None:
-    """Write the poses, the joints and the angles into a folder, each file whole or not at all.
+    """Write the poses, the joints and the angles into a folder, each file completely or not at all.
 
     Poses are the motion as in motion.bvh, beside energy and marks; joints are in the z-up world.
     """

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
 
-# Told apart by the colour-blind too (after Okabe and Ito's set).
+# Distinguishable with colour blindness (after Okabe and Ito).
 CENTRE_BGR = (120, 220, 90)
 LEFT_BGR = (0, 94, 243)
 RIGHT_BGR = (240, 150, 30)
 MISSED_BGR, BEYOND_BGR = (0, 235, 255), (255, 0, 255)
-"""Actor that the model misses, and model beyond the actor."""
+"""Colours of actor without model, and of model without actor."""
 UNSURE_BGR = (255, 255, 0)
 """Pixels that may be actor or background."""
 _OPACITY = 0.5
@@ -25,14 +25,14 @@ _HALO_BGR = (0, 0, 0)
 """Around the outline, so that it shows on a bright picture."""
 
 _SMOOTHING_PX = 0.75
-"""How far the outline may leave the border's pixels, so that it is a line and not steps."""
+"""How far the outline may deviate from the border's pixels, so that it is smooth."""
 
 SILHOUETTE_GREY = 128
 SILHOUETTE_GROUND_GREY = 24
 UNSURE_GREY = 76
 _SCREEN_SHAPE = (16, 9)
 _FULL_GRID_ZOOM = 0.7
-"""How much smaller than in the best grid the tiles may be for the sake of a grid without gaps."""
+"""How much smaller than in the best grid the tiles may be, to avoid gaps in the grid."""
 
 # By the values of a segment mask: the fill's colour times its coverage (3) and the coverage (1), 0 to 255.
 _FILL: Bytes = np.array(
@@ -67,9 +67,9 @@ class Grid:
 
 
 def grid_for(cameras: Sequence[Camera], tile_width_px: int) -> Grid:
-    """The grid that shows the cameras largest on a wide screen; one without gaps may show them a bit smaller.
+    """The grid with the largest tiles on a wide screen; one without gaps may have slightly smaller tiles.
 
-    A tile has the shape of the middle one of the cameras' pictures, and even sides, as video wants them.
+    A tile has the median shape of the cameras' pictures, and even sides, as video requires.
     """
     shape = float(np.median([camera.height_px / camera.width_px for camera in cameras]))
     width_px = max(2, 2 * round(tile_width_px / 2))
@@ -128,8 +128,8 @@ def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
 def draw_difference(picture: Bytes, trimap: Trimap, segment_mask: Bytes, grid: Grid) -> Bytes:
     """A tile: the picture with the model over it, and every differing pixel, however small, over both.
 
-    Arguments as draw_tile's, and the trimap (H, W) that the model is compared with. What the model leaves of
-    the actor is yellow, what it covers beyond it magenta; unsure pixels are neither, but cyan.
+    Arguments as draw_tile's, and the trimap (H, W) that the model is compared with. Actor without model is
+    yellow, model without actor magenta; unsure pixels are cyan.
     """
     kinds = np.where(trimap == UNSURE, _UNSURE, segment_mask)
     differing = differing_pixels(trimap, segment_mask)
@@ -163,7 +163,7 @@ def draw_outline(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
 
 
 def _fitting(shape: tuple[int, ...], grid: Grid) -> tuple[int, int]:
-    """Width and height of a picture (H, W) that fills a tile as far as its shape lets it."""
+    """Width and height of a picture (H, W) scaled to fit a tile."""
     height, width = shape
     zoom = min(grid.tile_width_px / width, grid.tile_height_px / height)
     return max(1, round(width * zoom)), max(1, round(height * zoom))

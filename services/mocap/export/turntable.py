@@ -1,4 +1,4 @@
-"""The turntable picture: a body from eight sides before a grid of decimetres, to be read like a ruler."""
+"""The turntable picture: a body from eight sides in front of a grid of decimetres, for measuring."""
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ _MARGIN_M = 0.12
 _ARMS_DOWN_RAD, _LEGS_APART_RAD = 0.95, 0.09
 """The pose: arms and legs off the trunk, so that every outline shows."""
 _DISTANCE_M = 200.0
-"""So far away is the camera that near and far parts of a body are drawn in one scale, within 0.2 %."""
+"""Distance of the camera, so large that near and far parts of a body have the same scale within 0.2 %."""
 _NAMES = ("front", "front left", "left", "back left", "back", "back right", "right", "front right")
 
 _PAPER_BGR, _TENTHS_BGR, _HALVES_BGR, _INK_BGR = (250,) * 3, (228,) * 3, (185,) * 3, (70,) * 3
@@ -54,7 +54,7 @@ def draw_turntable(body: Body) -> Bytes:
 
 
 def _view(vertices_m: Floats, normals: Floats, bgr: Floats, faces: Ints, view: int, reach_m: float) -> Bytes:
-    """One tile: the grid, and before it the body turned so that the view's side is in front."""
+    """One tile: the grid, and in front of it the body, rotated to the view's side."""
     angle = -2.0 * np.pi * view / N_VIEWS
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

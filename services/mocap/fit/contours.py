@@ -12,21 +12,21 @@ from services.mocap.energy.bitplanes import TriPlanes, camera_bit
 from services.mocap.types import Floats, Ints, Mask
 
 WORKING_WIDTH_PX = 320
-"""Lengths on pictures are measured in pixels of pictures of this width, whatever the cameras' is."""
+"""Working pixels: lengths in pictures are measured in pixels of pictures of this width."""
 BORDER_PX = 2.0
 """This near to a picture's border, in pixels of the camera, an outline may be the picture's end."""
 _NORMAL_REACH_PX = 1.5
-"""Silhouettes are blurred by this standard deviation to see where their outline is and which way it faces."""
+"""Silhouettes are blurred by this standard deviation to locate their outline and its normal."""
 _UNSURE_PX = 2.0
 """This near to unsure pixels, in working pixels, an outline may be their end."""
 _FARTHEST_PX = 1.0
-"""Smoothing moves no point of an outline farther."""
+"""Smoothing moves a point of an outline at most this far."""
 _LEAST_STEEP = 0.02
-"""Flatter places of the blurred silhouette, per pixel, do not tell where a half of it is; edges have 0.27."""
+"""Smaller gradients of the blurred silhouette, per pixel, do not locate its 0.5 level; edges have 0.27."""
 _ROOM_PX = 8
-"""About the actor when a picture is cut down to what is looked at: more than normals reach."""
+"""Margin around the actor when a picture is cropped: more than normals reach."""
 _TURN_PX = 12.0
-"""Two outline points that face the same way count as this much nearer than two at right angles, over √2."""
+"""Weight of the difference of normals in the distance of two outline points, over √2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Contour:
     normals: Floats
     """(N, 2) unit vectors that point off the actor."""
     chosen: Ints
-    """Indices of the points that are looked for on the model, evenly spread."""
+    """Indices of the points that are matched with the model, evenly spread."""
     tree: cKDTree
     """All points as features (N, 4)."""
     length_px: float
@@ -48,7 +48,7 @@ class Contour:
 
     @classmethod
     def of(cls, silhouette: Mask, scale: float, n_chosen: int, unsure: Mask | None = None) -> "Contour":
-        """The outline in a picture (H, W), which has `scale` pixels per working pixel, off unsure pixels."""
+        """The outline in a picture (H, W) with `scale` pixels per working pixel, without unsure pixels."""
         points_px, normals = outline_of(silhouette)
         near_unsure = None if unsure is None or not unsure.any() else _about(unsure, scale)
         if near_unsure is not None:
@@ -82,7 +82,7 @@ def evenly(n_points: int, at_most: int) -> Ints:
 
 def outline_length_px(n_points: int, scale: float) -> float:
     """The length of an outline of so many points, in working pixels."""
-    # Slanted lines run between neighbours of both kinds: on the whole 4 / π times per pixel of length.
+    # Slanted lines separate more neighbours: on average 4 / π per pixel of length.
     return n_points * float(np.pi) / 4 / scale
 
 
@@ -140,8 +140,8 @@ def _between_pixels(silhouette: Mask) -> Floats:
 def _smooth(silhouette: Mask, points_px: Floats) -> tuple[Floats, Floats]:
     """Points (N, 2) between pixels moved to where the blurred silhouette is one half, and its normals there.
 
-    Without that, outlines a tenth of a pixel apart would be the same but for a pixel here and there, and what
-    lies nearest would hardly tell that they differ.
+    Without that, outlines a tenth of a pixel apart would be equal except for single pixels, and nearest
+    points would hardly show the difference.
     """
     blurred = cv2.GaussianBlur(silhouette.astype(np.float32), (0, 0), _NORMAL_REACH_PX)
     slopes = [cv2.Sobel(blurred, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for order in ((1, 0), (0, 1))]

@@ -19,22 +19,23 @@ from services.mocap.fit.quality import FitQuality, quality_of
 from services.mocap.types import Floats
 
 _CONTOUR_POINTS = 250
-"""Contour points of a view that are looked for on the model, at most."""
+"""Most contour points of a view that are matched with the model."""
 _ROOT = tuple(range(6))
 _HEIGHT = shape_space.of_kind("height")
 _SKELETON = shape_space.of_kind("height", "bone")
 _EVERYTHING = shape_space.of_kind("height", "bone", "profile")
 
 _PLACING = (Stage(_HEIGHT, _ROOT, 20.0, 6), Stage(_HEIGHT, ALL_DOFS, 15.0, 10))
-"""The first frame: where, how tall, then the limbs."""
+"""The first frame: position, height, then the limbs."""
 _FOLLOWING = (Stage((), ALL_DOFS, 15.0, 6),)
-"""Every further frame, from the pose of the one before."""
+"""Every further frame, from the previous frame's pose."""
 _SHAPING = (
     Stage(_SKELETON, ALL_DOFS, 8.0, 6, damping=0.003),
     Stage(_EVERYTHING, ALL_DOFS, 4.0, 8, damping=0.003),
-    # What neighbouring bones share is told by little, so that steps go a long way with hardly a gain each.
+    # The data hardly determine the division between neighbouring bones, so many steps with small gains are
+    # needed.
     Stage(_EVERYTHING, ALL_DOFS, 1.5, 12, damping=0.003, patience=12),
-    # Bites out of silhouettes all pull the same way: thin limbs would get shorter by them.
+    # Missing pieces of silhouettes all have the same effect: they would shorten thin limbs.
     Stage(_EVERYTHING, ALL_DOFS, 0.8, 18, damping=0.003, patience=18, is_strict=True),
 )
 """All frames together."""
@@ -42,7 +43,7 @@ _SHAPING = (
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted actor, its poses, and how well it covers the silhouettes before and after."""
+    """A fitted actor, its poses, and its quality before and after."""
 
     actor: Actor
     poses: Floats
@@ -50,7 +51,7 @@ class Fit:
     before: FitQuality
     after: FitQuality
     shape_covariance: Floats | None = None
-    """(n, n) of the actor's shape vector (shape_space); none where the start is returned as it was."""
+    """(n, n) of the actor's shape vector (shape_space); None if the start is returned unchanged."""
 
 
 def fit_actor(
@@ -62,12 +63,13 @@ def fit_actor(
     *,
     apart: bool = False,
 ) -> Fit:
-    """Fit an actor and the poses of F frames to what is seen (F, P, H, W), from an actor and poses near them.
+    """Fit an actor and the poses of F frames to silhouettes (F, P, H, W), starting from an actor and poses
+    near them.
 
     poses: (F, D), or (D,) for the first frame, from which those of the others are followed. progress is
-    called with the share done, 0 to 1. apart: whether the frames are from all of a motion, so that what is
-    known of people's shapes beforehand counts less. The result never has more energy than the start. Raises
-    ValueError where shapes do not go together.
+    called with the share done, 0 to 1. apart: whether the frames are from a whole motion, so that the prior
+    on shapes counts less. The result never has more energy than the start. Raises ValueError for inconsistent
+    array shapes.
     """
     n_frames, following = len(seen), poses.ndim == 1
     starts = np.tile(poses, (n_frames, 1)) if following else np.array(poses, np.float64)
@@ -102,8 +104,8 @@ def _place(
 ) -> State:
     """Height, and all poses, one frame after the other.
 
-    When legs pass each other they look alike: a frame is looked for where the one before was, and where the
-    way from the one before that goes on.
+    Legs that pass each other look alike, so a frame is searched from the previous pose and from its linear
+    extrapolation.
     """
     poses, x = state.poses.copy(), state.x
     for f, views in enumerate(contours):
@@ -123,7 +125,7 @@ def _place(
 
 
 class _Account:
-    """Counts steps, each as long as the frames it looks at, and reports the share that is done."""
+    """Counts steps, weighted by their number of frames, and reports the share that is done."""
 
     def __init__(self, progress: Callable[[float], None], n_frames: int, n_starts: int) -> None:
         self._progress, self._done = progress, 0
@@ -132,7 +134,7 @@ class _Account:
         self._total = placing + n_starts * following + n_frames * sum(stage.steps for stage in _SHAPING)
 
     def step_of(self, n_frames: int) -> Callable[[], None]:
-        """What to call at every step over some frames."""
+        """The function to call at every step over some frames."""
 
         def step() -> None:
             self._progress(self._done / self._total)

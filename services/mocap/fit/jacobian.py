@@ -1,4 +1,4 @@
-"""How the rim moves in the pictures when the pose or the shape changes."""
+"""The Jacobian of the rim in the pictures by pose and shape."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ _STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class ShapeSlopes:
-    """A body, and its change with S of the shape parameters."""
+    """A body, and its derivatives by S shape parameters."""
 
     body: Body
     vertices_m: Floats
@@ -65,7 +65,7 @@ def jacobian(slopes: ShapeSlopes, pose: Floats, rig: Rig, matches: list[Matches]
 
 
 def _joint_shifts(T_world_joint: Floats, offset_slopes_m: Floats) -> Floats:
-    """(S, J, 3) how the joints move in the world when the shape changes and the pose stays."""
+    """(S, J, 3) derivative of the joints in the world by the shape, for a fixed pose."""
     shifts_m = np.zeros_like(offset_slopes_m)
     for j, joint in enumerate(JOINTS):  # parents precede children
         if joint.parent is None:
@@ -126,7 +126,7 @@ def _fill(
 def normal_sums(rows: Floats, residuals: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """rows' diag(weights) rows (M, M) and rows' diag(weights) residuals (M,) of rows (N, M), mostly zeros.
 
-    By hand, since a library would spread so small a product over cores that others may be using.
+    Written out, because a library would distribute this small product over cores that other processes use.
     """
     n_columns = rows.shape[1]
     sums, slopes = np.zeros((n_columns, n_columns)), np.zeros(n_columns)

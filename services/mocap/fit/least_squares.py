@@ -17,12 +17,12 @@ from services.mocap.fit.priors import WEIGHT_PX3, Prior
 from services.mocap.types import Floats
 
 _GAIN = 0.995
-"""A step that hardly gains leaves more than this share of the least cost so far."""
+"""A step without progress leaves more than this share of the least cost so far."""
 _AVERAGED = 4
 _USUAL_COST_PX2 = 0.085
 """Cost per length of outline of silhouettes such as WEIGHT_PX3 was measured on; more is more noise."""
 _EDGE_PX = 0.2
-"""Deviation, in working pixels, of how far out a segmentation sees the actor's edge, all round alike."""
+"""Standard deviation, in working pixels, of a segmentation's common offset of the actor's edge."""
 _OFF_PX = 0.1
 """Of outlines, to see what that does: little, so that all of them count."""
 _CAMERA_SLACK = 2.0
@@ -51,10 +51,10 @@ class Fitting:
         self._camera_weights = np.ones(rig.n_cameras)
 
     def run(self, state: State, stage: Stage, on_step: Callable[[], None]) -> State:
-        """Go downhill from a state; on_step is called stage.steps times in all.
+        """Minimise from a state; on_step is called stage.steps times in total.
 
-        Every step changes what is matched with what, so that costs go up and down by a few hundredths in the
-        end: all steps are taken, and the last ones' mean is as good as any.
+        Every step changes the matches, so that costs vary by a few hundredths in the end: all steps are
+        taken, and the mean of the last ones is returned.
         """
         self._camera_weights = self._weigh_cameras(self._match(state))
         current = best = self._matched(state, stage)
@@ -74,15 +74,15 @@ class Fitting:
         return min(best, self._matched(mean, stage), key=lambda matched: matched.cost).state
 
     def cost(self, state: State, stage: Stage) -> float:
-        """What a state costs, with cameras weighed as in the last run."""
+        """The cost of a state, with the cameras' weights of the last run."""
         return self._matched(state, stage).cost
 
     def shape_covariance(self, state: State, stage: Stage) -> Floats:
         """(s, s) of the stage's shape parameters where its cost is least, cameras as in its run.
 
-        Noise is taken to be alike in all frames: more frames of somebody who hardly moves show the same. What
-        silhouettes do not tell is as open as the prior has it. To both is added what outlines that all lie
-        too far out or in would do.
+        Noise is assumed to be equal in all frames, because more frames of a person who hardly moves add no
+        information. Directions that silhouettes do not determine have the prior's variance. The effect of a
+        common offset of all outlines is added to both.
         """
         current = self._matched(state, stage)
         views = [view for of_frame in current.matches for view in of_frame]
@@ -119,7 +119,7 @@ class Fitting:
         return _Matched(state, matches, cost)
 
     def _weigh_cameras(self, matches: list[list[Matches]]) -> Floats:
-        """(C,) less for cameras whose silhouettes stay away from where the others want the model."""
+        """(C,) lower weights for cameras whose silhouettes disagree with the others."""
         per_camera = [
             np.concatenate([np.abs(views[c].residuals_px) for views in matches])
             for c in range(self._rig.n_cameras)

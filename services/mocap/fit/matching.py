@@ -1,4 +1,4 @@
-"""Matching the model's rim with the input's contour, both ways: what a fit makes small."""
+"""Matches the model's rim with the input's contour in both directions, for the residuals of a fit."""
 
 from dataclasses import dataclass
 
@@ -20,14 +20,14 @@ from services.mocap.fit.rim import Indices, Rim, find_rims
 from services.mocap.types import Floats, Ints, Mask
 
 RIM_POINTS = 200
-"""Rim points of a view that are looked for on the contour, at most."""
+"""Most rim points of a view that are matched with the contour."""
 _SURFACE_PX, _SURFACE_TURN = 4.0, 3.0
 """How far from an outline point, in working pixels, what makes it is looked for on the surface, and how many
 of them a turn by a radian counts for."""
 _WAY_POINTS = 12
 """At which it is seen whether there are unsure pixels on the way from a rim point to the contour."""
 _SHORTEST_PX = 60.0
-"""Views with a shorter contour say nothing: the actor is hardly in them."""
+"""Views with a shorter contour are not used: the actor is hardly in them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +35,9 @@ class Matches:
     """One view's matched pairs: distances r = n · (rim - contour), in working pixels."""
 
     edges: Indices
-    """(N, 2) the mesh edges of whose midpoint each row speaks."""
+    """(N, 2) the mesh edge of each row."""
     points_px: Floats
-    """(N, 2) those midpoints in the picture."""
+    """(N, 2) the edges' midpoints in the picture."""
     normals: Floats
     """(N, 2) the contour's normals, over the pixels per working pixel."""
     residuals_px: Floats
@@ -57,8 +57,8 @@ def match_frame(body: Body, pose: Floats, rig: Rig, contours: list[Contour]) -> 
 def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:
     """Match some points of the model's outline with the nearest of the input's, and the other way round.
 
-    Near is what lies near and faces the same way. Points of the model that come to unsure pixels first are
-    left alone. scale: pixels per working pixel.
+    The distance includes the difference of the normals. Points of the model that meet unsure pixels first are
+    not used. scale: pixels per working pixel.
     """
     if len(rim.edges) == 0 or len(rim.points_px) == 0 or contour.length_px < _SHORTEST_PX:
         return Matches(
@@ -97,7 +97,7 @@ def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:
 
 
 def _hidden(rim: Rim, rows: Ints, targets_px: Floats, near_unsure: Mask) -> Mask:
-    """Which of the rim's points come to unsure pixels before they come to their targets (N, 2).
+    """Which of the rim's points meet unsure pixels before their targets (N, 2).
 
     On the way there, or as near along the normal, either side: what belongs to them may be there.
     """
@@ -117,7 +117,7 @@ def nearest_edges(
 
     Edges that face another way count as farther by turn_px times the difference of the unit vectors.
     """
-    order = np.argsort(middles_px[:, 1])  # people are upright: few edges are at one height
+    order = np.argsort(middles_px[:, 1])  # people are upright, so few edges are at one height
     heights = middles_px[order, 1]
     nearest = np.full(len(points_px), -1)
     for i in range(len(points_px)):

@@ -15,7 +15,7 @@ _WALL, _WALL_ROUNDS = 1e4, 4
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What is fitted."""
+    """The unknowns of a fit."""
 
     x: Floats
     """(len(PARAMETERS),) the shape vector."""
@@ -32,30 +32,30 @@ class Stage:
     dofs: tuple[int, ...]
     """The pose parameters that vary, in every frame."""
     cap_px: float
-    """Residuals far beyond this, in working pixels, hardly count: the scale of the loss."""
+    """Scale of the robust loss, in working pixels."""
     steps: int
     """At most."""
     damping: float = 0.1
     """Share of their diagonal by which the normal equations are strengthened (Levenberg, Marquardt)."""
     patience: int = 4
-    """A stage ends after so many steps that hardly gain."""
+    """A stage ends after this many steps without progress."""
     is_strict: bool = False
     """Whether what is far beyond the cap pulls next to nothing (Geman, McClure), as bites out of silhouettes
     should; else it pulls the less the farther it is (Cauchy), as what is still to be found should."""
 
     def losses(self, residuals_px: Floats) -> Floats:
-        """What residuals (N,) cost, in square working pixels."""
+        """Cost of residuals (N,), in square working pixels."""
         squares = (residuals_px / self.cap_px) ** 2
         return self.cap_px**2 * (squares / (1.0 + squares) if self.is_strict else np.log1p(squares))
 
     def weights(self, residuals_px: Floats) -> Floats:
-        """(N,) what the residuals' squares count near where they are."""
+        """(N,) the weights of the residuals' squares."""
         return (1.0 + (residuals_px / self.cap_px) ** 2) ** (-2.0 if self.is_strict else -1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Normal equations in blocks: every frame's pose meets the shape, but no other pose."""
+    """Normal equations in blocks: every frame's pose is coupled with the shape, but not with other poses."""
 
     poses: Floats
     """(F, d, d)"""
@@ -69,7 +69,7 @@ class System:
     """(s,)"""
 
     def shape_information(self) -> Floats:
-        """(s, s) what is known of the shape while the poses are free: the inverse of its covariance."""
+        """(s, s) information about the shape with free poses: the inverse of its covariance."""
         onto_shape = np.linalg.solve(self.poses, self.cross)
         left: Floats = self.shape - (self.cross.transpose(0, 2, 1) @ onto_shape).sum(axis=0)
         return left
@@ -80,7 +80,8 @@ class System:
         return self._solve((none[0], none[0]), (none[1], none[1]), damping=0.0)[0]
 
     def step(self, state: State, stage: Stage) -> State:
-        """The state after one damped step; what would go beyond a bound is held there, the rest makes up."""
+        """The state after one damped step; parameters that would cross a bound are held there, and the others
+        are solved again."""
         parameters, dofs = list(stage.parameters), list(stage.dofs)
         x, poses = state.x.copy(), state.poses.copy()
         shape_walls, pose_walls = np.zeros(len(parameters)), np.zeros((len(poses), len(dofs)))

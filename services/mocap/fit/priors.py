@@ -1,4 +1,4 @@
-"""What a fit knows before it has seen anything: people's proportions, and the pose it began with.
+"""The priors of a fit: people's proportions, and the initial pose.
 
 Everything is weighed in the unit of the data's cost, square working pixels of distance times working
 pixels of outline: one standard deviation costs as much as WEIGHT_PX3 in every view.
@@ -18,9 +18,9 @@ WEIGHT_PX3 = 0.05
 """Times eight cameras and ten frames, that is the variance of what the data pull at, as measured on people of
 known shape in noisy silhouettes: the prior then weighs what it should."""
 WEIGHT_APART_PX3 = 0.02
-"""For frames from all of a motion, since what misleads a fit in one pose does not in another."""
+"""For frames from a whole motion, because errors of a fit differ between poses."""
 _TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
-"""Of the pose from the one that was begun with: twists; head, hands and feet; all other joints."""
+"""Standard deviation of the pose from the initial one: twists; head, hands and feet; all other joints."""
 _ROOT = JOINTS[0].name
 _END_JOINTS = {segment.joint for segment in SEGMENTS if segment.row.window_px == EXTREMITY_WINDOW_PX}
 
@@ -40,7 +40,7 @@ class Quadratic:
 
 
 class Prior:
-    """Pulls shapes to the generic one, and poses to those that were begun with."""
+    """Draws shapes to the generic one, and poses to the initial ones."""
 
     def __init__(self, poses: Floats, weight_px3: float = WEIGHT_PX3) -> None:
         """poses (F, D): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3."""

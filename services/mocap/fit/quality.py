@@ -1,4 +1,4 @@
-"""How well bodies cover silhouettes."""
+"""The quality of a fit."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from services.mocap.types import Bytes, Floats
 
 @dataclass(frozen=True, eq=False)
 class FitQuality:
-    """How well a body in its poses covers the silhouettes."""
+    """How well a body in its poses matches the silhouettes."""
 
     energy_px: Floats
     """(F,) differing pixels of each frame, over all cameras."""

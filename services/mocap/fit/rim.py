@@ -1,7 +1,7 @@
-"""The model's rim: the outline of its silhouette, and the places on its surface that make it.
+"""The model's rim: the outline of its silhouette, and the surface points that produce it.
 
-The outline is taken from the drawn silhouette just as the input's is, pixel for pixel. So a body that is
-right leaves nothing to mend, whatever pixels do to outlines; only how it moves is asked of the surface.
+The outline is extracted from the drawn silhouette exactly as the input's is. So a correct body has zero
+residuals despite the pixel grid; the surface is used only for the derivatives.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from services.mocap.fit.contours import outline_of
 from services.mocap.types import Floats, Mask
 
 NEAREST_M = 0.1
-"""Nothing is drawn for a camera to whose plane the body comes nearer."""
+"""Nothing is drawn for a camera if the body comes nearer to its plane than this."""
 
 Indices = NDArray[np.int64]
 
@@ -63,7 +63,7 @@ class Rim:
     normals: Floats
     """(N, 2) unit vectors that point off the model there."""
     edges: Indices
-    """(E, 2) mesh edges, as vertices of the whole body, between a face that is seen and one that is not."""
+    """(E, 2) mesh edges, as vertices of the whole body, between a front face and a back face."""
     middles_px: Floats
     """(E, 2) the middles of their ends."""
     facing: Floats
@@ -71,7 +71,7 @@ class Rim:
 
 
 def find_rims(body: Body, pose: Floats, rig: Rig) -> list[Rim]:
-    """Every camera's rim of a body in a pose (D,); empty where the body reaches a camera's plane."""
+    """Every camera's rim of a body in a pose (D,); empty if the body reaches a camera's plane."""
     mesh = topology(body.mesh)
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
     vertices_world_m = np.vstack(
@@ -109,8 +109,8 @@ def _turning_edges(
 ) -> tuple[Indices, Floats, Floats]:
     """The edges of which a camera sees one side: indices (N,), normals (N, 2) and ends (N, 2, 2) in pixels.
 
-    From the first end to the second, the side that is seen is always on the same hand. None at all where one
-    of them reaches the camera's plane.
+    Seen from the first end to the second, the front face is always on the same side. Empty if one of them
+    reaches the camera's plane.
     """
     front = np.empty(len(planes), np.bool_)
     for f in range(len(planes)):
@@ -145,7 +145,7 @@ def _turning_edges(
 
 @numba.njit(cache=True, nogil=True)
 def _silhouette(ends_px: Floats, width_px: int, height_px: int) -> Mask:
-    """(H, W) the pixels whose centres lie behind some surface: those that the edges (N, 2, 2) go round."""
+    """(H, W) the pixels whose centres are covered by the surface: those inside the edges (N, 2, 2)."""
     turns = np.zeros((height_px, width_px + 1), np.int32)
     for n in range(len(ends_px)):
         x0, y0, x1, y1 = ends_px[n, 0, 0], ends_px[n, 0, 1], ends_px[n, 1, 0], ends_px[n, 1, 1]

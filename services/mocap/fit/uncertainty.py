@@ -1,4 +1,4 @@
-"""How sure a fit is of a body's measures: what noise in silhouettes, and their silence, leave open."""
+"""The uncertainty of a body's measures, from noise in silhouettes and undetermined directions."""
 
 from dataclasses import replace
 

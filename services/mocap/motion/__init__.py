@@ -1,1 +1,1 @@
-"""Motion as a whole: what is done to the poses of many frames."""
+"""Operations on the poses of many frames."""

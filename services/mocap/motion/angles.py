@@ -23,7 +23,7 @@ R_ISB_ZUP: Floats = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]
 """From the axes inside (x forward, y left, z up) to ISB's (x forward, y up, z right)."""
 _MIRROR = np.diag([1.0, 1.0, -1.0])
 _STRAIGHT = 1e-7
-"""Below this sine of its elevation an arm is raised in no plane."""
+"""Below this sine of its elevation an arm's plane of elevation is undefined."""
 _SWAP: Floats = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 
 
@@ -32,19 +32,19 @@ class Angle:
     """One column of angles.csv."""
 
     name: str
-    """Without the side, which stands before it where there is one, and without the unit."""
+    """Without the side, which is put in front, and without the unit."""
     joint: str
-    """The joint that turns, against the segment above it; pelvis: against the world."""
+    """The rotating joint, relative to the segment above it; pelvis: relative to the world."""
     order: Literal["ZXY", "YXZ", "YXY"]
-    """The axes about which that turn is taken apart, one after the other, each in the frame turned so far."""
+    """The axes of the decomposition, in order, each in the frame rotated so far."""
     place: int
-    """Which of the three turns this one is."""
+    """The index of this angle in the decomposition."""
     sign: int
-    """-1 where the movement that counts as positive turns against the right-hand rule."""
+    """-1 if the positive movement is against the right-hand rule."""
     meaning: str
     """The positive movement, in words."""
     is_sided: bool
-    """Whether there is one on the left and one on the right."""
+    """Whether there is one for the left and one for the right side."""
 
 
 ANGLES: tuple[Angle, ...] = tuple(
@@ -61,8 +61,8 @@ twice: the first three cannot tell flexion from rotation with the arm straight s
 def joint_angles_deg(T_world_joint: Floats) -> dict[str, Floats]:
     """Angles (N,) in degrees of N consecutive frames, by name; sided ones begin with left_ or right_.
 
-    T_world_joint: (N, J, 4, 4). Angles go on from frame to frame without jumps of whole turns, from a first
-    frame within half a turn.
+    T_world_joint: (N, J, 4, 4). Angles are continuous from frame to frame, without jumps of whole turns; the
+    first frame is within half a turn.
     """
     turns = R_ISB_ZUP @ turns_from_rest(T_world_joint, rest_rotations("hanging")) @ R_ISB_ZUP.T
     left = [joint.startswith("left_") for joint in JOINT_NAMES]
@@ -86,7 +86,7 @@ def _yxy(R: Floats) -> Floats:
     """ISB's globe angles (N, J, 3) of R (N, J, 3, 3): a raised arm turns negatively about x, from -π to 0."""
     angles = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_euler("YXY", suppress_warnings=True)
     plane, raised, axial = np.moveaxis(angles.reshape(*R.shape[:2], 3), -1, 0)  # scipy: raised from 0 to π
-    # Hanging or straight up only the sum or difference of plane and axial rotation can be told: no plane.
+    # Hanging or straight up only the sum or difference of plane and axial rotation is defined: no plane.
     straight = np.sin(raised) < _STRAIGHT
     axial = np.where(straight, axial + np.where(raised < 1.0, plane, -plane), axial + np.pi)
     plane = np.where(straight, 0.0, plane + np.pi)

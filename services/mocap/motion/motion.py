@@ -1,4 +1,4 @@
-"""A body in motion: what every file of a motion is made of."""
+"""A body in motion: the source of every motion file."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,7 +33,7 @@ class Motion:
 def to_y_up(points_zup: Floats) -> Floats:
     """Points or offsets (…, 3) of the z-up world in the axes of motion.bvh, .glb and .trc.
 
-    These are y-up; z is where somebody with heading zero faces, x is to that one's left.
+    These are y-up; z is where an actor with heading zero faces, x is to the actor's left.
     """
     return points_zup @ R_ZUP_YUP
 

@@ -1,7 +1,8 @@
-"""The one-euro filter for poses (Casiez, Roussel, Vogel 2012): steady at rest, quick to follow fast motion.
+"""The one-euro filter for poses (Casiez, Roussel, Vogel 2012): smooth at rest, with little delay for fast
+motion.
 
-It needs the poses up to now only, so it serves live output. An exponential average whose cutoff frequency
-rises with speed: what jitters at rest is averaged long, what moves fast is hardly averaged at all.
+It needs only past poses, so it is suitable for live output. It is an exponential average whose cutoff
+frequency rises with speed: jitter at rest is averaged over a long time, fast motion hardly at all.
 """
 
 import numpy as np
@@ -17,7 +18,7 @@ SPEED_CUTOFF_HZ = 10.0
 """By how much the cutoff rises per radian a second; chosen on tracked takes by their joint errors."""
 _DERIVATIVE_CUTOFF_HZ = 1.0
 _METRES_PER_RADIAN = 0.5
-"""A shift of the root counts as much as a turn that moves a point at this distance, about an arm, as far."""
+"""Distance that converts a shift of the root to an equivalent rotation, about an arm's length."""
 _SPEED_UNIT: Floats = np.array([_METRES_PER_RADIAN if dof.unit == "m" else 1.0 for dof in DOFS])
 
 
@@ -56,5 +57,5 @@ class OneEuro:
 
 
 def _weight(cutoff_hz: float | Floats, step_s: float) -> float | Floats:
-    """How much of what is new an exponential average of that cutoff frequency takes over."""
+    """The weight of the new value in an exponential average with that cutoff frequency."""
     return 1.0 / (1.0 + 1.0 / (2.0 * np.pi * cutoff_hz * step_s))

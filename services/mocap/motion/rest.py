@@ -1,4 +1,4 @@
-"""Rest poses, and turns of joints that are counted from one."""
+"""Rest poses, and joint rotations relative to one."""
 
 from typing import Literal, TypeAlias
 
@@ -31,8 +31,8 @@ def rest_rotations(rest: Literal["T", "A", "hanging"]) -> Floats:
 def turns_from_rest(T_world_joint: Floats, R_world_rest: Floats) -> Floats:
     """How each joint is turned against its parent (N, J, 3, 3), counted from a rest pose.
 
-    T_world_joint: (N, J, 4, 4). R_world_rest: (J, 3, 3) of the rest pose, in which all turns are 1. They
-    are said in frames that are parallel to the world's axes there.
+    T_world_joint: (N, J, 4, 4). R_world_rest: (J, 3, 3) of the rest pose, in which all rotations are the
+    identity. The frames are parallel to the world's axes in the rest pose.
     """
     R_world_joint = T_world_joint[:, :, :3, :3] @ R_world_rest.transpose(0, 2, 1)
     turns = R_world_joint.copy()

@@ -1,7 +1,7 @@
 """The root's three angles as one rotation, and back without jumps; the same for any joint.
 
-Heading, lean and pitch cannot be averaged one by one: near a lean of a quarter turn heading and pitch run
-away against each other while the body hardly turns.
+Heading, lean and pitch cannot be averaged one by one: near a lean of a quarter turn heading and pitch change
+strongly in opposite directions while the body hardly rotates.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ ROOT_TURN = [_HEADING, _LEAN, _PITCH]
 """Indices into a pose of the angles that turn the root."""
 _ORDER = "ZXY"  # heading, then about the new x, then about the new y
 _GIMBAL_LOCK = 1e-7
-"""Below this cosine of the middle angle only the sum or difference of the outer ones can be told."""
+"""Below this cosine of the middle angle only the sum or difference of the outer ones is defined."""
 
 
 def root_rotations(poses: Floats) -> Rotation:
@@ -24,9 +24,9 @@ def root_rotations(poses: Floats) -> Rotation:
 
 
 def root_angles(rotations: Rotation, near: Floats) -> Floats:
-    """Heading, lean and pitch (N, 3) of N rotations: of all angles that make them those nearest to others.
+    """Heading, lean and pitch (N, 3) of N rotations: of all equivalent angles those nearest to `near`.
 
-    near: (N, 3). So a second full turn ends at 720°, and a lean goes on beyond a quarter turn.
+    near: (N, 3). So a second full turn ends at 720°, and a lean continues beyond a quarter turn.
     """
     return nearest_angles(rotations.as_euler(_ORDER, suppress_warnings=True), near)
 
@@ -37,7 +37,7 @@ def nearest_angles(angles: Floats, near: Floats) -> Floats:
     Angles of turns about z, then the new x, then the new y.
     """
     z, x, y = angles.T
-    # In gimbal lock z + y (x = 90°) or z - y (x = -90°) is all that counts: keep y where it was.
+    # In gimbal lock only z + y (x = 90°) or z - y (x = -90°) is defined: keep y.
     y_shift = np.where(np.abs(np.cos(x)) < _GIMBAL_LOCK, near[:, 2] - y, 0.0)
     angles = np.column_stack([z - np.sign(x) * y_shift, x, y + y_shift])
     # Going over the pole (x past 90°, as a knee does) turns z and y by half a turn.
@@ -63,7 +63,7 @@ def continuous_angles(R: Floats) -> Floats:
 
 
 def without_flips(quaternions: Floats) -> Floats:
-    """Quaternions (N, …, 4), each on the same side as the one before: q and -q turn alike."""
+    """Quaternions (N, …, 4), each on the same side as the one before: q and -q are the same rotation."""
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0
     aligned = quaternions.copy()
     aligned[1:] *= np.where(np.cumsum(flips, axis=0) % 2, -1.0, 1.0)[..., None]

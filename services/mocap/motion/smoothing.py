@@ -1,7 +1,7 @@
-"""Smoothing of poses for output: without delay for recorded takes, and causally as it is done live.
+"""Smoothing of poses for output: without delay for recorded takes, and causally for live input.
 
-The root's turn is smoothed as a rotation, everything else parameter by parameter, and the joint limits hold
-afterwards as before.
+The root's orientation is smoothed as a rotation, everything else parameter by parameter; the joint limits are
+kept.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ from services.mocap.types import Floats, Mask
 _FEWEST = 5
 """Poses that a smoothing spline needs."""
 _DISTRUSTED_WEIGHT = 1e-4
-"""What a value that should not be trusted counts, against 1. It lowers the cutoff to a tenth, so that gaps of
-some frames are bridged and long ones, of seconds, keep a hold."""
+"""Weight of an unreliable value, relative to 1. It lowers the cutoff to a tenth, so that gaps of some frames
+are interpolated, while gaps of seconds still follow the values."""
 
 
 def smoothed(
@@ -28,7 +28,7 @@ def smoothed(
     distrusted: Mask | None = None,
     times_s: Floats | None = None,
 ) -> Floats:
-    """Poses (N, D) of consecutive frames as the settings want them; N >= 1.
+    """Poses (N, D) of consecutive frames smoothed by the settings; N >= 1.
 
     distrusted: (N, D) values that should not be trusted; rts bridges them from both sides.
     times_s: (N,) of frames that do not come evenly, which one-euro heeds.
@@ -45,7 +45,7 @@ def smoothed(
 def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = None) -> Floats:
     """Poses (N, D) without what is faster than cutoff_hz, where half of the amplitude passes; nothing lags.
 
-    This is the Rauch-Tung-Striebel smoother of a body whose velocities wander at random. It is computed as
+    This is the Rauch-Tung-Striebel smoother of a body whose velocities follow random walks. It is computed as
     the cubic smoothing spline, which is the same estimate: see Wahba 1978, and Weinert, Byrd and Sidhu 1980.
     Its gain at a frequency f is 1 / (1 + (f / cutoff)^4), that of a second-order Butterworth filter run
     forward and back, but it needs no margin at the ends and leaves no ringing.
@@ -67,7 +67,7 @@ def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = N
 def _spline(values: Floats, weights: Floats, fps: float, cutoff_hz: float) -> Floats:
     """Smooth (N, k) values with weights (N, k) over time; columns of like weights go together."""
     times_s = np.arange(len(values)) / fps
-    roughness = fps / (2 * np.pi * cutoff_hz) ** 4  # what the spline's squared acceleration costs
+    roughness = fps / (2 * np.pi * cutoff_hz) ** 4  # weight of the spline's squared acceleration
     found = np.empty_like(values)
     kinds, kind_of_column = np.unique(weights, axis=1, return_inverse=True)
     for kind, weight in enumerate(kinds.T):

@@ -16,7 +16,7 @@ FRAME_FILES = (ENERGIES, TIMINGS)
 def write_frame_files(
     folder: Path, frames: Ints, solved: Sequence[Solved], stages: Sequence[str], cameras: Sequence[str]
 ) -> None:
-    """Write the files of N frames, each whole or not at all; none that some frame lacks numbers of.
+    """Write the files of N frames, each completely or not at all; none that some frame lacks numbers of.
 
     A frame that says nothing of one of the stages has spent no time in it.
     """
@@ -32,7 +32,7 @@ def write_frame_files(
 
 
 def write_frame_file(path: Path, frames: Ints, values: Mapping[str, Labelled]) -> None:
-    """Write the quantities that belong into the file of this name, whole or not at all."""
+    """Write the quantities that belong into the file of this name, completely or not at all."""
     columns = {"frame": [str(frame) for frame in frames]}
     for row in _rows_of(path.name):
         for label, numbers in values[row.name].items():

@@ -1,4 +1,4 @@
-"""Where things lie in a folder of results: the names that its writers and its readers share."""
+"""The file names in a results folder, for writers and readers."""
 
 from pathlib import Path
 
@@ -17,15 +17,15 @@ KNOWN = {
     *(POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET, OVERLAY, REPORT, RUN_JSON, LOGS),
     *(ACTOR, MESH_FILE, FIT_FOLDER, JOURNAL),
 }
-"""All that a folder of results may hold."""
+"""All files that a results folder may contain."""
 
 
 def partial_of(folder: Path) -> Path:
-    """Where a run's journal is; and its results if they lack frames and a folder holds older ones."""
+    """The folder of a run's journal, and of incomplete results if there are older ones."""
     folder = folder.resolve()
     return folder.with_name(f"{folder.name}.partial")
 
 
 def journal_of(folder: Path) -> Path:
-    """Where the poses of a run are, frame by frame, until all its results are in a folder."""
+    """The journal of a run's poses, frame by frame, until all its results are written."""
     return partial_of(folder) / JOURNAL

@@ -30,21 +30,21 @@ from services.mocap.take.tables import (
 from services.mocap.types import Floats, Ints, Mask
 
 _FPS_OF_ONE_FRAME = 30.0
-"""What is written as the rate of a single frame, which has none."""
+"""The rate written for a single frame, which has none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a run found: one pose for each of N consecutive frames. World: z-up, metres."""
+    """The result of a run: one pose for each of N consecutive frames. World: z-up, metres."""
 
     folder: Path
     actor: Actor
     motion: Motion
-    """The motion as it is written to files: smoothed where the run smoothed."""
+    """The motion as written to files: smoothed if the run smoothed."""
     tracked: PoseTable
     """The same frames as they were tracked, with energy and marks."""
     run: dict[str, Any]
-    """run.json; empty where there is none."""
+    """run.json; empty if there is none."""
 
     @property
     def frames(self) -> Ints:
@@ -68,7 +68,7 @@ class Result:
 
     @property
     def take_folder(self) -> Path | None:
-        """The take that was tracked, where run.json says so."""
+        """The take that was tracked, if run.json names it."""
         folder = self.run.get("take", {}).get("folder")
         return Path(folder) if isinstance(folder, str) else None
 
@@ -107,13 +107,13 @@ class Result:
 
     @property
     def distrusted(self) -> Mask:
-        """(N, 6) parts that should not be trusted, in the order of PARTS; none where nobody judged."""
+        """(N, 6) unreliable parts, in the order of PARTS; none if they were not judged."""
         none: Mask = np.zeros((len(self.frames), len(PARTS)), bool)
         return none if self.tracked.marks is None else self.tracked.marks.distrusted
 
     @property
     def confidence(self) -> Floats:
-        """(N, 6) how far each part may be trusted, from 0 to 1; NaN where nobody judged."""
+        """(N, 6) confidence of each part, from 0 to 1; NaN if it was not judged."""
         none = np.full((len(self.frames), len(PARTS)), np.nan)
         return none if self.tracked.marks is None else self.tracked.marks.confidence
 
@@ -140,10 +140,10 @@ def write_tracked(
 
 
 def load_result(folder: Path | str) -> Result:
-    """Read a folder of results; raises UserError with one sentence for what cannot be worked with."""
+    """Read a results folder; raises UserError if it cannot be used."""
     folder = Path(folder)
     if not folder.is_dir():
-        raise UserError(f"{folder}: is not a folder: expected one that xormocap track wrote")
+        raise UserError(f"{folder}: is not a folder: expected a results folder of xormocap track")
     tracked = read_poses_csv(folder / POSES)
     _check_frames(folder / POSES, tracked)
     shown = tracked
@@ -179,12 +179,12 @@ def _read_run(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         run = None
     if not isinstance(run, dict) or not isinstance(run.get("take", {}), dict):
-        raise TakeError(f"{path}: is not what xormocap track writes: put it back or remove it")
+        raise TakeError(f"{path}: is not a file of xormocap track: restore it or remove it")
     return run
 
 
 def _fps(table: PoseTable, run: dict[str, Any]) -> float:
-    """The rate that the run reported, or else that of the table's times."""
+    """The rate in run.json, else that of the table's times."""
     reported = run.get("take", {}).get("fps")
     if isinstance(reported, int | float) and reported > 0:
         return float(reported)

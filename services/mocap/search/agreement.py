@@ -1,7 +1,7 @@
-"""Do the cameras' silhouettes meet in space, and if not, which camera disagrees with the others?
+"""Checks whether the cameras' silhouettes meet in space, and finds the camera that disagrees with the others.
 
-The visual hull of silhouettes that belong together fills each of them again when it is drawn. One wrongly
-calibrated camera carves away what the others see; without it, their hull fills their silhouettes.
+The visual hull of consistent silhouettes covers each of them when it is projected. A wrongly calibrated
+camera carves away what the others see; without it, the others' hull covers their silhouettes.
 """
 
 from dataclasses import dataclass
@@ -15,36 +15,38 @@ from services.mocap.search.hull import MIN_CAMERAS, cube_about, look_up, meeting
 from services.mocap.types import Bytes, Floats, Ints, Mask
 
 WELL_FILLED = 0.9
-"""Of the silhouettes; where a hull fills less, it is tried without one camera or another."""
+"""Share of the silhouettes; if a hull covers less, choices without one or two cameras are tried."""
 AGREEING_SHARE = 0.7
-"""Of the silhouettes, that a hull has to fill: errors of segmentation leave more, wrong cameras less."""
+"""Share of the silhouettes that a hull must cover: errors of segmentation leave more, wrong cameras less."""
 _VOXEL_M = 0.06
 _REACH_M = 2.4
 _MOST_LEFT_OUT = 2
 _DECISIVE = 0.1
-"""How much more one choice of cameras has to fill than every other one, to be blamed alone …"""
+"""How much more one choice of cameras must cover than every other choice, to be decided."""
 _DECISIVE_OF_FOUR, _DECISIVE_RATIO = 0.05, 3.0
-"""… or, of four cameras, this much more, where every other one leaves so many times as much unfilled: three,
-one of them wrong, may still fill most of their silhouettes."""
+"""With four cameras this smaller margin is enough if every other choice leaves this many times as much
+uncovered: three cameras, one of them wrong, may still cover most of their silhouettes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """What space looks like to some cameras that show somebody."""
+    """The agreement of the cameras that show a person."""
 
     cameras: tuple[int, ...]
     odd: tuple[int, ...]
-    """Those of them that disagree with all others."""
+    """Cameras that disagree with all others."""
     filled: float
-    """The share of the others' silhouettes that their hull fills, on average."""
+    """The share of the other cameras' silhouettes that their hull covers, on average."""
     piece_shares: Floats
-    """(K,) how much of the silhouettes each connected piece of the hull fills alone, the most first."""
+    """(K,) share of the silhouettes that each connected piece of the hull covers alone, in descending
+    order."""
     suspects: tuple[int, ...] = ()
-    """Where none is odd: those of which one is likely to be, since without any of them the others meet."""
+    """If none is odd: cameras of which one is probably wrong, because without any one of them the others
+    meet."""
 
     @property
     def agree(self) -> bool:
-        """Whether what is left once the odd cameras are out belongs together."""
+        """Whether the cameras without the odd ones agree."""
         return self.filled >= AGREEING_SHARE
 
 
@@ -53,9 +55,9 @@ def find_agreement(
 ) -> Agreement:
     """Look for the fewest cameras without which the silhouettes (C, H, W) of the others meet in space.
 
-    cameras: those that show somebody, two or more. possible (C, H, W): what may be actor, by default the
-    silhouettes: it leaves the hull room, but only the silhouettes have to be filled. At least three others
-    must agree for a camera to be odd. Raises TakeError where the rays do not even come near to each other.
+    cameras: at least two, those that show a person. possible (C, H, W): possible actor pixels, by default the
+    silhouettes; they enlarge the hull, but only the silhouettes must be covered. A camera is odd only if at
+    least three others agree. Raises TakeError if the rays do not meet.
     """
     space = _Space(rig, silhouettes, cameras, silhouettes if possible is None else possible)
     best, suspects = _Choice((), space.filled(cameras)), tuple[int, ...]()
@@ -79,7 +81,7 @@ class _Choice:
 
 
 def _is_decided(n_cameras: int, filled: float, next_filled: float) -> bool:
-    """Whether the best choice fills so much more than the next one that it alone can be right."""
+    """Whether the best choice covers so much more than the next one that only it can be right."""
     margin, needed = filled - next_filled, _DECISIVE
     if n_cameras == MIN_CAMERAS + 2 and 1.0 - next_filled >= _DECISIVE_RATIO * (1.0 - filled):
         needed = _DECISIVE_OF_FOUR
@@ -87,7 +89,7 @@ def _is_decided(n_cameras: int, filled: float, next_filled: float) -> bool:
 
 
 def _suspects(choices: list[_Choice]) -> tuple[int, ...]:
-    """The cameras without which others meet well, of choices of one, best first; none if any may be."""
+    """The single cameras without which the others agree, best first; none if it may be any."""
     likely = [c for c in choices if c.filled >= max(WELL_FILLED, choices[0].filled - _DECISIVE)]
     return tuple(sorted(c.odd[0] for c in likely)) if len(likely) < len(choices) else ()
 
@@ -97,10 +99,10 @@ def _choice(space: "_Space", cameras: tuple[int, ...], odd: tuple[int, ...]) -> 
 
 
 class _Space:
-    """A cube of voxels, and for each which cameras would carve it away."""
+    """A cube of voxels, with the cameras that would carve each away."""
 
     def __init__(self, rig: Rig, silhouettes: Mask, cameras: tuple[int, ...], possible: Mask) -> None:
-        """Look all voxels up in what may be actor in all cameras (C, H, W), once."""
+        """Look up all voxels once in the possible actor pixels of all cameras (C, H, W)."""
         self._rig = rig
         centre_m = meeting_point(rig, silhouettes, list(cameras))
         self._points_m = cube_about(centre_m, _REACH_M, _VOXEL_M)
@@ -112,18 +114,19 @@ class _Space:
         self._views = {c: _View.of(rig, silhouettes[c], c, centre_m) for c in cameras}
 
     def filled(self, cameras: tuple[int, ...]) -> float:
-        """The share of some cameras' silhouettes that the hull of just these fills, on average."""
+        """The share of some cameras' silhouettes that the hull of these cameras covers, on average."""
         points_m = self._points_m[self._inside(cameras)]
         return float(np.mean([self._views[c].share(self._views[c].draw(points_m)) for c in cameras]))
 
     def piece_shares(self, cameras: tuple[int, ...]) -> Floats:
-        """The share of some cameras' silhouettes (K,) that each piece of their hull fills and no other does.
+        """The share of some cameras' silhouettes (K,) that only this piece of their hull covers, for each
+        piece.
 
-        A camera in which the piece is hidden by others counts as none of it: so these are averages over the
-        half of the cameras that see most of the piece alone.
+        In some cameras other pieces hide a piece, so this averages over the half of the cameras with the
+        largest shares.
         """
         pieces: Ints = pieces_of(self._inside(cameras))
-        n_pieces = min(int(pieces.max(initial=0)), 3)  # beyond are crumbs
+        n_pieces = min(int(pieces.max(initial=0)), 3)  # further pieces are negligible
         shares = np.zeros((n_pieces, len(cameras)))
         for k, c in enumerate(cameras):
             drawn = [self._views[c].draw(self._points_m[pieces == 1 + n]) for n in range(n_pieces)]
@@ -133,7 +136,7 @@ class _Space:
                     drawn[n] & ~np.any(others, axis=0) if others else drawn[n]
                 )
         upper_half: Floats = np.sort(shares, axis=1)[:, len(cameras) // 2 :].mean(axis=1)
-        return np.sort(upper_half)[::-1]  # a piece of what may be actor may be large and fill nothing
+        return np.sort(upper_half)[::-1]  # a large piece of possible actor pixels may cover nothing
 
     def _inside(self, cameras: tuple[int, ...]) -> Mask:
         """The hull (N,) of some cameras, as carve has it."""
@@ -145,7 +148,7 @@ class _Space:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A camera's silhouette so small that a voxel is about as large as a pixel."""
+    """A camera's silhouette, reduced so that a voxel is about as large as a pixel."""
 
     P_px_world: Floats
     """(3, 4) to pixels of the small picture."""
@@ -175,5 +178,5 @@ class _View:
         return wide
 
     def share(self, drawn: Mask) -> float:
-        """How much of the silhouette a picture (h, w) covers."""
+        """The share of the silhouette that a picture (h, w) covers."""
         return float((drawn & self.silhouette).sum() / max(int(self.silhouette.sum()), 1))

@@ -25,13 +25,13 @@ class Stage:
 
     dofs: tuple[int, ...]
     segments: tuple[int, ...]
-    """What moves and so is drawn at every evaluation."""
+    """The moving segments, drawn at every evaluation."""
     window_px: int
     """Window size at REFERENCE_WIDTH_PX; 0: no window, the whole picture at half resolution."""
 
     @property
     def others(self) -> tuple[int, ...]:
-        """The segments that stay, and are pre-rendered."""
+        """The other segments, which are pre-rendered."""
         return tuple(s for s in ALL_SEGMENTS if s not in self.segments)
 
     def limits(self) -> tuple[Floats, Floats]:
@@ -41,7 +41,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Limb:
-    """An arm or leg, then its hand or foot."""
+    """An arm with its hand, or a leg with its foot."""
 
     main: Stage
     extremity: Stage
@@ -81,14 +81,14 @@ def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:
     turned_m = np.einsum("sij,sj->si", T_world_segment[:, :3, :3], centres_m)
     centre_world_m = (turned_m + T_world_segment[:, :3, 3]).mean(axis=0)
     homogeneous = rig.P_px_world @ np.append(centre_world_m, 1.0)
-    depth_m = np.maximum(homogeneous[:, 2:], 1e-3)  # behind a camera: the window lands on the picture's edge
+    depth_m = np.maximum(homogeneous[:, 2:], 1e-3)  # behind a camera: the window is at the picture's edge
     size_px = window_size_px(stage, rig)
     origins_px: Ints = (np.rint(homogeneous[:, :2] / depth_m) - size_px // 2).astype(np.int32)
     return np.clip(origins_px, 0, np.maximum(rig.sizes_px - size_px, 0))
 
 
 _DOFS: dict[str, tuple[int, ...]] = {"head": HEAD.dofs, **{name: limb.dofs for name, limb in LIMBS.items()}}
-"""The parameters of each part but the torso, which carries all others."""
+"""The parameters of each part except the torso, which carries all others."""
 
 
 def distrusted_values(marks: Marks) -> Mask:

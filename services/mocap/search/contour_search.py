@@ -1,4 +1,4 @@
-"""A frame by its contours: the whole body aligned at once, limbs searched where something is left over."""
+"""Solves a frame by its contours: aligns the whole body, then searches limbs near remaining differences."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ precision, pixel counts cannot."""
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A pose, what the model covers in it, and what that costs."""
+    """A pose with the pixels that the model covers, and its cost."""
 
     aligned: Aligned
     covered: Bytes
@@ -50,7 +50,7 @@ class _Search:
         self.clock = Clock(self.found.seconds)
 
     def see(self, aligned: Aligned) -> _Seen:
-        """Draw a pose and count what differs."""
+        """Draw a pose and compute its cost."""
         self.found.evaluations += 1
         covered = self.model.backend.coverage(
             aligned.pose[None], ALL_SEGMENTS, self.whole.region, self.settings.detail_px
@@ -71,7 +71,7 @@ class _Search:
         return min((self.see(Aligned(pose.copy(), 0.0, nothing)) for pose in poses), key=lambda s: s.energy)
 
     def align(self, start: _Seen) -> _Seen:
-        """Align from a pose; where that leads astray, the pose itself."""
+        """Align from a pose; returns the pose itself if alignment makes it worse."""
         aligner = self.model.aligner(self.settings)
         aligned = self.see(aligner.align(self.whole, start.pose, self.settings))
         self.found.evaluations += self.settings.contour_steps
@@ -79,7 +79,7 @@ class _Search:
         return aligned if aligned.energy <= _SLACK * start.energy else start
 
     def differences(self, seen: _Seen) -> Differences:
-        """What a pose leaves unexplained."""
+        """The differences between a pose and the input."""
         return differences(self.model, self.whole, seen.pose, seen.covered)
 
     def expecting(self, best: _Seen, expected: _Seen, parts: list[Part]) -> _Seen:
@@ -91,7 +91,7 @@ class _Search:
         return self.best_of(pose[None])
 
     def round(self, start: _Seen, parts: list[Part], settings: SearchSettings) -> _Seen:
-        """Search parts by XOR about a start, then align the whole body again."""
+        """Search parts by XOR around a start, then align the whole body again."""
         self.found.passes += 1
         names = [name for name in LIMBS if name in parts]
         self.limbs.start(limb_jobs(self.model, self.whole, start.pose, settings, names))

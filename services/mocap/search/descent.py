@@ -11,7 +11,7 @@ from services.mocap.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where a search ended."""
+    """The result of a search."""
 
     values: Floats
     """(d,) parameter values."""
@@ -54,8 +54,9 @@ def descend(
     A direction's length is the first step of a search along it.
 
     Press et al., Numerical Recipes, section 10.5 (the paper, section 3): after a round over all directions
-    the one that gained most gives way to the round's whole move, if that promises more. Ends when a round
-    gains less than the share tolerance of the energy. The result is never worse than start, within the box.
+    the direction that gained most is replaced by the round's total displacement, if that is better. Ends when
+    a round gains less than the share tolerance of the energy. The result is never worse than start, within
+    the box.
     """
     count = _Counter(energy, box)
     values, best = start.values, start.energy_px
@@ -88,8 +89,8 @@ def _line_search(
 
 
 def _reach(values: Floats, direction: Floats, box: Box) -> tuple[float, float]:
-    """How far one can go along direction, backwards (<= 0) and forwards (>= 0), until all moving parameters
-    are at their limits; one that gets there before the others stays there.
+    """The range along direction, backwards (<= 0) and forwards (>= 0), until all moving parameters are at
+    their limits; a parameter that reaches its limit earlier stays there.
     """
     moving = direction != 0
     if not moving.any():
@@ -101,7 +102,7 @@ def _reach(values: Floats, direction: Floats, box: Box) -> tuple[float, float]:
 def _worth_keeping(
     count: _Counter, values: Floats, move: Floats, round_energy: float, best: float, largest_gain: float
 ) -> bool:
-    """Powell's test whether the round's whole move should become a direction."""
+    """Powell's test whether the round's total displacement should become a direction."""
     extrapolated = count(values + move)
     if extrapolated >= round_energy:
         return False

@@ -1,4 +1,4 @@
-"""Where a pose and the input differ: by the body's part, and by camera."""
+"""The differences between a pose and the input, by body part and by camera."""
 
 from dataclasses import dataclass
 
@@ -16,9 +16,9 @@ from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats, Ints
 
 PART_STAGES: dict[Part, Stage] = {"head": HEAD, **{name: limb.main for name, limb in LIMBS.items()}}
-"""Parts with a window of their own."""
+"""Parts with their own window."""
 _NEAREST_M = 1e-3
-"""Points that are nearer to a camera, or behind it, are taken to be so far before it."""
+"""Points nearer to a camera, or behind it, are moved to this depth."""
 
 
 _SEGMENT_PARTS = [PARTS.index(segment.part) for segment in SEGMENTS]
@@ -37,14 +37,14 @@ _POINT_PARTS: Ints = np.array(
 
 @dataclass(frozen=True)
 class ErrorByPart:
-    """What differs in a pose, of the full mesh in whole pictures."""
+    """The differences of a pose, with the full mesh in whole pictures."""
 
     energy_px: int
     """Differing pixels, over all cameras."""
     part_px: dict[Part, int]
-    """The same by the part that each pixel is nearest to: they add up to it."""
+    """The same by the part that each pixel is nearest to; the sum is the total."""
     iou: list[float]
-    """Intersection over union of model and input in each camera; 1 where neither shows anything."""
+    """Intersection over union of model and input in each camera; 1 if both are empty."""
 
 
 def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
@@ -60,7 +60,7 @@ def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
 
 
 def pixels_by_part(planes: Bytes, model: Model, pose: Floats) -> dict[Part, int]:
-    """Set bits of planes (P, H, W) by the part whose joints and middles of segments are nearest to them.
+    """Count the set bits of planes (P, H, W) by the nearest part, using joints and segment centres.
 
     That is told in the pictures, of a pose (D,).
     """
@@ -78,7 +78,7 @@ def _points_m(model: Model, pose: Floats) -> Floats:
 
 
 def _points_px(rig: Rig, points_m: Floats) -> Floats:
-    """Where cameras see points (N, 3): (C, N, 2)."""
+    """Projections (C, N, 2) of points (N, 3)."""
     homogeneous = rig.P_px_world[:, None, :, :3] @ points_m[:, :, None] + rig.P_px_world[:, None, :, 3:]
     points_px: Floats = homogeneous[:, :, :2, 0] / np.maximum(homogeneous[:, :, 2:, 0], _NEAREST_M)
     return points_px

@@ -1,4 +1,4 @@
-"""The first frame of a take: who the actor is, and where."""
+"""The first frame of a take: finds the actor and the first pose."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class FirstFrame:
-    """What the first frame settles for the whole take."""
+    """The results of the first frame for the whole take."""
 
     actor: Actor
     model: Model
@@ -78,7 +78,7 @@ def solve_first_frame(
     pose = guess.solution.pose
     height_m = fit_height(rig, picture, pose, guess.actor.height, pool, engine, settings)
     actor = Actor(height=round(height_m, 3))
-    log.warning("no actor_height in take.toml: %.2f m fits the first frame best", actor.height)
+    log.warning("take.toml has no actor_height: %.2f m fits the first frame best", actor.height)
     model = model_of(actor, rig, engine)
     limbs, wide = pool(model, actor), settings.widened()
     fitted = solve_frame(model, picture, pose[None], wide, limbs)
@@ -86,7 +86,8 @@ def solve_first_frame(
 
 
 def told_actor(actor: Actor | None, hints: TakeSettings, mesh: OwnMesh | None = None) -> Actor | None:
-    """The actor, or else the generic one, or a mesh, as tall as the hints say; None where they do not."""
+    """The actor, else the generic body or a mesh with the height of the hints; None if they have no
+    height."""
     if actor is not None or hints.actor_height is None:
         return actor
     return Actor(height=round(hints.actor_height, 3), mesh=mesh)
@@ -107,10 +108,9 @@ def first_guess(
 ) -> FirstFrame:
     """The first frame's pose, with the actor or else with the generic body, from its hull and its picture.
 
-    That body is as tall as take.toml says, or else as the visual hull is; a mesh takes the place of it. Other
-    arguments as solve_first_frame's.
-    Raises TakeError where nobody can be so tall, or where a body as tall as the hull covers too little; it
-    says first where much is unsure.
+    That body, or a mesh in its place, has the height of take.toml, else of the visual hull. Other arguments
+    as in solve_first_frame. Raises TakeError for an implausible height, or if a body of the hull's height
+    covers too little of the silhouettes; the message first mentions unsure areas.
     """
     told, unsure = told_actor(actor, hints, mesh), _unsure_shares(picture, rig, names)
     with unsure.blamed_first():
@@ -129,7 +129,7 @@ def first_guess(
         if told is None:
             model.backend.close()
             raise TakeError(sentence)
-        log.warning("%s", sentence)  # what was told of the actor may be wrong as well
+        log.warning("%s", sentence)  # the given actor may be wrong as well
     return FirstFrame(actor, model, solution)
 
 
@@ -150,7 +150,7 @@ def _plausible_height_m(hull: Hull) -> float:
 
 
 def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:
-    """The model of an actor before a rig, with a backend of the engine's."""
+    """The model of an actor in a rig, with a backend of the engine."""
     body = build_body(actor)
     return Model(body, rig, engine.backend(body, rig))
 
@@ -174,7 +174,7 @@ def _first_pose(
 
 
 def _tell_facing(first: FirstPose) -> None:
-    """Log which way the actor was found to face, and how sure that is."""
+    """Log the direction that the actor faces, and how certain it is."""
     facing_deg = np.degrees(first.solution.pose[DOF_INDEX["root_heading"]]) % 360
     if first.ambiguous:
         log.warning(

@@ -1,4 +1,4 @@
-"""The first pose of a take, from its first silhouettes: place by the visual hull, heading by trial."""
+"""The first pose of a take, from its first silhouettes: position from the visual hull, heading by trials."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -20,16 +20,16 @@ from services.mocap.types import Floats
 
 _HEADINGS = 16
 _CANDIDATES = 6
-"""Headings that are searched further."""
+"""Number of headings that are searched further."""
 _ARMS_DOWN_RAD = (0.0, radians(45), radians(80))
 _STRIDES_RAD = (0.0, radians(25), radians(-25))
 AMBIGUOUS_SHARE = 0.05
-"""Two opposite headings whose energies differ by less are called ambiguous."""
+"""Two opposite headings whose energies differ by less are ambiguous."""
 
 
 @dataclass(frozen=True, eq=False)
 class FirstPose:
-    """What was found, and how clearly; energies without the cameras of weight 0."""
+    """The first pose and how certain it is; energies without the cameras of weight 0."""
 
     solution: FrameSolution
     opposite_energy_px: float | None
@@ -37,7 +37,7 @@ class FirstPose:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether the actor may as well face the other way."""
+        """Whether the actor may also face the opposite direction."""
         limit = (1.0 + AMBIGUOUS_SHARE) * self.solution.energy_px
         return self.opposite_energy_px is not None and self.opposite_energy_px < limit
 
@@ -50,10 +50,10 @@ def find_first_pose(
     settings: SearchSettings,
     facing_rad: float | None = None,
 ) -> FirstPose:
-    """Search the first pose of an upright actor; facing_rad narrows the heading to about that angle.
+    """Search the first pose of an upright actor; facing_rad restricts the heading to about that angle.
 
     picture: the whole first frame. settings: as for the frames to come; the search is wider here. Cameras of
-    weight 0 have no say in which pose is best, nor in how clearly.
+    weight 0 are not used.
     """
     weightless = np.flatnonzero(settings.weights(model.rig.n_cameras) == 0)
     picture = picture.without_cameras(weightless.tolist())
@@ -65,7 +65,8 @@ def find_first_pose(
     best = solve_frame(model, picture, found[0].pose[None], settings.widened(), limbs)
     if facing_rad is not None:
         return FirstPose(best, None)
-    # The other way round is tried as hard: from where it seemed best, and from the mirror image of the best.
+    # The opposite direction is searched as thoroughly: from its best start, and from the mirror image of the
+    # best pose.
     away = [other.pose for other in found if _turned_away(other.pose, best.pose)][:1]
     opposites = np.array([*away, _turned_round(best.pose)])
     opposite = solve_frame(model, picture, opposites, settings.widened(), limbs)
@@ -84,7 +85,8 @@ def _first_look(
 ) -> FrameSolution:
     """One pass from a start pose (D,), its limbs searched first, far and wide.
 
-    The hull tells where the trunk is, to a hand's breadth; limbs that point elsewhere would drag it away.
+    The hull determines the trunk's position to about 10 cm; limbs in a wrong direction would pull the trunk
+    away.
     """
     limbs.start(limb_jobs(model, picture, start, settings.widened()))
     pose = start

@@ -1,4 +1,4 @@
-"""What solving a frame gives, and how long its stages took."""
+"""The solution of a frame, and the times of its stages."""
 
 import time
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from services.mocap.types import Floats
 
 @dataclass(eq=False)
 class FrameSolution:
-    """A frame's pose and what finding it took."""
+    """A frame's pose and the effort of finding it."""
 
     pose: Floats
     """(D,)"""
@@ -21,39 +21,39 @@ class FrameSolution:
     minimised."""
     passes: int = 0
     evaluations: int = 0
-    """Of the energy; steps of an alignment count as well, since each draws the whole body once."""
+    """Evaluations of the energy; steps of an alignment count too, because each draws the whole body once."""
     seconds: dict[str, float] = field(default_factory=lambda: {"torso": 0.0, "head": 0.0, "limbs": 0.0})
-    """Wall time per stage; limbs: from after the head until the last limb was there. By the contours torso is
-    the alignment of the whole body."""
+    """Wall time per stage; limbs: from the end of the head until the last limb's result. With contours, torso
+    is the alignment of the whole body."""
     limb_seconds: dict[str, float] = field(default_factory=dict)
-    """What solving each limb took where it was done, over all passes."""
+    """Time to solve each limb, in the process that solved it, over all passes."""
     confidence: dict[Part, float] = field(default_factory=dict)
-    """0 to 1: the share of each part's visible rim that lies on a contour, where it was looked at."""
+    """0 to 1: the share of each part's visible rim that lies on a contour, if it was computed."""
     distrusted: list[Part] = field(default_factory=list)
-    """Parts whose pose is likely to be wrong; the torso stands for the whole body."""
+    """Parts whose pose is probably wrong; the torso stands for the whole body."""
     measured: dict[str, list[float]] = field(default_factory=lambda: {"prior": [0.0]})
     """What is only reported, by the name of its row in services.mocap.take.quantities: part_px and iou (see
     ErrorByPart), prior: what being off the pose that is likely without looking counts, beside the energy."""
 
     def note_limb(self, name: LimbName, solution: Solution) -> None:
-        """Book what a limb took."""
+        """Note a limb's effort."""
         self.evaluations += solution.evaluations
         self.limb_seconds[name] = self.limb_seconds.get(name, 0.0) + solution.seconds
 
     def note_shares(self, shares: ErrorByPart) -> None:
-        """Book where the pose and the input differ."""
+        """Note the differences between the pose and the input."""
         self.measured["part_px"] = [float(shares.part_px[part]) for part in PARTS]
         self.measured["iou"] = shares.iou
 
 
 class Clock:
-    """Books the time since the last booking to a stage."""
+    """Adds the time since the last call to a stage."""
 
     def __init__(self, seconds: dict[str, float]) -> None:
         self._seconds, self._last = seconds, time.perf_counter()
 
     def book(self, stage: str) -> None:
-        """The time since then went into a stage."""
+        """Add the time since the last call to a stage."""
         now = time.perf_counter()
         self._seconds[stage] = self._seconds.get(stage, 0.0) + now - self._last
         self._last = now

@@ -1,4 +1,4 @@
-"""Solving one frame by the method of the settings."""
+"""Solves one frame by the method of the settings."""
 
 import numpy as np
 
@@ -24,8 +24,8 @@ def solve_frame(
 ) -> FrameSolution:
     """Find the pose of one frame, beginning at the best of the start poses (N, D).
 
-    Starts are moved within the joint limits first. trust: what is known of the frames before; none for a
-    frame on its own.
+    Starts are first moved within the joint limits. trust: the memory of previous frames; None for a single
+    frame.
     """
     starts = clip_to_limits(starts)
     if settings.method == "paper":
@@ -37,7 +37,7 @@ def solve_frame(
 def extrapolated(poses: list[Floats]) -> Floats:
     """Start poses (N, D) for a frame from those of the frames before it, the latest last.
 
-    The last pose, and where it would go on to at its present speed, and half-way between.
+    The last pose, its linear extrapolation, and the pose half-way between.
     """
     last = poses[-1]
     if len(poses) < 2:

@@ -1,4 +1,4 @@
-"""Regular sampling of a neighbourhood, to find the right valley before going downhill."""
+"""Grid sampling of a neighbourhood, to find the right basin before a descent."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The actor's height, where nobody gave it, by trying: the one whose body fits the first frame best."""
+"""Estimates the actor's height if it is not given: the height whose body fits the first frame best."""
 
 from collections.abc import Callable
 
@@ -15,13 +15,13 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
 HEIGHT_RANGE_M = (0.7, 2.4)
-"""Heights that are tried, of children and of the tallest adults."""
+"""Range of heights, from children to the tallest adults."""
 _STEP = 0.03
-"""First change of height that is tried, as a share of it."""
+"""First change of the height, as a share of it."""
 _LARGEST_STEPS = 5.0
 _TOLERANCE_STEPS = 0.15
 _MOST_TRIES = 5
-"""After the best height is bracketed."""
+"""Evaluations after the best height is bracketed."""
 
 
 def fit_height(
@@ -35,11 +35,11 @@ def fit_height(
 ) -> float:
     """The height in metres, near height_m, of the generic body that leaves the least energy.
 
-    picture: a whole frame. pose (D,): its pose, found with a body of height_m, which lies in HEIGHT_RANGE_M;
-    that of each other height is searched from it for one pass. pool makes the limb pool for a model,
-    engine the model's backend; settings: those of the frames to come.
+    picture: a whole frame. pose (D,): its pose, found with a body of height_m, which is in HEIGHT_RANGE_M;
+    for each other height one pass searches the pose from there. pool makes the limb pool for a model, engine
+    the model's backend; settings: those of the frames to come.
     """
-    # No level of detail: a body's meshes take longer to thin than to be searched with once.
+    # No level of detail: thinning a body's meshes takes longer than one search.
     once = settings.model_copy(update={"max_passes": 1, "detail_px": 0.0})
 
     def energy_px(steps: float) -> float:

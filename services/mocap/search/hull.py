@@ -1,4 +1,4 @@
-"""A coarse visual hull: where in space the actor can be, from one frame's silhouettes."""
+"""A coarse visual hull: the space in which the actor can be, from one frame's silhouettes."""
 
 from dataclasses import dataclass
 
@@ -13,21 +13,24 @@ from services.mocap.types import Bytes, Floats, Ints, Mask
 
 _VOXEL_M = 0.03
 _FEET_M = 0.15
-"""How far up from the hull's lowest point the feet are looked for."""
+"""Height above the hull's lowest point within which the feet are searched."""
 _REACH_M = 1.6
 """Half the side of the cube that is carved, about the point where the silhouettes' centres meet."""
 MIN_CAMERAS = 2
-"""One camera alone does not say how far away anything is."""
+"""A single camera gives no distances."""
 _SLACK_PX = 1
-"""Silhouettes are widened by this much per 320 pixels of width, against ragged edges and the voxels' size."""
+"""Silhouettes are dilated by this much per 320 pixels of width, because of ragged edges and the voxels'
+size."""
 _LEAST_ANGLE_RAD = 0.05
-"""Rays closer to parallel than this, about 3 degrees, do not say how far away their meeting point is."""
+"""Rays closer to parallel than this, about 3 degrees, do not determine the distance of their meeting
+point."""
 _ROUNDS = 20
-"""Of reweighting, until the meeting point no longer moves; a few do unless a camera is far off."""
+"""Iterations of reweighting until the meeting point no longer moves; a few are enough unless a camera is far
+off."""
 _NEAR_M = 0.05
-"""Rays that pass this close to the meeting point all count the same."""
+"""Rays that pass this close to the meeting point have equal weights."""
 _CROUCHING, _ARMS_RAISED = 0.4, 1.5
-"""Height of the visual hull over the actor's."""
+"""Ratio of the visual hull's height to the actor's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +38,9 @@ class Hull:
     """Voxel centres of the largest connected piece of the visual hull."""
 
     points_world_m: Floats
-    """(N, 3) all that unsure pixels leave room for."""
+    """(N, 3) including space that unsure pixels leave open."""
     firm: Mask | None = None
-    """(N,) those that most cameras surely see the actor at, by which all is measured; None: all of them."""
+    """(N,) points at which most cameras certainly see the actor, used for measuring; None: all of them."""
 
     @property
     def _firm_m(self) -> Floats:
@@ -53,7 +56,7 @@ class Hull:
     def height_m(self) -> float:
         """From the soles to the highest point.
 
-        Between centres: the slack of the silhouettes makes up for the halves of the outermost voxels.
+        Measured between centres: the dilation of the silhouettes makes up for half of the outermost voxels.
         """
         return float(self._firm_m[:, 2].max()) - self.bottom_m
 
@@ -63,11 +66,11 @@ class Hull:
         return np.median(self._firm_m[:, :2], axis=0)
 
     def suits(self, height_m: float) -> bool:
-        """Whether it may be that of an actor of some height, from crouching to arms raised."""
+        """Whether it may belong to an actor of this height, from crouching to arms raised."""
         return self.may_be(_CROUCHING * height_m, _ARMS_RAISED * height_m)
 
     def may_be(self, low_m: float, high_m: float) -> bool:
-        """Whether the height lies within a range, or may do so for all that is unsure."""
+        """Whether the height is within a range, or may be because of unsure pixels."""
         most_m = float(self.points_world_m[:, 2].max()) - _bottom_m(self.points_world_m)
         return self.height_m <= high_m and max(self.height_m, most_m) >= low_m
 
@@ -75,7 +78,7 @@ class Hull:
 def _bottom_m(points_world_m: Floats) -> float:
     """The height of the lowest layer of voxels that is at least half as wide as the feet's widest.
 
-    Cameras look down at the feet and so do not see the floor under them: there the hull ends in a tip.
+    Cameras look down at the feet and do not see the floor under them, so the hull ends in a tip there.
     """
     z_m = points_world_m[:, 2]
     layers = np.rint((z_m - z_m.min()) / _VOXEL_M).astype(np.int64)
@@ -86,24 +89,25 @@ def _bottom_m(points_world_m: Floats) -> float:
 def carve(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Hull:
     """Carve the hull from silhouettes (C, H, W); a camera that shows nothing does not count.
 
-    possible (C, H, W): what may be actor, by default the silhouettes: what lies beyond is carved away. Raises
-    TakeError where there is nobody, or where the silhouettes do not meet in space.
+    possible (C, H, W): possible actor pixels, by default the silhouettes; space outside is carved away.
+    Raises TakeError if nobody is visible, or the silhouettes do not meet in space.
     """
     seen = [c for c in range(rig.n_cameras) if silhouettes[c].any()]
     if len(seen) < MIN_CAMERAS:
         raise TakeError(
-            f"silhouettes: only {len(seen)} of {rig.n_cameras} cameras show anybody in the first frame: "
+            f"silhouettes: only {len(seen)} of {rig.n_cameras} cameras show a person in the first frame: "
             "choose a first frame in which the actor is in view"
         )
     possible = silhouettes if possible is None else possible
     points_world_m = cube_about(meeting_point(rig, silhouettes, seen), _REACH_M, _VOXEL_M)
     inside, n_pictures = np.ones(len(points_world_m), bool), np.zeros(len(points_world_m), np.int32)
     for c in seen:
-        left = np.flatnonzero(inside)  # most is carved away by the first cameras
+        left = np.flatnonzero(inside)  # the first cameras carve most away
         in_picture, on_actor = look_up(rig, possible[c], c, points_world_m[left])
         n_pictures[left] += in_picture
         inside[left] = on_actor | ~in_picture
-    # Where few cameras look, little is carved away: half of them must have a point in their picture.
+    # Where few cameras look, little is carved away, so half of the cameras must have a point in their
+    # picture.
     inside &= 2 * n_pictures >= max(len(seen), 2 * MIN_CAMERAS)
     firm = inside if np.array_equal(possible, silhouettes) else _firm(rig, silhouettes, seen, points_world_m)
     pieces = pieces_of(inside, inside & firm)
@@ -117,7 +121,7 @@ def carve(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Hull:
 
 
 def _firm(rig: Rig, silhouettes: Mask, cameras: list[int], points_world_m: Floats) -> Mask:
-    """Which points (N, 3) at least half of the cameras that have them in their picture see on the actor."""
+    """Points (N, 3) that are on the actor in at least half of the cameras that have them in their picture."""
     n_pictures, n_seen = np.zeros((2, len(points_world_m)), np.int32)
     for c in cameras:
         in_picture, on_actor = look_up(rig, silhouettes[c], c, points_world_m)
@@ -130,7 +134,7 @@ def _firm(rig: Rig, silhouettes: Mask, cameras: list[int], points_world_m: Float
 def pieces_of(inside: Mask, firm: Mask | None = None) -> Ints:
     """Number the connected pieces of a cube's points (N,), the largest first, from 1 on; 0 outside.
 
-    firm (N,): the points that count for that, and all only among pieces that have as many of these.
+    firm (N,): points that decide the order; all points decide between equal pieces.
     """
     side = round(len(inside) ** (1 / 3))
     labels, n_pieces = ndimage.label(inside.reshape(side, side, side))
@@ -147,15 +151,15 @@ def pieces_of(inside: Mask, firm: Mask | None = None) -> Ints:
 def meeting_point(rig: Rig, silhouettes: Mask, cameras: list[int]) -> Floats:
     """The point (3,) in the world nearest to the rays through the centres of some cameras' silhouettes.
 
-    The sum of distances is least, not that of their squares, so that a camera that is far off pulls little.
-    Raises TakeError where all rays are parallel, or run away from where they meet.
+    Minimises the sum of distances, not of squares, so that a wrong camera has little influence. Raises
+    TakeError if all rays are parallel, or their meeting point is behind the cameras.
     """
     centres_m, rays = _centre_rays(rig, silhouettes, cameras)
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
     parallel = np.linalg.eigvalsh(across.mean(axis=0))[0] < _LEAST_ANGLE_RAD**2 / 4
     if parallel or np.ptp(centres_m, axis=0).max() < _NEAR_M:
         raise TakeError(
-            "calibration.toml: all cameras see the actor in the same direction, which does not say how far "
+            "calibration.toml: all cameras see the actor in the same direction, which does not show how far "
             "away the actor is: check that no two cameras have the same rotation and translation"
         )
     weights, point_m = np.ones(len(rays)), np.zeros(3)
@@ -167,8 +171,8 @@ def meeting_point(rig: Rig, silhouettes: Mask, cameras: list[int]) -> Floats:
     ahead_m = np.einsum("ci,ci->c", point_m - centres_m, rays)
     if 2 * np.count_nonzero(ahead_m > 0) < len(rays):
         raise TakeError(
-            "calibration.toml: what the cameras see lies behind them: check that rotation and translation "
-            "take points of the world to the camera, not the other way"
+            "calibration.toml: the cameras' rays meet behind them: check that rotation and translation "
+            "transform points from the world to the camera, not the reverse"
         )
     return point_m.astype(np.float64)
 
@@ -193,7 +197,7 @@ def cube_about(centre_world_m: Floats, reach_m: float, voxel_m: float) -> Floats
 
 
 def look_up(rig: Rig, silhouette: Mask, camera: int, points_world_m: Floats) -> tuple[Mask, Mask]:
-    """Which points (N,) project into a camera's picture, and which of them onto its silhouette (H, W)."""
+    """Which points (N,) project into a camera's picture, and which onto its silhouette (H, W)."""
     width, height = rig.sizes_px[camera]
     size = 1 + 2 * max(1, round(_SLACK_PX * width / 320))
     wide: Bytes = np.asarray(
@@ -208,7 +212,7 @@ def look_up(rig: Rig, silhouette: Mask, camera: int, points_world_m: Floats) -> 
 def _project(
     points_world_m: Floats, P_px_world: Floats, picture: Bytes, inside: Mask, on_white: Mask
 ) -> None:
-    """Mark which points (N, 3) project into a picture (h, w), and which of them onto what is not black."""
+    """Mark which points (N, 3) project into a picture (h, w), and which onto non-black pixels."""
     height, width = picture.shape
     for n in range(len(points_world_m)):
         x, y, z = points_world_m[n]

@@ -1,4 +1,4 @@
-"""The limbs of a pass as jobs that others can take over."""
+"""The limbs of a pass as jobs that other processes can solve."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -28,7 +28,7 @@ class LimbPool(Protocol):
     """Something that solves limbs while the caller does other work."""
 
     def start(self, jobs: list[LimbJob]) -> None:
-        """Take over the jobs of one pass."""
+        """Start the jobs of one pass."""
         ...
 
     def finish(self) -> Iterable[tuple[LimbName, Solution]]:
@@ -62,5 +62,5 @@ def limb_jobs(
     settings: SearchSettings,
     limbs: Iterable[LimbName] = tuple(LIMBS),
 ) -> list[LimbJob]:
-    """Limbs of a pass, each with its part of the input and the cost's margin around it."""
+    """The limbs of a pass, each with its part of the input and the margin of the cost."""
     return [LimbJob(name, limb_picture(model, name, whole, pose, settings), pose, settings) for name in limbs]

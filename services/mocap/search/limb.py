@@ -27,7 +27,7 @@ _STARTS = 4
 def limb_picture(
     model: Model, name: LimbName, whole: Picture, pose: Floats, settings: SearchSettings
 ) -> Picture:
-    """What of a whole picture a limb's search needs to see: windows, and the cost's margin around them."""
+    """The part of a whole picture that a limb's search needs: its windows with the margin of the cost."""
     if not settings.windows:
         return whole
     return stage_window(model, LIMBS[name].main, whole, pose, settings.cost.margin_px)
@@ -50,9 +50,9 @@ def solve_limb(
 ) -> Solution:
     """Find a limb: grid search over ball and hinge, then downhill by the settings' method.
 
-    seen: what limb_picture cut out, nothing pre-rendered. shard (k, n): search the start and only every n-th
-    grid point, from the k-th on, so that n workers share a limb and none returns worse than the start. A pose
-    beyond the joint limits is moved to them first.
+    seen: from limb_picture, without a pre-render. shard (k, n): search the start and only every n-th grid
+    point, from the k-th on, so that n workers share a limb and none returns a worse pose than the start. A
+    pose beyond the joint limits is first moved to them.
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
     seen = _without_margin(settings.cost.priced(seen), settings)
@@ -85,7 +85,7 @@ def _descend_limb(
 def _align_limb(
     model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, tried: Tried
 ) -> Solution:
-    """From the best points of the grid that are no neighbours along the contours; the best by XOR."""
+    """Align from the best grid points that are not neighbours; returns the best by XOR."""
     whole_limb = Stage(limb.dofs, limb.main.segments, limb.main.window_px)
     energy, start, _ = prepare(model, whole_limb, seen, pose, settings)
     aligner = model.aligner(settings)

@@ -1,4 +1,4 @@
-"""Minimising along a line: bracketing downhill, then Brent's method."""
+"""Minimisation along a line: bracketing, then Brent's method."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,14 +7,14 @@ from math import inf
 _GOLDEN = 0.3819660112501051
 """1 - 1 / golden ratio: where a golden-section step divides an interval."""
 _GROWTH = 2.0
-"""How much a step downhill grows while the energy keeps falling."""
+"""Growth of the step while the energy keeps falling."""
 
 Function = Callable[[float], float]
 
 
 @dataclass(frozen=True)
 class Point:
-    """A place on the line and the energy there."""
+    """A point on the line and its energy."""
 
     t: float
     energy: float
@@ -36,7 +36,7 @@ def minimise_line(
 
 
 def _bracket(function: Function, start: Point, low: float, high: float) -> tuple[float, Point, float]:
-    """An interval that holds a minimum, and the best place in it that is known."""
+    """An interval that contains a minimum, and the best known point in it."""
     ahead = _step(function, start, 1.0, low, high)
     if ahead.energy < start.energy:
         return _downhill(function, start, ahead, high)
@@ -53,7 +53,8 @@ def _step(function: Function, start: Point, step: float, low: float, high: float
 
 
 def _downhill(function: Function, previous: Point, best: Point, limit: float) -> tuple[float, Point, float]:
-    """Walk on from previous over best while it falls; returns (before, best, beyond) in walking order."""
+    """Continue from previous over best while the function falls; returns (before, best, beyond) in that
+    order."""
     while best.t != limit:
         reach = best.t + _GROWTH * (best.t - previous.t)
         t = min(reach, limit) if limit > 0 else max(reach, limit)

@@ -1,4 +1,4 @@
-"""What every sub-problem needs to know."""
+"""The body, the cameras and the backend."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +19,7 @@ class Model:
     backend: Backend
 
     def aligner(self, settings: SearchSettings) -> Aligner:
-        """What aligns the body with contours, by full meshes where the settings allow no detail to go."""
+        """The aligner of the body, with full meshes if the settings allow no level of detail."""
         return self._thinned if settings.detail_px > 0 else self._full
 
     @cached_property

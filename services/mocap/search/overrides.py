@@ -1,4 +1,4 @@
-"""Search settings as users write them: a TOML file, and NAME=VALUE for those that are to differ from it."""
+"""Search settings as users write them: a TOML file, and NAME=VALUE assignments that override it."""
 
 import json
 import tomllib
@@ -15,7 +15,7 @@ def search_settings(
 ) -> SearchSettings:
     """A preset, changed by a TOML file and then by assignments NAME=VALUE, of which the last one wins.
 
-    VALUE is written as in TOML; n_cameras are those of the take. Raises UserError for what cannot be.
+    VALUE is written as in TOML; n_cameras are those of the take. Raises UserError for invalid settings.
     """
     said = {} if file is None else load_toml(file, UserError)
     base = PRESETS[preset].model_dump(exclude_defaults=True)
@@ -26,7 +26,7 @@ def search_settings(
 
 
 def check_weights(settings: SearchSettings, n_cameras: int) -> None:
-    """Raise UserError where settings weigh another number of cameras than a take has."""
+    """Raise UserError if the number of camera weights differs from the number of cameras."""
     n_weights = len(settings.camera_weights)
     if n_weights not in (0, n_cameras):
         raise UserError(

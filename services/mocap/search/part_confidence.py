@@ -1,7 +1,7 @@
-"""What the model leaves unexplained near each part of the body, and which parts are in doubt for it.
+"""The differences near each part of the body, and the parts that are doubtful because of them.
 
-A model that fits differs from the input along the rim only, by a pixel or so. Where it differs by more, a
-limb is somewhere else, or something is in the picture that is no part of the body.
+A model that fits differs from the input only along the rim, by about a pixel. A larger difference means that
+a limb is elsewhere, or that something that is not part of the body is in the picture.
 """
 
 from collections import deque
@@ -26,10 +26,10 @@ from services.mocap.types import Bytes, Floats
 
 _REFERENCE_CAMERAS = 8
 _REMEMBERED = 15
-"""Frames from which is known what usually differs."""
+"""Frames from which the usual difference is estimated."""
 _OVER_USUAL = 1.5
 _LEARNT = 3.0
-"""Parts that differ by more than this times what is allowed are not remembered as usual."""
+"""Differences above this multiple of the allowed one do not enter the usual difference."""
 _LONGEST_REST = 8
 """Frames between two searches of a part at most."""
 _LOST_SHARE = 0.1
@@ -38,14 +38,14 @@ _LOST_SHARE = 0.1
 
 @dataclass(frozen=True)
 class Differences:
-    """Where a pose's silhouettes differ from the input by more than the rim."""
+    """Pixels in which a pose differs from the input by more than the rim."""
 
     px: dict[Part, int]
-    """Pixels over all cameras within each part's windows; of the torso, in whole pictures."""
+    """Number of pixels over all cameras within each part's windows; for the torso, in whole pictures."""
     nearest_px: dict[Part, int]
-    """Pixels that are nearer to each part than to any other."""
+    """Number of pixels nearest to each part."""
     share: float
-    """All of these pixels over the input's, and those unsure ones that the model covers."""
+    """All these pixels over the number of input pixels, including unsure ones that the model covers."""
 
 
 def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> Differences:
@@ -80,13 +80,13 @@ def _within(planes: Bytes, model: Model, stage: Stage, pose: Floats) -> int:
 
 
 class PartConfidence:
-    """Remembers what usually differs, and says which parts are in doubt for differing by more.
+    """Estimates the usual differences, and reports parts that differ by more as doubtful.
 
-    Clothes and hair that the model lacks differ in every frame; a lost limb does so from one to the next.
+    Clothes and hair that the model lacks differ in every frame; a lost limb differs suddenly.
     """
 
     def __init__(self, rig: Rig, doubt_px: float) -> None:
-        """doubt_px: how many pixels more than usual are too many, in pictures 320 wide in eight cameras."""
+        """doubt_px: allowed pixels beyond the usual difference, in pictures 320 wide in eight cameras."""
         scale = (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2 * rig.n_cameras / _REFERENCE_CAMERAS
         self._doubt_px = doubt_px * scale
         self._usual: dict[Part, deque[int]] = {}
@@ -94,7 +94,7 @@ class PartConfidence:
         self._rest: dict[Part, int] = {}
 
     def as_lists(self) -> dict[str, list[int]]:
-        """What is remembered, for another one to go on with (recall)."""
+        """Its state, for `recall`."""
         parts = list(PART_STAGES)
         return {f"usual.{part}": list(seen) for part, seen in self._usual.items()} | {
             "fruitless": [self._fruitless.get(part, 0) for part in parts],
@@ -102,7 +102,7 @@ class PartConfidence:
         }
 
     def recall(self, lists: Mapping[str, list[int]]) -> None:
-        """Go on where another one was (as_lists); names that no such memory has are left alone."""
+        """Continue from another one's state (as_lists); unknown names are ignored."""
         parts = list(PART_STAGES)
         self._usual = {
             part: deque(lists[f"usual.{part}"], maxlen=_REMEMBERED)
@@ -113,12 +113,13 @@ class PartConfidence:
         self._rest = dict(zip(parts, lists.get("rest", []), strict=False))
 
     def doubtful(self, found: Differences) -> list[Part]:
-        """Limbs and head that may be elsewhere, and the torso where all is."""
+        """Doubtful limbs and head, and the torso if the whole body is doubtful."""
         limbs: list[Part] = [part for part in PART_STAGES if found.px[part] > self._allowed_px(part)]
         return ["torso", *limbs] if found.share > _LOST_SHARE else limbs
 
     def distrusted(self, found: Differences) -> list[Part]:
-        """Of the parts in doubt those that what differs is nearest to; all, where it is near none of them."""
+        """All doubtful parts if the torso is among them; otherwise those nearest to more than `doubt_px / 2`
+        differing pixels; if there is none, all."""
         doubtful = self.doubtful(found)
         if "torso" in doubtful:
             return doubtful
@@ -130,19 +131,20 @@ class PartConfidence:
         return self._doubt_px + (_OVER_USUAL * float(np.median(usual)) if usual else 0.0)
 
     def to_search(self, found: Differences) -> list[Part]:
-        """The parts in doubt that are worth a search: not those that were searched in vain just now."""
+        """The doubtful parts except those that were just searched in vain."""
         return [part for part in self.doubtful(found) if self._rest.get(part, 0) == 0]
 
     def note_search(self, parts: Iterable[Part], *, gained: bool) -> None:
-        """Parts were searched; in vain, and they rest for a few frames, and for more the next time."""
+        """Note a search of parts; after a search in vain they pause for some frames, and longer each time."""
         for part in parts:
             self._fruitless[part] = 0 if gained else self._fruitless.get(part, 0) + 1
             self._rest[part] = min(2 ** self._fruitless[part], _LONGEST_REST) if self._fruitless[part] else 0
 
     def remember(self, found: Differences) -> None:
-        """Take in a solved frame: of the first one all; later parts in doubt only if it is not by much.
+        """Add a solved frame to the estimate; doubtful parts are added only if they differ slightly, except
+        in the first frame.
 
-        So what differs may grow, as the folds of clothes do, and a lost limb is not taken for usual.
+        So the estimate can follow the folds of clothes, but a lost limb does not become usual.
         """
         for part in PART_STAGES:
             self._rest[part] = max(self._rest.get(part, 0) - 1, 0)
@@ -151,10 +153,9 @@ class PartConfidence:
 
 
 def confidences(rim_px: Floats) -> dict[Part, float]:
-    """Per part the share of its visible rim that lies on a contour; rim_px as Aligned has it.
+    """Per part the share of its visible rim that lies on a contour; rim_px as in Aligned.
 
-    A part of which hardly anything shows is left out, and one most of whose rim is among unsure pixels: what
-    is left of it says little about the part.
+    Parts that are almost invisible, or whose rim is mostly among unsure pixels, are left out.
     """
     shown = {part: rim_px[list(segments)].sum(axis=0) for part, segments in PART_SEGMENTS.items()}
     return {

@@ -1,4 +1,4 @@
-"""The paper's way through a frame: passes of torso, limbs and head until the energy stops falling."""
+"""The paper's search: passes of torso, limbs and head until the energy stops falling."""
 
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
@@ -42,7 +42,7 @@ def solve_by_passes(
 
 
 def _report_plainly(model: Model, whole: Picture, settings: SearchSettings, found: FrameSolution) -> None:
-    """Where another energy was minimised, report plain XOR of the full mesh all the same."""
+    """Report plain XOR of the full mesh even if another energy was minimised."""
     if (settings.cost, settings.detail_px) != (Cost(), 0.0):
         energy = whole_body_energy(model, whole, found.pose, Cost(), 0.0)
         found.energy_px = float(energy(found.pose[None])[0])
@@ -58,7 +58,7 @@ def _one_pass(
     limbs: LimbPool,
     account: FrameSolution,
 ) -> Floats:
-    """Torso, then limbs and head at the same time; returns the new pose and books times and evaluations."""
+    """Torso, then limbs and head at the same time; returns the new pose and notes times and evaluations."""
     clock = Clock(account.seconds)
     torso = solve_torso(model, coarse, pose, settings)
     pose = torso.applied_to(pose)

@@ -1,4 +1,4 @@
-"""Can these silhouettes be tracked? Clear ends for first frames that cannot, before anything is searched."""
+"""Checks whether the first frame's silhouettes can be tracked, before any search."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,32 +14,34 @@ from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_n
 from services.mocap.types import Floats, Mask
 
 _FULL_SHARE = 0.75
-"""Of a picture; a silhouette that covers more cannot be an actor's."""
+"""Share of a picture; a silhouette that covers more cannot be an actor's."""
 _EMPTY_SHARE = 0.0005
-"""Of a picture; less is noise: 38 pixels of 320x240."""
+"""Share of a picture; less is noise: 38 pixels of 320x240."""
 _CUT_SHARE = 0.12
-"""How long a silhouette's contact with the picture's edge may be, against the root of its area.
+"""Allowed length of a silhouette's contact with the picture's edge, relative to the square root of its area.
 
-A hand at the edge stays below, two legs, a trunk or a head do not.
+A hand at the edge is below this limit; two legs, a trunk or a head are above.
 """
 _SPECK_SHARE = 0.05
-"""Of the largest piece of a silhouette: what is smaller is no part of an actor in pieces."""
+"""Share of the largest piece of a silhouette: a smaller piece is not part of the actor."""
 _SECOND_SHARE = 0.12
-"""Of the silhouettes, which a second person fills alone; ghosts of the hull and crumbs fill hardly any."""
-_LEFT_OUT = ": it is left out while the first pose is looked for"
+"""Share of the silhouettes that only a second person covers; phantom and small pieces of the hull cover
+almost nothing."""
+_LEFT_OUT = ": it is left out of the search for the first pose"
 
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What can be said of a take's first frame before anything is searched."""
+    """The results of checking a take's first frame."""
 
     left_out: tuple[int, ...]
-    """Cameras whose silhouettes should not be believed."""
+    """Cameras with unusable silhouettes."""
     remarks: tuple[str, ...]
-    """A sentence for each of them, and for what is odd but can be tracked, for the user."""
+    """A sentence for each of them, and for problems that do not prevent tracking."""
 
     def believed(self, silhouettes: Mask) -> Mask:
-        """A copy of silhouettes (…, C, H, W) with those left out empty, so that no hull is carved by them."""
+        """A copy of silhouettes (…, C, H, W) with those left out empty, so that they do not carve the
+        hull."""
         believed = silhouettes.copy()
         believed[..., list(self.left_out), :, :] = False
         return believed
@@ -48,14 +50,13 @@ class FirstLook:
 def look_first(
     rig: Rig, silhouettes: Mask, names: Sequence[str] = (), possible: Mask | None = None
 ) -> FirstLook:
-    """Check the silhouettes (C, H, W) of the first frame, before a pose is looked for.
+    """Check the silhouettes (C, H, W) of the first frame, before searching a pose.
 
     names: of the cameras, for the sentences. possible (C, H, W): what may be actor, by default the
-    silhouettes; what is not sure never speaks against a frame, and much of it is blamed first. Raises
-    TakeError where nobody or more than one person is to be seen, where most cameras cut the actor off, or
-    where the silhouettes do not meet in space.
-    A camera that is empty, full or disagrees with the others is left out instead; so are several, as long as
-    two are left, or three to blame one of disagreeing.
+    silhouettes; unsure pixels never cause an error, and are mentioned first if there are many. Raises
+    TakeError if nobody or more than one person is visible, if most cameras cut the actor off, or if the
+    silhouettes do not meet in space. A camera that is empty, full or disagrees with the others is left out,
+    as long as at least two cameras remain, or three to decide that one disagrees.
     """
     names = names_or_numbers(names, rig.n_cameras)
     possible = silhouettes if possible is None else possible
@@ -82,17 +83,17 @@ def _remarks(
     unsure: UnsureShares,
 ) -> list[str]:
     remarks = [
-        unsure.before(f"silhouettes: {names[c]} shows nobody in the first frame{_LEFT_OUT}", [c])
+        unsure.before(f"silhouettes: {names[c]} shows no person in the first frame{_LEFT_OUT}", [c])
         for c in empty
     ]
     remarks += [
-        f"silhouettes: {names[c]} is white nearly all over in the first frame{_LEFT_OUT}; check its "
+        f"silhouettes: {names[c]} is almost completely white in the first frame{_LEFT_OUT}; check its "
         "background or threshold"
         for c in full
     ]
     remarks += [
         unsure.before(
-            f"calibration.toml: what {names[c]} sees does not meet in space with what the others "
+            f"calibration.toml: the silhouette of {names[c]} does not meet in space with those of the others "
             f"see{_LEFT_OUT}; check its calibration, its synchronisation and its silhouette",
             [c],
         )
@@ -100,7 +101,7 @@ def _remarks(
     ]
     if agreement.filled < WELL_FILLED:
         only_in_part = (
-            f"calibration.toml: the cameras' silhouettes meet in space only in part, their hull fills "
+            f"calibration.toml: the cameras' silhouettes meet in space only in part; their hull covers "
             f"{100 * agreement.filled:.0f}% of them{_suspicion(agreement, names)}: check calibration and "
             "synchronisation"
         )
@@ -141,11 +142,11 @@ def _check_counts(
         )
     if len(empty) == n_cameras:
         raise TakeError(
-            f"silhouettes: nobody is to be seen in the first frame of all {n_cameras} cameras: choose a "
+            f"silhouettes: nobody is visible in the first frame of all {n_cameras} cameras: choose a "
             "first frame in which the actor is in view, or check the background"
         )
     raise TakeError(
-        f"silhouettes: only {len(usable)} of {n_cameras} cameras show anybody in the first frame: expected "
+        f"silhouettes: only {len(usable)} of {n_cameras} cameras show a person in the first frame: expected "
         f"{MIN_CAMERAS} or more: choose a first frame in which the actor is in view, or check the background"
     )
 
@@ -186,16 +187,16 @@ def _suspicion(agreement: Agreement, names: Sequence[str]) -> str:
 
 def _check_agreement(agreement: Agreement, names: Sequence[str]) -> None:
     if not agreement.agree:
-        who = _suspicion(agreement, names) or ", and no camera or two alone are to blame"
+        who = _suspicion(agreement, names) or ", and no one or two cameras are the cause"
         if not agreement.suspects and len(agreement.cameras) <= MIN_CAMERAS + 2:
             who = f", and of {len(agreement.cameras)} cameras none can be singled out"
         raise TakeError(
-            "calibration.toml: the cameras' silhouettes do not meet in space, where their hull fills "
+            "calibration.toml: the cameras' silhouettes do not meet in space; their hull covers "
             f"{100 * agreement.filled:.0f}% of them{who}: check that the calibration belongs to this "
             "take and that the videos are synchronised"
         )
     if len(agreement.piece_shares) > 1 and agreement.piece_shares[1] > _SECOND_SHARE:
         raise TakeError(
-            "silhouettes: two people, or the actor and something large, are to be seen in the first frame: "
+            "silhouettes: two people, or the actor and something large, are visible in the first frame: "
             "expected the actor alone: choose a first frame without the other one, or mask it out"
         )

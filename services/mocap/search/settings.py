@@ -13,7 +13,7 @@ _Count = Annotated[int, Field(ge=1, le=15)]
 GridCounts: TypeAlias = tuple[_Count, _Count, _Count, _Count]
 """Points along each axis; 15 keep the largest grid's poses within 100 MB."""
 
-_GRID = "four whole numbers from 1 to 15, such as [5, 5, 3, 5]"
+_GRID = "four integers from 1 to 15, such as [5, 5, 3, 5]"
 _SHARE = "a share, 0 or more and less than 1"
 _UP_TO_1 = "a number above 0, 1 at most"
 _UP_TO_100 = "a number from 0 to 100"
@@ -22,37 +22,38 @@ _UP_TO_100 = "a number from 0 to 100"
 class SearchSettings(BaseModel):
     """How far and how finely a frame is searched. Travels with every limb task.
 
-    The description of a field says what it has to be; the text below it what it does, in the README too.
+    The description of a field states its valid values; the docstring below states its effect, and is in a
+    README table.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     method: Literal["contours", "paper"] = Field(default="contours", description='"contours" or "paper"')
     """How poses are found: contours aligns the whole body with the silhouettes' outlines and searches limbs
-    where that leaves something over; paper goes downhill on XOR, torso, limbs and head in turn."""
+    near remaining differences; paper minimises XOR for torso, limbs and head in turn."""
     search_limbs: Literal["in doubt", "always"] = Field(
         default="in doubt", description='"in doubt" or "always"'
     )
-    """When contours searches limbs by XOR: those that something differs near, or all in every frame."""
-    contour_steps: int = Field(default=8, ge=2, le=100, description="a whole number from 2 to 100")
+    """Which limbs contours searches by XOR: those near differences, or all in every frame."""
+    contour_steps: int = Field(default=8, ge=2, le=100, description="an integer from 2 to 100")
     """Steps of an alignment with the contours."""
-    contour_reach_px: int = Field(default=16, ge=2, le=64, description="a whole number from 2 to 64")
-    """How far from the body its contour is looked for, in pixels of a picture 320 wide."""
+    contour_reach_px: int = Field(default=16, ge=2, le=64, description="an integer from 2 to 64")
+    """How far from the body its contour is searched, in pixels of a picture 320 wide."""
     steadiness: float = Field(default=100.0, ge=0, le=1e6, description="a number from 0 to 1000000")
-    """How firmly parameters that the contours do not tell are held where they are expected: what a radian or
-    a metre off costs against a pixel squared on a pixel of contour."""
+    """Prior weight towards the predicted pose: cost of a deviation of one radian or metre, in units of one
+    squared pixel on one pixel of contour."""
     rest: float = Field(default=100.0, ge=0, le=1e6, description="a number from 0 to 1000000")
-    """How firmly hands that the contours do not tell are drawn to being straight, feet with a third of it,
-    and limbs with a tenth to no twist; in the unit of steadiness."""
+    """Prior weight towards the rest pose: hands straight; feet at a right angle with a third of it, limbs
+    without twist with a tenth; in the unit of steadiness."""
     doubt_px: float = Field(default=30.0, ge=0, le=10000, description="a number from 0 to 10000")
-    """A limb is in doubt when about so many pixels more than usual differ near it, by more than the rim, of
+    """A limb is doubtful if about this many more pixels than usual differ near it by more than the rim, in
     pictures 320 wide in eight cameras."""
     windows: bool = Field(default=True, description="true or false")
-    """Limbs, head, hands and feet are searched in windows, the torso at half resolution; false: all in whole
-    pictures."""
+    """Limbs, head, hands and feet are searched in windows, the torso at half resolution; false: everything in
+    whole pictures."""
     prerender: bool = Field(default=True, description="true or false")
-    """Only what moves is drawn, and the rest masked; false: the whole body at every evaluation."""
-    max_passes: int = Field(default=3, ge=1, le=20, description="a whole number from 1 to 20")
+    """Draw only the moving segments and mask the rest; false: draw the whole body at every evaluation."""
+    max_passes: int = Field(default=3, ge=1, le=20, description="an integer from 1 to 20")
     """Rounds of torso, limbs and head over one frame, at most."""
     pass_tolerance: float = Field(default=0.01, ge=0, lt=1, description=_SHARE)
     """Passes end when one lowers the whole energy by less than this share."""
@@ -61,7 +62,7 @@ class SearchSettings(BaseModel):
     leg_grid: GridCounts = Field(default=(7, 3, 3, 7), description=_GRID)
     """Points tried for hip flexion, abduction, twist and knee flexion."""
     grid_step_rad: float = Field(default=0.16, gt=0, le=1, description=_UP_TO_1)
-    """Distance between grid points; a twist takes twice as much, since it shows less."""
+    """Distance between grid points; twice as much for a twist, because it is less visible."""
     line_tolerance: float = Field(default=0.05, gt=0, lt=1, description="a share between 0 and 1")
     """Brent's line search ends at this share of a parameter's step."""
     angle_step_rad: float = Field(default=0.08, gt=0, le=1, description=_UP_TO_1)
@@ -70,7 +71,7 @@ class SearchSettings(BaseModel):
     """First step of a line search over a position."""
     descent_tolerance: float = Field(default=0.004, ge=0, lt=1, description=_SHARE)
     """A direction-set descent ends when one round lowers the energy by less than this share."""
-    descent_rounds: int = Field(default=4, ge=1, le=100, description="a whole number from 1 to 100")
+    descent_rounds: int = Field(default=4, ge=1, le=100, description="an integer from 1 to 100")
     """Rounds of a direction-set descent, at most."""
     detail_px: float = Field(default=0.5, ge=0, le=100, description=_UP_TO_100)
     """Level of detail: silhouettes of thinned meshes may be off by this many pixels of the working
@@ -80,14 +81,15 @@ class SearchSettings(BaseModel):
     camera_weights: tuple[_Weight, ...] = Field(
         default=(), description="a list of numbers from 0 to 1000, such as [1.0, 0.5, 1.0]"
     )
-    """What each camera's pixels count, one factor per camera; none at all: all 1."""
+    """Weight of each camera's pixels, one factor per camera; empty: all 1."""
     camera_cap: float = Field(default=0.0, ge=0, le=100, description=_UP_TO_100)
-    """If positive, cameras whose energy exceeds this share of the median camera's foreground pull little."""
+    """If positive, cameras whose energy exceeds this share of the median camera's foreground have little
+    influence."""
 
     @field_validator("arm_grid", "leg_grid", "camera_weights", mode="before")
     @classmethod
     def _from_list(cls, value: object) -> object:
-        """Messages and TOML know lists only."""
+        """Messages and TOML have only lists."""
         return tuple(value) if isinstance(value, list) else value
 
     @field_validator("camera_weights")
@@ -99,11 +101,11 @@ class SearchSettings(BaseModel):
 
     @property
     def cost(self) -> Cost:
-        """What differing pixels cost while searching; energies are reported as plain counts all the same."""
+        """The cost of differing pixels in the search; reported energies are always plain counts."""
         return Cost(self.distance_cap_px, self.camera_weights, self.camera_cap)
 
     def weights(self, n_cameras: int) -> Floats:
-        """(C,) what each camera's pixels count."""
+        """(C,) weight of each camera's pixels."""
         return self.cost.weights(n_cameras)
 
     def without_cameras(self, left_out: Collection[int], n_cameras: int) -> "SearchSettings":
@@ -115,17 +117,17 @@ class SearchSettings(BaseModel):
         return self.model_copy(update={"camera_weights": tuple(weights.tolist())})
 
     def for_cameras(self, kept: Sequence[int]) -> "SearchSettings":
-        """The same for a rig that has only some of the cameras, in this order."""
+        """The same for a rig with only some of the cameras, in this order."""
         weights = tuple(self.camera_weights[c] for c in kept) if self.camera_weights else ()
         return self.model_copy(update={"camera_weights": weights})
 
     def to_wire(self) -> dict[str, bool | int | float | str | list[int] | list[float]]:
-        """The settings as a message carries them."""
+        """The settings for a message."""
         return {name: list(v) if isinstance(v, tuple) else v for name, v in self.model_dump().items()}
 
     @classmethod
     def from_wire(cls, fields: Mapping[str, object]) -> "SearchSettings":
-        """Check and take settings out of a message; raises ValueError (pydantic.ValidationError)."""
+        """Read and check the settings of a message; raises ValueError (pydantic.ValidationError)."""
         return cls.model_validate(dict(fields))
 
     def widened(self) -> "SearchSettings":
@@ -140,4 +142,4 @@ PRESETS: dict[Preset, SearchSettings] = {
     "paper": SearchSettings(method="paper"),
     "plain": SearchSettings(method="paper", windows=False, prerender=False, detail_px=0.0),
 }
-"""The searches by name, as `--search` takes them: what --set and --settings change is changed from these."""
+"""The searches by name, for `--search`; --set and --settings modify them."""

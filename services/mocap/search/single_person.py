@@ -1,4 +1,5 @@
-"""Is the actor alone? Two people who stand close look like one in space, but one body does not cover both."""
+"""Checks that the actor is alone. Two people close together look like one in space, but one body does not
+cover both."""
 
 import numpy as np
 
@@ -10,21 +11,21 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
 MOST_UNCOVERED = 0.25
-"""Of the silhouettes. Stout people in the pose that was found leave up to 0.15 to the generic body of their
-height, two people 0.4 m apart 0.27 and more."""
+"""Share of the silhouettes. The generic body of the right height leaves up to 0.15 of a stout person
+uncovered, and 0.27 and more of two people 0.4 m apart."""
 NOT_ALONE = (
     "silhouettes: one body covers only {covered:.0%} of them in the first frame: two people close together, "
-    "or the actor and something large, are to be seen, or the pose was not found: choose a first frame "
+    "or the actor and something large, are visible, or the pose was not found: choose a first frame "
     "without the other one or mask it out, or give initial_pose in take.toml"
 )
-"""What to tell then; covered: a share."""
+"""The message; covered: a share."""
 
 
 def uncovered_share(model: Model, picture: Picture, pose: Floats, settings: SearchSettings) -> float:
     """How much of the silhouettes of a whole frame a body in a pose (D,) leaves uncovered.
 
-    On average over the cameras that show anybody and have a weight. Unsure pixels that the body covers belong
-    to the silhouettes, so that little of it that is surely seen elsewhere does not seem to be much.
+    It is averaged over the cameras that show a person and have a weight. Unsure pixels that the body covers
+    count as silhouette; otherwise a few certain pixels elsewhere would seem to be a large share.
     """
     covered = model.backend.coverage(pose[None], ALL_SEGMENTS, picture.region)[0]
     seen = picture.likely(covered)

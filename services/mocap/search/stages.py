@@ -1,4 +1,4 @@
-"""Stages of a frame's search, prepared, and solved by going downhill on XOR."""
+"""Prepares the stages of a frame's search, and solves them by a descent on XOR."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class Solution:
     energy_px: float
     evaluations: int
     seconds: float = 0.0
-    """What finding them took, where somebody looked at the clock."""
+    """The time to find them, if it was measured."""
 
     def applied_to(self, pose: Floats) -> Floats:
         """The pose (D,) with this chain's parameters replaced."""
@@ -50,7 +50,7 @@ def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, 
 
 
 def solve_torso(model: Model, coarse: Picture, pose: Floats, settings: SearchSettings) -> Solution:
-    """Find the root from a pose by going downhill, the whole body moving with it.
+    """Find the root from a pose by a descent that moves the whole body.
 
     coarse: whole pictures, at half resolution in the paper (section 4.2).
     """
@@ -58,7 +58,7 @@ def solve_torso(model: Model, coarse: Picture, pose: Floats, settings: SearchSet
 
 
 def solve_head(model: Model, whole: Picture, pose: Floats, settings: SearchSettings) -> Solution:
-    """Find the head's turn by going downhill in its window."""
+    """Find the head's rotation by a descent in its window."""
     return descend_stage(model, HEAD, looked_at(model, HEAD, whole, pose, settings), pose, settings)
 
 
@@ -75,7 +75,7 @@ def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, mar
 def looked_at(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> Picture:
-    """What of a picture a stage is searched in: its windows, or all of it."""
+    """The part of a picture in which a stage is searched: its windows, or all of it."""
     return stage_window(model, stage, picture, pose) if settings.windows else picture
 
 

@@ -1,4 +1,4 @@
-"""One actor followed from frame to frame, lost, and found again."""
+"""Tracks one actor from frame to frame, and finds a lost actor again."""
 
 import logging
 from collections.abc import Collection, Mapping
@@ -23,11 +23,11 @@ log = logging.getLogger(__name__)
 _TRACKER = "tracker"
 """Name of its own numbers in a memory."""
 _LONGEST_WAIT = 16
-"""Frames between two tries to find a lost actor, at most."""
+"""Most frames between two attempts to find a lost actor."""
 
 
 class Tracker:
-    """Solves frame after frame, each from those before; finds the actor anew after a loss."""
+    """Solves frame after frame, each from the previous ones; finds the actor again after a loss."""
 
     def __init__(self, model: Model, settings: SearchSettings, limbs: LimbPool, poses: Floats) -> None:
         """poses: (N, D) the first one, or else the last two of a tracker that this one goes on from."""
@@ -38,16 +38,16 @@ class Tracker:
 
     @property
     def is_lost(self) -> bool:
-        """Whether nobody was found in the last frame."""
+        """Whether the actor was not found in the last frame."""
         return self._lost_frames > 0
 
     def memory(self) -> dict[str, list[int]]:
-        """All that it knows by now beside the last two poses that it gave."""
+        """Its state, besides the last two poses."""
         known = [len(self._poses), self._lost_frames, self._tries, self._wait]
         return {_TRACKER: known, **self._trust.as_lists()}
 
     def recall(self, memory: Mapping[str, list[int]]) -> None:
-        """Go on with what another one knew; raises ValueError where that makes no sense."""
+        """Continue from another coordinator's state; raises ValueError if it is invalid."""
         n_poses, self._lost_frames, self._tries, self._wait = memory.get(_TRACKER, [])
         if not 0 < n_poses <= len(self._poses):
             raise ValueError(f"{n_poses} poses to remember, {len(self._poses)} given")
@@ -55,10 +55,10 @@ class Tracker:
         self._trust.recall(memory)
 
     def solve(self, seen: TriPlanes, absent: Collection[int] = ()) -> FrameSolution:
-        """Find the pose in the next frame, of which is seen so much (P, H, W).
+        """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
-        absent: cameras that have no say in it. While the actor is lost, the pose is the last that was found,
-        and no part of it is to be trusted.
+        absent: cameras that are not used. While the actor is lost, the pose is the last one found, and all
+        its parts are unreliable.
         """
         rig = self._model.rig
         picture = Picture.whole(rig, seen.silhouettes, seen.unsure).without_cameras(absent)
@@ -68,8 +68,8 @@ class Tracker:
         if is_lost or self._lost_frames:
             self._lost_frames += 1
             if self._lost_frames == 1:
-                log.warning("the actor is lost: poses stay as they were until somebody is in view again")
-            # Whoever comes back may have turned round, which a pose that is carried on does not notice.
+                log.warning("the actor is lost: poses stay unchanged until a person is in view again")
+            # An actor who returns may have turned round, which continuing the old pose would not detect.
             again = self._find_again(picture, seen, settings, at_once=not is_lost)
             found = [one for one in (again, None if is_lost else solution) if one is not None]
             if not found:
@@ -88,7 +88,7 @@ class Tracker:
     def _find_again(
         self, picture: Picture, seen: TriPlanes, settings: SearchSettings, *, at_once: bool
     ) -> FrameSolution | None:
-        """A first pose of this frame if somebody is to be seen whole; unless at once, with growing waits."""
+        """A first pose of this frame if a whole person is visible; at_once: without the growing pauses."""
         if self._wait and not at_once:
             self._wait -= 1
             return None
@@ -96,7 +96,7 @@ class Tracker:
         masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
         try:
             hull = carve(rig, look_first(rig, masks, possible=possible).believed(masks), possible)
-        except TakeError:  # nobody there, or more than one person, or at the pictures' edges: cheap to see
+        except TakeError:  # nobody, more than one person, or a person at the pictures' edges: quick to detect
             return None
         if not hull.suits(model.body.height_m):
             return None

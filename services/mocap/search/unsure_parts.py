@@ -14,10 +14,10 @@ from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats, Ints, Mask
 
 UNTOLD_SHARE = 0.4
-"""Of a part's pixels in a picture. A hand or a foot is a fifth of its limb: what is left tells where the limb
-is. With the forearm or the shank it is half, and nothing tells how elbow or knee are bent."""
+"""Share of a part's pixels in a picture. A hand or a foot is a fifth of its limb: the rest determines the
+limb. With the forearm or the shank it is half, and nothing determines the bend of elbow or knee."""
 _LEAST_PX = 20
-"""A part that shows less in a picture, because it is at its edge, is not judged there."""
+"""A part with fewer pixels in a picture, because it is at the edge, is not judged there."""
 _PAIRS: dict[str, tuple[Part, Part]] = {
     "arms": ("left_arm", "right_arm"),
     "legs": ("left_leg", "right_leg"),
@@ -26,12 +26,12 @@ _PAIRS: dict[str, tuple[Part, Part]] = {
 
 @dataclass(frozen=True, eq=False)
 class PartPixels:
-    """Pixels that the parts of a body (PARTS) cover in each camera's picture."""
+    """Number of pixels that the parts of a body (PARTS) cover in each camera's picture."""
 
     covered: Ints
     """(C, 6) all of them."""
     unsure: Ints
-    """(C, 6) those that nobody is sure of."""
+    """(C, 6) the unsure ones."""
 
     @property
     def shown(self) -> Mask:
@@ -97,7 +97,7 @@ def untold_parts(
 ) -> str:
     """The sentence for the user on frames (F, P, H, W) and poses (F, D) in them; "" where all can be told.
 
-    names: of the cameras; when: the frames in words; where: to look, in words.
+    names: of the cameras; when: the frames in words; where: where to look, in words.
     """
     if not seen.unsure.any():
         return ""

@@ -1,4 +1,4 @@
-"""How much of what may be the actor cannot be told from the background: said before all else is blamed."""
+"""The share of the possible actor that cannot be told from the background, which errors mention first."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,21 +12,21 @@ from services.mocap.errors import TakeError
 from services.mocap.types import Floats, Mask
 
 UNTOLD = "cannot be told from the background"
-REMEDY = "light the stage more, or choose clothes or a wall behind of another colour"
+REMEDY = "use more light, or change the colour of the clothes or of the wall"
 _MUCH = 0.15
-"""Of what may be the actor: an arm is about a tenth of that, a leg a fifth."""
+"""Share of the possible actor pixels: an arm is about a tenth, a leg a fifth."""
 _CRUMB_SHARE = 0.02
-"""Of the largest piece, below which another one is none of the actor's."""
+"""Share of the largest piece below which another piece does not belong to the actor."""
 _SMALLEST_SHARE = 0.002
-"""Of a picture; less than that is nobody."""
+"""Share of a picture; less than that is not a person."""
 _BLOB_PX = 3
-"""What is unsure over fewer pixels across is a rim, as every matte has it, and hides nothing."""
+"""A narrower unsure area is a rim, as in every matte, and hides nothing."""
 
 
 def may_be_actor(silhouette: Mask, possible: Mask) -> Mask:
-    """The pieces (H, W) of what is possible that hold something sure, or else the largest; without crumbs.
+    """The pieces (H, W) of possible pixels that contain certain ones, else the largest; without small pieces.
 
-    Nothing where all that is too small for anybody.
+    Empty if all that is too small for a person.
     """
     n_pieces, pieces, statistics, _ = cv2.connectedComponentsWithStats(possible.astype(np.uint8))
     areas_px = statistics[:, cv2.CC_STAT_AREA].copy()
@@ -42,7 +42,7 @@ def may_be_actor(silhouette: Mask, possible: Mask) -> Mask:
 
 
 def without_rims(unsure: Mask) -> Mask:
-    """What is unsure (H, W) and more than a rim between actor and background, or a speck."""
+    """The unsure pixels (H, W) without rims between actor and background and without specks."""
     square = np.ones((_BLOB_PX, _BLOB_PX), np.uint8)
     blobs: Mask = cv2.morphologyEx(unsure.astype(np.uint8), cv2.MORPH_OPEN, square) > 0
     return blobs
@@ -55,7 +55,7 @@ def names_or_numbers(names: Sequence[str], n_cameras: int) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class UnsureShares:
-    """Looks at what is unsure where a frame makes no sense."""
+    """Measures unsure areas of a frame that causes an error."""
 
     silhouettes: Mask
     """(C, H, W) what is surely actor."""
@@ -66,7 +66,7 @@ class UnsureShares:
 
     @cached_property
     def shares(self) -> Floats:
-        """(C,) how much of what may be the actor is unsure in each camera, rims aside."""
+        """(C,) the unsure share of the possible actor in each camera, without rims."""
         shares = np.zeros(len(self.silhouettes))
         for c, (sure, possible) in enumerate(zip(self.silhouettes, self.possible, strict=True)):
             actor = may_be_actor(sure, possible)
@@ -75,22 +75,22 @@ class UnsureShares:
         return shares
 
     def before(self, sentence: str, cameras: Sequence[int] | None = None) -> str:
-        """A sentence of what seems to be wrong, after another one where much is unsure.
+        """A sentence about an error, after a sentence about unsure areas if there are large ones.
 
-        cameras: those that it is about, by default all.
+        cameras: the cameras of the error, by default all.
         """
         unsure = [c for c in range(len(self.names)) if self.shares[c] > _MUCH]
         unsure = unsure if cameras is None else [c for c in unsure if c in cameras]
         if not unsure:
             return sentence
         first, *others = unsure
-        parts = [f"{self.shares[first]:.0%} of what may be the actor in {self.names[first]}"]
+        parts = [f"{self.shares[first]:.0%} of the possible actor in {self.names[first]}"]
         parts += [f"{self.shares[c]:.0%} in {self.names[c]}" for c in others]
-        return f"silhouettes: {', '.join(parts)} {UNTOLD}: {REMEDY}; if that is not it: {sentence}"
+        return f"silhouettes: {', '.join(parts)} {UNTOLD}: {REMEDY}; if this is not the cause: {sentence}"
 
     @contextmanager
     def blamed_first(self) -> Iterator[None]:
-        """Let a TakeError of the block say what is unsure before what it says itself."""
+        """Make a TakeError of the block mention unsure areas first."""
         try:
             yield
         except TakeError as problem:

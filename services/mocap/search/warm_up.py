@@ -1,4 +1,4 @@
-"""Compiling ahead: `python -m services.mocap.search.warm_up` fills the cache that all processes load from."""
+"""Compiles in advance: `python -m services.mocap.search.warm_up` fills the cache of all processes."""
 
 import numpy as np
 
@@ -26,9 +26,9 @@ _QUICK = {
 
 
 def warm_up(engine: Engine) -> None:
-    """Load or compile all that solving a frame needs, so that the first task does not wait for it.
+    """Load or compile everything that solving a frame needs, so that the first task does not wait for it.
 
-    By the usual settings: with the cpu backend the default body is thinned, and kept on disk, as well.
+    With the cpu backend it also thins the default body with the default settings, and stores it on disk.
     """
     rig = Rig(np.array([[[100.0, 0, 32, 0], [0, 100, 32, 0], [0, 0, 1, 3]]]), np.array([[64, 64]], np.int32))
     body = build_body(Actor())
@@ -38,9 +38,10 @@ def warm_up(engine: Engine) -> None:
 
 
 def rehearse(model: Model, limbs: LimbPool, settings: SearchSettings) -> None:
-    """Solve a frame in which nobody is, all limbs included, as cheaply as it goes.
+    """Solve a frame without a person, including all limbs, with the least effort.
 
-    What is loaded, compiled or built at its first use is there afterwards, also in those who solve limbs.
+    Afterwards everything that is loaded, compiled or built at its first use is ready, also in the limb
+    workers.
     """
     rig = model.rig
     nobody = Picture.whole(rig, np.zeros((n_planes(rig.n_cameras), *rig.shape_px), np.uint8))

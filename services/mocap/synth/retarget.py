@@ -1,4 +1,5 @@
-"""Moves our body as somebody else's skeleton moves: a guess from its bones' rotations, then least squares.
+"""Retargets the motion of another skeleton to our body: a start from its bones' rotations, then least
+squares.
 
 The trunk is rigid here and bends there, legs and arms differ in length: the pelvis and the feet go where
 theirs go, scaled by the legs' length, so that feet keep standing; arms and head turn as theirs do.

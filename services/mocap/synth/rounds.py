@@ -113,7 +113,7 @@ def dance(n_frames: int, fps: float, body: Body, seed: int = 0) -> Floats:
 def _rounds(
     repertoire: Sequence[Movement], n_frames: int, fps: float, body: Body, seed: int, *, in_order: bool
 ) -> Floats:
-    """It stands in the A pose for STAND_S, then does the whole repertoire in 26.7 s in all, then again.
+    """It stands in the A pose for STAND_S, then performs the whole repertoire in 26.7 s, then repeats it.
 
     A shorter take shows the beginning. The seed gives the sides, the tempo of each movement and, unless they
     stay in order, the order.

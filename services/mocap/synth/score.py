@@ -1,4 +1,4 @@
-"""A score: what the body does when, as a few key values per channel, joined smoothly.
+"""A score: the body's movements as a few key values per channel over time, joined smoothly.
 
 Between keys a channel never leaves their range, so that keys within the joint limits make a motion within
 them.

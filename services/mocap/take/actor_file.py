@@ -1,4 +1,4 @@
-"""actor.toml: the fitted actor in a take folder, and how one is put there."""
+"""Reads and writes actor.toml, the fitted actor in a take folder."""
 
 import hashlib
 import os
@@ -13,17 +13,17 @@ from services.mocap.take.folder import Take
 
 _HASH = "# sha256 = "
 _DIGITS = 4
-"""Lengths to a tenth of a millimetre, factors to a hundredth of a percent: more is not known."""
+"""Lengths to a tenth of a millimetre, factors to a hundredth of a percent; a fit is not more exact."""
 
 
 def take_actor(take: Take) -> Actor | None:
-    """The actor that the take comes with, if any; raises TakeError where it cannot be used."""
+    """The actor in the take, if any; raises TakeError if it cannot be used."""
     path = take.actor_path
     return read_actor(path) if path is not None else None
 
 
 def read_actor(path: Path) -> Actor:
-    """The actor of a file; raises TakeError where it is missing or cannot be used."""
+    """The actor of a file; raises TakeError if it is missing or cannot be used."""
     tables = load_toml(path, TakeError)
     if "mesh" in tables:
         tables["mesh"] = _read_mesh(path, tables["mesh"])
@@ -31,7 +31,7 @@ def read_actor(path: Path) -> Actor:
 
 
 def _read_mesh(actor_toml: Path, named: object) -> OwnMesh:
-    """The own mesh that lies beside an actor.toml, which names it."""
+    """The mesh next to an actor.toml, which names it."""
     if not isinstance(named, dict):
         raise TakeError(f"{actor_toml}: mesh: expected a table with file and sha256")
     name = validated(MeshName, named, f"{actor_toml}: mesh.", TakeError)
@@ -40,19 +40,19 @@ def _read_mesh(actor_toml: Path, named: object) -> OwnMesh:
         content = path.read_bytes()
         if hashlib.sha256(content).hexdigest() != name.sha256:
             raise TakeError(
-                f"{path}: is not the mesh that {actor_toml.name} names: put that back or run fit --mesh anew"
+                f"{path}: is not the mesh that {actor_toml.name} names: restore that or run fit --mesh again"
             )
         return OwnMesh.from_bytes(content)
     except OSError:
         raise TakeError(
-            f"{path}: is missing: expected the mesh that {actor_toml.name} names: put it back or fit anew"
+            f"{path}: is missing: expected the mesh that {actor_toml.name} names: restore it or fit again"
         ) from None
     except MeshContentError as error:
-        raise TakeError(f"{path}: {error}: run xormocap fit --mesh anew") from None
+        raise TakeError(f"{path}: {error}: run xormocap fit --mesh again") from None
 
 
 def rounded(actor: Actor) -> Actor:
-    """The actor as it is written: with four digits behind the point."""
+    """The actor as it is written, with four decimals."""
     return Actor(
         height=round(actor.height, _DIGITS),
         bone_lengths={name: round(length_m, _DIGITS) for name, length_m in actor.bone_lengths.items()},
@@ -68,7 +68,8 @@ def rounded(actor: Actor) -> Actor:
 
 
 def write_actor(path: Path, actor: Actor, origin: str) -> None:
-    """Write a fitted actor, whole or not at all, after its mesh; origin: what it was fitted to, in words."""
+    """Write a fitted actor, completely or not at all, after its mesh; origin: what it was fitted to, in
+    words."""
     if actor.mesh is not None:
         with atomic_file(path.with_name(MESH_FILE)) as part:
             part.write_bytes(actor.mesh.content)
@@ -77,7 +78,7 @@ def write_actor(path: Path, actor: Actor, origin: str) -> None:
         f"# The actor, fitted by xormocap to {origin}.",
         "# height and bone_lengths: metres. profiles: width and depth of each segment, from its near to its",
         f"# far end, as factors on those of {measured_by} at this height.",
-        "# The hash is that of the numbers: as long as it is right, xormocap fit may replace this file.",
+        "# The hash is that of the numbers: while it is right, xormocap fit may replace this file.",
         f"{_HASH}{actor.content_hash}",
     )
     with atomic_file(path) as part:
@@ -87,15 +88,15 @@ def write_actor(path: Path, actor: Actor, origin: str) -> None:
 def check_place(path: Path, force: bool) -> None:
     """Raise UserError unless a fitted actor may be written to path.
 
-    The folder, or the one that it is to be made in, can be written to; and there is no file but that of an
-    earlier fit, not even with a number changed by hand, unless force is given.
+    The folder, or its parent, must be writable; and an existing file must be from an earlier fit, without
+    changes by hand, unless force is given.
     """
     existing = next(folder for folder in path.resolve().parents if folder.exists())
     if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
         raise UserError(f"{existing}: cannot be written to: give another folder with --out")
     if path.exists() and not force and not _is_as_fitted(path):
         raise UserError(
-            f"{path}: was made or changed by hand: keep it and give --out, or let --force replace it"
+            f"{path}: was made or changed by hand: keep it and give --out, or replace it with --force"
         )
 
 

@@ -14,7 +14,7 @@ from services.mocap.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """What a file holds."""
+    """The content of a file."""
 
     path: Path
     cells: dict[str, tuple[str, ...]]
@@ -23,7 +23,7 @@ class Columns:
     """(N,) the line that each row is on."""
 
     def numbers(self, name: str, *, blanks: bool = False, most: float = np.inf) -> Floats:
-        """A column (N,) as finite numbers; blanks: cells may be empty, which makes them NaN.
+        """A column (N,) as finite numbers; blanks: empty cells are allowed and become NaN.
 
         most: where it is finite, numbers are from 0 to it. Raises TakeError.
         """
@@ -40,7 +40,7 @@ class Columns:
         return values
 
     def error(self, name: str, line: int, expected: str, found: str) -> TakeError:
-        """What to raise for a cell."""
+        """The error for a cell."""
         return TakeError(f"{self.path}: line {line}: {name}: expected {expected}, found {in_short(found)}")
 
     def _number(self, name: str, line: int, cell: str) -> float:
@@ -61,7 +61,7 @@ def as_cells(name: str, values: Floats, digits: str) -> list[str]:
 
 
 def write_columns(path: Path, columns: Mapping[str, Sequence[str]]) -> None:
-    """Write columns (N,) of cells, whole or not at all."""
+    """Write columns (N,) of cells, completely or not at all."""
     with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
@@ -86,7 +86,7 @@ def read_columns(path: Path, required: Sequence[str], *, allow_extra: bool) -> C
     except (OSError, UnicodeDecodeError, csv.Error):
         raise TakeError(f"{path}: cannot be read: expected a table of comma-separated values") from None
     if not rows:
-        raise TakeError(f"{path}: holds no rows: expected one for every frame")
+        raise TakeError(f"{path}: contains no rows: expected one for every frame")
     return Columns(path, dict(zip(header, zip(*rows, strict=True), strict=True)), lines)
 
 
@@ -104,7 +104,7 @@ def _check_header(path: Path, header: list[str], required: Sequence[str], *, all
         )
     if len(set(header)) < len(header):
         twice = next(name for name in header if header.count(name) > 1)
-        raise TakeError(f"{path}: {in_short(twice)}: column is there twice: expected every column once")
+        raise TakeError(f"{path}: {in_short(twice)}: duplicate column: expected every column once")
 
 
 def _check_length(path: Path, line: int, header: list[str], cells: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""What a fit leaves beside its actor.toml: names of its files, its record (fit.json), and its poses again."""
+"""The files of a fit next to its actor.toml: their names, the record (fit.json), and reading its poses."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ OVERLAY, TURNTABLE = "overlay.png", "turntable.png"
 
 
 class FitRecord(BaseModel):
-    """What was fitted to what, and how well."""
+    """The record of a fit."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -30,13 +30,13 @@ class FitRecord(BaseModel):
     end_frame: int = Field(ge=1)
     """The frame after the last."""
     hints: dict[str, Any]
-    """What take.toml said of the first pose (hints_of)."""
+    """The hints about the first pose in take.toml (hints_of)."""
     energy_before_px: list[float]
-    """Differing pixels of each frame, over all cameras: of the generic body in its first pose …"""
+    """Differing pixels of each frame, over all cameras: of the generic body in its first pose."""
     energy_after_px: list[float]
-    """… and of the fitted body in its fitted pose."""
+    """The same for the fitted body in its fitted pose."""
     iou_before: dict[str, float]
-    """By camera: how far model and silhouette overlap (intersection over union), mean over the frames."""
+    """By camera: overlap of model and silhouette (intersection over union), mean over the frames."""
     iou_after: dict[str, float]
     seconds: dict[str, float]
     """Wall time of each stage."""
@@ -44,32 +44,32 @@ class FitRecord(BaseModel):
 
 
 def hints_of(settings: TakeSettings) -> dict[str, Any]:
-    """What take.toml says of the first pose, as a record keeps it."""
+    """The hints about the first pose in take.toml, for a record."""
     return settings.model_dump(include={"facing", "initial_pose"})
 
 
 def write_record(folder: Path, record: FitRecord) -> None:
-    """Write fit.json, whole or not at all."""
+    """Write fit.json, completely or not at all."""
     with atomic_file(folder / RECORD) as part:
         part.write_text(record.model_dump_json(indent=2) + "\n", encoding="utf-8")
 
 
 def read_record(folder: Path) -> FitRecord | None:
-    """The record of a fit; None where there is none. Raises TakeError where it cannot be used."""
+    """The record of a fit; None if there is none. Raises TakeError if it cannot be used."""
     path = folder / RECORD
     if not path.exists():
         return None
     try:
         return FitRecord.model_validate_json(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValidationError):
-        raise TakeError(f"{path}: is not what xormocap fit writes: remove it or fit again") from None
+        raise TakeError(f"{path}: is not a file of xormocap fit: remove it or fit again") from None
 
 
 def fitted_pose(folder: Path, actor: Actor, settings: TakeSettings, frame: int) -> Floats | None:
     """The pose (D,) of a frame that a fit found for this very actor; None where there is none.
 
-    Nor does a pose count that was found when take.toml said other things of the first one. Raises TakeError
-    where the files of the fit cannot be used.
+    A pose from a fit with other hints in take.toml is not used. Raises TakeError if the files of the fit
+    cannot be used.
     """
     record = read_record(folder)
     if record is None or record.actor != actor.content_hash or record.hints != hints_of(settings):

@@ -1,4 +1,4 @@
-"""A take folder in: opened once, with everything checked that can be checked before the work starts."""
+"""Opens a take folder, and checks everything that can be checked before the work starts."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -28,10 +28,10 @@ Source = Literal["videos", "silhouettes"]
 
 _LARGEST_RATE_ERROR = 0.01
 _LARGEST_GAP = 1.5
-"""In usual distances between frames: from here on counting frames no longer gives the time."""
+"""In median frame intervals: with a larger gap, frame numbers no longer give the time."""
 _QUICK_TO_DECODE_PX = 200 * 320 * 240
-"""Videos of up to so many pixels, 200 frames of 320x240, are decoded whole, eight of which take over a
-second; others at their end."""
+"""Videos of up to this many pixels, 200 frames of 320x240, are decoded completely, which takes over a second
+for eight; longer ones only at their end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,19 +41,19 @@ class Take:
     folder: Path
     settings: TakeSettings
     cameras: tuple[Camera, ...]
-    """As calibrated, with lens distortion, in the inside z-up world."""
+    """As calibrated, with lens distortion, in the internal z-up world."""
     source: Source
-    """What the silhouettes come from: the videos and clean plates, or the take's own silhouettes."""
+    """The source of the silhouettes: videos and clean plates, or the take's own silhouettes."""
 
     colours: Mapping[str, ColourCorrection] = field(default_factory=dict)
-    """What pictures are corrected by, of cameras for which that is known."""
+    """The colour corrections of the cameras that have one."""
 
     def video(
         self, camera: Camera, start: int = 0, stop: int | None = None, index: VideoIndex | None = None
     ) -> VideoReader:
-        """A camera's pictures of frames `start` up to and without `stop` (default: the take's end).
+        """A camera's pictures of frames `start` up to but not including `stop` (default: the take's end).
 
-        They are raw but for their colours. index: of the camera's video, where it is known already.
+        They are raw except for colour correction. index: of the camera's video, if it is known already.
         """
         video = layout.video_path(self.folder, camera.name) if index is None else index
         ahead, colour = self.settings.offset(camera.name), self.colours.get(camera.name)
@@ -75,7 +75,8 @@ class Take:
         return next((path for path in (video, picture) if path.exists()), None)
 
     def trimaps(self, camera: Camera, start: int = 0, stop: int | None = None) -> TrimapReader:
-        """A camera's raw silhouettes of frames `start` up to and without `stop` (default: the take's end)."""
+        """A camera's raw silhouettes of frames `start` up to but not including `stop` (default: the take's
+        end)."""
         folder, ahead = (
             layout.silhouette_folder(self.folder, camera.name),
             self.settings.offset(camera.name),
@@ -84,7 +85,7 @@ class Take:
         return TrimapReader(folder, start + ahead, end + ahead, self.settings.unsure)
 
     def frame_range(self, text: str) -> range:
-        """A:B, either of which may be left out, as frames A up to but not including B; raises UserError."""
+        """Parse A:B, each optional, as frames A up to but not including B; raises UserError."""
         first, colon, end = text.partition(":")
         n_frames = self.settings.frames
         try:
@@ -100,19 +101,19 @@ class Take:
         return frames
 
     def without_offsets(self) -> "Take":
-        """The same with every camera's files as they are, from their first frame on."""
+        """The same take without offsets."""
         return replace(self, settings=self.settings.model_copy(update={"offsets": {}}))
 
     @property
     def actor_path(self) -> Path | None:
-        """The file of the take's actor, where it has one."""
+        """The file of the take's actor, if it has one."""
         path = self.folder / layout.ACTOR
         return path if path.exists() else None
 
     def inputs(self, from_videos: bool) -> list[Path]:
-        """The files that poses come from: recordings and clean plates, or silhouettes; and the calibration.
+        """The files that determine poses: recordings and clean plates, or silhouettes; and the calibration.
 
-        from_videos: whether silhouettes are made of videos, or the take's own.
+        from_videos: whether silhouettes are made from videos; otherwise they are the take's own.
         """
         folders: set[Path] = set()
         for camera in self.cameras:
@@ -142,10 +143,10 @@ class Take:
 def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Take:
     """Opens and checks a take folder; in_step: whether videos of different lengths are an error.
 
-    decoded: whether videos are decoded, short ones whole and long ones at their end, so that damage is found
-    before anything begins; else whoever reads them finds it.
+    decoded: whether to decode videos, short ones completely and long ones at their end, so that damage is
+    found before the work starts; otherwise it is found on reading.
 
-    Raises TakeError with one sentence about the first thing found wrong: settings, calibration, missing or
+    Raises TakeError for the first error found: settings, calibration, missing or
     damaged videos, clean plates and silhouettes, their sizes, lengths and frame rates, reference tables.
     """
     if not folder.is_dir():
@@ -192,7 +193,8 @@ def _check_silhouettes(take: Take, camera: Camera) -> None:
 
 
 def _check_is_recorded(take: Take, camera: Camera, decoded: bool) -> None:
-    """A camera has a video and a clean plate, unless no camera has one: then the take itself has to do."""
+    """Every camera has a video, and a clean plate unless no camera has one; then it is estimated from the
+    take."""
     video = layout.video_path(take.folder, camera.name)
     if not video.exists():
         raise TakeError(
@@ -226,9 +228,9 @@ def check_plate(path: Path, camera: Camera, *, decoded: bool) -> None:
 
 
 def _check_videos(take: Take, in_step: bool, decoded: bool) -> None:
-    """Every video there is holds the take's frames, at its rate and size, and all are equally long.
+    """Every video has the take's frames, rate and size, and all have the same length.
 
-    Their lengths may differ where take.toml has offsets, or in_step is false.
+    Their lengths may differ if take.toml has offsets, or in_step is false.
     """
     indices: list[VideoIndex] = []
     for camera in take.cameras:
@@ -238,7 +240,7 @@ def _check_videos(take: Take, in_step: bool, decoded: bool) -> None:
     for index in indices[1:]:
         if index.n_frames != indices[0].n_frames and in_step and not take.settings.offsets:
             raise TakeError(
-                f"{index.path}: holds {index.n_frames} frames, but {indices[0].path.name} holds "
+                f"{index.path}: has {index.n_frames} frames, but {indices[0].path.name} has "
                 f"{indices[0].n_frames}: cut all videos to the same moments, or run xormocap sync"
             )
     for index in indices if decoded else ():
@@ -251,7 +253,7 @@ def _check_video(take: Take, camera: Camera, index: VideoIndex) -> None:
     frames = take.settings.frames + ahead
     if index.n_frames < frames:
         raise TakeError(
-            f"{index.path}: holds {index.n_frames} frames, but {layout.SETTINGS} says frames = "
+            f"{index.path}: has {index.n_frames} frames, but {layout.SETTINGS} says frames = "
             f"{take.settings.frames}{_from(ahead)}: lower that number or record the camera again"
         )
     if frames > 1:

@@ -1,8 +1,9 @@
-"""A journal: records in a file, each there whole or not at all, for whoever has to go on after a death.
+"""A journal: records in a file, each written completely or not at all, from which a run can continue after a
+crash.
 
 A file begins with a line that names the format. Then come records: the payload's length and its CRC-32 (two
-little-endian 32-bit numbers), and the payload, a msgpack array of byte strings: the frames of a message. What
-follows the last whole record is torn: the write that a death has cut short.
+little-endian 32-bit numbers), and the payload, a msgpack array of byte strings: the frames of a message.
+Bytes after the last complete record are a torn write, interrupted by a crash.
 """
 
 import fcntl
@@ -18,7 +19,7 @@ import msgpack
 from services.mocap.errors import TakeError, UserError
 
 JOURNAL = "poses.journal"
-"""Its name in the folder of results that are not complete."""
+"""Its file name in the folder of incomplete results."""
 _HEADER = b"xormocap journal 1\n"
 FIRST = len(_HEADER)
 """The offset of the first record."""
@@ -30,9 +31,10 @@ class Journal:
     """A journal that is written to, by one process at a time; it may be read meanwhile."""
 
     def __init__(self, path: Path) -> None:
-        """Open a journal, or begin one; what is torn is cut off.
+        """Open a journal, or create one; a torn record is cut off.
 
-        Raises UserError where another process writes it or it cannot be written, TakeError where it is none.
+        Raises UserError if another process writes it or it cannot be written, TakeError if it is not a
+        journal.
         """
         self.path = path
         try:
@@ -46,7 +48,9 @@ class Journal:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             os.close(self._file)
-            raise UserError(f"{path}: another recorder writes it: choose another folder for --out") from None
+            raise UserError(
+                f"{path}: another recorder is writing it: choose another folder for --out"
+            ) from None
         size, self._end = os.fstat(self._file).st_size, FIRST
         for _, _, end in records(self._file, path):
             self._end = end
@@ -64,14 +68,14 @@ class Journal:
             yield offset, frames
 
     def at(self, offset: int) -> list[bytes]:
-        """The record at an offset that `append` or `records` has told."""
+        """The record at an offset from `append` or `records`."""
         found = record_at(self._file, offset)
         if found is None:
-            raise OSError(f"{self.path}: changed under the hands of its writer")
+            raise OSError(f"{self.path}: changed by another process")
         return found[0]
 
     def append(self, frames: Sequence[bytes | memoryview]) -> int:
-        """Write a record behind all others; returns its offset. On disk for certain only after `sync`."""
+        """Append a record; returns its offset. It is safely on disk only after `sync`."""
         payload, offset = msgpack.packb(frames), self._end
         content = _PREFIX.pack(len(payload), zlib.crc32(payload)) + payload
         try:
@@ -79,24 +83,26 @@ class Journal:
             if written < len(content):
                 raise OSError(0, "the disk is full")
         except OSError as problem:
-            raise UserError(f"{self.path}: cannot be written ({problem.strerror}): make room there") from None
+            raise UserError(
+                f"{self.path}: cannot be written ({problem.strerror}): free some disk space"
+            ) from None
         self._end, self._is_synced = offset + len(content), False
         return offset
 
     def sync(self) -> None:
-        """Return when all that was written would outlast a loss of power."""
+        """Return when everything written would survive a loss of power."""
         if not self._is_synced:
             os.fsync(self._file)
             self._is_synced = True
 
     def clear(self) -> None:
-        """Begin anew, without a record."""
+        """Remove all records."""
         self._end = FIRST
         os.ftruncate(self._file, self._end)
         os.fsync(self._file)
 
     def close(self, *, remove: bool = False) -> None:
-        """Close the file, or remove it, as one without a record always is; with its folder, if empty."""
+        """Close the file, or remove it (always if it has no record), with its folder if that is empty."""
         if remove or self._end == FIRST:
             self.path.unlink(missing_ok=True)
             with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Where things lie in a take folder: the names that its readers and its writer share."""
+"""The file names in a take folder, for readers and writers."""
 
 from pathlib import Path
 

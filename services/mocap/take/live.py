@@ -1,6 +1,6 @@
-"""Live input as users describe it: a TOML file that names the cameras' sources, opened like a take.
+"""Live configurations: a TOML file that names the cameras' sources, opened like a take.
 
-What is missing in it is what only recorded takes have: videos, and a number of frames.
+Unlike a recorded take it has no videos and no number of frames.
 """
 
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ from services.mocap.take.live_settings import LiveCamera, LiveSettings
 from services.mocap.take.settings import TakeSettings
 
 OPEN_END = 2**31 - 1
-"""The number of frames of live input, which ends when somebody ends it."""
+"""The number of frames of live input, whose end is open."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveTake(Take):
-    """Live input in the place of a recording, checked by `open_live`."""
+    """Live input in place of a recording, checked by `open_live`."""
 
     live: LiveSettings
     sources: tuple[LiveCamera, ...]
@@ -30,10 +30,10 @@ class LiveTake(Take):
     background_folder: Path | None
     """The empty stage; None: seen at the start."""
     colour_path: Path | None
-    """Where colours come from; None: nothing is corrected."""
+    """The file of colour corrections; None: no correction."""
 
     def has_video(self, camera: Camera) -> bool:  # noqa: ARG002  (as of a take)
-        """See Take: there is none to go back to."""
+        """See Take: live input cannot be read again."""
         return False
 
     @property
@@ -42,12 +42,12 @@ class LiveTake(Take):
         return None if self.live.actor is None else self.folder / self.live.actor
 
     def inputs(self, from_videos: bool) -> list[Path]:  # noqa: ARG002  (as of a take)
-        """See Take: what stays the same from run to run."""
+        """See Take: the files that stay the same from run to run."""
         files = [*(self.plate(camera) for camera in self.cameras), self.colour_path]
         return [self.folder / self.live.calibration, *(path for path in files if path is not None)]
 
     def groups(self) -> dict[str, list[int]]:
-        """Cameras by their place in calibration.toml, group by group."""
+        """Cameras by their position in calibration.toml, group by group."""
         names = dict.fromkeys(source.group for source in self.sources)
         return {name: [c for c, one in enumerate(self.sources) if one.group == name] for name in names}
 
@@ -60,18 +60,18 @@ class LiveTake(Take):
 
 
 def open_source(path: Path) -> Take:
-    """A take folder, or a live configuration's file, opened and checked; raises TakeError.
+    """Open and check a take folder or a live configuration's file; raises TakeError.
 
-    Each service of a run calls it, so videos are not decoded: who starts a run has done that, or else
-    segmentation finds what is damaged.
+    Each service of a run calls it, so it does not decode videos: the command that starts a run has done so,
+    or segmentation finds damaged ones.
     """
     return open_live(path) if path.is_file() else open_take(path, decoded=False)
 
 
 def open_live(path: Path) -> LiveTake:
-    """Opens and checks a live configuration, but for whether its sources are there.
+    """Opens and checks a live configuration, except whether its sources are available.
 
-    Raises TakeError with one sentence about the first thing found wrong.
+    Raises TakeError for the first error found.
     """
     settings = validated(LiveSettings, load_toml(path, TakeError), f"{path}: ", TakeError)
     folder = path.resolve().parent
@@ -112,14 +112,12 @@ def open_live(path: Path) -> LiveTake:
 
 
 def _colour_path(path: Path, settings: LiveSettings) -> Path | None:
-    """The file of colours that the configuration names, or else the one beside it, as in a take folder."""
+    """The file of colour corrections that the configuration names, or the one next to it."""
     named = path.resolve().parent / (settings.colour or COLOURS)
     if named.exists():
         return named
     if settings.colour is not None:
-        raise TakeError(
-            f"{path}: colour: {named} is missing: expected a file as xormocap calibrate --colour writes it"
-        )
+        raise TakeError(f"{path}: colour: {named} is missing: expected a file of xormocap calibrate --colour")
     return None
 
 
@@ -151,7 +149,7 @@ def _check_plates(path: Path, take: LiveTake) -> None:
         plate = take.plate(camera)
         if plate is None:
             raise TakeError(
-                f"{take.background_folder}: holds neither {camera.name}.png nor {camera.name}.mp4: expected "
+                f"{take.background_folder}: has neither {camera.name}.png nor {camera.name}.mp4: expected "
                 f"the empty stage of every camera, or no background in {path}"
             )
         check_plate(plate, camera, decoded=False)

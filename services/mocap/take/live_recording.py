@@ -1,4 +1,4 @@
-"""What live cameras have recorded made into a take folder that can be tracked like any other."""
+"""Turns recordings of live cameras into a take folder."""
 
 import shutil
 from pathlib import Path
@@ -13,16 +13,16 @@ from services.mocap.take.video import index_video
 
 
 def part_of(folder: Path) -> Path:
-    """Where a take is recorded until it is whole."""
+    """The folder of a recording until it is complete."""
     return folder.with_name(f"{folder.name}.part")
 
 
 def begin_recording(folder: Path) -> Path:
-    """Make the place where a take will be recorded; raises UserError where there is something already."""
+    """Create the folder for a recording; raises UserError if something exists there."""
     folder = folder.resolve()
     for path in (folder, part_of(folder)):
         if path.exists():
-            raise UserError(f"--record {folder}: {path} is there already: remove it or choose another folder")
+            raise UserError(f"--record {folder}: {path} already exists: remove it or choose another folder")
     try:
         part_of(folder).mkdir(parents=True)
     except OSError as problem:
@@ -31,9 +31,9 @@ def begin_recording(folder: Path) -> Path:
 
 
 def finish_recording(take: LiveTake, folder: Path) -> list[str]:
-    """Make a take of what is in part_of(folder), and return the cameras that other hosts have recorded.
+    """Make a take from part_of(folder), and return the cameras that other hosts have recorded.
 
-    Raises TakeError where another camera's video is missing or shorter than the others; what is there stays.
+    Raises TakeError if a video is missing or shorter than the others; the recordings stay.
     """
     folder = folder.resolve()
     part, lengths = part_of(folder), dict[str, int]()
@@ -56,7 +56,7 @@ def finish_recording(take: LiveTake, folder: Path) -> list[str]:
         for plate in filter(None, map(take.plate, take.cameras)):
             shutil.copy(plate, plates)
     if take.colour_path is not None:
-        shutil.copy(take.colour_path, part / layout.COLOURS)  # its videos are as the cameras gave them
+        shutil.copy(take.colour_path, part / layout.COLOURS)  # its videos have no colour correction
     actor = take_actor(take)
     if actor is not None:
         write_actor(part / layout.ACTOR, actor, take.settings.name)

@@ -1,4 +1,4 @@
-"""The fields of a live configuration: what is common to all cameras, and each camera's source."""
+"""The fields of a live configuration: settings of all cameras, and each camera's source."""
 
 import re
 from typing import Annotated, Any, Literal, TypeAlias
@@ -15,7 +15,7 @@ Stamps: TypeAlias = Literal["container", "arrival"]
 
 
 class LiveCamera(BaseModel):
-    """A table [cameras.NAME]; a description says what its field has to be."""
+    """A table [cameras.NAME]; a field's description states its valid values."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -24,7 +24,7 @@ class LiveCamera(BaseModel):
     )
     stamps: Stamps | None = Field(
         default=None,
-        description='"container" (the stamps that come with the pictures) or "arrival" (when they come)',
+        description='"container" (the time stamps of the pictures) or "arrival" (the time of arrival)',
     )
     delay_s: float = Field(
         default=0.0, ge=0, le=10, description="seconds from the shutter to the stamp, 0 to 10"
@@ -51,7 +51,7 @@ class LiveCamera(BaseModel):
 
     @property
     def has_stamps(self) -> bool:
-        """Whether pictures come with stamps that say when they were taken: RTSP and devices do, HTTP not."""
+        """Whether pictures have time stamps: with RTSP and devices they do, with HTTP not."""
         if self.stamps is not None:
             return self.stamps == "container"
         return isinstance(self.source, int) or self.source.startswith(_RTSP)
@@ -61,7 +61,7 @@ _Cameras: TypeAlias = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 
 
 class LiveSettings(BaseModel):
-    """The fields of a live configuration; a description says what its field has to be."""
+    """The fields of a live configuration; a description states a field's valid values."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -83,7 +83,7 @@ class LiveSettings(BaseModel):
         default=2.0,
         gt=0,
         le=60,
-        description="for how many seconds the stage stays empty at the start, above 0 to 60",
+        description="seconds for which the stage stays empty at the start, above 0 to 60",
     )
     actor: str | None = Field(default=None, description="the path of an actor.toml")
     actor_height: float | None = Field(
@@ -96,24 +96,24 @@ class LiveSettings(BaseModel):
         default=None,
         gt=0,
         le=1,
-        description="how far apart in time a picture and its shot may be, above 0 to 1 second",
+        description="largest time difference of a picture and its shot, above 0 to 1 second",
     )
     grace_s: float = Field(
-        default=0.1, ge=0, le=5, description="how long a shot waits for cameras that are late, 0 to 5 seconds"
+        default=0.1, ge=0, le=5, description="how long a shot waits for late cameras, 0 to 5 seconds"
     )
     least_cameras: int = Field(
-        default=_LEAST_CAMERAS, ge=2, description="how few cameras a shot may be solved from, 2 or more"
+        default=_LEAST_CAMERAS, ge=2, description="least number of cameras of a shot, 2 or more"
     )
     endpoint: str | None = Field(default=None, description="where the coordinator listens, tcp://HOST:PORT")
     elsewhere: list[str] = Field(default=[], description="a list of groups of cameras that other hosts serve")
 
     @property
     def period_s(self) -> float:
-        """From one shot to the next."""
+        """Time from one shot to the next, in seconds."""
         return 1.0 / self.fps
 
     @property
     def reach_s(self) -> float:
-        """How far from its shot's moment a picture may be: by default as far as half-way to the next, and a
-        little more, so that one that hovers there does not jump to and fro."""
+        """Largest time difference of a picture and its shot: by default a little more than half the period,
+        so that a picture half-way between two shots does not jump back and forth."""
         return 0.6 * self.period_s if self.tolerance_s is None else self.tolerance_s

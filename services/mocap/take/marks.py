@@ -1,4 +1,4 @@
-"""Marks: which parts of the body should not be trusted in a frame, and how sure the tracker was of each."""
+"""Marks: the unreliable parts of the body in a frame, and the confidence of each part."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _SEPARATOR = ";"
 
 
 class Judged(Protocol):
-    """A frame whose solver has judged the parts of the body, or some of them."""
+    """A frame with judged parts."""
 
     @property
     def confidence(self) -> Mapping[Part, float]:
@@ -29,7 +29,7 @@ class Judged(Protocol):
 
     @property
     def distrusted(self) -> Sequence[Part]:
-        """Parts whose pose is likely to be wrong."""
+        """Parts whose pose is probably wrong."""
         ...
 
 
@@ -40,23 +40,23 @@ class Marks:
     confidence: Floats
     """(N, 6) from 0 to 1; NaN where a part was not judged."""
     distrusted: Mask
-    """(N, 6) parts that should not be trusted."""
+    """(N, 6) unreliable parts."""
 
     @classmethod
     def of(cls, frames: Sequence[Judged]) -> Self:
-        """The marks of some frames; parts that were not judged are neither sure nor distrusted."""
+        """The marks of some frames; parts that were not judged have no confidence and are not distrusted."""
         confidence = [[frame.confidence.get(part, np.nan) for part in PARTS] for frame in frames]
         distrusted: Mask = np.array([[part in frame.distrusted for part in PARTS] for frame in frames], bool)
         return cls(np.array(confidence, np.float64), distrusted)
 
     @property
     def distrusted_frames(self) -> int:
-        """In how many frames any part should not be trusted."""
+        """The number of frames with an unreliable part."""
         return int(self.distrusted.any(axis=1).sum())
 
     @property
     def distrusted_by_part(self) -> dict[str, int]:
-        """In how many frames each part should not be trusted."""
+        """The number of frames in which each part is unreliable."""
         return dict(zip(PARTS, self.distrusted.sum(axis=0).tolist(), strict=True))
 
 
@@ -71,7 +71,7 @@ def mark_cells(marks: Marks) -> dict[str, list[str]]:
 
 
 def read_marks(columns: Columns) -> Marks | None:
-    """The marks of a table; None where it has no column of them, as older ones. Raises TakeError."""
+    """The marks of a table; None if it has no such columns. Raises TakeError."""
     if not any(name in columns.cells for name in MARK_COLUMNS):
         return None
     unknown = np.full(len(columns.lines), np.nan)

@@ -1,4 +1,4 @@
-"""PNG pictures in: silhouettes and clean plates, and a complete check of a file without decoding it."""
+"""Reads PNG pictures (silhouettes and clean plates), and checks a file completely without decoding it."""
 
 import struct
 import zlib
@@ -19,14 +19,14 @@ _AGAIN = "export it again"
 
 
 def check_png(path: Path, camera: Camera) -> None:
-    """Checks a PNG's size and the checksums of all of it, a hundred times quicker than decoding.
+    """Checks a PNG's size and all its checksums, a hundred times faster than decoding.
 
-    Raises TakeError when the file is missing, empty, no PNG, damaged, cut off or of another size.
+    Raises TakeError if the file is missing, empty, not a PNG, damaged, cut off or of another size.
     """
     data = _bytes(path)
     if not data.startswith(_SIGNATURE):
         raise TakeError(
-            f"{path}: is not a PNG file: expected one of {camera.width_px}x{camera.height_px} pixels"
+            f"{path}: is not a PNG file: expected a PNG of {camera.width_px}x{camera.height_px} pixels"
         )
     if not _chunks_are_whole(data):
         raise TakeError(f"{path}: is damaged or cut off: {_AGAIN}")
@@ -39,15 +39,15 @@ def check_size(path: Path, width_px: int, height_px: int, camera: Camera) -> Non
     if (width_px, height_px) != (camera.width_px, camera.height_px):
         raise TakeError(
             f"{path}: is {width_px}x{height_px} pixels, but [{camera.name}] size in {CALIBRATION} is "
-            f"{camera.width_px}x{camera.height_px}: both have to be the same"
+            f"{camera.width_px}x{camera.height_px}: both must be the same"
         )
 
 
 def read_trimap(path: Path, unsure: Sequence[int] = (UNSURE, UNSURE)) -> Trimap:
-    """(H, W): unsure where the file's grey is one of those, else actor where it is above 127.
+    """(H, W): unsure where the grey is in the range `unsure`, else actor where it is above 127.
 
-    unsure: the lowest and the highest grey that mean so, or none. Raises TakeError when the file cannot be
-    decoded or looks as if it had other greys.
+    unsure: the lowest and the highest unsure grey, or empty. Raises TakeError if the file cannot be decoded
+    or seems to use other greys.
     """
     grey = _decoded(path, cv2.IMREAD_GRAYSCALE)
     trimap = np.asarray(cv2.LUT(grey, _meanings(unsure)), np.uint8)
@@ -60,7 +60,7 @@ def read_trimap(path: Path, unsure: Sequence[int] = (UNSURE, UNSURE)) -> Trimap:
 
 
 def _meanings(unsure: Sequence[int]) -> Trimap:
-    """(256,) what every grey means."""
+    """(256,) the state of every grey."""
     meanings: Trimap = np.where(np.arange(256) > _THRESHOLD, ACTOR, BACKGROUND).astype(np.uint8)
     if unsure:
         meanings[unsure[0] : unsure[1] + 1] = UNSURE
@@ -78,10 +78,10 @@ def read_picture(path: Path) -> Bytes:
 
 
 class TrimapReader:
-    """One camera's trimaps (H, W), from frame `start` up to and without `stop`, read one at a time."""
+    """One camera's trimaps (H, W), from frame `start` up to but not including `stop`, read one at a time."""
 
     def __init__(self, folder: Path, start: int, stop: int, unsure: Sequence[int] = (UNSURE, UNSURE)) -> None:
-        """unsure: the lowest and the highest grey that mean so, or none."""
+        """unsure: the lowest and the highest unsure grey, or empty."""
         self.folder, self.start, self.stop = folder, start, stop
         self._unsure = unsure
 
@@ -119,7 +119,7 @@ def _decoded(path: Path, flag: int) -> Bytes:
 
 
 def _chunks_are_whole(data: bytes) -> bool:
-    """True when the file is a row of chunks with right checksums, from IHDR to IEND."""
+    """Whether the file is a sequence of chunks with correct checksums, from IHDR to IEND."""
     at, kind = len(_SIGNATURE), b""
     while kind != b"IEND":
         if at + 12 > len(data):

@@ -18,7 +18,7 @@ File: TypeAlias = Literal["poses.csv", "energies.csv", "timings.csv"]
 Labelled: TypeAlias = dict[str, NDArray[Any]]
 """Numbers (N,) of a quantity by part, camera or stage; by "" where it is of the whole frame."""
 STAGES = ("torso", "limbs", "head", "left_arm", "right_arm", "left_leg", "right_leg", "frame")
-"""What a frame's time is told of; limbs are solved side by side, frame is all from one to the next."""
+"""The stages with times; limbs are solved in parallel, frame is the time from one frame to the next."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ QUANTITIES = (
     ),
     Quantity(
         "iou", "1", "energies.csv", "iou_{}", "camera", ".4f", most=1.0,
-        meaning="Intersection over union of the body and the silhouette; 1 where neither shows anything.",
+        meaning="Intersection over union of the body and the silhouette; 1 if both are empty.",
     ),
     Quantity(DISTRUSTED, "1", "poses.csv", DISTRUSTED, "part", most=1.0, in_parquet=True),
     Quantity(

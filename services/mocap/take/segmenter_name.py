@@ -1,4 +1,4 @@
-"""What `--segmenter NAME` says of a take: whether its videos are looked at, and by files from where."""
+"""What `--segmenter NAME` means for a take: whether its videos are used, and which other files."""
 
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -12,15 +12,15 @@ _NETWORK = "onnx"
 
 
 def looks_at_videos(name: str, has_silhouettes: bool) -> bool:
-    """Whether a segmenter makes silhouettes of videos, for a take that has silhouettes or has none."""
+    """Whether a segmenter makes silhouettes from videos, for a take with or without its own."""
     return name not in (AUTO, READY) or not has_silhouettes
 
 
 def files_of_segmenter(name: str) -> list[Path]:
-    """The files beyond the take's and xormocap's own that decide what silhouettes a segmenter makes.
+    """The files outside the take and xormocap that determine a segmenter's silhouettes.
 
-    That is the network of onnx:FILE, or the files of a plug-in's package, which is found but not imported.
-    None of them where a file or plug-in is not to be found on this machine.
+    These are the network of onnx:FILE, or the files of a plug-in's package, which is located but not
+    imported. Empty if the file or plug-in is not on this machine.
     """
     kind, _, argument = name.partition(":")
     if kind == _NETWORK:

@@ -1,4 +1,4 @@
-"""take.toml: what a user says about a take."""
+"""take.toml: the user's description of a take."""
 
 import math
 from pathlib import Path
@@ -17,7 +17,7 @@ _DOF_OF_COLUMN = {dof.column: (i, dof) for i, dof in enumerate(DOFS)}
 
 
 class TakeSettings(BaseModel):
-    """The fields of take.toml; a description says what its field has to be."""
+    """The fields of take.toml; a description states a field's valid values."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -34,7 +34,7 @@ class TakeSettings(BaseModel):
     init_frames: int | None = Field(
         default=None,
         ge=1,
-        description="a whole number of frames, 1 or more, at the start, in which the actor stands still; "
+        description="a number of frames at the start, 1 or more, in which the actor stands still; "
         "for fitting the actor's shape, tracking does not need it",
     )
     facing: float | None = Field(
@@ -61,9 +61,9 @@ class TakeSettings(BaseModel):
         for camera, offset in offsets.items():
             if offset < 0:
                 raise ValueError(
-                    f"{camera}: expected 0 or more frames, found {offset}: add as many to all cameras as "
+                    f"{camera}: expected 0 or more frames, found {offset}: add to all cameras as many as "
                     "the one "
-                    "that is farthest behind needs"
+                    "farthest behind needs"
                 )
         return offsets
 
@@ -101,7 +101,7 @@ class TakeSettings(BaseModel):
 
     @property
     def facing_rad(self) -> float | None:
-        """The root's heading in the first frame, where the user gave it."""
+        """The root's heading in the first frame, if it is given."""
         return None if self.facing is None else math.radians(self.facing)
 
     def offset(self, camera: str) -> int:
@@ -109,11 +109,11 @@ class TakeSettings(BaseModel):
         return self.offsets.get(camera, 0)
 
     def beginning_at(self, frame: int) -> "TakeSettings":
-        """What holds where tracking begins at a frame: what is said of the first pose is about frame 0."""
+        """The hints for tracking from a frame on: hints about the first pose apply only to frame 0."""
         return self.model_copy(update={"facing": None, "initial_pose": {}}) if frame else self
 
     def with_initial_pose(self, pose: Floats) -> Floats:
-        """A copy of the (D,) pose, with the parameters of `[initial_pose]` in their places."""
+        """A copy of the (D,) pose, with the parameters of `[initial_pose]`."""
         pose = pose.copy()
         for column, value in self.initial_pose.items():
             pose[_DOF_OF_COLUMN[column][0]] = value
@@ -126,7 +126,7 @@ def read_settings(path: Path) -> TakeSettings:
 
 
 def write_settings(path: Path, settings: TakeSettings) -> None:
-    """Writes take.toml, without the fields that were left out."""
+    """Writes take.toml, without fields that were not given."""
     fields = settings.model_dump(exclude_none=True)
     if settings.unsure == [UNSURE, UNSURE]:
         del fields["unsure"]

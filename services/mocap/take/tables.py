@@ -1,4 +1,4 @@
-"""joints.csv and poses.csv: results, and references to compare them with, as tables.
+"""joints.csv and poses.csv: tables of results, and of references to compare them with.
 
 Points and cameras of a take's files (calibration.toml, joints.csv) are in the take's own world, y-up or z-up.
 Pose parameters (poses.csv, `[initial_pose]` in take.toml) always mean the z-up world used inside, since the
@@ -40,17 +40,17 @@ _LARGEST_FRAME = 2**31 - 1
 
 
 def to_take_world(points_world_m: Floats, up: Up) -> Floats:
-    """(…, 3) points of the inside z-up world, in the take's world."""
+    """(…, 3) points of the internal z-up world, in the take's world."""
     return points_world_m if up == "z" else points_world_m @ R_ZUP_YUP
 
 
 def from_take_world(points_take_m: Floats, up: Up) -> Floats:
-    """(…, 3) points of the take's world, in the inside z-up world."""
+    """(…, 3) points of the take's world, in the internal z-up world."""
     return points_take_m if up == "z" else points_take_m @ R_ZUP_YUP.T
 
 
 def reference_joints(poses: Floats, offsets_m: Floats) -> Floats:
-    """The joints of joints.csv (N, 15, 3) in the inside z-up world, of poses (N, D).
+    """The joints of joints.csv (N, 15, 3) in the internal z-up world, of poses (N, D).
 
     offsets_m: (J, 3), as joint_positions takes them.
     """
@@ -59,7 +59,7 @@ def reference_joints(poses: Floats, offsets_m: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """What joints.csv holds."""
+    """The content of joints.csv."""
 
     frames: Ints
     """(N,) frame numbers, increasing."""
@@ -71,7 +71,7 @@ class JointTable:
 
 @dataclass(frozen=True, eq=False)
 class PoseTable:
-    """What poses.csv holds."""
+    """The content of poses.csv."""
 
     frames: Ints
     """(N,) frame numbers, increasing."""
@@ -84,7 +84,7 @@ class PoseTable:
     extra: Mapping[str, Floats] = field(default_factory=dict)
     """Further columns (N,) by name."""
     marks: Marks | None = None
-    """Of the N frames; None where nobody judged them, as in references and in older files."""
+    """The marks of the N frames; None if they were not judged, as in references."""
 
 
 def write_joints_csv(path: Path, frames: Ints, times_s: Floats, joints_take_m: Floats) -> None:
@@ -106,7 +106,8 @@ def read_joints_csv(path: Path) -> JointTable:
 
 
 def write_poses_csv(path: Path, table: PoseTable) -> None:
-    """Poses are written to a micrometre and a microradian; raises ValueError for extra columns' odd names."""
+    """Poses are written to a micrometre and a microradian; raises ValueError for invalid names of extra
+    columns."""
     known = {"frame", "time_s", "energy_px", *_POSE_COLUMNS, *MARK_COLUMNS}
     if clash := known & table.extra.keys():
         raise ValueError(f"extra: {', '.join(sorted(clash))}: are columns of poses.csv already")

@@ -1,7 +1,7 @@
-"""Videos in: what a file really holds, found by reading all its packets, and its frames one after the other.
+"""Reads videos: the index of a file, found by reading all its packets, and its frames in order.
 
-A frame's number is its place in presentation order, found from time stamps, so that it stays exact when
-reading starts in the middle of a file. A frame that is missing or damaged raises; none is passed over.
+A frame's number is its position in presentation order, found from time stamps, so that it is exact even if
+reading starts in the middle of a file. A missing or damaged frame raises an error; none is skipped.
 """
 
 from bisect import bisect_left
@@ -27,18 +27,18 @@ COPY_AGAIN = "copy or record it again"
 
 @dataclass(frozen=True)
 class VideoIndex:
-    """What a video file holds."""
+    """The index of a video file."""
 
     path: Path
     width_px: int
     height_px: int
-    """Size of the pictures the right way up."""
+    """Size of the upright pictures."""
     times_s: Floats
     """(N,) presentation time of every frame, increasing."""
     stamps: tuple[int, ...]
     """The same times in the file's own units."""
     keyframes: tuple[tuple[int, int], ...]
-    """(frame number, decoding stamp) of where decoding can start, for that frame and those after it."""
+    """(frame number, decoding stamp) of the frames at which decoding can start."""
 
     @property
     def n_frames(self) -> int:
@@ -53,10 +53,12 @@ class VideoIndex:
 def index_video(path: Path) -> VideoIndex:
     """Reads all packets and decodes one picture.
 
-    Raises TakeError when the file is missing, holds no video or is cut off.
+    Raises TakeError if the file is missing, contains no video or is cut off.
     """
     packets, declared, unit_s = _demuxed(path)
-    if len(packets) < declared:  # cut off, or else an edit list hides frames, which only counting all tells
+    if (
+        len(packets) < declared
+    ):  # cut off, or an edit list hides frames; only counting all packets shows which
         packets_in_file, *_ = _demuxed(path, {"ignore_editlist": "1"})
     else:
         packets_in_file = packets
@@ -70,14 +72,14 @@ def index_video(path: Path) -> VideoIndex:
 
 
 class _Packet(NamedTuple):
-    """What the index needs of a packet; the packet itself holds its data."""
+    """The parts of a packet for the index, without its data."""
 
     shown: int
     decoded: int
     is_key: bool
     is_whole: bool
     is_hidden: bool
-    """Decoded for the sake of others only, as an edit list of the file wants it."""
+    """Decoded only because other frames need it, according to the file's edit list."""
 
     @classmethod
     def of(cls, packet: "av.Packet[VideoStream]") -> "_Packet":
@@ -87,7 +89,7 @@ class _Packet(NamedTuple):
 
 
 def _demuxed(path: Path, options: dict[str, str] | None = None) -> tuple[list[_Packet], int, float]:
-    """All packets of the video, their number as the file declares it, and the stamps' unit in seconds."""
+    """All packets of the video, their number declared by the file, and the time stamps' unit in seconds."""
     with opened_video(path, options) as container:
         stream = video_stream(container, path)
         try:
@@ -98,11 +100,12 @@ def _demuxed(path: Path, options: dict[str, str] | None = None) -> tuple[list[_P
 
 
 class VideoReader:
-    """The frames of a video as BGR (H, W, 3) uint8, from `start` up to and without `stop` (default: all).
+    """The frames of a video as BGR (H, W, 3) uint8, from `start` up to but not including `stop` (default:
+    all).
 
-    Each iteration starts anew at `start`: `for frame, picture in enumerate(reader, start)` numbers exactly.
-    Colours go through FFmpeg's quick conversion, whose rounding takes 1 to 1.5 grey levels off everything.
-    Use it as a context manager, or close it. Iterating raises TakeError at a frame that cannot be decoded.
+    Each iteration starts again at `start`, so `enumerate(reader, start)` gives frame numbers. Colours go
+    through FFmpeg's fast conversion, whose rounding lowers all values by 1 to 1.5 grey levels. Use it as a
+    context manager, or close it. Iterating raises TakeError at a frame that cannot be decoded.
     """
 
     def __init__(
@@ -112,14 +115,14 @@ class VideoReader:
         stop: int | None = None,
         colour: ColourCorrection | None = None,
     ) -> None:
-        """Colour: what pictures are corrected by, if anything."""
+        """colour: the correction of the pictures, if any."""
         self.index = index_video(video) if isinstance(video, Path) else video
         self.start, self.colour = start, colour
         self.stop = self.index.n_frames if stop is None else stop
         if not 0 <= self.start <= self.stop <= self.index.n_frames:
             raise TakeError(
-                f"{self.index.path}: frames {self.start} to {self.stop} were asked for, "
-                f"but it holds {self.index.n_frames}"
+                f"{self.index.path}: frames {self.start} to {self.stop} were requested, "
+                f"but it has {self.index.n_frames}"
             )
         self._container = opened_video(self.index.path)
         self._stream = video_stream(self._container, self.index.path)
@@ -141,7 +144,7 @@ class VideoReader:
         return pictures if self.colour is None else map(self.colour.apply, pictures)
 
     def close(self) -> None:
-        """Closes the file; iterating is over then."""
+        """Closes the file, which ends any iteration."""
         self._container.close()
 
     def check(self) -> None:
@@ -156,7 +159,7 @@ class VideoReader:
         keyframe, decoding_stamp = self.index.keyframe_before(self.start)
         decoder, frame = self._begun(stamps[keyframe])
         if frame is None or frame.pts != stamps[self.start]:
-            decoder, frame = self._begun(decoding_stamp)  # some kinds of file are sought in by that
+            decoder, frame = self._begun(decoding_stamp)  # some formats seek by decoding time
         for expected in range(self.start, self.stop):
             if expected > self.start:
                 frame = _next_of(decoder)
@@ -165,7 +168,7 @@ class VideoReader:
             yield frame
 
     def _begun(self, begin_at: int) -> tuple[Iterator[VideoFrame], VideoFrame | None]:
-        """What decodes from the keyframe found at a stamp, and the first frame not before the start."""
+        """A decoder from the keyframe at a stamp, and the first frame not before the start."""
         self._container.seek(begin_at, stream=self._stream)
         decoder = self._container.decode(self._stream)
         while True:
@@ -175,7 +178,7 @@ class VideoReader:
 
 
 def _next_of(decoder: Iterator[VideoFrame]) -> VideoFrame | None:
-    """None at the end, and where nothing can be decoded."""
+    """None at the end, or if nothing can be decoded."""
     try:
         return next(decoder, None)
     except av.error.FFmpegError:
@@ -183,28 +186,28 @@ def _next_of(decoder: Iterator[VideoFrame]) -> VideoFrame | None:
 
 
 def opened_video(path: Path, options: dict[str, str] | None = None) -> InputContainer:
-    """A video file; raises TakeError where it is missing or cannot be read."""
+    """Open a video file; raises TakeError if it is missing or cannot be read."""
     try:
         return av.open(str(path), "r", options=options)
     except FileNotFoundError:
         raise TakeError(f"{path}: is missing: expected a video") from None
     except (av.error.FFmpegError, OSError):
         raise TakeError(
-            f"{path}: cannot be read as a video (empty, cut off before its index, or no video): {COPY_AGAIN}"
+            f"{path}: cannot be read as a video (empty, cut off before its index, no video): {COPY_AGAIN}"
         ) from None
 
 
 def video_stream(container: InputContainer, path: Path) -> VideoStream:
-    """The first video stream, to be decoded on one thread; raises TakeError where there is none."""
+    """The first video stream, decoded on one thread; raises TakeError if there is none."""
     if not container.streams.video:
-        raise TakeError(f"{path}: holds no video stream: expected a video")
+        raise TakeError(f"{path}: contains no video stream: expected a video")
     stream = container.streams.video[0]
-    stream.thread_type = "NONE"  # the services share the cores: more threads would only fight over them
+    stream.thread_type = "NONE"  # the services share the cores: more threads would only compete for them
     return stream
 
 
 def _first_picture(path: Path) -> Bytes:
-    """The first picture that decodes, turned upright."""
+    """The first picture that can be decoded, upright."""
     with opened_video(path) as container:
         try:
             frame = next(container.decode(video_stream(container, path)), None)
@@ -216,7 +219,8 @@ def _first_picture(path: Path) -> Bytes:
 
 
 def bgr_picture(frame: VideoFrame, converter: VideoReformatter) -> Bytes:
-    """A decoded frame as BGR (H, W, 3), turned as cameras held upright ask for: they store lying pictures."""
+    """A decoded frame as BGR (H, W, 3), rotated by the file's metadata: cameras held upright store rotated
+    pictures."""
     bgr: Bytes = np.asarray(converter.reformat(frame, format="bgr24", threads=1).to_ndarray(), np.uint8)
     quarter_turns = round(frame.rotation / 90) % 4
     return np.ascontiguousarray(np.rot90(bgr, quarter_turns)) if quarter_turns else bgr

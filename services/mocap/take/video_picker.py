@@ -1,4 +1,4 @@
-"""Single pictures of a video, in any order; going on costs less than decoding all that lies between."""
+"""Single pictures of a video, in any order, without decoding all pictures between them."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -17,10 +17,10 @@ from services.mocap.types import Bytes
 
 
 class PicturePicker:
-    """Picks pictures; for one thread at a time. The file stays open for as long as it lives."""
+    """Reads single pictures; for one thread at a time. It keeps the file open."""
 
     def __init__(self, index: VideoIndex, colour: ColourCorrection | None = None) -> None:
-        """Colour: what pictures are corrected by, if anything. Raises TakeError where it cannot be opened."""
+        """colour: the correction of the pictures, if any. Raises TakeError where it cannot be opened."""
         self._index, self._colour = index, colour
         self._container = opened_video(index.path)
         self._stream = video_stream(self._container, index.path)
@@ -32,11 +32,11 @@ class PicturePicker:
     def read(self, frame: int) -> Bytes:
         """A frame's picture, BGR (H, W, 3); raises TakeError where it cannot be decoded."""
         if not 0 <= frame < self._index.n_frames:
-            raise TakeError(f"{self._index.path}: holds no frame {frame}, but {self._index.n_frames} frames")
+            raise TakeError(f"{self._index.path}: has no frame {frame}, but {self._index.n_frames} frames")
         keyframe, decoding_stamp = self._index.keyframe_before(frame)
         if self._next is not None and keyframe <= self._next <= frame:
             found = self._find(frame)
-        else:  # some kinds of file are sought in by when pictures are shown, some by when they are decoded
+        else:  # some formats seek by presentation time, others by decoding time
             found = self._find(frame, self._index.stamps[keyframe]) or self._find(frame, decoding_stamp)
         if found is None:
             raise TakeError(f"{self._index.path}: frame {frame} cannot be decoded: {COPY_AGAIN}")
@@ -45,7 +45,7 @@ class PicturePicker:
         return picture if self._colour is None else self._colour.apply(picture)
 
     def _find(self, frame: int, begin_at: int | None = None) -> VideoFrame | None:
-        """A frame, reading on, or from the keyframe that is found at a stamp; None: it was not there."""
+        """A frame, reading on or from the keyframe at a stamp; None if it was not found."""
         self._next, stamp = None, self._index.stamps[frame]
         with suppress(av.error.FFmpegError, StopIteration):
             if begin_at is not None:
@@ -61,7 +61,7 @@ class PicturePicker:
         return None
 
     def _decode(self, packet: "Packet[VideoStream]", wanted: int) -> None:
-        """Decode a packet, unless it is of a picture before the wanted one that no other is made from."""
+        """Decode a packet, unless its picture precedes the wanted one and no other picture depends on it."""
         is_before = packet.pts is not None and packet.pts < wanted
         self._stream.codec_context.skip_frame = "NONREF" if is_before else "DEFAULT"
         self._decoded.extend(packet.decode())

@@ -1,4 +1,4 @@
-"""Take folders and videos out; whatever is written here appears whole or not at all."""
+"""Writes take folders and videos; everything appears completely or not at all."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -22,11 +22,13 @@ from services.mocap.take.tables import to_take_world, write_joints_csv
 from services.mocap.types import Bytes, Floats, Mask, Trimap
 
 NEAR_LOSSLESS_CRF = 12
-_KEYFRAME_EVERY_S = 2  # so that browsers seek quickly, and readers that start in the middle
+_KEYFRAME_EVERY_S = 2  # for fast seeking in browsers and readers
 _QUICK = {"preset": "superfast", "threads": "1"}
-_BT601 = 6  # FFmpeg's number (SMPTE 170M) for the colours that its conversion makes unless told otherwise
+_BT601 = 6  # FFmpeg's number (SMPTE 170M) for the colours of its default conversion
 _LIMITED_RANGE = 1
-_ROUNDED = int(Interpolation.BILINEAR) | int(Interpolation.ACCURATE_RND)  # else half a grey level is lost
+_ROUNDED = int(Interpolation.BILINEAR) | int(
+    Interpolation.ACCURATE_RND
+)  # otherwise half a grey level is lost
 
 
 class VideoWriter:
@@ -40,7 +42,7 @@ class VideoWriter:
         fps: float,
         options: Mapping[str, str],
     ) -> None:
-        """options: of the encoder, beside how often there is a keyframe."""
+        """options: of the encoder, besides the keyframe interval."""
         self.width_px, self.height_px = width_px, height_px
         self.n_frames = 0
         self._rate = Fraction(fps).limit_denominator(1001)
@@ -67,7 +69,7 @@ class VideoWriter:
         self.n_frames += 1
 
     def finish(self) -> None:
-        """Writes what the encoder still holds back; raises ValueError when there was no picture at all."""
+        """Flushes the encoder; raises ValueError if there was no picture."""
         if not self.n_frames:
             raise ValueError("a video needs at least one picture")
         self._container.mux(self._stream.encode(None))
@@ -85,9 +87,9 @@ def video_writer(
 ) -> Iterator[VideoWriter]:
     """A writer of an mp4 that browsers play; the file appears when the block ends without an exception.
 
-    crf: x264's quality, 0 to 51, smaller is better: 12 is near lossless, about 20 is for looking at.
+    crf: x264's quality, 0 to 51, smaller is better: 12 is nearly lossless, about 20 is good for viewing.
     is_quick: encode in a quarter of the time, and in one thread, to a larger file.
-    Raises TakeError for odd sizes, which the pixel format that browsers play (yuv420p) cannot hold.
+    Raises TakeError for odd sizes, which the pixel format of browsers (yuv420p) does not support.
     """
     if width_px % 2 or height_px % 2:
         raise TakeError(
@@ -106,7 +108,7 @@ def video_writer(
 def write_picture(path: Path, picture: Bytes | Trimap | Mask) -> None:
     """A PNG of a BGR (H, W, 3) picture, a (H, W) trimap or a (H, W) silhouette (0 and 255).
 
-    Makes the folder if it is missing.
+    Creates the folder if it is missing.
     """
     pixels = picture.astype(np.uint8) * (255 if picture.dtype == np.bool_ else 1)
     with atomic_file(path) as part:
@@ -114,11 +116,11 @@ def write_picture(path: Path, picture: Bytes | Trimap | Mask) -> None:
 
 
 class TakeWriter:
-    """Fills a take folder that is being made by `take_writer`."""
+    """Fills a take folder created by `take_writer`."""
 
     def __init__(self, folder: Path, settings: TakeSettings, cameras: Sequence[Camera]) -> None:
         self.folder = folder
-        """Where the take is being made; further files may be put here."""
+        """The temporary folder of the take; further files may be put here."""
         self._settings = settings
         write_settings(folder / layout.SETTINGS, settings)
         write_calibration(folder / layout.CALIBRATION, tuple(cameras), settings.up)
@@ -141,7 +143,7 @@ class TakeWriter:
         write_picture(layout.silhouette_path(folder, frame), silhouette)
 
     def reference_joints(self, joints_world_m: Floats) -> None:
-        """The true joints (frames, 15, 3) of every frame, in the inside z-up world."""
+        """The true joints (frames, 15, 3) of every frame, in the internal z-up world."""
         frames = np.arange(len(joints_world_m), dtype=np.int32)
         joints_take_m = to_take_world(joints_world_m, self._settings.up)
         path = self.folder / layout.REFERENCE_JOINTS_CSV
@@ -153,9 +155,9 @@ class TakeWriter:
 
 @contextmanager
 def take_writer(folder: Path, settings: TakeSettings, cameras: Sequence[Camera]) -> Iterator[TakeWriter]:
-    """A writer of a new take, cameras in the inside z-up world.
+    """A writer of a new take, cameras in the internal z-up world.
 
-    The folder appears when the block ends without an exception. Raises UserError when it is there already.
+    The folder appears when the block ends without an exception. Raises UserError if it already exists.
     """
     with atomic_folder(folder) as part:
         yield TakeWriter(part, settings, cameras)

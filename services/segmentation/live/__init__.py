@@ -1,1 +1,1 @@
-"""Silhouettes of live cameras: sources that come and go, shots put together, drops counted."""
+"""Silhouettes of live cameras: sources that may disappear, assembly of shots, counts of drops."""

@@ -1,4 +1,4 @@
-"""The empty stage as live cameras see it at the start, for those who have no pictures of it."""
+"""Records the empty stage from live cameras at the start, if there are no pictures of it."""
 
 import logging
 import time
@@ -20,18 +20,18 @@ from services.segmentation.live.sources import StreamSource
 _PICTURES = 30
 """Per camera, at most; more hardly improve the background."""
 _OPENING_S = 20.0
-"""How long sources may take until they give their first picture."""
+"""How long sources may take to deliver their first picture."""
 _FEWEST = 3
 
 log = logging.getLogger(__name__)
 
 
 def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: StopRequest) -> LiveTake:
-    """Keep what some cameras see now, as a take's clean plates in a folder; returns the take with these.
+    """Store the cameras' present pictures as clean plates in a folder; returns the take with these.
 
-    Of a file it is its first seconds. Raises UserError where a camera gives no pictures.
+    For a file, its first seconds are used. Raises UserError if a camera delivers no pictures.
     """
-    log.info("the stage has to be empty for %.1f s from now on", take.live.empty_stage_s)
+    log.info("keep the stage empty for the next %.1f s", take.live.empty_stage_s)
     seen: dict[int, list[Bytes]] = {c: _of_file(take, c) if take.sources[c].is_file else [] for c in cameras}
     feeds = {c: _feed(take, c, seen[c]) for c in cameras if not take.sources[c].is_file}
     try:
@@ -44,13 +44,15 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
     for c, pictures in seen.items():
         camera = take.cameras[c]
         if len(pictures) < _FEWEST:
-            raise UserError(f"{camera.name}: gave no pictures of the empty stage: is its source there?")
+            raise UserError(
+                f"{camera.name}: delivered no pictures of the empty stage: is its source available?"
+            )
         path = background_video_path(folder, camera.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         with video_writer(path, camera.width_px, camera.height_px, take.live.fps) as writer:
             for picture in pictures:
                 writer.write(picture)
-    log.info("the empty stage was seen by %d cameras", len(seen))
+    log.info("recorded the empty stage with %d cameras", len(seen))
     return replace(take, background_folder=background_video_path(folder, "any").parent)
 
 
@@ -76,7 +78,7 @@ def _feed(take: LiveTake, c: int, pictures: list[Bytes]) -> Feed:
 
 
 def _wait(take: LiveTake, feeds: dict[int, Feed], seen: dict[int, list[Bytes]], stop: StopRequest) -> None:
-    """Wait until all streams have begun, and then for as long as the stage is said to be empty."""
+    """Wait until all streams have started, and then for the time of the empty stage."""
     deadline_s = time.monotonic() + _OPENING_S
     while not stop and time.monotonic() < deadline_s and not all(seen[c] for c in feeds):
         beat()

@@ -21,13 +21,13 @@ from services.segmentation.live.sources import (
 )
 
 _AGAIN_S = 0.25
-"""Between two tries to open a source that is gone."""
+"""Time between two attempts to reopen a lost source."""
 
 log = logging.getLogger(__name__)
 
 
 class Feed:
-    """Gives a camera's pictures to whoever wants them, from a thread of its own.
+    """Delivers a camera's pictures from its own thread.
 
     The thread reads the camera's source, and opens it again for as long as it is gone. begin: waits until the
     source may be opened, and opens it; raises SourceLostError. give: called in the feed's thread with each
@@ -46,7 +46,7 @@ class Feed:
         self.has_ended = False
         """Whether no picture will ever follow."""
         self.problem: UserError | None = None
-        """Why it cannot go on, which the user has to mend."""
+        """The user's error that stopped it, if any."""
         self._thread = threading.Thread(target=self._run, name=f"feed-{camera.name}", daemon=True)
         self._thread.start()
 
@@ -58,7 +58,7 @@ class Feed:
             except SourceLostError as problem:
                 if not self._is_lost:
                     self._is_lost = True
-                    log.warning("%s is gone, and looked for until it is back: %s", name, problem)
+                    log.warning("%s is lost; trying to reconnect: %s", name, problem)
                 self._stopped.wait(_AGAIN_S)
             except UserError as problem:
                 self.problem, self.has_ended = problem, True
@@ -83,21 +83,21 @@ class Feed:
             source.close()
 
     def stop(self) -> None:
-        """Ask it to end; it does so after the picture that it is waiting for."""
+        """Request its end; it stops after the next picture."""
         self._stopped.set()
 
     def join(self) -> None:
-        """Wait for its end, a moment: a source that hangs does not hold up the others."""
+        """Wait briefly for its end: a source that hangs must not delay the others."""
         self._thread.join(2.0)
 
 
 class Group:
-    """The feeds of some cameras, and shots once the coordinator's clock tells which is when."""
+    """The feeds of some cameras, and their shots once the coordinator's clock is known."""
 
     def __init__(
         self, take: LiveTake, cameras: Sequence[int], clock: CoordinatorClock, record: Path | None
     ) -> None:
-        """record: the folder of a take that is to be made of the pictures."""
+        """record: the folder in which to record the pictures as a take."""
         self._take, self._clock, live = take, clock, take.live
         self._begun = threading.Event()
         self._files_begin_s = 0.0
@@ -111,7 +111,7 @@ class Group:
         ]
 
     def _open(self, k: int, c: int, stopped: threading.Event) -> Source | None:
-        """A camera's source; files begin with shot 0, so that each of their pictures has its number."""
+        """A camera's source; files start with shot 0, so that each picture has its number."""
         source = self._take.sources[c]
         if not source.is_file:
             return StreamSource(source, self._take.cameras[c], self._take.live.fps)
@@ -127,14 +127,14 @@ class Group:
             self._recordings[k].add(shot, image, taken_s - self._files_begin_s)
 
     def begin(self) -> None:
-        """The coordinator's clock tells from now on which shot is when."""
+        """Called when the coordinator's clock is known."""
         if not self._begun.is_set():
             self._files_begin_s = self._clock.here_s(self._clock.due_s(0))
             self._begun.set()
 
     @property
     def is_recording(self) -> bool:
-        """Whether a take is made of the pictures."""
+        """Whether the pictures are recorded."""
         return bool(self._recordings)
 
     @property
@@ -143,13 +143,13 @@ class Group:
         return all(feed.has_ended for feed in self._feeds)
 
     def check(self) -> None:
-        """Raise what a user has to mend."""
+        """Raise a feed's user error, if any."""
         for feed in self._feeds:
             if feed.problem is not None:
                 raise feed.problem
 
     def end_before(self, end_shot: int) -> None:
-        """Record no shot from this one on."""
+        """Do not record this shot and later ones."""
         for recording in self._recordings:
             recording.end_before(end_shot)
 

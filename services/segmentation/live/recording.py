@@ -1,4 +1,4 @@
-"""Live cameras' pictures written as videos of a take, in which frame n is shot n of every camera."""
+"""Records live pictures as videos of a take, in which frame n is shot n of every camera."""
 
 import logging
 import queue
@@ -14,20 +14,20 @@ from services.mocap.take.writer import VideoWriter, video_writer
 from services.mocap.types import Bytes
 
 _WAITING = 120
-"""Pictures that may wait to be written, some seconds of them; more are not taken."""
+"""Most pictures that wait to be written, some seconds; more are dropped."""
 _CRF = 16
-"""Sharp enough to be tracked as well as the live pictures."""
+"""Video quality, high enough to be tracked as well as the live pictures."""
 
 log = logging.getLogger(__name__)
 
 
 def stamps_path(folder: Path, camera: str) -> Path:
-    """Where the moments of a camera's pictures go: empty for a shot that repeats the one before."""
+    """The file with the times of a camera's pictures: empty for a shot that repeats the previous one."""
     return folder / "stamps" / f"{camera}.csv"
 
 
 class CameraRecording:
-    """Writes one camera's pictures from a thread of its own; shots that it lacks repeat the one before."""
+    """Writes one camera's pictures in its own thread; a missing shot repeats the previous picture."""
 
     def __init__(self, folder: Path, camera: Camera, fps: float) -> None:
         self._folder, self._camera, self._fps = folder, camera, fps
@@ -36,12 +36,12 @@ class CameraRecording:
         self._last: Bytes = np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
         self._end_shot: int | None = None
         self.lost = 0
-        """Pictures that could not be written in time."""
+        """Number of pictures that could not be written in time."""
         self._thread = threading.Thread(target=self._run, name=f"recording-{camera.name}", daemon=True)
         self._thread.start()
 
     def add(self, shot: int, image: Bytes, time_s: float) -> None:
-        """Take in the picture of a shot, later than all before, taken so long after shot 0."""
+        """Add the picture of a shot later than all before; time_s since shot 0."""
         if self._end_shot is not None and shot >= self._end_shot:
             return
         try:
@@ -50,11 +50,11 @@ class CameraRecording:
             self.lost += 1
 
     def end_before(self, end_shot: int) -> None:
-        """Shots from this one on are not wanted."""
+        """Ignore this shot and later ones."""
         self._end_shot = end_shot
 
     def finish(self, end_shot: int) -> None:
-        """No picture follows; the video is filled up to this shot."""
+        """Finish: no more pictures follow; the video is filled up to this shot."""
         self._waiting.put((end_shot, None, 0.0))
         self._thread.join()
         if self.lost:
@@ -68,7 +68,7 @@ class CameraRecording:
             while True:
                 shot, image, time_s = self._waiting.get()
                 if image is not None and not self._times_s:
-                    self._last = image  # what came before the first picture looks like it
+                    self._last = image  # shots before the first picture repeat it
                 while len(self._times_s) < shot:
                     self._write(writer, self._last, None)
                 if image is None:

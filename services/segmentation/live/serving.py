@@ -1,4 +1,4 @@
-"""Serving live cameras: shots in, silhouettes out to the coordinator, and what it has to know of both."""
+"""Serves live cameras: sends silhouettes of shots and reports to the coordinator."""
 
 import logging
 import tempfile
@@ -39,7 +39,7 @@ _LOOK_S = 0.05
 _ASK_SOON_S = 0.1
 """How often the pace is asked for as long as there is none."""
 _CATCH_UP_S = 2.0
-"""How long the last pictures of a recording may take to come."""
+"""How long to wait for the last pictures of a recording."""
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +48,7 @@ class Silhouetter:
     """Makes the silhouettes of a group's shots."""
 
     def __init__(self, take: LiveTake, cameras: Sequence[int], segmenter: str) -> None:
-        """Raises UserError where the segmenter cannot work live."""
+        """Raises UserError if the segmenter does not support live input."""
         chosen = [take.cameras[c] for c in cameras]
         self._height_px, self._width_px = Rig.of(take.cameras).shape_px
         self._matte = live_matte(take, chosen, SegmentationSettings(), segmenter)
@@ -58,7 +58,7 @@ class Silhouetter:
         warm_up()
 
     def planes(self, shot: Shot) -> tuple[list[int], TriPlanes]:
-        """Which cameras of the group have a picture of a shot, and planes (P, H, W) of these."""
+        """The cameras of the group with a picture of a shot, and their planes (P, H, W)."""
         images = {}
         for k, taken in shot.taken.items():
             colour = self._colours[k]  # what makes pictures those that all cameras are to have
@@ -84,12 +84,12 @@ class Talk:
         self.clock = CoordinatorClock(clock_name())
         self._asked_s = 0.0
         self.unsent = 0
-        """Shots that the coordinator did not take."""
+        """Number of shots that could not be sent."""
         self.end: TakeEnd | None = None
-        """Said by the coordinator once no pose will follow."""
+        """The coordinator's message that no pose will follow."""
 
     def hear(self) -> None:
-        """Take in what the coordinator has said."""
+        """Handle the coordinator's messages."""
         for line in (self._tasks, self._poses):
             try:
                 while (message := receive(line.socket)) is not None:
@@ -104,7 +104,7 @@ class Talk:
             line.tick()
 
     def tell(self, group: Group) -> None:
-        """Say how the cameras are doing, when it is time."""
+        """Report the state of the cameras when it is due."""
         now_s = time.monotonic()
         if now_s - self._asked_s < (FROM_LIVE_CAMERAS.every_s if self.clock.run else _ASK_SOON_S):
             return
@@ -125,7 +125,7 @@ class Talk:
         send(self._tasks.socket, word)
 
     def send(self, shot: Shot, silhouetter: Silhouetter) -> None:
-        """Segment a shot, and send it if the coordinator takes it."""
+        """Segment a shot, and send it if the queue has room."""
         about(frame=shot.number)
         with SECONDS.time():
             there, planes = silhouetter.planes(shot)
@@ -152,7 +152,7 @@ class Talk:
         return max(int(self.clock.shot_at(self.clock.there_s(time.monotonic()))), 1)
 
     def close(self) -> None:
-        """Close the connections, letting what was sent go out."""
+        """Close the connections after sending what is queued."""
         for line in (self._silhouettes, self._poses, self._tasks):
             line.close()
         self._context.term()
@@ -167,10 +167,10 @@ def serve_live(
     segmenter: str,
     record: Path | None,
 ) -> None:
-    """Send silhouettes of live cameras until the coordinator says that it has ended, or a stop is asked for.
+    """Send silhouettes of live cameras until the coordinator announces the end or a stop is requested.
 
-    record: the folder of a take that is to be made of the pictures; clean plates seen at the start go there
-    too. Raises UserError where a source cannot be what it is said to be.
+    record: the folder in which to record the pictures as a take, with the clean plates from the start. Raises
+    UserError if a source does not match its configuration.
     """
     about(take=take.settings.name)
     for c in cameras:

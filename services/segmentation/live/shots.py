@@ -9,7 +9,7 @@ from proto.messages import LivePace
 from services.mocap.types import Bytes
 
 _SAMPLES = 32
-"""Round trips of which the quickest counts; about a quarter of a minute."""
+"""Number of round trips of which the fastest is used; about 15 seconds."""
 _BACKLOG = 3
 """When so many whole shots wait, all but the newest are dropped."""
 _KEPT = 8
@@ -20,21 +20,21 @@ _THERE_SHOTS, _THERE_S = 3.0, 0.3
 class CoordinatorClock:
     """Compares two monotonic clocks by round trips, as NTP does.
 
-    The answer was given half-way through a round trip, give or take half of it; so of many round trips the
-    quickest tells best. Where both sides read the same clock there is nothing to compare.
+    The answer was given half-way through a round trip, with an error of at most half of it, so the fastest of
+    many round trips is the most exact. If both sides read the same clock, no comparison is needed.
     """
 
     def __init__(self, own_clock: str) -> None:
-        """own_clock: this machine's, by the name that a coordinator on it would give."""
+        """own_clock: the name of this machine's clock."""
         self._own_clock = own_clock
         self._trips: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)
         self._ahead_s: float | None = None
         self._pace: LivePace | None = None
 
     def hear(self, answer: LivePace, now_s: float) -> None:
-        """Take in an answer that came at a moment of this machine's clock."""
+        """Add an answer that arrived at a time of this machine's clock."""
         if self._pace is not None and self._pace.clock != answer.clock:
-            self._trips.clear()  # the coordinator's machine was started anew
+            self._trips.clear()  # the coordinator's machine was rebooted
         if answer.clock == self._own_clock:
             self._ahead_s = 0.0
         else:
@@ -50,24 +50,24 @@ class CoordinatorClock:
 
     @property
     def run(self) -> str:
-        """The coordinator's run; empty as long as none has begun."""
+        """The coordinator's run; empty before it begins."""
         return "" if self._pace is None else self._pace.run
 
     @property
     def precision_s(self) -> float:
-        """How far off the comparison may be at most."""
+        """Largest possible error of the comparison."""
         return min(self._trips)[0] / 2 if self._trips else 0.0
 
     def there_s(self, here_s: float) -> float:
-        """A moment of this machine's clock on the coordinator's."""
+        """Convert a time of this machine's clock to the coordinator's."""
         return here_s + (self._ahead_s or 0.0)
 
     def here_s(self, there_s: float) -> float:
-        """A moment of the coordinator's clock on this machine's."""
+        """Convert a time of the coordinator's clock to this machine's."""
         return there_s - (self._ahead_s or 0.0)
 
     def shot_at(self, there_s: float) -> float:
-        """Which shot is due at a moment of the coordinator's clock, with parts of it; needs a run."""
+        """The fractional number of the shot due at a time of the coordinator's clock; needs a run."""
         if self._pace is None:
             raise ValueError("the pace is not known")
         return self._pace.shot + (there_s - self._pace.shot_s) / self._pace.period_s
@@ -91,20 +91,20 @@ class Taken:
 
 @dataclass(eq=False)
 class Shot:
-    """What several cameras have of a shot."""
+    """The pictures of a shot."""
 
     number: int
     arrived_s: float
-    """When the first picture of it came, on this machine's clock."""
+    """When its first picture arrived, on this machine's clock."""
     taken: dict[int, Taken] = field(default_factory=dict)
-    """By the camera's place in the group."""
+    """By the camera's position in the group."""
 
 
 class ShotCounter:
-    """Says of one camera's pictures which shots they are.
+    """Assigns one camera's pictures to shots.
 
-    Pictures are counted on from the one before, as long as that is near enough to when the shot is due; so a
-    camera whose pictures hover half-way between two shots does not jump to and fro.
+    Pictures are counted from the previous one while that agrees with the due times, so that a camera whose
+    pictures are half-way between two shots does not jump back and forth.
     """
 
     def __init__(self, clock: CoordinatorClock, reach_s: float, period_s: float) -> None:
@@ -112,7 +112,7 @@ class ShotCounter:
         self._last: tuple[int, float] | None = None
 
     def number(self, there_s: float) -> int | None:
-        """The shot of a picture that was taken at a moment of the coordinator's clock; None: of none."""
+        """The shot of a picture taken at a time of the coordinator's clock; None if it belongs to none."""
         candidates = [round(self._clock.shot_at(there_s))]
         if self._last is not None:
             shot, last_s = self._last
@@ -125,7 +125,7 @@ class ShotCounter:
 
 
 class Shots:
-    """Takes in pictures from many threads; gives out shots to one."""
+    """Collects pictures from many threads; returns shots to one."""
 
     def __init__(
         self, n_cameras: int, clock: CoordinatorClock, reach_s: float, period_s: float, grace_s: float
@@ -139,15 +139,15 @@ class Shots:
         self._last_of: list[int | None] = [None] * n_cameras
         self._came_s = [float("-inf")] * n_cameras
         self.missed = [0] * n_cameras
-        """Shots of which a camera gave no picture."""
+        """Shots without a picture from a camera."""
         self.dropped = [0] * n_cameras
-        """Pictures of a camera that were not given out."""
+        """Dropped pictures of a camera."""
         self._passed_over = [0] * n_cameras
         self.latest_s: list[float | None] = [None] * n_cameras
         """When a camera took its latest picture, on this machine's clock."""
 
     def put(self, camera: int, image: Bytes, taken_s: float) -> int | None:
-        """Take in a picture that was taken at a moment of this machine's clock; returns its shot, if any."""
+        """Add a picture taken at a time of this machine's clock; returns its shot, if any."""
         with self._changed:
             self.latest_s[camera] = taken_s
             self._came_s[camera] = time.monotonic()
@@ -176,12 +176,12 @@ class Shots:
             return number
 
     def pass_over(self, camera: int, pictures: int) -> None:
-        """Pictures of a camera were there, but not read in time: they count as dropped, not as missed."""
+        """Count pictures of a camera that existed but were not read in time as dropped, not as missed."""
         with self._changed:
             self._passed_over[camera] += pictures
 
     def take(self, timeout_s: float) -> Shot | None:
-        """The next shot that is whole: the oldest, or where too many wait, the newest."""
+        """The next complete shot: the oldest, or the newest if too many wait."""
         with self._changed:
             deadline_s = time.monotonic() + timeout_s
             while not (whole := self._whole()):
@@ -197,17 +197,17 @@ class Shots:
 
     @property
     def n_waiting(self) -> int:
-        """Shots that have not been given out."""
+        """Number of waiting shots."""
         return len(self._shots)
 
     def has_come(self, number: int) -> bool:
-        """Whether all cameras that are there are past a shot, or have its picture."""
+        """Whether all present cameras have a picture of a shot or of a later one."""
         absent = self.absent()
         there = [last for k, last in enumerate(self._last_of) if k not in absent]
         return all(last is not None and last >= number for last in there)
 
     def absent(self) -> list[int]:
-        """Cameras that have no picture just now."""
+        """Cameras without a current picture."""
         patience_s = _THERE_SHOTS * self._period_s + _THERE_S
         now_s = time.monotonic()
         return [k for k, came_s in enumerate(self._came_s) if now_s - came_s > patience_s]

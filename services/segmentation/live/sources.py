@@ -23,23 +23,23 @@ from services.mocap.types import Bytes
 _OPEN_S, _READ_S = 5.0, 1.5
 """How long a network source may be silent, while it is opened and afterwards, before it counts as lost."""
 _SAME_CLOCK_S = 2.0
-"""Stamps so near to this machine's monotonic clock are its own, as drivers of cameras give them."""
+"""Time stamps this close to this machine's monotonic clock are on that clock, as from camera drivers."""
 _LATE_S, _LATE_PICTURES = 0.4, 2
 """A file's picture that is unread for the sum of both is dropped for newer ones, as a camera would do."""
 _MEET_S = 0.25
 """Files that drop pictures go on at multiples of about this time, so that several go on at the same
 moment."""
 _LEAK = 1e-3
-"""How much a container's clock may run slow against ours, in seconds a second."""
+"""How much slower a container's clock may run than ours, in seconds per second."""
 
 
 class SourceLostError(Exception):
-    """A source gives no pictures; it may come back. The text says why."""
+    """A source delivers no pictures; it may return. The text says why."""
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What a source gives."""
+    """A picture of a source."""
 
     image: Bytes
     """BGR (H, W, 3)."""
@@ -51,25 +51,25 @@ class Source(Protocol):
     """An opened source."""
 
     def read(self) -> Picture | None:
-        """The next picture, waited for; None where none will ever follow. Raises SourceLostError."""
+        """Wait for the next picture; None if none will follow. Raises SourceLostError."""
         ...
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close it."""
         ...
 
 
 class FileSource:
-    """A video file as if it were a camera: each picture is there when its time has come.
+    """A video file played like a camera: each picture appears at its time.
 
-    A file that is removed, or that another one takes the place of, is a camera that is unplugged.
+    A file that is removed or replaced counts as an unplugged camera.
     """
 
     def __init__(
         self, path: Path, begin_s: float, stopped: Event, passed_over: Callable[[int], None] = lambda _: None
     ) -> None:
-        """begin_s: when the file's first picture is taken; what has passed by then is over. passed_over: told
-        how many pictures were left out since they were not read in time."""
+        """begin_s: the time of the file's first picture; earlier pictures are skipped. passed_over: called
+        with the number of pictures that were not read in time."""
         self._stopped, self._path, self._passed_over = stopped, path, passed_over
         try:
             self._identity = _identity(path)
@@ -85,7 +85,7 @@ class FileSource:
         self._go_to(int((self._due_s < time.monotonic()).sum()))
 
     def _go_to(self, number: int) -> None:
-        """Let a picture be the next one; none where there are no more."""
+        """Go to a picture; none if there are no more."""
         self.close()
         self._next = number
         self._reader = VideoReader(self._index, number) if number < self._index.n_frames else None
@@ -117,7 +117,7 @@ class FileSource:
         due_s, self._next = float(self._due_s[self._next]), self._next + 1
         self._stopped.wait(max(due_s - time.monotonic(), 0.0))
         if _identity(self._path) != self._identity:
-            raise SourceLostError(f"{self._path}: is another file by now")
+            raise SourceLostError(f"{self._path}: the file was replaced")
         return Picture(image, due_s)
 
     def close(self) -> None:
@@ -128,7 +128,7 @@ class FileSource:
 
 @lru_cache(maxsize=256)
 def _indexed(path: Path, identity: tuple[int, int]) -> VideoIndex:  # noqa: ARG001  (part of the cache's key)
-    """What a file holds; known already when its camera is plugged in again."""
+    """The index of a file; cached for when its camera is plugged in again."""
     return index_video(path)
 
 
@@ -151,11 +151,11 @@ class StreamSource:
             self._stream = self._container.streams.video[0]
         except (av.error.FFmpegError, OSError, IndexError) as problem:
             raise SourceLostError(f"{_place(settings.source)}: {_reason(problem)}") from None
-        self._stream.thread_type = "NONE"  # other threads would hold pictures back
+        self._stream.thread_type = "NONE"  # decoder threads would delay pictures
         self._frames = self._container.decode(self._stream)
 
     def read(self) -> Picture | None:
-        """See Source.read: a stream never ends for good."""
+        """See Source.read: a stream never ends permanently."""
         try:
             frame = next(self._frames, None)
         except (av.error.FFmpegError, OSError) as problem:
@@ -174,10 +174,10 @@ class StreamSource:
 
 
 class ContainerClock:
-    """Turns a container's stamps into moments of this machine's clock.
+    """Converts a container's time stamps to this machine's clock.
 
-    No picture arrives before it is taken, so the quickest of them tells how the two clocks stand to each
-    other, but for the least delay, which delay_s may make up for.
+    No picture arrives before it is taken, so the fastest one gives the difference of the two clocks, except
+    for the least delay, which delay_s may correct.
     """
 
     def __init__(self) -> None:
@@ -185,7 +185,7 @@ class ContainerClock:
         self._heard_s = 0.0
 
     def taken_s(self, stamp_s: float, arrived_s: float) -> float:
-        """When a picture with a stamp was taken that arrived at a moment."""
+        """When a picture with this stamp was taken, given its arrival time."""
         if abs(arrived_s - stamp_s) < _SAME_CLOCK_S and stamp_s > _SAME_CLOCK_S:
             return stamp_s
         offset_s = arrived_s - stamp_s
@@ -203,12 +203,12 @@ def _opened(source: int | str, camera: Camera, fps: float) -> InputContainer:
         return av.open(f"/dev/video{source}", "r", format="v4l2", options=options)
     options = {"fflags": "nobuffer", "flags": "low_delay"}
     if source.startswith("rtsp"):
-        options["rtsp_flags"] = "prefer_tcp"  # which loses nothing; some sources have UDP only
+        options["rtsp_flags"] = "prefer_tcp"  # TCP loses nothing; some sources have only UDP
     return av.open(source, "r", options=options, timeout=(_OPEN_S, _READ_S))
 
 
 def _place(source: int | str) -> str:
-    """A source for messages, without a password that an address may hold."""
+    """A source for messages, without a password in its address."""
     if isinstance(source, int):
         return f"/dev/video{source}"
     scheme, _, rest = source.partition("://")
@@ -217,13 +217,13 @@ def _place(source: int | str) -> str:
 
 def _reason(problem: Exception) -> str:
     if isinstance(problem, IndexError):
-        return "holds no video"
+        return "contains no video"
     number = getattr(problem, "errno", None)
     return os.strerror(number) if isinstance(number, int) and 0 < number < 200 else str(problem)
 
 
 def check_file(source: LiveCamera, camera: Camera) -> None:
-    """Raise UserError where a file that is to be played cannot be, or has another size than its camera."""
+    """Raise UserError if a file cannot be played, or has another size than its camera."""
     if not source.is_file:
         return
     path = Path(str(source.source))
@@ -235,9 +235,9 @@ def check_file(source: LiveCamera, camera: Camera) -> None:
 
 
 def check_size_of(place: str, camera: Camera, height_px: int, width_px: int) -> None:
-    """Raise UserError where pictures have another size than their camera is calibrated for."""
+    """Raise UserError if pictures do not have the size for which their camera is calibrated."""
     if (height_px, width_px) != (camera.height_px, camera.width_px):
         raise UserError(
-            f"{place}: gives pictures of {width_px}x{height_px} pixels, but [{camera.name}] was calibrated "
+            f"{place}: has pictures of {width_px}x{height_px} pixels, but [{camera.name}] was calibrated "
             f"with {camera.width_px}x{camera.height_px}: set the camera to that size or calibrate it anew"
         )

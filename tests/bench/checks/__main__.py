@@ -81,7 +81,7 @@ def _compared(what: str, found_m: Floats, expected_m: Floats) -> Verdict:
 
 
 def main(
-    result: Annotated[Path | None, typer.Argument(help="A folder of results.", metavar="RESULT")] = None,
+    result: Annotated[Path | None, typer.Argument(help="A results folder.", metavar="RESULT")] = None,
     install: Annotated[
         bool, typer.Option("--install", help="Install the glTF validator, OpenSim and c3d first.")
     ] = False,

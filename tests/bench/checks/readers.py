@@ -14,7 +14,7 @@ _SCRIPT = Path(__file__).with_name("in_readers.py")
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """What a file holds."""
+    """The content of a file."""
 
     labels: tuple[str, ...]
     unit: str

@@ -38,14 +38,14 @@ class Fire:
         return bool(self._monitor.poll(0))
 
     def shoot(self, frames: Frames) -> bool:
-        """Send without waiting; False where the queue is full."""
+        """Send without waiting; False if the queue is full."""
         while self.socket.type == zmq.DEALER and take(self.socket) is not None:
             pass  # answers are not what this is about
         return sent(self.socket, frames)
 
 
 def sent(socket: "zmq.Socket[bytes]", frames: Frames) -> bool:
-    """Send without waiting; False where the queue is full."""
+    """Send without waiting; False if the queue is full."""
     try:
         socket.send_multipart(frames or [b""], flags=zmq.DONTWAIT)
     except zmq.Again:

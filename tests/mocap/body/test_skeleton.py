@@ -1,4 +1,4 @@
-"""The one table of the body: its counts, names, limits, axes and the order that the maths rely on."""
+"""The table of the body: its counts, names, limits, axes and the order that the maths rely on."""
 
 from math import degrees
 

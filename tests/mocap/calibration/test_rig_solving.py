@@ -74,13 +74,13 @@ def test_mirrored_pictures_of_a_chessboard_are_said(
     seen = sightings_of(scene, NOISE_PX, rng)
     seen = [whole for s in seen if (whole := only_whole(s, board)).by_frame]
     spoilt = [*seen[:1], flipped(seen[1], board), *seen[2:]]
-    said = "cam02: shows mirrored" if n_cameras > 2 else "one of cam01 and cam02: shows mirrored pictures"
+    said = "cam02: has mirrored" if n_cameras > 2 else "one of cam01 and cam02: has mirrored pictures"
     with pytest.raises(CalibrationError, match=said):
         solve_rig(spoilt, board, "normal", lambda _what, _share: None)
 
 
 def only_whole(sightings: Sightings, board: Board) -> Sightings:
-    """A chessboard is seen as a whole or not at all."""
+    """A chessboard is seen as a completely or not at all."""
     kept = {f: view for f, view in sightings.by_frame.items() if len(view.corners) == board.n_corners}
     return replace(sightings, by_frame=kept)
 

@@ -128,7 +128,7 @@ MIRROR = np.diag([1.0, 1.0, -1.0]).tolist()
         ({"rotation": [0.1, float("nan"), 0.2]}, ("rotation: expected 3 finite numbers", "nan")),
         ({"translation": [0.0, float("inf"), 1.0]}, ("translation: expected 3 finite numbers in metres",)),
         ({"translation": "0 0 1"}, ("translation: expected 3 finite numbers", "found '0 0 1'")),
-        ({"size": [320, 240.5]}, ("size: expected [width, height] in whole pixels", "240.5")),
+        ({"size": [320, 240.5]}, ("size: expected [width, height] in integer pixels", "240.5")),
         ({"size": [320, -240]}, ("size: expected", "-240")),
         ({"size": [320]}, ("size: expected [width, height]",)),
         ({"matrix": [[1.0, 2.0], [3.0, 4.0]]}, ("matrix: expected the 3x3 camera matrix",)),
@@ -140,7 +140,7 @@ MIRROR = np.diag([1.0, 1.0, -1.0]).tolist()
         ({"matrix": [[3.0, 9.0, 160.0], [0, 3.0, 120.0], [0, 0, 1]]}, ("matrix: expected [[fx, 0, cx]",)),
         (
             {"matrix": [[3.0, 0, 160.0], [0, 3.0, 400.0], [0, 0, 1]]},
-            ("matrix: the principal point (160, 400) lies outside the picture of 320x240",),
+            ("matrix: the principal point (160, 400) is outside the picture of 320x240",),
         ),
         ({"distortions": [0.1] * 6}, ("distortions: expected 4, 5 or 8 numbers, found 6",)),
         (
@@ -178,8 +178,8 @@ def test_a_missing_field_is_named(tmp_path: Path, field: str) -> None:
 @pytest.mark.parametrize(
     ("content", "part"),
     [
-        (b"", "holds no camera"),
-        (b"[metadata]\nerror = 0.0\n", "holds no camera"),
+        (b"", "contains no camera"),
+        (b"[metadata]\nerror = 0.0\n", "contains no camera"),
         (b"[cam01\n", "not valid TOML"),
         (b"\xff\xfe[cam01]", "UTF-8"),
     ],

@@ -256,7 +256,7 @@ def _broken(folder: Path, name: str, text: str) -> Path:
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("c.toml", "[a]\nb = 1\n", "holds no camera"),
+        ("c.toml", "[a]\nb = 1\n", "contains no camera"),
         ("c.toml", "[a]\nmatrix = [[1.0]]\ndistortions = []\n", "[a] rotation: is missing"),
         ("c.qca.txt", "<calibration", "is not XML"),
         ("c.qca.txt", "<!DOCTYPE x [<!ENTITY e 'e'>]><calibration/>", "declares a document type"),
@@ -264,7 +264,7 @@ def _broken(folder: Path, name: str, text: str) -> Path:
         ("c.qca.txt", "<c><camera><intrinsic/></camera></c>", "fov_video: is missing"),
         ("c.yml", "%YAML:1.0\n---\nK: 3\n", "has no rotation"),
         ("c.yml", "nothing", "FileStorage"),
-        ("c.doc", "", "is no calibration that is known by its name"),
+        ("c.doc", "", "is not a known calibration format"),
     ],
 )
 def test_what_cannot_be_read_is_said(tmp_path: Path, name: str, text: str, said: str) -> None:

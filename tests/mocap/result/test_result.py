@@ -67,7 +67,9 @@ def test_smoothed_poses_of_another_run(folder: Path) -> None:
 
 
 def test_what_is_no_result(folder: Path) -> None:
-    assert refusal(folder / "nowhere").endswith("is not a folder: expected one that xormocap track wrote")
+    assert refusal(folder / "nowhere").endswith(
+        "is not a folder: expected a results folder of xormocap track"
+    )
     (folder / "run.json").write_text("[]")
     assert refusal(folder).startswith("run.json: is not what xormocap track writes")
     (folder / "run.json").unlink()

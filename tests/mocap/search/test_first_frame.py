@@ -70,7 +70,7 @@ def test_height_and_pose_are_found_when_nothing_is_said(caplog: pytest.LogCaptur
         found = solve_first_frame(_seen(), RIG, None, _hints(), _pool, CPU, SearchSettings())
     assert abs(found.actor.height - HEIGHT_M) < 0.02
     assert _mean_error_mm(found.solution.pose, found.actor) < 25
-    assert "no actor_height in take.toml" in caplog.text
+    assert "take.toml has no actor_height" in caplog.text
 
 
 def test_the_height_of_take_toml_is_kept() -> None:

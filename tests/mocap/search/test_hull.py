@@ -96,7 +96,9 @@ def test_two_cameras_are_enough(model: Model, standing: Poser, masks_of: MasksOf
 def test_nobody_in_view_is_refused(model: Model, standing: Poser, masks_of: MasksOf, n_seen: int) -> None:
     masks = masks_of(standing())
     masks[n_seen:] = False
-    with pytest.raises(TakeError, match=rf"^silhouettes: only {n_seen} of 8 cameras show anybody") as refusal:
+    with pytest.raises(
+        TakeError, match=rf"^silhouettes: only {n_seen} of 8 cameras show a person"
+    ) as refusal:
         carve(model.rig, masks)
     assert "choose a first frame" in str(refusal.value)
 

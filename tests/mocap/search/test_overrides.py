@@ -69,14 +69,14 @@ def test_later_words_win_and_words_outweigh_the_file(tmp_path: Path) -> None:
         ("detail=0", "--set detail: unknown field: did you mean detail_px"),
         ("max_passes", "--set max_passes: expected NAME=VALUE, such as detail_px=0"),
         ("=3", "--set =3: expected NAME=VALUE, such as detail_px=0"),
-        ("max_passes=0", "--set max_passes: expected a whole number from 1 to 20, found 0"),
-        ("max_passes=2.5", "--set max_passes: expected a whole number from 1 to 20, found 2.5"),
-        ("max_passes=true", "--set max_passes: expected a whole number from 1 to 20, found True"),
+        ("max_passes=0", "--set max_passes: expected an integer from 1 to 20, found 0"),
+        ("max_passes=2.5", "--set max_passes: expected an integer from 1 to 20, found 2.5"),
+        ("max_passes=true", "--set max_passes: expected an integer from 1 to 20, found True"),
         ("detail_px='fine'", "--set detail_px: expected a number from 0 to 100, found 'fine'"),
         ("detail_px=nan", "--set detail_px: expected a number from 0 to 100, found nan"),
         (
             "arm_grid=[5, 5]",
-            "--set arm_grid: expected four whole numbers from 1 to 15, such as [5, 5, 3, 5], found [5, 5]",
+            "--set arm_grid: expected four integers from 1 to 15, such as [5, 5, 3, 5], found [5, 5]",
         ),
         (
             "camera_weights=1",
@@ -109,6 +109,6 @@ def test_a_bad_file_is_named(tmp_path: Path) -> None:
     assert refusal(file=file).startswith(f"{file}: is missing")
     file.write_text("max_passes = 0\n")
     said = refusal("max_passes=1", file=file)
-    assert said == f"{file}: max_passes: expected a whole number from 1 to 20, found 0"
+    assert said == f"{file}: max_passes: expected an integer from 1 to 20, found 0"
     file.write_text("[search]\nmax_passes = 1\n")
     assert refusal(file=file).startswith(f"{file}: search: unknown field: ")

@@ -95,7 +95,9 @@ def test_the_camera_that_disagrees_is_named(
     rig, seen = some(model.rig, masks(**A_POSE), cameras)
     look = look_first(turned(rig, 2, degrees), seen, [NAMES[c] for c in cameras])
     assert look.left_out == (2,)
-    assert look.remarks[0].startswith(f"calibration.toml: what {NAMES[cameras[2]]} sees does not meet")
+    assert look.remarks[0].startswith(
+        f"calibration.toml: the silhouette of {NAMES[cameras[2]]} does not meet"
+    )
 
 
 def test_two_cameras_taken_for_each_other_are_named(model: Model, masks: Masks) -> None:
@@ -129,7 +131,7 @@ def test_the_camera_of_four_that_disagrees_is_named(
     names = [NAMES[c] for c in cameras]
     look = look_first(turned(rig, camera, degrees, axis), seen, names)
     assert look.left_out == (camera,)
-    assert look.remarks[0].startswith(f"calibration.toml: what {names[camera]} sees does not meet")
+    assert look.remarks[0].startswith(f"calibration.toml: the silhouette of {names[camera]} does not meet")
 
 
 @pytest.mark.parametrize("degrees", [4, -4])
@@ -189,12 +191,12 @@ def test_specks_at_the_edge_are_nothing(model: Model, masks: Masks) -> None:
 
 def test_nobody_and_inverted_are_told_apart(model: Model, masks: Masks) -> None:
     seen = masks(**A_POSE)
-    with pytest.raises(TakeError, match=r"^silhouettes: nobody is to be seen .* choose a first frame"):
+    with pytest.raises(TakeError, match=r"^silhouettes: nobody is visible .* choose a first frame"):
         look_first(model.rig, np.zeros_like(seen))
     with pytest.raises(TakeError, match=r"^silhouettes: 8 of 8 cameras are white nearly .* invert"):
         look_first(model.rig, ~seen)
     seen[1:] = False
-    with pytest.raises(TakeError, match=r"^silhouettes: only 1 of 8 cameras show anybody"):
+    with pytest.raises(TakeError, match=r"^silhouettes: only 1 of 8 cameras show a person"):
         look_first(model.rig, seen)
 
 
@@ -210,5 +212,5 @@ def test_cameras_that_look_away_are_said(model: Model, masks: Masks) -> None:
     for camera in range(8):
         rig = turned(rig, camera, 180)
     mirrored = seen[:, ::-1]  # about where the rays meet again behind the cameras
-    with pytest.raises(TakeError, match=r"^calibration\.toml: what the cameras see lies behind them"):
+    with pytest.raises(TakeError, match=r"^calibration\.toml: the cameras' rays meet behind them"):
         look_first(rig, mirrored)

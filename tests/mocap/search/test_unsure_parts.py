@@ -128,7 +128,7 @@ def test_a_refusal_blames_much_that_is_unsure_first(
         rows = np.flatnonzero(possible[camera].any(axis=1))
         sure[camera, rows[0] + round(0.6 * len(rows)) :] = False
     said = r"^silhouettes: \d\d% of what may be the actor in cam02, \d\d% in cam04 cannot be told from the .*"
-    with pytest.raises(TakeError, match=said + r": light the stage more.*; if that is not it: .*two people"):
+    with pytest.raises(TakeError, match=said + r": use more light.*; if this is not the cause: .*two people"):
         look_first(model.rig, sure, NAMES, possible)
     with pytest.raises(TakeError, match=r"^silhouettes: two people"):
         look_first(model.rig, possible, NAMES)

@@ -47,12 +47,12 @@ def _no_png(path: Path) -> None:
         (Path.unlink, 2, "is missing: expected a silhouette for each of the frames = 4 of take.toml"),
         (_cut, 3, "is damaged or cut off: export it again"),
         (_flip_a_bit, 1, "is damaged or cut off: export it again"),
-        (_no_png, 1, "is not a PNG file: expected one of 64x48 pixels"),
+        (_no_png, 1, "is not a PNG file: expected a PNG of 64x48 pixels"),
         (_zeros_and_ones, 0, "its brightest grey is 1: expected 0 outside the actor, 255 inside"),
         (
             _other_size,
             2,
-            "is 48x64 pixels, but [cam02] size in calibration.toml is 64x48: both have to be the same",
+            "is 48x64 pixels, but [cam02] size in calibration.toml is 64x48: both must be the same",
         ),
     ],
 )

@@ -109,7 +109,7 @@ def test_a_video_of_another_size(small_take: SmallTake, refusal: Refusal, part: 
     rewrite_video(folder / part / "cam02.mp4", 4, size_px=(48, 64))
     assert refusal(folder) == (
         f"{part}/cam02.mp4: is 48x64 pixels, but [cam02] size in calibration.toml is 64x48: "
-        "both have to be the same"
+        "both must be the same"
     )
 
 
@@ -141,6 +141,6 @@ def test_a_video_without_its_index(small_take: SmallTake, refusal: Refusal, cut:
     index_end = index + int.from_bytes(data[index : index + 4], "big")
     path.write_bytes(data[:index] + data[index_end:] if cut == "no index" else b"")
     assert refusal(folder) == (
-        "videos/cam02.mp4: cannot be read as a video (empty, cut off before its index, or no video): "
+        "videos/cam02.mp4: cannot be read as a video (empty, cut off before its index, no video): "
         "copy or record it again"
     )

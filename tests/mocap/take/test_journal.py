@@ -108,7 +108,7 @@ def test_a_record_of_an_earlier_version_has_no_frames(tmp_path: Path) -> None:
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     journal = Journal(tmp_path / JOURNAL)
-    with pytest.raises(UserError, match="another recorder writes it"):
+    with pytest.raises(UserError, match="another recorder is writing it"):
         Journal(tmp_path / JOURNAL)
     journal.append(pose(0))
     journal.close()

@@ -151,7 +151,7 @@ def test_a_damaged_frame_is_named_and_none_passed_over(video: Path, tmp_path: Pa
 
 
 def test_frames_outside_the_file_are_refused(video: Path) -> None:
-    with pytest.raises(TakeError, match="frames 60 to 71 were asked for, but it holds 70"):
+    with pytest.raises(TakeError, match="frames 60 to 71 were requested, but it has 70"):
         VideoReader(video, 60, 71)
 
 

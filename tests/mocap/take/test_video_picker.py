@@ -56,7 +56,7 @@ def test_going_on_decodes_less_than_all(video: Path, monkeypatch: pytest.MonkeyP
 
 def test_what_is_not_there_is_said(video: Path) -> None:
     picker = PicturePicker(index_video(video))
-    with pytest.raises(TakeError, match="holds no frame 60"):
+    with pytest.raises(TakeError, match="has no frame 60"):
         picker.read(_N)
     picker.read(_N - 1)
     picker.read(0)

@@ -20,15 +20,15 @@ class Piece:
     faces: Ints
     """(F, 3) counter-clockwise seen from outside."""
     cut: Mask
-    """(V,) where it was cut off from its neighbours."""
+    """(V,) whether a vertex is at a cut to a neighbour."""
 
 
 @dataclass(frozen=True, eq=False)
 class Character:
-    """A body as a file has it: any unit, any axes, any pose between A and T."""
+    """A body in a file's coordinates: any unit, any axes, any pose between A and T."""
 
     joints: dict[str, Floats]
-    """Where our joints (3,) are: all but pelvis, waist and head_top, which follow from the others."""
+    """Positions (3,) of our joints except pelvis, waist and head_top, which follow from the others."""
     pieces: dict[str, Piece]
     """By segment."""
 
@@ -37,7 +37,7 @@ NEEDED_JOINTS = tuple(segment.joint for segment in SEGMENTS if segment.part != "
 
 
 def welded(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Ints]:
-    """Vertices (V, 3) at one place made one: those left, the faces, and which vertex each was made of.
+    """Merge vertices (V, 3) at equal positions: returns the vertices, the faces, and each vertex's original.
 
     Files hold a vertex several times where their texture has a seam. Faces without area are left out.
     """

@@ -1,8 +1,8 @@
-"""Closing surfaces: whatever a piece is made of, in the end every edge has two faces, wound alike.
+"""Closes surfaces: afterwards every edge has exactly two consistently oriented faces.
 
-Where more than two faces meet in an edge, or two that are wound differently, the surface is taken apart; a
-face that is left alone becomes a sheet with two sides. Holes are covered flat, as silhouettes do not mind
-that; where a limb was cut off from its neighbour it gets a dome, so that a bent joint shows no gap.
+Where more than two faces meet in an edge, or two with different orientation, the surface is split; a single
+face becomes a sheet with two sides. Holes get flat covers, which is enough for silhouettes; the cut to a
+neighbouring limb gets a dome, so that a bent joint shows no gap.
 """
 
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ _ROUNDS = 8
 
 @dataclass(frozen=True, eq=False)
 class _HalfEdges:
-    """The edges of faces as they run round them: number 3 f + k from corner k of face f to the next."""
+    """The directed edges of faces: number 3 f + k goes from corner k of face f to the next."""
 
     start: NDArray[np.int64]
     end: NDArray[np.int64]
     twins: NDArray[np.int64]
-    """(P, 2) those that run to and fro between two vertices as the only ones."""
+    """(P, 2) pairs of opposite edges between two vertices without further edges."""
     open: NDArray[np.int64]
     """The others."""
     crowded: NDArray[np.int64]
@@ -56,9 +56,9 @@ class _HalfEdges:
 
 
 def closed(piece: Piece, domed: bool) -> Piece:
-    """The same with all of it closed and turned outside out; vertices without a face are left out.
+    """The same surface, closed and oriented outwards; vertices without a face are removed.
 
-    domed: whether domes stand where it was cut; else it is covered flat there too.
+    domed: whether cuts get domes; otherwise they get flat covers too.
     """
     faces, origin = _taken_apart(_wound_alike(piece), len(piece.vertices))
     vertices, cut = piece.vertices[origin], piece.cut[origin]

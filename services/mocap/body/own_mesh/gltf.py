@@ -22,7 +22,7 @@ _PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A node of the scene: a bone, or what carries a mesh."""
+    """A node of the scene: a bone, or the node of a mesh."""
 
     name: str
     parent: int | None
@@ -41,14 +41,14 @@ class Primitive:
     faces: Ints
     """(F, 3)"""
     bones: NDArray[np.int64]
-    """(V, k) which joints of the skin move a vertex; k is 0 without a skin …"""
+    """(V, k) the joints of the skin that move a vertex; k is 0 without a skin."""
     weights: Floats
-    """(V, k) … and by how much."""
+    """(V, k) their weights."""
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Bones, and where they were when the mesh was bound to them."""
+    """Bones, and their transforms when the mesh was bound to them."""
 
     joints: tuple[int, ...]
     """Nodes."""
@@ -58,7 +58,7 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Gltf:
-    """What a file holds; names of meshes stand beside those of nodes."""
+    """The content of a file."""
 
     nodes: tuple[Node, ...]
     mesh_names: tuple[str, ...]
@@ -67,7 +67,7 @@ class Gltf:
 
 
 def read_gltf(path: Path) -> Gltf:
-    """Read a .glb, .vrm or .gltf file; raises UserError where it is not one that can be read."""
+    """Read a .glb, .vrm or .gltf file; raises UserError if it cannot be read."""
     try:
         content = path.read_bytes()
         if content.startswith(b"glTF"):
@@ -85,21 +85,21 @@ def read_gltf(path: Path) -> Gltf:
 
 
 def _checked(gltf: Gltf) -> Gltf:
-    """The same; raises ValueError where something names what is not there, or numbers are none."""
+    """The same; raises ValueError for invalid references or numbers."""
     for skin in gltf.skins:
         if not skin.joints or min(skin.joints) < 0 or max(skin.joints) >= len(gltf.nodes):
-            raise ValueError("a skin names joints that are not there")
+            raise ValueError("a skin names joints that do not exist")
         if len(skin.T_joint_mesh) != len(skin.joints) or not np.all(
             np.abs(_scales(skin.T_joint_mesh)) > 1e-30
         ):
-            raise ValueError("a skin's bind matrices are broken")
+            raise ValueError("a skin's bind matrices are invalid")
     for node in gltf.nodes:
         if not abs(_scales(node.T_world_node)) > 1e-30:
-            raise ValueError("a node is placed nowhere")
+            raise ValueError("a node's transform is invalid")
         n_bones = 0 if node.skin is None else len(gltf.skins[node.skin].joints)
         for primitive in () if node.mesh is None else gltf.meshes[node.mesh]:
             if node.skin is not None and primitive.bones.max(initial=-1) >= n_bones:
-                raise ValueError("a vertex is moved by a bone that is not there")
+                raise ValueError("a vertex is moved by a bone that does not exist")
     return gltf
 
 
@@ -109,7 +109,7 @@ def _scales(T: Floats) -> Floats:
 
 
 class _Reader:
-    """Takes a document apart; raises KeyError and the like where it does not hold together."""
+    """Parses a document; raises KeyError and similar errors if it is inconsistent."""
 
     def __init__(self, folder: Path, document: pygltflib.GLTF2) -> None:
         self._folder, self._document = folder, document
@@ -132,7 +132,7 @@ class _Reader:
             return self._document.binary_blob() or b""
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2])
-        return (self._folder / Path(unquote(uri)).name).read_bytes()  # beside the file, nowhere else
+        return (self._folder / Path(unquote(uri)).name).read_bytes()  # only in the file's folder
 
     def _accessor(self, index: int) -> NDArray[Any]:
         """(N, k) an accessor's elements; whole numbers that stand for 0 to 1 as such."""
@@ -157,7 +157,7 @@ class _Reader:
         stride, start = view.byteStride or size, (view.byteOffset or 0) + (place.byteOffset or 0)
         data = np.frombuffer(self._buffers[view.buffer], np.uint8)
         if start < 0 or stride < size or count < 0 or start + (count - 1) * stride + size > len(data):
-            raise ValueError("an accessor goes beyond its buffer")
+            raise ValueError("an accessor exceeds its buffer")
         rows = np.lib.stride_tricks.as_strided(data[start:], (count, size), (stride, 1), writeable=False)
         return np.ascontiguousarray(rows).view(dtype).reshape(count, width)
 
@@ -206,7 +206,7 @@ class _Reader:
         )
 
     def _vrm_bones(self) -> dict[int, str]:
-        """Node -> the bone that a VRM file says it is, whatever it is called."""
+        """Node -> its bone according to a VRM file, whatever its name is."""
         extensions = self._document.extensions or {}
         bones = extensions.get("VRMC_vrm", {}).get("humanoid", {}).get("humanBones", {})
         if bones:

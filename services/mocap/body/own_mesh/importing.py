@@ -1,4 +1,4 @@
-"""From a file to an own mesh: what is behind `--mesh FILE`."""
+"""Imports a file as an own mesh, for `--mesh FILE`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +19,10 @@ from services.mocap.errors import UserError
 _GLTF = (".glb", ".gltf", ".vrm")
 _PARTS = (".obj", ".ply")
 _TRUNK = ("pelvis", "torso")
-"""What limbs come out of: a dome there would stay behind as a lump when the limb is lifted."""
+"""Segments to which limbs are attached: a dome there would stay visible as a lump when the limb is lifted."""
 _MOST_FACES, _THINNED_FACES = 24_000, 20_000
 _FEWEST_FACES = 60
-"""Of a segment, however small it is."""
+"""Least number of faces of a segment."""
 _LEAST_VOLUME = 1e-6
 """Of a segment, in cubes of the body's height; a finger has more."""
 
@@ -39,7 +39,7 @@ class Imported:
 def import_mesh(path: Path) -> Imported:
     """Read a user's mesh: a skinned glTF character, or a file of parts named like our segments.
 
-    Raises UserError with one sentence where that cannot be done.
+    Raises UserError if that is not possible.
     """
     rest = in_rest_pose(_character(path))
     pieces = {name: closed(rest.pieces[name], domed=name not in _TRUNK) for name in SEGMENT_NAMES}
@@ -48,7 +48,7 @@ def import_mesh(path: Path) -> Imported:
     if n_faces > _MOST_FACES:
         pieces = {name: _thinned(piece, _THINNED_FACES / n_faces) for name, piece in pieces.items()}
     if n_given > _MOST_FACES:
-        told = f"its {n_given} triangles were thinned to {_count(pieces)}: more cost time and show nothing"
+        told = f"its {n_given} triangles were thinned to {_count(pieces)}: more would only take time"
         remarks = (f"{path}: {told}",)
     _check_volumes(path, pieces)
     return Imported(OwnMesh.of(body_mesh(Character(rest.joints, pieces), str(path))), remarks)
@@ -61,7 +61,7 @@ def _count(pieces: dict[str, Piece]) -> int:
 def _character(path: Path) -> Character:
     suffix = path.suffix.lower()
     if not path.is_file():
-        raise UserError(f"{path}: is not there: expected a .glb, .obj or .ply file")
+        raise UserError(f"{path}: does not exist: expected a .glb, .obj or .ply file")
     if suffix in _GLTF:
         gltf = read_gltf(path)
         return character_of_skin(path, gltf) if gltf.skins else character_of_parts(path, parts_of_gltf(gltf))

@@ -15,9 +15,10 @@ from services.mocap.errors import UserError
 from services.mocap.types import Floats, Ints, Mask
 
 _TOUCHING = 0.003
-"""Parts touch where they are nearer than this, in heights of the body, or as near as they come and this."""
+"""Parts touch where their distance is below this, in body heights, or within this of their smallest
+distance."""
 _FARTHEST = 0.06
-"""Parts that are nowhere nearer than this are not of one body."""
+"""Parts that are farther apart than this do not belong to one body."""
 _SEGMENT_AT = {joint: segment for segment, joint in SEGMENT_JOINT.items()}
 _MEETINGS = {
     segment.joint: (_SEGMENT_AT[parent], segment.name)
@@ -37,7 +38,7 @@ class Part:
     faces: Ints
     """(F, 3)"""
     pivot: Floats | None = None
-    """(3,) what it turns about, where the file says so."""
+    """(3,) its pivot, if the file has one."""
 
 
 def load_parts(path: Path) -> list[Part]:
@@ -49,7 +50,7 @@ def load_parts(path: Path) -> list[Part]:
         return [Part("", np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32))]
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}): expected a mesh") from None
-    except Exception:  # trimesh's readers raise whatever a broken file makes them run into
+    except Exception:  # trimesh's readers raise any kind of exception for a broken file
         raise UserError(f"{path}: is damaged or not a mesh: export it again, best as .glb") from None
 
 
@@ -65,7 +66,7 @@ def _parts_of_obj(text: str) -> list[Part]:
             name = line[2:].strip()
         elif line[0] == "f":
             parts.setdefault(name, []).append(line)
-    # A header of all vertices before each part's faces keeps their numbers right, even counted backwards.
+    # Repeating all vertices before each part's faces keeps their numbers right, even negative ones.
     found = []
     for name, faces in parts.items():
         part = trimesh.util.wrap_as_stream("\n".join([*vertices, *faces]))
@@ -75,7 +76,7 @@ def _parts_of_obj(text: str) -> list[Part]:
 
 
 def parts_of_gltf(gltf: Gltf) -> list[Part]:
-    """Every node's mesh in the scene; one whose nodes stand all in one place says nothing of pivots."""
+    """Every node's mesh in the scene; if all nodes are at one position, they give no pivots."""
     parts = []
     for node in gltf.nodes:
         for primitive in gltf.meshes[node.mesh] if node.mesh is not None else ():
@@ -90,7 +91,7 @@ def parts_of_gltf(gltf: Gltf) -> list[Part]:
 
 
 def character_of_parts(path: Path, parts: list[Part]) -> Character:
-    """The character of named parts; raises UserError where one is missing."""
+    """The character of named parts; raises UserError if one is missing."""
     by_segment = _by_segment(path, parts)
     height = float(np.ptp(np.concatenate([p.vertices for p in by_segment.values()]), axis=0).max())
     joints = {joint: _joint(path, joint, by_segment, height) for joint in _MEETINGS}
@@ -102,7 +103,7 @@ def character_of_parts(path: Path, parts: list[Part]) -> Character:
 
 
 def _by_segment(path: Path, parts: list[Part]) -> dict[str, Part]:
-    """Parts of one name, such as one per material, are one."""
+    """Parts with the same name, such as one per material, are merged."""
     names = list(dict.fromkeys(part.name for part in parts if len(part.faces)))
     named = matched_joints(names)
     if len(named) < len(SEGMENT_NAMES) // 4:
@@ -137,7 +138,7 @@ def _joint(path: Path, joint: str, parts: dict[str, Part], height: float) -> Flo
     least = float(other_off.min())
     if least > _FARTHEST * height:
         names = " and ".join(_MEETINGS[joint])
-        raise UserError(f"{path}: {names} do not touch: expected parts that are in place, as of one body")
+        raise UserError(f"{path}: {names} do not touch: expected parts in their places in one body")
     reach = least + _TOUCHING * height
     shared = np.concatenate(
         [one.vertices[(one_off <= reach) | one_inside], other.vertices[(other_off <= reach) | other_inside]]
@@ -147,7 +148,7 @@ def _joint(path: Path, joint: str, parts: dict[str, Part], height: float) -> Flo
 
 
 def _off(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> tuple[Floats, Mask]:
-    """(V,) how far a mesh's vertices are off another's, and which of them are inside it, by its normals."""
+    """(V,) distance of a mesh's vertices from another's, and which of them are inside it, by its normals."""
     distance, nearest = cKDTree(other.vertices).query(mesh.vertices)
     towards = mesh.vertices - other.vertices[nearest]
     return distance, np.einsum("vi,vi->v", towards, other.vertex_normals[nearest]) < 0.0

@@ -1,4 +1,4 @@
-"""Bringing a character into our skeleton's rest pose, and to the proportions that all meshes are kept in."""
+"""Brings a character into our skeleton's rest pose, and to the common proportions of all meshes."""
 
 from itertools import pairwise
 
@@ -27,9 +27,9 @@ _WAIST_SHARE = BONES["pelvis"].length_heights / (
 )
 """Where the waist is on the way from the hips to the neck."""
 _SNAP_COS = np.cos(np.radians(25.0))
-"""An axis of the file that is nearer than this to the body's own is taken for it: people lean a little."""
+"""An axis of the file this near to the body's axis is used instead of it: people lean slightly."""
 _RATIO_RANGE = (0.25, 4.0)
-"""Bones over those of the generic body: what lies beyond is no human, or a bone that is misnamed."""
+"""Allowed bone lengths over the generic ones: outside, it is not a human, or a bone has a wrong name."""
 
 
 def in_rest_pose(character: Character) -> Character:
@@ -69,7 +69,7 @@ def _straighten(
     joints: dict[str, Floats],
     turned: dict[str, Floats],
 ) -> None:
-    """Put a limb's joints in a row along a direction, and turn its segments by the shortest way with them."""
+    """Straighten a limb along a direction, rotating its segments by the shortest rotations."""
     R = np.eye(3)
     joints[f"{side}_{limb[0][0]}"] = at[f"{side}_{limb[0][0]}"]
     for (joint, segment), (following, _) in pairwise(limb):
@@ -77,18 +77,18 @@ def _straighten(
         R = np.asarray(Rotation.align_vectors(along[None], (R @ bone)[None])[0].as_matrix()) @ R
         turned[f"{side}_{segment}"] = R
         joints[f"{side}_{following}"] = joints[f"{side}_{joint}"] + np.linalg.norm(bone) * along
-    turned[f"{side}_{limb[-1][1]}"] = R  # a hand goes on straight; feet get their own
+    turned[f"{side}_{limb[-1][1]}"] = R  # a hand continues straight; feet get their own
 
 
 def _toes_forward(foot: Floats) -> Floats:
-    """(3, 3) the turn about z, so that it stands as it stood, that makes a foot (V, 3) point forward."""
+    """(3, 3) the rotation about z that makes a foot (V, 3) point forward and keeps it level."""
     farthest = np.argsort(np.linalg.norm(foot[:, :2], axis=1))[-max(len(foot) // 20, 1) :]
     toes = foot[farthest, :2].mean(axis=0)
     return np.asarray(Rotation.from_euler("z", -np.arctan2(toes[1], toes[0])).as_matrix(), np.float64)
 
 
 def _into_body_axes(joints: dict[str, Floats]) -> Floats:
-    """(3, 3) from the file's axes to ours: told by where head, hips, left and right are, whatever is up."""
+    """(3, 3) from the file's axes to ours, from the positions of head, hips, left and right."""
     hips = (joints["left_hip"] + joints["right_hip"]) / 2
     up = _snapped(joints["head"] - hips)
     across = sum((joints[f"left_{j}"] - joints[f"right_{j}"] for j in ("shoulder", "hip")), np.zeros(3))
@@ -104,7 +104,7 @@ def _snapped(direction: Floats) -> Floats:
 
 
 def body_mesh(character: Character, where: str) -> BodyMesh:
-    """The mesh of a character in the rest pose whose pieces are closed; where: the file, for complaints."""
+    """The mesh of a character in the rest pose with closed pieces; where: the file, for errors."""
     pieces, joints = character.pieces, dict(character.joints)
     bottom = min(float(piece.vertices[:, 2].min()) for piece in pieces.values())
     top = float(pieces["head"].vertices[:, 2].max())
@@ -121,7 +121,7 @@ def body_mesh(character: Character, where: str) -> BodyMesh:
         if not _RATIO_RANGE[0] <= ratio <= _RATIO_RANGE[1]:
             raise UserError(
                 f"{where}: its {name.replace('_', ' ')} is {ratio:.2f} times as long as a person's of that "
-                "height: expected a whole human body whose parts or bones are named rightly"
+                "height: expected a whole human body with correct names of parts or bones"
             )
     inverse = {name: 1.0 / ratio for name, ratio in ratios.items()}
     segments = []

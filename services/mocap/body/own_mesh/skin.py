@@ -1,4 +1,5 @@
-"""A skinned character: its skeleton told by the names of its bones, its surface cut by what moves it most."""
+"""A skinned character: its skeleton is identified by bone names, its surface is cut by the largest bone
+weight."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +14,10 @@ from services.mocap.errors import UserError
 from services.mocap.types import Floats, Ints
 
 _OVERLAP = 0.05
-"""Neighbours are cut where their weights differ by this, each on the other's side, so that they overlap."""
+"""Neighbouring segments are cut where their weights differ by this, each on the other's side, so that they
+overlap."""
 _FEWEST_BONES = 4
-"""A skeleton of which fewer are known is not one of a human."""
+"""A skeleton with fewer known bones is not human."""
 _SEGMENT_OF = {joint: segment for segment, joint in SEGMENT_JOINT.items()}
 
 
@@ -30,7 +32,7 @@ class _Surface:
 
 
 def character_of_skin(path: Path, gltf: Gltf) -> Character:
-    """The character of a file with skins; raises UserError where bones or surfaces are missing."""
+    """The character of a file with skins; raises UserError if bones or surfaces are missing."""
     placed = _bind_pose(gltf)
     bones = sorted(placed, key=lambda bone: len(_upwards(gltf.nodes, bone)))  # parents first
     turning = _told_apart(path, gltf.nodes, bones)
@@ -59,27 +61,27 @@ def _told_apart(path: Path, nodes: tuple[Node, ...], bones: list[int]) -> dict[s
     if len(found) < _FEWEST_BONES:
         shown = ", ".join(list(by_name)[:5])
         raise UserError(
-            f"{path}: none of its {len(bones)} bones ({shown}, …) is named like a human one: expected names "
+            f"{path}: none of its {len(bones)} bones ({shown}, …) has a human name: expected names "
             "such as those of Mixamo (LeftArm, LeftForeArm), VRM (leftUpperArm) or Unreal (upperarm_l)"
         )
     missing = [joint.replace("_", " ") for joint in NEEDED_JOINTS if joint not in found]
     if missing:
         raise UserError(
-            f"{path}: has no bone that turns at the {', '.join(missing)}: expected names such as those of "
+            f"{path}: has no bone that rotates at the {', '.join(missing)}: expected names such as those of "
             "Mixamo (LeftArm, LeftForeArm), VRM (leftUpperArm) or Unreal (upperarm_l)"
         )
     return found
 
 
 def _segments(path: Path, nodes: tuple[Node, ...], turning: dict[str, int]) -> dict[int, str]:
-    """Bone -> the segment that it moves. Bones without a name of ours go with the next ones above them.
+    """Bone -> the segment that it moves. Bones that we do not know belong to their nearest known ancestor.
 
-    The pelvis' is where the ways up from legs and neck meet, the torso's the next one towards the neck.
+    The pelvis is where the paths from legs and neck meet; the torso is the next bone towards the neck.
     """
     neck, left, right = (_upwards(nodes, turning[joint]) for joint in ("neck", "left_hip", "right_hip"))
     shared = [node for node in neck if node in left and node in right]
     if not shared or neck.index(shared[0]) < 2:
-        raise UserError(f"{path}: expected a skeleton in which legs and spine come out of one bone")
+        raise UserError(f"{path}: expected a skeleton in which legs and spine have a common parent")
     named = {turning[joint]: _SEGMENT_OF[joint] for joint in NEEDED_JOINTS}
     named |= {shared[0]: "pelvis", neck[neck.index(shared[0]) - 1]: "torso"}
     return {
@@ -99,7 +101,7 @@ def _bind_pose(gltf: Gltf) -> dict[int, Floats]:
 
 
 def _into_first(skin: Skin, placed: dict[int, Floats]) -> Floats:
-    """(4, 4) from a skin's mesh to the first skin's, by a bone that both have; the same if there is none."""
+    """(4, 4) from a skin's mesh to the first skin's, by a common bone; the identity if there is none."""
     for joint, T_joint_mesh in zip(skin.joints, skin.T_joint_mesh, strict=True):
         if joint in placed:
             return np.asarray(placed[joint] @ T_joint_mesh, np.float64)
@@ -131,7 +133,7 @@ def _moved(
     placed: dict[int, Floats],
     segments: dict[int, str],
 ) -> tuple[Floats, Floats] | None:
-    """Vertices (V, 3) in the common frame and their weights (V, S); None for what no bone moves."""
+    """Vertices (V, 3) in the common frame and their weights (V, S); None for vertices that no bone moves."""
     weights = np.zeros((len(primitive.vertices), len(SEGMENT_NAMES)))
     if skin is not None and primitive.bones.shape[1]:
         of_bone = np.array([SEGMENT_INDEX[segments[joint]] for joint in skin.joints])
@@ -157,7 +159,5 @@ def _pieces(path: Path, surface: _Surface) -> dict[str, Piece]:
         )
     bare = [segment.replace("_", " ") for segment, piece in pieces.items() if len(piece.faces) == 0]
     if bare:
-        raise UserError(
-            f"{path}: has no surface that moves with the {', '.join(bare)}: expected a whole body"
-        )
+        raise UserError(f"{path}: has no surface for the {', '.join(bare)}: expected a whole body")
     return pieces

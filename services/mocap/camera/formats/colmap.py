@@ -1,6 +1,6 @@
 """COLMAP's text model: cameras.txt and images.txt. Its unit of length and its world are arbitrary.
 
-Pixel centres lie at halves there, at whole numbers here.
+Pixel centres have half-integer coordinates in COLMAP, integer ones here.
 """
 
 from pathlib import Path, PurePosixPath
@@ -29,7 +29,7 @@ _MODELS: dict[str, tuple[str, ...]] = {
 
 
 def read_colmap(folder: Path) -> Loose:
-    """A camera for every image, named like the folder it is in where each image has one of its own."""
+    """A camera for every image, named after its folder if each image has its own folder."""
     lenses = {row[0]: row[1:] for row in _rows(folder / CAMERAS)}
     images = _rows(folder / IMAGES, every=2)
     files = [PurePosixPath(" ".join(row[9:])) for row in images]
@@ -78,13 +78,13 @@ def _camera(path: Path, name: str, lens: list[str], R: Floats, t: Floats) -> Loo
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:
-    """The words of the lines that are no comments, of every nth line."""
+    """The words of every nth line that is not a comment."""
     lines = [line for line in text_of(path).splitlines() if not line.startswith("#")]
     while lines and not lines[-1].strip():
         lines.pop()
     rows = [line.split() for line in lines[::every] if line.strip()]
     if not rows:
-        raise CalibrationError(f"{path}: holds nothing: expected a model of COLMAP, exported as text")
+        raise CalibrationError(f"{path}: is empty: expected a COLMAP model, exported as text")
     return rows
 
 

@@ -1,4 +1,4 @@
-"""A camera as other tools' files have it: perhaps without a size, in whatever unit and world."""
+"""A camera from another tool's file: perhaps without a size, in any unit and world."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ _NEAR_ROTATION = 0.01
 
 @dataclass(frozen=True, eq=False)
 class LooseCamera:
-    """What a file says of a camera, x_camera = R @ x_world + t, with OpenCV's axes."""
+    """One camera of a file, x_camera = R @ x_world + t, with OpenCV's axes."""
 
     name: str
     K: Floats
@@ -31,11 +31,11 @@ class LooseCamera:
 
 @dataclass(frozen=True, eq=False)
 class Loose:
-    """What a file says of all cameras."""
+    """All cameras of a file."""
 
     cameras: list[LooseCamera]
     metres: float | None
-    """What the format's unit of length is; None where the format leaves that open."""
+    """The format's unit of length; None if the format does not define it."""
     remarks: tuple[str, ...] = ()
 
 

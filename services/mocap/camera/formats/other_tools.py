@@ -12,7 +12,7 @@ from services.mocap.camera.camera import R_ZUP_YUP, Camera
 
 
 def write_pose2sim(path: Path, cameras: tuple[Camera, ...], up: Up) -> None:
-    """One TOML file in the layout of xormocap, Pose2Sim and anipose; cameras in the inside z-up world."""
+    """One TOML file in the layout of xormocap, Pose2Sim and anipose; cameras in the internal z-up world."""
     write_calibration(path, cameras, up)
     metadata = tomli_w.dumps({"metadata": {"adjusted": False, "error": 0.0}})
     with atomic_file(path) as part:
@@ -20,7 +20,8 @@ def write_pose2sim(path: Path, cameras: tuple[Camera, ...], up: Up) -> None:
 
 
 def write_opencv(folder: Path, cameras: tuple[Camera, ...], up: Up) -> None:
-    """A folder with a YAML file of OpenCV's FileStorage per camera; R and T lead from world to camera."""
+    """A folder with a YAML file of OpenCV's FileStorage per camera; R and T transform from world to
+    camera."""
     if up == "y":
         cameras = tuple(camera.with_world_turned(R_ZUP_YUP.T) for camera in cameras)
     with atomic_folder(folder) as part:

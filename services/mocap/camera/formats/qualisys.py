@@ -20,21 +20,19 @@ _R_OPENCV_QUALISYS = np.diag([1.0, -1.0, -1.0])
 
 
 def read_qualisys(path: Path) -> Loose:
-    """The video cameras of the file, by serial number; markers' cameras are passed over."""
+    """The video cameras of the file, by serial number; marker cameras are ignored."""
     cameras = [tag for tag in _root(path).iter("camera") if tag.find("intrinsic") is not None]
     video = [tag for tag in cameras if "video" in tag.get("model", "video").lower()]
     remarks = []
     if 0 < len(video) < len(cameras):
-        remarks.append(
-            f"{path}: {len(cameras) - len(video)} cameras are no video cameras and are passed over"
-        )
+        remarks.append(f"{path}: {len(cameras) - len(video)} cameras are not video cameras and are ignored")
     turned = [
         tag.get("serial", "?") for tag in video or cameras if tag.get("viewrotation", "0") not in ("0", "")
     ]
     if turned:
         remarks.append(
-            f"{path}: pictures of {', '.join(turned)} are turned in Qualisys (viewrotation): the "
-            "calibration holds for videos that are not turned: compare with xormocap calibrate --check"
+            f"{path}: pictures of {', '.join(turned)} are rotated in Qualisys (viewrotation): the "
+            "calibration is for videos without rotation: check with xormocap calibrate --check"
         )
     return Loose(
         [_camera(path, number, tag) for number, tag in enumerate(video or cameras)], 1.0, tuple(remarks)
@@ -42,7 +40,7 @@ def read_qualisys(path: Path) -> Loose:
 
 
 def _root(path: Path) -> Element:
-    """The file's root element; a document type, without which there are no entities, is refused."""
+    """The file's root element; a document type is refused, so that there are no entities."""
     builder, parser = TreeBuilder(), ParserCreate()
 
     def refuse(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""Reading whatever calibration there is: which format it is, its unit and world made ours."""
+"""Reads calibrations of all known formats, and converts their unit and world."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -44,14 +44,14 @@ _LENGTHS = (4, 5, 8)
 def read_any(
     path: Path, kind: Format | None, size_px: tuple[int, int] | None, units: Units, scale: float, up: Axis
 ) -> tuple[tuple[Camera, ...], list[str]]:
-    """Cameras in the inside z-up world, and remarks for the user.
+    """Cameras in the internal z-up world, and remarks for the user.
 
-    kind: None to find it out. size_px: of pictures whose size the file does not say. units: of its lengths,
-    which are multiplied by scale besides. up: the axis that points up in it. Raises CalibrationError.
+    kind: None to detect it. size_px: picture size, if the file does not contain it. units: of its lengths,
+    which are also multiplied by scale. up: the axis that points up in it. Raises CalibrationError.
     """
     loose = _READERS[kind or format_of(path)](path)
     if not loose.cameras:
-        raise CalibrationError(f"{path}: holds no camera that is calibrated: expected one or more")
+        raise CalibrationError(f"{path}: contains no camera that is calibrated: expected one or more")
     remarks = list(loose.remarks)
     metres = _METRES[units] if units != "auto" else loose.metres
     if metres is None:
@@ -60,7 +60,7 @@ def read_any(
         if np.ptp(centres, axis=0).max() > _SURELY_MM:
             metres = _METRES["mm"]
             remarks.append(
-                f"{path}: its lengths are taken for millimetres, by their size: --units says otherwise"
+                f"{path}: its lengths are assumed to be millimetres, by their size: --units overrides this"
             )
     cameras = tuple(
         _camera(path, camera, size_px, metres * scale).with_world_turned(_R_ZUP[up])
@@ -69,13 +69,13 @@ def read_any(
     if not _look_together(cameras):
         remarks.append(
             f"{path}: most cameras look away from where their axes meet: check that its rotations and "
-            "translations take points of the world to the camera"
+            "translations transform points from the world to the camera"
         )
     return cameras, remarks
 
 
 def format_of(path: Path) -> Format:
-    """By name and content; raises CalibrationError where it is none of those known."""
+    """Detect the format by name and content; raises CalibrationError for an unknown one."""
     if path.is_dir():
         if (path / storage.INTRI).exists():
             return "easymocap"
@@ -90,18 +90,16 @@ def format_of(path: Path) -> Format:
     elif path.suffix.lower() in STORAGE_SUFFIXES:
         return "opencv"
     raise CalibrationError(
-        f"{path}: is no calibration that is known by its name: expected a .toml, .qca.txt, .xml or .yml "
+        f"{path}: is not a known calibration format: expected a .toml, .qca.txt, .xml or .yml "
         f"file, or a folder with {storage.INTRI} and {storage.EXTRI}, with COLMAP's {colmap.CAMERAS} and "
-        f"{colmap.IMAGES}, or with one XML or YAML file per camera; or say what it is with --from"
+        f"{colmap.IMAGES}, or with one XML or YAML file per camera; or give its format with --from"
     )
 
 
 def _camera(path: Path, camera: LooseCamera, size_px: tuple[int, int] | None, metres: float) -> Camera:
     size_px = camera.size_px or size_px
     if size_px is None:
-        raise CalibrationError(
-            f"{path}: does not say how large {camera.name}'s pictures are: give --size WxH"
-        )
+        raise CalibrationError(f"{path}: does not contain the picture size of {camera.name}: give --size WxH")
     # As many coefficients as calibration.toml allows: zeros are added, and zeros at the end are left out.
     lengths = (4,) if camera.fisheye else _LENGTHS
     used = int(np.flatnonzero(camera.distortion).max(initial=-1)) + 1
@@ -124,7 +122,7 @@ def _camera(path: Path, camera: LooseCamera, size_px: tuple[int, int] | None, me
 
 
 def _look_together(cameras: tuple[Camera, ...]) -> bool:
-    """Whether most cameras have before them the point that is nearest to all their optical axes."""
+    """Whether the point nearest to all optical axes is in front of most cameras."""
     centres_m = np.array([camera.centre_world_m for camera in cameras])
     axes = np.array([camera.R_camera_world[2] for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

@@ -39,7 +39,7 @@ def _camera(path: Path) -> LooseCamera:
     if rotation is None or translation is None:
         raise CalibrationError(
             f"{path}: has no {'rotation (R or rvec)' if rotation is None else 'translation (T or tvec)'}: "
-            "expected the camera's place, from world to camera, beside its lens"
+            "expected the camera's pose, from world to camera, besides its lens"
         )
     return LooseCamera(
         name=path.stem,
@@ -86,7 +86,7 @@ class _Storage:
             raise CalibrationError(f"{path}: expected a file of OpenCV's FileStorage (XML or YAML)") from None
 
     def first(self, names: tuple[str, ...]) -> Floats | float | str | None:
-        """The value of the first name that there is."""
+        """The value of the first of these names that exists."""
         name = next((name for name in names if name in self._names), None)
         if name is None:
             return None
@@ -99,7 +99,7 @@ class _Storage:
         return str(node.string()) if node.isString() else float(node.real())
 
     def need(self, names: tuple[str, ...]) -> Floats | float | str:
-        """The same; raises CalibrationError where there is none."""
+        """The same; raises CalibrationError if there is none."""
         value = self.first(names)
         if value is None:
             raise CalibrationError(f"{self.path}: {names[0]}: is missing: expected it in this file")

@@ -12,11 +12,11 @@ _NAMES = ("name", "port", "cam_id")
 
 
 def read_toml(path: Path) -> Loose:
-    """Every table with a matrix and distortions; those that say ignore = true are passed over."""
+    """Every table with a matrix and distortions; tables with ignore = true are skipped."""
     cameras, remarks = [], []
     for key, table in _tables(load_toml(path, CalibrationError), ""):
         if table.get("ignore") is True:
-            remarks.append(f"{path}: [{key}]: says ignore = true and is passed over")
+            remarks.append(f"{path}: [{key}]: has ignore = true and is skipped")
         else:
             cameras.append(_camera(f"{path}: [{key}]", key, table))
     return Loose(cameras, None, tuple(remarks))
@@ -37,7 +37,7 @@ def _camera(where: str, key: str, table: dict[str, Any]) -> LooseCamera:
     missing = [field for field in ("rotation", "translation") if table.get(field) is None]
     if missing:
         raise CalibrationError(
-            f"{where} {missing[0]}: is missing: this camera's place is not known: calibrate its extrinsics "
+            f"{where} {missing[0]}: is missing: this camera's pose is not known: calibrate its extrinsics "
             "there"
         )
     said = next((table[name] for name in _NAMES if name in table), None)

@@ -22,7 +22,7 @@ from services.mocap.types import Bytes, Floats
 
 
 class CpuBackend:
-    """Evaluates one body before one camera rig; not to be called by several threads at once.
+    """Evaluates one body in one camera rig; only one thread at a time may call it.
 
     threads: how many cores a batch is spread over; 0 for all that this process may use.
     """

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from services.mocap.energy.egl_setup import INDEX_VARIABLE
 
-if TYPE_CHECKING:  # whoever computes on the CPU needs no OpenGL bindings
+if TYPE_CHECKING:  # the CPU backend needs no OpenGL bindings
     from services.mocap.energy.gl.device import GlDevice
 
 _MOST_DEVICES = 32

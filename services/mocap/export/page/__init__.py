@@ -1,1 +1,1 @@
-"""report.html: one page about a result that needs nothing but itself."""
+"""report.html: one self-contained page about a result."""

@@ -18,7 +18,7 @@ from services.mocap.types import Floats
 
 _WIDTH_IN = 9.6
 _STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",  # letters stay letters, to be searched and copied
+    "svg.fonttype": "none",  # keep text as text, for searching and copying
     "svg.hashsalt": "xormocap",  # equal results give equal pages
     "font.family": "sans-serif",
     "font.size": 9,
@@ -47,7 +47,7 @@ _SIDED = {angle.name: angle.is_sided for angle in ANGLES}
 
 
 def svg_of(height_in: float, draw: Callable[[Figure], None]) -> str:
-    """What a function draws on a figure of the page's width, as an <svg> element."""
+    """A function's drawing on a figure of the page's width, as an <svg> element."""
     with mpl.rc_context(_STYLE):
         figure = Figure((_WIDTH_IN, height_in), layout="constrained")
         draw(figure)
@@ -57,7 +57,7 @@ def svg_of(height_in: float, draw: Callable[[Figure], None]) -> str:
 
 
 def energy(result: Result) -> str:
-    """The energy, and what the prior cost beside it, over time; distrusted frames are shaded."""
+    """The energy and the prior cost over time; distrusted frames are shaded."""
     prior = result.tracked.extra.get("prior")
 
     def draw(figure: Figure) -> None:
@@ -73,7 +73,7 @@ def energy(result: Result) -> str:
 
 
 def parts(result: Result, part_px: Mapping[str, Floats]) -> str:
-    """The energy over time by the part that it is near to, limbs in the colours of their sides."""
+    """The energy over time by the nearest part, limbs in the colours of their sides."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -109,7 +109,7 @@ def _legend_beside(axes: Axes) -> None:
 
 
 def trust(result: Result) -> str:
-    """How far each part may be trusted over time; red where it must not be."""
+    """The confidence of each part over time; red where it is unreliable."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -173,7 +173,7 @@ def timings(result: Result, seconds: Mapping[str, Floats]) -> str:
 
 
 def overlaps(iou: Mapping[str, float]) -> str:
-    """How far model and silhouette overlap in each camera."""
+    """Overlap of model and silhouette in each camera."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -187,7 +187,7 @@ def overlaps(iou: Mapping[str, float]) -> str:
 
 
 def _finish(axes: Sequence[Axes], result: Result) -> None:
-    """Shade distrusted frames, and say what the lowest axis is."""
+    """Shade distrusted frames, and label the lowest axis."""
     half_s = 0.5 / result.fps
     for time_s in result.times_s[result.distrusted.any(axis=1)].tolist():
         for place in axes:

@@ -1,4 +1,4 @@
-"""The report: what a result's files say, on one page that can be mailed and printed."""
+"""The report: a result's content on one page that can be mailed and printed."""
 
 import base64
 from collections.abc import Iterator, Mapping
@@ -26,7 +26,7 @@ Rows = list[tuple[str, str]]
 
 @dataclass(frozen=True)
 class KeyFrame:
-    """A picture of one moment."""
+    """A picture of one frame."""
 
     caption: str
     jpeg: str
@@ -68,7 +68,7 @@ def _jpeg(picture: Bytes) -> str:
 
 
 def write_report(path: Path, result: Result) -> None:
-    """Write the page, whole or not at all. What the folder does not know is left out."""
+    """Write the page, completely or not at all. Content that is missing in the folder is left out."""
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -95,7 +95,7 @@ def _summary(result: Result) -> Rows:
         errors = f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"
         rows += [("joint error", errors), ("lost limbs", f"{len(accuracy['lost_limbs'])}")]
     if result.tracked.marks is not None:
-        rows.append(("frames not to be trusted", f"{int(result.distrusted.any(axis=1).sum())}"))
+        rows.append(("unreliable frames", f"{int(result.distrusted.any(axis=1).sum())}"))
     rows.append(("energy", f"median {np.median(result.energies_px):.0f} pixels"))
     if "speed" in run:
         speed = run["speed"]
@@ -109,8 +109,8 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
     """Title, explanation and chart."""
     yield (
         "Energy",
-        "Pixels, over all cameras, in which model and silhouettes differ; below it what being off the "
-        "expected pose costs. Red: frames that are not to be trusted.",
+        "Pixels, over all cameras, in which model and silhouettes differ; below it the prior cost for the "
+        "distance from the expected pose. Red: unreliable frames.",
         charts.energy(result),
     )
     known = result.quantities
@@ -138,12 +138,12 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
     if result.tracked.marks is not None:
         yield (
             "Trust",
-            "How far each part may be trusted, the torso standing for the whole body. Red: not at all.",
+            "Confidence of each part; the torso stands for the whole body. Red: unreliable.",
             charts.trust(result),
         )
     yield (
         "Joint angles",
-        "After the recommendations of the ISB, in degrees; angles.csv has all of them.",
+        "By the recommendations of the ISB, in degrees; angles.csv has all angles.",
         charts.angles(result),
     )
     if seconds := known.get("seconds"):
@@ -151,7 +151,7 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
 
 
 def _distrusted(result: Result) -> str:
-    """The frames that are not to be trusted, as ranges."""
+    """The unreliable frames, as ranges."""
     frames = result.frames[result.distrusted.any(axis=1)]
     if frames.size == 0:
         return ""

@@ -1,1 +1,1 @@
-"""Moving a body so that its rim lies on the input's contours."""
+"""Moves a body so that its rim lies on the input's contours."""

@@ -3,8 +3,8 @@
 The rim of the model, where its surface turns away from a camera, is to lie on the input's contour. Points of
 the rim look along their normals for the contour that faces the same way, Gauss-Newton moves the pose, and so
 again with shorter reach and less patience for outliers (a form of articulated ICP on silhouettes: Rosenhahn,
-Brox, Weickert, IJCV 73(3), 2007). Nothing is drawn but the model's silhouettes: they tell which rims are
-hidden, and the others' contour as pixels show it, which is what the input's is compared with.
+Brox, Weickert, IJCV 73(3), 2007). Only the model's silhouettes are drawn: they show which parts of the rim
+are hidden, and the pixel contour of the rest, which is compared with the input's.
 """
 
 from dataclasses import dataclass
@@ -29,20 +29,21 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
 _FIRST_CAP_PX, _LAST_CAP_PX = 6.0, 1.5
-"""Contours farther off than this count as outliers, in the first step and in the last."""
+"""Contours farther away than this count as outliers, in the first and in the last step."""
 _LAST_REACH = 0.375
 """Of the reach, in the last step."""
 _FIRST_DAMPING, _LAST_DAMPING = 0.05, 0.001
 _COARSE_M = 0.006
-"""So much the rim may be off, in pictures 320 wide, until the last steps; they see every edge of the body."""
+"""Allowed error of the rim until the last steps, in pictures 320 wide; the last steps use every edge of the
+body."""
 _COARSEST_M = 0.003
-"""In larger pictures it may be off by so much all the same: looking at every edge takes its time."""
+"""Allowed error in larger pictures: using every edge takes time."""
 _FINE_STEPS = 2
-"""The last ones; an alignment has no fewer."""
+"""Number of last steps; an alignment has at least this many."""
 _FINE = 0.2
 """Of the level of detail, in the last steps."""
 _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
-"""How far a step goes at most, in metres and radians."""
+"""Largest step, in metres and radians."""
 _ALL_JOINTS = np.arange(N_JOINTS, dtype=np.int32)
 _EVERYTHING = np.array(ALL_SEGMENTS, np.int32)
 _LIMITS = np.array([LOWER, UPPER])
@@ -51,22 +52,22 @@ _REST_SHARES = np.array([dof.rest for dof in DOFS])
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """Where an alignment ended."""
+    """The result of an alignment."""
 
     pose: Floats
     """(D,)"""
     prior_cost: float
-    """What being off the pose that is likely without looking counts: weights times the squares of how far."""
+    """Prior cost: weighted squared deviation from the expected pose."""
     rim_px: Floats
-    """(S, SHARES) per segment, summed over the cameras: the length of its rim that shows, what of it lies on
-    a contour, and what found none in reach; and the length of which unsure pixels hide where it should be."""
+    """(S, SHARES) per segment, summed over the cameras: the length of its visible rim; of that, the length on
+    a contour and the length without a contour in reach; and the length of rim that unsure pixels hide."""
 
 
 class Aligner:
-    """Aligns one body before one camera rig; not to be called by several threads at once."""
+    """Aligns one body in one camera rig; only one thread at a time may call it."""
 
     def __init__(self, body: Body, rig: Rig, *, thinned: bool = True) -> None:
-        """Thinned: with levels of detail, which take about a second to make of a new body."""
+        """thinned: with levels of detail, which take about a second for a new body."""
         levels = levels_of(body) if thinned else [[] for _ in SEGMENT_NAMES]
         mesh = FlatMesh.of(body, levels)
         self._offsets_m, self._rig = body.offsets_m, rig
@@ -88,7 +89,7 @@ class Aligner:
     ) -> Aligned:
         """Move parameters of a pose (D,) so that segments' rims lie on the contours of a picture.
 
-        The picture is at full resolution: whole ones, or windows. A rim outside of it does not count.
+        The picture has full resolution: whole pictures, or windows. Rim points outside do not count.
         """
         free = np.zeros(N_DOF)
         free[list(dofs)] = 1.0
@@ -119,7 +120,8 @@ class Aligner:
 
 
 def _prior(expected: Floats, settings: SearchSettings) -> Floats:
-    """(3, D) as follow takes it: a pose between the expected one and rest, how firmly, the longest steps."""
+    """(3, D) as follow takes it: target pose between the expected and the rest pose, weights, largest
+    steps."""
     rest = settings.rest * _REST_SHARES
     weights = settings.steadiness + rest
     likely = expected * np.divide(settings.steadiness, weights, out=np.zeros(N_DOF), where=weights > 0)

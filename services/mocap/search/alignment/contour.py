@@ -7,18 +7,18 @@ import numba
 from services.mocap.types import Bytes
 
 _FINE_PX = 0.5
-"""Steps in which the contour is looked for between two pixels that differ."""
+"""Bisection steps to locate the contour between two differing pixels."""
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def distance_to_contour(
     silhouettes: Bytes, camera: int, x: float, y: float, nx: float, ny: float, reach_px: int
 ) -> float:
-    """How far along a normal the contour is that faces the same way; negative: against it.
+    """Distance along a normal to the contour that faces the same way; negative: in the opposite direction.
 
     silhouettes: bit-planes (P, H, W). (x, y) in pixels; (nx, ny) a unit vector that points off the model.
-    The nearest place where the silhouette ends in the normal's direction, up to reach_px away either way; NaN
-    where there is none. Contours run where the silhouette, interpolated bilinearly, is a half.
+    The nearest point where the silhouette ends in the normal's direction, up to reach_px in both directions;
+    NaN if there is none. The contour is the 0.5 level of the bilinearly interpolated silhouette.
     """
     plane, bit = camera >> 3, camera & 7
     before = _is_set(silhouettes, plane, bit, x, y)
@@ -39,10 +39,10 @@ def distance_to_contour(
 def meets_unsure(
     unsure: Bytes, camera: int, x: float, y: float, nx: float, ny: float, contour_px: float, reach_px: int
 ) -> bool:
-    """Whether there is an unsure pixel on the way to the contour, which so may be nearer.
+    """Whether an unsure pixel lies on the way to the contour, so that the true contour may be nearer.
 
-    unsure: bit-planes (P, H, W); the others and contour_px as distance_to_contour takes and gives them. Where
-    it found a contour, the way goes one pixel beyond it, since what a contour is read off lies about it.
+    unsure: bit-planes (P, H, W); the others and contour_px as distance_to_contour takes and gives them. If
+    there is a contour, the way extends one pixel beyond it, because interpolation uses these pixels.
     """
     plane, bit = camera >> 3, camera & 7
     steps = reach_px if contour_px != contour_px else ceil(abs(contour_px)) + 1
@@ -56,7 +56,7 @@ def meets_unsure(
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _is_set(planes: Bytes, plane: int, bit: int, x: float, y: float) -> bool:
-    """The pixel at (x, y); off the picture everything is as at its edge."""
+    """The pixel at (x, y); outside the picture the nearest edge pixel."""
     column = min(max(int(x + 0.5), 0), planes.shape[2] - 1)
     row = min(max(int(y + 0.5), 0), planes.shape[1] - 1)
     return bool((planes[plane, row, column] >> bit) & 1)

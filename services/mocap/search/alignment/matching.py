@@ -38,13 +38,14 @@ the length where unsure pixels hide it."""
 _NEAREST_M = 0.1
 """Rim points nearer to a camera's plane are left out."""
 _OFF_PX = 1.0
-"""This far off the surface, an outline point of the whole silhouette is off the model."""
+"""At this distance from the surface, an outline point of the whole silhouette is outside the model."""
 OWN_REACH_PX = 2
-"""A rim point with no contour of the drawn model this near is not on the whole silhouette's outline."""
+"""A rim point without a contour of the drawn model this near is not on the outline of the whole
+silhouette."""
 _BORDER_PX = 2.0
-"""This near to a picture's border, an outline may be the picture's end."""
+"""This near to a picture's border, an outline may be the end of the picture."""
 _NEAR_PX = 2.0
-"""A rim point lies on the contour if the model's is no farther from the input's there."""
+"""A rim point lies on the contour if the model's contour is at most this far from the input's."""
 
 
 def views_of(rig: Rig, region: Region, weights: Floats) -> Views:
@@ -60,7 +61,7 @@ def input_of(picture: Picture) -> Input:
     """What is seen, as match_view takes it."""
     unsure = np.zeros_like(picture.silhouettes) if picture.unsure is None else np.array(picture.unsure)
     is_unsure = count_by_camera(unsure, len(picture.region.origin_px))
-    return np.array(picture.silhouettes), unsure, is_unsure  # to Numba a read-only one is of another type
+    return np.array(picture.silhouettes), unsure, is_unsure  # for Numba a read-only array has another type
 
 
 def room_for(rim: RimArrays) -> tuple[RimScratch, Matches]:
@@ -90,9 +91,8 @@ def match_view(
 
     segments: whose rim counts. seen and model_planes (P, H, W): the input and the whole model in the same
     region. A rim point that comes to unsure pixels before it comes to the input's contour has no match. A
-    residual r is how far the model's contour lies beyond the input's, both as their pixels show them: what
-    pixels do to a contour is done to both, so that nothing pulls where the model covers just what is seen.
-    Lengths are weighted by the camera.
+    residual r is the distance of the model's contour beyond the input's, both measured in pixels, so that it
+    is zero where the model covers exactly the input's pixels. Lengths are weighted by the camera.
     """
     P_px_world, centres_world_m, weights, sizes_px = views
     input_planes, unsure, is_unsure = seen
@@ -134,7 +134,7 @@ def match_view(
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _find_rim(rim: RimArrays, s: int, T: Floats, centre_world_m: Floats, scratch: RimScratch) -> int:
-    """Find the edges of segment s that have the camera before one of their two faces only."""
+    """Find the edges of segment s that separate a front face from a back face."""
     planes, starts = rim[0], rim[4]
     flags, found, eye = scratch[0], scratch[1], scratch[3]
     x, y, z = 0.0, 0.0, 0.0
@@ -182,13 +182,13 @@ def _project(
         return outside
     nx, ny = nx / length, ny / length
     du, dv = _direction(M, u, v, halves_m[0, e], halves_m[1, e], halves_m[2, e])
-    # Edges zigzag about the outline: what counts is their way along it.
+    # Edges zigzag around the outline: only their component along it counts.
     return True, u, v, nx, ny, depth_m, 2.0 * abs(du * ny - dv * nx) / depth_m
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _direction(M: Floats, u: float, v: float, x: float, y: float, z: float) -> tuple[float, float]:
-    """Where a direction (x, y, z) of the segment leads in the picture at (u, v), times the depth there."""
+    """The image of a direction (x, y, z) of the segment at (u, v), times the depth there."""
     along = M[2, 0] * x + M[2, 1] * y + M[2, 2] * z
     return (
         M[0, 0] * x + M[0, 1] * y + M[0, 2] * z - u * along,

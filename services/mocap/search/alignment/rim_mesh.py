@@ -1,4 +1,4 @@
-"""A body's edges as flat arrays: what of its surface may become the rim of its silhouette."""
+"""A body's edges as flat arrays: the candidates for the rim of its silhouette."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from services.mocap.types import Floats, Ints
 
 
 class RimMesh(NamedTuple):
-    """Every segment's edges one behind the other, in the segment's frame."""
+    """Every segment's edges, concatenated, in the segment's frame."""
 
     planes: Singles
     """(8, E): normal and offset (n, d) of the faces on both sides; n . x > d in front of a face."""
@@ -27,7 +27,8 @@ class RimMesh(NamedTuple):
 
     @classmethod
     def of(cls, body: Body, thinned: Sequence[Sequence[Level]] = (), most_m: float = 0.0) -> "RimMesh":
-        """A body's, from each segment's coarsest thinned mesh that is off by most_m at most, or its own."""
+        """The edges of a body, from each segment's coarsest thinned mesh with an error of at most most_m, or
+        its full mesh."""
         ladders = thinned or [()] * len(body.faces)
         levels = [_coarsest(body, s, ladder, most_m) for s, ladder in enumerate(ladders)]
         pieces = [_edges(level) for level in levels]

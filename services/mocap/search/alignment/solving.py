@@ -1,4 +1,4 @@
-"""Compiled Gauss-Newton steps of a pose: match, sum, solve, step within the joint limits, again."""
+"""Compiled Gauss-Newton iterations of a pose: match, sum, solve, step within the joint limits."""
 
 from typing import TypeAlias
 
@@ -86,7 +86,7 @@ def follow(
 def _step(
     pose: Floats, hessian: Floats, slope: Floats, free: Floats, longest: Floats, limits: Floats
 ) -> None:
-    """One step downhill; parameters at a limit that would be pushed beyond stay out of the equations."""
+    """One step downhill; parameters at a limit that would move beyond it are left out of the equations."""
     held = free == 0.0
     for _ in range(3):
         for d in range(N_DOF):

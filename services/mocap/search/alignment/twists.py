@@ -1,4 +1,4 @@
-"""How points of the body move when a parameter changes: the world's twist of every parameter."""
+"""The twist of every parameter in the world: how points of the body move when it changes."""
 
 import numba
 import numpy as np
@@ -17,7 +17,7 @@ from services.mocap.body.skeleton import DOFS, JOINT_INDEX
 from services.mocap.types import Floats, Mask
 
 TWIST_SIZE = 6
-"""An angular velocity, then the velocity of the point that is at the world's origin."""
+"""Angular velocity, then the velocity of the point at the world's origin."""
 
 
 @numba.njit(cache=True, nogil=True)
@@ -56,7 +56,7 @@ def place_twists(pose: Floats, T_world_joint: Floats, twists: Floats) -> None:
 
 @numba.njit(cache=True, nogil=True)
 def _swing_axis(swing: Floats, axis: Floats, out: Floats) -> None:
-    """The axis about which a swing turns on when its component along axis grows: J(swing) axis.
+    """The axis of rotation when a swing's component along `axis` grows: J(swing) axis.
 
     J is the left Jacobian of the rotations (Barfoot, State Estimation for Robotics, 2017, section 7.1.5).
     """
@@ -85,6 +85,6 @@ def _moved_by() -> Mask:
 
 
 MOVED_BY = _moved_by()
-"""(J, J): whether a turn of the first joint moves the second, itself included."""
+"""(J, J): whether a rotation of the first joint moves the second (or is itself)."""
 DOF_JOINT = np.array([JOINT_INDEX[dof.joint] for dof in DOFS], np.int32)
 """(D,) the joint that each parameter turns or shifts."""

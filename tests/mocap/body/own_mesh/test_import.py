@@ -135,13 +135,15 @@ def refusal(path: Path) -> str:
 def test_missing_bones_are_named(tmp_path: Path) -> None:
     some = {joint: bone for joint, bone in MIXAMO.items() if joint not in ("left_shoulder", "left_elbow")}
     write_skinned_glb(tmp_path / "c.glb", PERSON, bind_pose(), names=some)
-    assert refusal(tmp_path / "c.glb").startswith("has no bone that turns at the left shoulder, left elbow:")
+    assert refusal(tmp_path / "c.glb").startswith(
+        "has no bone that rotates at the left shoulder, left elbow:"
+    )
 
 
 def test_bones_with_other_names_are_not_human(tmp_path: Path) -> None:
     robot = {joint: f"servo{k}" for k, joint in enumerate(MIXAMO)}
     write_skinned_glb(tmp_path / "c.glb", PERSON, bind_pose(), names=robot, prefix="")
-    assert "is named like a human one" in refusal(tmp_path / "c.glb")
+    assert "has a human name" in refusal(tmp_path / "c.glb")
 
 
 def test_missing_parts_are_named(tmp_path: Path) -> None:
