@@ -171,7 +171,7 @@ def test_clips_of_two_sizes_are_noticed(own_clips: Path, tmp_path: Path) -> None
 
 def test_an_origin_is_asked_for(own_clips: Path, tmp_path: Path) -> None:
     shutil.rmtree(own_clips / "origin")
-    assert "origin: holds no clip" in complaint(own_clips, tmp_path, SAID)
+    assert "origin: has no clip" in complaint(own_clips, tmp_path, SAID)
 
 
 def test_a_camera_upside_down_is_calibrated_and_said(own_clips: Path, charuco: Scene, tmp_path: Path) -> None:

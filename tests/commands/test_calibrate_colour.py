@@ -174,7 +174,7 @@ def test_a_take_of_charts_is_corrected_camera_by_camera(shared_takes: Path, tmp_
     write_png(folder / "colour/cam01.png", cast(chart(), np.array(CASTS["warm"])))
     write_png(folder / "colour/cam03.png", cast(chart(), np.array(CASTS["dim"]), seed=1))
     printed, warned = correct(folder)
-    assert "no picture of a chart by cam02, cam04" in warned
+    assert "no picture of a chart from cam02, cam04" in warned
     rows = {line.split()[0]: [float(part) for part in line.split()[1:]] for line in printed.splitlines()[1:3]}
     assert rows.keys() == {"cam01", "cam03"}
     assert all(before > 10 > 1.5 > after for before, after, *_ in rows.values())

@@ -112,7 +112,7 @@ def test_a_gpu_that_fails_while_it_is_timed_gets_no_figures(at: int, monkeypatch
     engine = FallingEngine(at)
     monkeypatch.setattr(doctor, "_rate", engine.after)
     assert doctor.energy_checks(engine, Engine(EngineSettings(), "cpu", "asked for")) == [
-        Check("backend", State.HINT, "auto takes cpu: gl failed: H100 stopped working"),
+        Check("backend", State.HINT, "auto chooses cpu: gl failed: H100 stopped working"),
         Check("energy", State.OK, "cpu backend, 100 evaluations per second on one core"),
     ]
 
@@ -121,7 +121,7 @@ def test_a_gpu_has_its_figures_beside_those_of_cpu(monkeypatch: pytest.MonkeyPat
     engine = FallingEngine(at=4)
     monkeypatch.setattr(doctor, "_rate", engine.after)
     backend, energy = doctor.energy_checks(engine, Engine(EngineSettings(), "cpu", "asked for"))
-    assert backend == Check("backend", State.OK, "auto takes gl: H100 through EGL, device 0")
+    assert backend == Check("backend", State.OK, "auto chooses gl: H100 through EGL, device 0")
     assert energy.finding == (
         "cpu backend, 100 evaluations per second on one core; "
         "gl backend, 100 one by one and 25600 in batches of 256"
@@ -148,5 +148,5 @@ def test_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     found = {check.name: check for check in doctor.examine()}
     assert isinstance(found["EGL"], Check)
     assert {"python", "libraries", "OpenGL", "backend", "energy"} <= set(found)
-    assert found["backend"].finding.startswith(("auto takes cpu: ", "auto takes gl: "))
+    assert found["backend"].finding.startswith(("auto chooses cpu: ", "auto chooses gl: "))
     assert "cpu backend, " in found["energy"].finding

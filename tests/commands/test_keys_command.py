@@ -64,8 +64,8 @@ def test_a_volume_that_is_there_already_is_filled(tmp_path: Path) -> None:
 def test_keys_are_never_replaced(tmp_path: Path) -> None:
     keys("new", tmp_path / "keys")
     before = server_keys(tmp_path / "keys")
-    assert "is there already" in refusal("new", tmp_path / "keys")
-    assert "is there already" in refusal("add", tmp_path / "keys", "more", "recorder")
+    assert "already exists" in refusal("new", tmp_path / "keys")
+    assert "already exists" in refusal("add", tmp_path / "keys", "more", "recorder")
     assert not (tmp_path / "keys" / "more").exists()
     assert server_keys(tmp_path / "keys") == before
 
@@ -80,7 +80,7 @@ def test_added_revoked_and_listed(tmp_path: Path) -> None:
     assert names(folder) == {"ann", "eve"}
     assert not (folder / "bob").exists()
     assert bob.public.decode() not in keys("list", folder)
-    assert refusal("revoke", folder, "bob") == f"bob: is not on the list in {folder}: on it are ann, eve"
+    assert refusal("revoke", folder, "bob") == f"bob: is not on the list in {folder}, which has ann, eve"
     keys("add", folder, "bob")
     assert client_keys(folder, "bob").public != bob.public
 

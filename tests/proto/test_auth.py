@@ -288,10 +288,13 @@ def test_one_folder_for_all_or_one_each(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "sentence"),
     [
-        (lambda own: (own / "client.key_secret").unlink(), "expected keys, client.key_secret, there or in"),
+        (
+            lambda own: (own / "client.key_secret").unlink(),
+            "expected the keys client.key_secret, there or in",
+        ),
         (lambda own: (own / "server.key").unlink(), "server.key: cannot be read (it is missing)"),
-        (lambda own: (own / "server.key").write_text("nothing"), "server.key: holds no public key"),
-        (lambda own: (own / "server.key").write_text("public-key"), "server.key: holds no public key"),
+        (lambda own: (own / "server.key").write_text("nothing"), "server.key: contains no public key"),
+        (lambda own: (own / "server.key").write_text("public-key"), "server.key: contains no public key"),
         (lambda own: (own / "server.key").write_bytes(b"public-key = \xff\xff"), "contains a damaged key"),
         (lambda own: (own / "server.key").write_text(f'public-key = "{"#" * 40}"'), "contains a damaged key"),
         (lambda own: (own / "server.key").write_text(f'public-key = "{"~" * 40}"'), "contains a damaged key"),
@@ -311,14 +314,14 @@ def test_keys_of_somebody_else_are_one_sentence(folder: Path, monkeypatch: pytes
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr(Path, "exists", refuse)
-    with pytest.raises(KeysError, match="ann: is closed to the user that the service runs as"):
+    with pytest.raises(KeysError, match="ann: cannot be read by the user of this service"):
         client_keys(folder / "ann", "ann")
 
 
 def test_a_damaged_entry_of_the_list_lets_nobody_in(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
     list_file(folder, "bob").write_text("")
     assert set(allowed_clients(folder / "coordinator" / "clients").values()) == {"ann"}
-    assert "bob.key: holds no public key" in caplog.text
+    assert "bob.key: contains no public key" in caplog.text
 
 
 def test_a_secret_that_others_can_read_is_told(folder: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -11,6 +11,7 @@ import pytest
 from proto.messages import Blob, Pose, TakeEnd, TakeInfo
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
+from services.mocap.camera.rig import Rig
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.frame_files import read_frame_file
@@ -25,6 +26,7 @@ from services.recorder.results import write_results
 from services.recorder.store import Store
 
 N, FPS, RUN = 12, 10.0, "0" * 32
+RIG = Rig(np.ones((1, 3, 4)), np.array([[4, 4]], np.int32))
 ACTOR = Actor(height=1.7)
 
 
@@ -59,7 +61,7 @@ def recorded(poses: Floats, **changed: dict[int, Any]) -> list[Pose]:
 
 def results(folder: Path, take: Path, messages: list[Pose], output: OutputSettings) -> dict[str, Any]:
     """Write into folder; returns run.json."""
-    actor, rig = blob(ACTOR.to_toml(), "actor"), blob("{}", "rig")
+    actor, rig = blob(ACTOR.to_toml(), "actor"), blob(RIG.to_json(), "rig")
     info = TakeInfo(
         take="walk", run=RUN, plan="0" * 64, shards=1, fps=FPS, first_frame=0, end_frame=N,
         actor=actor.hash, rig=rig.hash, backend="cpu",

@@ -71,7 +71,7 @@ def test_what_is_no_result(folder: Path) -> None:
         "is not a folder: expected a results folder of xormocap track"
     )
     (folder / "run.json").write_text("[]")
-    assert refusal(folder).startswith("run.json: is not what xormocap track writes")
+    assert refusal(folder).startswith("run.json: is not a file of xormocap track")
     (folder / "run.json").unlink()
     (folder / "actor.toml").unlink()
     assert refusal(folder).startswith("actor.toml: is missing")

@@ -130,7 +130,7 @@ def test_much_that_is_unsure_is_blamed_before_a_second_person() -> None:
     unsure[3, rows[0] + round(0.7 * len(rows)) :] = True
     unsure &= possible
     seen = TriPlanes(pack(possible & ~unsure), pack(unsure))
-    said = r"^silhouettes: \d\d% of what may be the actor in camera 4 of 5 cannot be told .* two people close"
+    said = r"^silhouettes: \d\d% of the possible actor in camera 4 of 5 cannot be told .* two people close"
     with pytest.raises(TakeError, match=said):
         solve_first_frame(seen, RIG, None, _hints(facing=np.degrees(2.0)), _pool, CPU, SearchSettings())
 

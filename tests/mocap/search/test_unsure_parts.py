@@ -56,7 +56,7 @@ def test_parts_and_cameras_are_named(model: Model, pose: Floats, hide: Hide) -> 
     legs: tuple[Part, ...] = ("left_leg", "right_leg")
     said = told(model, pose, hide({1: legs, 3: legs, 0: ("left_arm",)}))
     assert "silhouettes: parts of the actor cannot be told from the background in the first frame" in said
-    assert "(left arm in cam01; legs in cam02, cam04): light the stage more" in said
+    assert "(left arm in cam01; legs in cam02, cam04): use more light" in said
     assert said.endswith("; look there")
 
 
@@ -127,7 +127,7 @@ def test_a_refusal_blames_much_that_is_unsure_first(
     for camera in (1, 3):
         rows = np.flatnonzero(possible[camera].any(axis=1))
         sure[camera, rows[0] + round(0.6 * len(rows)) :] = False
-    said = r"^silhouettes: \d\d% of what may be the actor in cam02, \d\d% in cam04 cannot be told from the .*"
+    said = r"^silhouettes: \d\d% of the possible actor in cam02, \d\d% in cam04 cannot be told from the .*"
     with pytest.raises(TakeError, match=said + r": use more light.*; if this is not the cause: .*two people"):
         look_first(model.rig, sure, NAMES, possible)
     with pytest.raises(TakeError, match=r"^silhouettes: two people"):

@@ -54,7 +54,7 @@ def test_a_changed_mesh(fitted: Path) -> None:
     [
         ('mesh = "me.npz"\n', "mesh: expected a table with file and sha256"),
         ('[mesh]\nfile = "me.npz"\n', "mesh.sha256: is missing: expected that file's SHA-256"),
-        ('[mesh]\nfile = "../me.npz"\nsha256 = "00"\n', "mesh.file: expected the name of a file beside"),
+        ('[mesh]\nfile = "../me.npz"\nsha256 = "00"\n', "mesh.file: expected the name of a file next to"),
     ],
 )
 def test_a_mesh_that_is_named_badly(tmp_path: Path, mesh: str, said: str) -> None:

@@ -53,7 +53,7 @@ def test_videos_of_different_lengths(small_take: SmallTake, refusal: Refusal) ->
     folder = small_take()
     rewrite_video(folder / "videos/cam02.mp4", 5)
     assert refusal(folder) == (
-        "videos/cam02.mp4: holds 5 frames, but cam01.mp4 holds 4: cut all videos to the same moments, "
+        "videos/cam02.mp4: has 5 frames, but cam01.mp4 has 4: cut all videos to the same moments, "
         "or run xormocap sync"
     )
     assert open_take(folder, in_step=False).settings.frames == 4
@@ -63,7 +63,7 @@ def test_a_video_shorter_than_the_take(small_take: SmallTake, refusal: Refusal) 
     folder = small_take()
     rewrite_video(folder / "videos/cam02.mp4", 3)
     assert refusal(folder) == (
-        "videos/cam02.mp4: holds 3 frames, but take.toml says frames = 4: lower that number or record the "
+        "videos/cam02.mp4: has 3 frames, but take.toml says frames = 4: lower that number or record the "
         "camera again"
     )
 

@@ -61,7 +61,7 @@ def test_none_for_other_frames_actors_and_hints(folder: Path, tmp_path: Path) ->
 @pytest.mark.parametrize("text", ["", "{}", "[1", '{"actor": "me"}'])
 def test_a_damaged_record_is_said(folder: Path, text: str) -> None:
     (folder / RECORD).write_text(text)
-    with pytest.raises(TakeError, match=r"fit\.json: is not what xormocap fit writes"):
+    with pytest.raises(TakeError, match=r"fit\.json: is not a file of xormocap fit"):
         fitted_pose(folder, ACTOR, _settings(), 0)
 
 

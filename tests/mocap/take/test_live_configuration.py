@@ -114,7 +114,7 @@ def test_what_is_wrong_is_said_in_a_sentence(folder: Path, text: str, sentence: 
 
 def test_an_empty_stage_that_is_not_there(folder: Path) -> None:
     (folder / "background" / "cam02.mp4").unlink()
-    with pytest.raises(TakeError, match=r"background: holds neither cam02\.png nor cam02\.mp4"):
+    with pytest.raises(TakeError, match=r"background: has neither cam02\.png nor cam02\.mp4"):
         open_live(_write(folder, _HEAD + 'background = "background"\n' + _CAMERAS))
 
 
@@ -142,7 +142,7 @@ def test_colours_are_corrected_in_plates_and_in_what_is_recorded(folder: Path, t
 def test_a_file_of_colours_that_is_named_has_to_be_there(folder: Path) -> None:
     path = _write(folder, _HEAD + 'colour = "colours.toml"\nbackground = "background"\n' + _CAMERAS)
     with pytest.raises(
-        TakeError, match=r"live\.toml: colour: .*colours\.toml is missing: expected a file as"
+        TakeError, match=r"live\.toml: colour: .*colours\.toml is missing: expected a file of"
     ):
         open_live(path)
 
@@ -162,7 +162,7 @@ def test_a_recording_is_a_take(folder: Path, tmp_path: Path) -> None:
     assert recorded.settings.facing is None
     assert all(recorded.has_background(camera) for camera in recorded.cameras)
     assert not part_of(out).exists()
-    with pytest.raises(UserError, match="is there already"):
+    with pytest.raises(UserError, match="already exists"):
         begin_recording(out)
 
 
