@@ -224,7 +224,7 @@ def test_keys_that_are_missing_are_one_sentence(synthetic_take: Path, tmp_path: 
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith(
-        f"{tmp_path}: expected keys, server.key_secret, there or in coordinator/: make"
+        f"{tmp_path}: expected the keys server.key_secret, there or in coordinator/: make"
     )
     assert len(done.stderr.splitlines()) == 1
 
@@ -236,6 +236,6 @@ def test_the_environment_gives_keys_to_services_and_not_to_track(
     command = [sys.executable, "-m", "services.limb_worker"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
-    assert "nowhere: expected keys" in done.stderr
+    assert "nowhere: expected the keys" in done.stderr
     tracked = xormocap("track", known_take, "--out", tmp_path / "out", "--frames", "0:1", "--no-overlay")
     assert tracked.returncode == 0, tracked.stderr

@@ -90,7 +90,7 @@ def start_viewer(tmp_path: Path) -> Iterator[Viewer]:
             process = subprocess.Popen(command, stdout=file, stderr=file, text=True)
         running.append(process)
         deadline_s = time.monotonic() + 60
-        while "look at http" not in log.read_text():
+        while "open http" not in log.read_text():
             assert process.poll() is None and time.monotonic() < deadline_s, log.read_text()
             time.sleep(0.1)
         return process
