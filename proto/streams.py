@@ -55,7 +55,7 @@ FROM_CLIENTS = Flow(
 )
 """An idle worker that is silent gets no task until it is heard again."""
 TO_CLIENTS = Flow(
-    ("beat", "limb_task", "blob", "take_info", "pose", "silhouettes", "take_end"), every_s=1.0, silence_s=60.0
+    ("beat", "limb_task", "blob", "take_info", "pose", "silhouettes", "take_end"), every_s=0.2, silence_s=60.0
 )
 """The silence outlasts the coordinator's longest step between two looks, also with the slowest search on a
 busy machine. One that died, was stopped or is cut off libzmq's pings notice."""

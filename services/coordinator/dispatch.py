@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message, OfLimbTask
-from proto.streams import FROM_CLIENTS
+from proto.streams import FROM_CLIENTS, TO_CLIENTS
 from services.coordinator.deadline import Deadline
 from services.coordinator.metrics import note_turnaround
 from services.mocap.body.skeleton import LOWER, UPPER
@@ -21,8 +21,8 @@ Identity: TypeAlias = bytes
 Key: TypeAlias = tuple[str | int, ...]
 """What a result is recognised by."""
 
-PROBE_S = 0.2
-"""Interval of connection checks for busy workers; libzmq reports a lost connection at once."""
+PROBE_S = TO_CLIENTS.every_s
+"""Interval of beats to workers, which check their connections; libzmq reports a lost connection at once."""
 _MOST_MISSING = 64
 
 

@@ -53,7 +53,7 @@ def _poses(result: Result) -> dict[str, Column]:
     kept = sorted((row for row in QUANTITIES if row.in_parquet), key=lambda row: row.name)
     for label in ("", *PARTS):  # what is of the whole frame, then part by part
         for row in kept:
-            if label in row.labels:
+            if label in result.quantities.get(row.name, {}):
                 name = f"{row.name}_{label}" if label else row.name
                 columns[name] = (result.quantities[row.name][label], row.unit)
     return columns

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from services.mocap.errors import UserError
 from services.mocap.result.result import load_result
+from services.mocap.take.quantities import FURTHER, Quantity
 from services.mocap.take.tables import read_poses_csv, reference_joints, write_poses_csv
 
 
@@ -46,6 +48,19 @@ def test_the_smoothed_motion_is_what_is_shown(folder: Path) -> None:
     write_poses_csv(folder / "poses_smooth.csv", table)
     result = load_result(str(folder))
     np.testing.assert_allclose(result.poses[:, 0] - result.tracked.poses[:, 0], 1.0, atol=1e-6)
+
+
+def test_columns_of_a_quantity_are_read_back_by_label(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hue = Quantity("hue", "1", "poses.csv", "hue_{}", "part")
+    monkeypatch.setattr("services.mocap.result.result.FURTHER", (*FURTHER, hue))
+    table = read_poses_csv(folder / "poses.csv")
+    columns = {name: np.arange(len(table.frames)) + n for n, name in enumerate(("prior", "hue_head"))}
+    write_poses_csv(folder / "poses.csv", replace(table, extra=columns))
+    known = load_result(folder).quantities
+    np.testing.assert_array_equal(known["prior"][""], columns["prior"])
+    assert list(known["hue"]) == ["head"]
+    np.testing.assert_array_equal(known["hue"]["head"], columns["hue_head"])
+    assert known["shot"] == {}
 
 
 def test_the_report_says_name_and_rate(folder: Path) -> None:
