@@ -1,8 +1,9 @@
 """Retargets the motion of another skeleton to our body: a start from its bones' rotations, then least
 squares.
 
-The trunk is rigid here and bends there, legs and arms differ in length: the pelvis and the feet go where
-theirs go, scaled by the legs' length, so that feet keep standing; arms and head turn as theirs do.
+The other skeleton may bend at more joints of the trunk, and its limbs have other lengths. The pelvis and the
+feet go where its own go, scaled by the legs' length, so that standing feet stand still. Arms and head turn as
+its own do.
 """
 
 from dataclasses import dataclass

@@ -47,7 +47,7 @@ def follow(
 
     steps (K, 3): for every step the reach, the cap, and the damping as a share of the diagonal. free (D,): 1
     for parameters that vary. prior (3, D): target, weight of its square, and the largest step. limits (2,
-    35). Returns the pose, and of the last match the prior's cost and the shares (S, SHARES) of the rim.
+    D). Returns the pose, the prior's cost at the last match, and the rim's shares (S, SHARES) there.
     """
     segments, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
