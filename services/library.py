@@ -23,7 +23,7 @@ from services.mocap.motion.settings import OutputSettings as OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result, write_tracked
-from services.mocap.search.chains import distrusted_values
+from services.mocap.search.chains import values_to_bridge
 from services.mocap.search.first_frame import solve_first_frame
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
@@ -162,7 +162,7 @@ def write_result(
     )
     settings, smooth = take.settings, None
     if output.smooth != "none":
-        smooth = smoothed(poses, settings.fps, output, distrusted_values(marks))
+        smooth = smoothed(poses, settings.fps, output, values_to_bridge(marks))
     known = {"name": settings.name, "folder": str(take.folder), "frames": len(solved), "fps": settings.fps}
     with results_into(folder, complete=True) as part:
         write_tracked(part, table, actor, settings.up, smooth)

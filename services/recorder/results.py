@@ -15,7 +15,7 @@ from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.frame_files import write_frame_files
 from services.mocap.result.layout import OVERLAY, RUN_JSON
 from services.mocap.result.result import load_result, write_tracked
-from services.mocap.search.chains import distrusted_values
+from services.mocap.search.chains import values_to_bridge
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import Marks
 from services.mocap.take.quantities import further_columns
@@ -60,7 +60,7 @@ def write_results(
     marks = Marks.of(recorded)
     live = is_live(info)
     times_s = increasing(times_s)
-    shown = smoothed(poses, info.fps, output, distrusted_values(marks), times_s if live else None)
+    shown = smoothed(poses, info.fps, output, values_to_bridge(marks), times_s if live else None)
     is_whole = collection.complete if live else len(recorded) == info.end_frame - info.first_frame
     with results_into(out, complete=is_whole) as part:
         extra = further_columns(recorded, is_live=live)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import islice
+from typing import Protocol
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
+from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.uncertainty import with_uncertainties
 from services.mocap.search.first_frame import FirstFrame, first_guess
@@ -27,7 +29,9 @@ from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.single_person import MOST_UNCOVERED, NOT_ALONE, uncovered_share
 from services.mocap.search.unsure_parts import untold_parts
+from services.mocap.search.unsure_shares import UnsureShares, names_or_numbers
 from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
@@ -44,7 +48,23 @@ _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitti
 
 Show = Callable[[str, float], None]
 """Called with the current stage, in words, and the total progress, 0 to 1."""
-Fitter = Callable[[Rig, TriPlanes, Actor, Floats, Callable[[float], None]], Fit]
+
+
+class Fitter(Protocol):
+    """Fits as fit_actor does."""
+
+    def __call__(
+        self,
+        rig: Rig,
+        seen: TriPlanes,
+        start: Actor,
+        poses: Floats,
+        progress: Callable[[float], None],
+        *,
+        height_m: float | None = None,
+    ) -> Fit:
+        """Fit an actor and poses to silhouettes."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +120,28 @@ def fit_take(
             told = search.for_cameras([take.cameras.index(camera) for camera in cameras])
             guess = guess_first_pose(rig, seen[0], take.settings, opened, told, mesh, names)
         with clock.stage("fitting the actor") as progress:
-            fit = fitter(rig, seen, guess.actor, guess.solution.pose, progress)
+            height_m = take.settings.actor_height
+            fit = fitter(rig, seen, guess.actor, guess.solution.pose, progress, height_m=height_m)
+        _check_alone(rig, seen[0], fit, names, is_told=height_m is not None)
         start = (guess.actor, guess.solution.pose)
         return concluded(frames, cameras, seen, start, fit, clock.seconds, warnings)
+
+
+def _check_alone(rig: Rig, seen: TriPlanes, fit: Fit, names: Sequence[str], *, is_told: bool) -> None:
+    """Raise TakeError if the fitted body covers too little of the first frame (P, H, W); warn if the height
+    is told, as that may be wrong as well."""
+    body, picture = build_body(fit.actor), Picture.whole(rig, seen.silhouettes, seen.unsure)
+    with closing(CpuBackend(body, rig)) as backend:
+        uncovered = uncovered_share(Model(body, rig, backend), picture, fit.poses[0], SearchSettings())
+    if uncovered > MOST_UNCOVERED:
+        masks = unpack(seen.silhouettes, rig.n_cameras)
+        unsure = UnsureShares(
+            masks, unpack(seen.possible, rig.n_cameras), names_or_numbers(names, rig.n_cameras)
+        )
+        sentence = unsure.before(NOT_ALONE.format(covered=1.0 - uncovered))
+        if not is_told:
+            raise TakeError(sentence)
+        log.warning("%s", sentence)
 
 
 def concluded(
@@ -171,8 +210,9 @@ def guess_first_pose(
     """
     hull = carve(rig, unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras))
     picture = Picture.whole(rig, seen.silhouettes, seen.unsure)
+    pool = lambda model, _: LocalLimbs(model)  # noqa: E731
     guess = first_guess(
-        hull, picture, rig, None, hints, lambda model, _: LocalLimbs(model), engine, search, mesh, names=names
+        hull, picture, rig, None, hints, pool, engine, search, mesh, names=names, is_fitted_next=True
     )
     guess.model.backend.close()
     return guess

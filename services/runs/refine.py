@@ -48,7 +48,9 @@ def refine_take(
         with clock.stage("looking at silhouettes") as progress:
             cameras, seen = seen_of(take, frames, segmenter, progress)
         with clock.stage("fitting the actor") as progress:
-            fit = fitter(Rig.of(cameras), seen, found.actor, poses, progress)
+            fit = fitter(
+                Rig.of(cameras), seen, found.actor, poses, progress, height_m=take.settings.actor_height
+            )
         return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
 
 

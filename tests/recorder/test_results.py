@@ -15,7 +15,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.frame_files import read_frame_file
-from services.mocap.search.chains import HEAD, LIMBS, distrusted_values
+from services.mocap.search.chains import HEAD, LIMBS, values_to_bridge
 from services.mocap.synth.walk import walk
 from services.mocap.take.folder import open_take
 from services.mocap.take.marks import PARTS, Marks
@@ -171,12 +171,12 @@ def test_nobody_judged() -> None:
     marks = Marks.of(recorded(np.zeros((2, N_DOF))))
     assert np.isnan(marks.confidence).all()
     assert not marks.distrusted.any()
-    assert not distrusted_values(marks).any()
+    assert not values_to_bridge(marks).any()
 
 
 def test_a_torso_that_is_wrong_takes_all_with_it_and_a_limb_only_itself() -> None:
     messages = recorded(np.zeros((3, N_DOF)), distrusted={0: ["torso"], 2: ["right_leg", "head"]})
-    values = distrusted_values(Marks.of(messages))
+    values = values_to_bridge(Marks.of(messages))
     assert values[0].all()
     assert not values[1].any()
     assert np.flatnonzero(values[2]).tolist() == [*HEAD.dofs, *LIMBS["right_leg"].dofs]

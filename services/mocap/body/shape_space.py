@@ -65,7 +65,7 @@ _PROFILES = {
     "leg_girth_calf": (0.14, 0.6, 1.8),
     "leg_girth_ankle": (0.15, 0.6, 2.0),
     "foot_width": (0.10, 0.6, 1.7),
-    "foot_depth": (0.15, 0.6, 1.7),
+    "foot_depth": (0.25, 0.6, 2.2),
 }
 
 

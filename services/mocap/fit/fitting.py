@@ -62,6 +62,7 @@ def fit_actor(
     progress: Callable[[float], None] = lambda _: None,
     *,
     apart: bool = False,
+    height_m: float | None = None,
 ) -> Fit:
     """Fit an actor and the poses of F frames to silhouettes (F, P, H, W), starting from an actor and poses
     near them.
@@ -80,11 +81,12 @@ def fit_actor(
     account = _Account(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
     state = _place(rig, contours, begun, following, account, start.mesh)
-    prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3)
+    prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3, height_m)
     fitting = Fitting(rig, contours, prior, start.mesh)
     for stage in _SHAPING:
         state = fitting.run(state, stage, account.step_of(n_frames))
-    actor = shape_space.actor_of(shape_space.with_true_height(state.x, start.mesh), start.mesh)
+    x = state.x if height_m is not None else shape_space.with_true_height(state.x, start.mesh)
+    actor = shape_space.actor_of(x, start.mesh)
     before = quality_of(build_body(start), starts, rig, seen)
     covariance = fitting.shape_covariance(state, _SHAPING[-1])
     after = quality_of(build_body(actor), state.poses, rig, seen)

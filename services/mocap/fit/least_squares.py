@@ -1,5 +1,6 @@
 """Damped least squares over one shape and many poses (Levenberg and Marquardt)."""
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -16,11 +17,17 @@ from services.mocap.fit.normal_equations import Stage, State, System
 from services.mocap.fit.priors import WEIGHT_PX3, Prior
 from services.mocap.types import Floats
 
+_K, _POWER = float(os.environ.get("K", "1")), float(os.environ.get("POWER", "2"))
 _GAIN = 0.995
 """A step without progress leaves more than this share of the least cost so far."""
 _AVERAGED = 4
 _USUAL_COST_PX2 = 0.085
 """Cost per length of outline of silhouettes such as WEIGHT_PX3 was measured on; more is more noise."""
+_JUDGED = Stage((), (), cap_px=0.8, steps=0, is_strict=True)
+"""Its loss says how far residuals are from usual; bites out of silhouettes hardly count."""
+_ALIKE = 4.0
+"""How much more a misfit pulls than noise of the same cost: the smallest power of two for which bones of
+takes of people are not pulled away from what people have."""
 _EDGE_PX = 0.2
 """Standard deviation, in working pixels, of a segmentation's common offset of the actor's edge."""
 _OFF_PX = 0.1
@@ -58,6 +65,9 @@ class Fitting:
         """
         self._camera_weights = self._weigh_cameras(self._match(state))
         current = best = self._matched(state, stage)
+        if len(stage.parameters) > 1:
+            self._prior.misfit = _misfit(current)
+            current = best = self._matched(state, stage)
         trail, since_best = [current], 0
         for _ in range(stage.steps):
             on_step()
@@ -85,14 +95,10 @@ class Fitting:
         common offset of all outlines is added to both.
         """
         current = self._matched(state, stage)
-        views = [view for of_frame in current.matches for view in of_frame]
-        length_px = sum(float(view.lengths_px.sum()) for view in views)
-        data_cost = sum(float(view.lengths_px @ stage.losses(view.residuals_px)) for view in views)
-        excess = data_cost / max(_USUAL_COST_PX2 * length_px, 1e-9)
         slopes = ShapeSlopes.at(state.x, stage.parameters, self._mesh)
         information = self._linearise(current, slopes, stage).shape_information()
         known = self._prior.shape_precision(self._n_views)[np.ix_(stage.parameters, stage.parameters)]
-        scatter = WEIGHT_PX3 * max(excess, 1.0) * (information - known) + self._prior.weight_px3 * known
+        scatter = WEIGHT_PX3 * _misfit(current) * (information - known) + self._prior.shape_weight_px3 * known
         inverse = np.asarray(np.linalg.inv(information))
         noise = self._n_views * inverse @ scatter @ inverse
         widened = [
@@ -158,6 +164,19 @@ class Fitting:
             system.pose_slopes[f] += gradient[:d]
             system.shape_slopes[...] += gradient[d:]
         return system
+
+
+def _misfit(matched: _Matched) -> float:
+    """How many times the usual variance the data have, from the cost of their residuals.
+
+    Noise costs what is usual. What costs more is no noise but a body of another form than the model's: it is
+    the same in every frame, and along a whole limb, so it counts by its square, and several times.
+    """
+    views = [view for of_frame in matched.matches for view in of_frame]
+    length_px = sum(float(view.lengths_px.sum()) for view in views)
+    cost = sum(float(view.lengths_px @ _JUDGED.losses(view.residuals_px)) for view in views)
+    excess = cost / max(_USUAL_COST_PX2 * length_px, 1e-9)
+    return 1.0 + _ALIKE * max(excess**2 - 1.0, 0.0)
 
 
 def _off_by(matched: _Matched, off_px: float) -> _Matched:

@@ -9,7 +9,9 @@ from math import inf
 
 import numpy as np
 
+from services.mocap.body.actor import DEFAULT_HEIGHT_M
 from services.mocap.body.shape_prior import COVARIANCE
+from services.mocap.body.shape_space import INDEX
 from services.mocap.body.skeleton import DOFS, JOINTS, SEGMENTS, Dof
 from services.mocap.body.skeleton_table import EXTREMITY_WINDOW_PX
 from services.mocap.types import Floats
@@ -19,6 +21,8 @@ WEIGHT_PX3 = 0.05
 known shape in noisy silhouettes: the prior then weighs what it should."""
 WEIGHT_APART_PX3 = 0.02
 """For frames from a whole motion, because errors of a fit differ between poses."""
+_TOLD_HEIGHT_DEVIATION = 0.008
+"""Of the logarithm of a height that somebody measured."""
 _TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
 """Standard deviation of the pose from the initial one: twists; head, hands and feet; all other joints."""
 _ROOT = JOINTS[0].name
@@ -42,28 +46,42 @@ class Quadratic:
 class Prior:
     """Draws shapes to the generic one, and poses to the initial ones."""
 
-    def __init__(self, poses: Floats, weight_px3: float = WEIGHT_PX3) -> None:
-        """poses (F, D): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3."""
-        self._poses, self.weight_px3 = poses, weight_px3
+    def __init__(self, poses: Floats, weight_px3: float = WEIGHT_PX3, height_m: float | None = None) -> None:
+        """poses (F, D): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3. height_m:
+        the actor's, if it is known."""
+        self._poses, self._weight_px3 = poses, weight_px3
+        self.misfit = 1.0
+        """How many times as much the prior on shapes counts."""
+        covariance, self._mean = COVARIANCE.copy(), np.zeros(len(COVARIANCE))
+        if height_m is not None:
+            height = INDEX["height"]
+            self._mean[height] = np.log(height_m / DEFAULT_HEIGHT_M)
+            covariance[height, height] = _TOLD_HEIGHT_DEVIATION**2
         self._pose_precision = np.array([_deviation(dof) ** -2 for dof in DOFS])
-        self._shape_precision = np.asarray(np.linalg.inv(COVARIANCE), np.float64)
+        self._shape_precision = np.asarray(np.linalg.inv(covariance), np.float64)
 
     def cost(self, x: Floats, poses: Floats, n_views: int) -> float:
         """What a shape vector and poses (F, D) cost, seen in n_views."""
-        per_frame = float(((poses - self._poses) ** 2 @ self._pose_precision).sum()) / len(poses)
-        return self.weight_px3 * n_views * (float(x @ self._shape_precision @ x) + per_frame)
+        off, off_poses = x - self._mean, (poses - self._poses) ** 2 @ self._pose_precision
+        shape = self.shape_weight_px3 * float(off @ self._shape_precision @ off)
+        return n_views * (shape + self._weight_px3 * float(off_poses.sum()) / len(poses))
+
+    @property
+    def shape_weight_px3(self) -> float:
+        """What one standard deviation of a shape costs in a view."""
+        return self.misfit * self._weight_px3
 
     def shape_precision(self, n_views: int) -> Floats:
         """(S, S) the prior's part of the normal equations of shapes seen in n_views."""
-        return self.weight_px3 * n_views * self._shape_precision
+        return self.shape_weight_px3 * n_views * self._shape_precision
 
     def quadratic(self, x: Floats, poses: Floats, n_views: int) -> Quadratic:
         """The normal equations of that cost."""
         shape = self.shape_precision(n_views)
-        per_frame = self.weight_px3 * n_views / len(poses)
+        per_frame = self._weight_px3 * n_views / len(poses)
         return Quadratic(
             shape=shape,
-            shape_slopes=shape @ x,
+            shape_slopes=shape @ (x - self._mean),
             pose_diagonal=per_frame * self._pose_precision,
             pose_slopes=per_frame * self._pose_precision * (poses - self._poses),
         )

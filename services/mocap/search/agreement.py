@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.search.hull import MIN_CAMERAS, cube_about, look_up, meeting_point, pieces_of
+from services.mocap.search.hull import MIN_CAMERAS, cube_about, look_up, meeting_point, most_missed, pieces_of
 from services.mocap.types import Bytes, Floats, Ints, Mask
 
 WELL_FILLED = 0.9
@@ -125,7 +125,7 @@ class _Space:
         In some cameras other pieces hide a piece, so this averages over the half of the cameras with the
         largest shares.
         """
-        pieces: Ints = pieces_of(self._inside(cameras))
+        pieces: Ints = pieces_of(self._inside(cameras, most_missed(len(cameras))), _VOXEL_M)
         n_pieces = min(int(pieces.max(initial=0)), 3)  # further pieces are negligible
         shares = np.zeros((n_pieces, len(cameras)))
         for k, c in enumerate(cameras):
@@ -138,11 +138,11 @@ class _Space:
         upper_half: Floats = np.sort(shares, axis=1)[:, len(cameras) // 2 :].mean(axis=1)
         return np.sort(upper_half)[::-1]  # a large piece of possible actor pixels may cover nothing
 
-    def _inside(self, cameras: tuple[int, ...]) -> Mask:
-        """The hull (N,) of some cameras, as carve has it."""
+    def _inside(self, cameras: tuple[int, ...], n_missed: int = 0) -> Mask:
+        """The hull (N,) of some cameras, as carve has it, of which n_missed may miss a point."""
         chosen = list(cameras)
         held = 2 * self._holds[chosen].sum(axis=0) >= max(len(chosen), 2 * MIN_CAMERAS)
-        inside: Mask = held & ~self._carves[chosen].any(axis=0)
+        inside: Mask = held & (self._carves[chosen].sum(axis=0) <= n_missed)
         return inside
 
 

@@ -105,12 +105,14 @@ def first_guess(
     mesh: OwnMesh | None = None,
     made: Model | None = None,
     names: Sequence[str] = (),
+    *,
+    is_fitted_next: bool = False,
 ) -> FirstFrame:
     """The first frame's pose, with the actor or else with the generic body, from its hull and its picture.
 
     That body, or a mesh in its place, has the height of take.toml, else of the visual hull. Other arguments
     as in solve_first_frame. Raises TakeError for an implausible height, or if a body of the hull's height
-    covers too little of the silhouettes; the message first mentions unsure areas.
+    covers too little of the silhouettes, unless it is_fitted_next; the message first mentions unsure areas.
     """
     told, unsure = told_actor(actor, hints, mesh), _unsure_shares(picture, rig, names)
     with unsure.blamed_first():
@@ -124,7 +126,7 @@ def first_guess(
     model = made or model_of(actor, rig, engine)
     solution = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
     uncovered = uncovered_share(model, picture, solution.pose, settings)
-    if uncovered > MOST_UNCOVERED:
+    if uncovered > MOST_UNCOVERED and not is_fitted_next:  # a coat is wider than any body that is not fitted
         sentence = unsure.before(NOT_ALONE.format(covered=1.0 - uncovered))
         if told is None:
             model.backend.close()

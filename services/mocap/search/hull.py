@@ -29,6 +29,9 @@ _ROUNDS = 20
 off."""
 _NEAR_M = 0.05
 """Rays that pass this close to the meeting point have equal weights."""
+_CAMERAS_PER_MISS = 8
+_GAP_M = 0.24
+"""Pieces of a hull that are closer than this are of one person, cut apart by something in the foreground."""
 _CROUCHING, _ARMS_RAISED = 0.4, 1.5
 """Ratio of the visual hull's height to the actor's."""
 
@@ -90,7 +93,8 @@ def carve(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Hull:
     """Carve the hull from silhouettes (C, H, W); a camera that shows nothing does not count.
 
     possible (C, H, W): possible actor pixels, by default the silhouettes; space outside is carved away.
-    Raises TakeError if nobody is visible, or the silhouettes do not meet in space.
+    Where more than eight cameras look, one of every eight may miss what furniture hides from it. Raises
+    TakeError if nobody is visible, or the silhouettes do not meet in space.
     """
     seen = [c for c in range(rig.n_cameras) if silhouettes[c].any()]
     if len(seen) < MIN_CAMERAS:
@@ -100,17 +104,19 @@ def carve(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Hull:
         )
     possible = silhouettes if possible is None else possible
     points_world_m = cube_about(meeting_point(rig, silhouettes, seen), _REACH_M, _VOXEL_M)
-    inside, n_pictures = np.ones(len(points_world_m), bool), np.zeros(len(points_world_m), np.int32)
+    n_missed, n_pictures = np.zeros((2, len(points_world_m)), np.int32)
+    inside = np.ones(len(points_world_m), bool)
     for c in seen:
         left = np.flatnonzero(inside)  # the first cameras carve most away
         in_picture, on_actor = look_up(rig, possible[c], c, points_world_m[left])
         n_pictures[left] += in_picture
-        inside[left] = on_actor | ~in_picture
+        n_missed[left] += in_picture & ~on_actor
+        inside[left] = n_missed[left] <= most_missed(len(seen))
     # Where few cameras look, little is carved away, so half of the cameras must have a point in their
     # picture.
     inside &= 2 * n_pictures >= max(len(seen), 2 * MIN_CAMERAS)
     firm = inside if np.array_equal(possible, silhouettes) else _firm(rig, silhouettes, seen, points_world_m)
-    pieces = pieces_of(inside, inside & firm)
+    pieces = pieces_of(inside, _VOXEL_M, inside & firm)
     if not pieces.any():
         raise TakeError(
             "calibration.toml: the cameras' silhouettes do not meet anywhere in space: check that the "
@@ -131,13 +137,23 @@ def _firm(rig: Rig, silhouettes: Mask, cameras: list[int], points_world_m: Float
     return firm
 
 
-def pieces_of(inside: Mask, firm: Mask | None = None) -> Ints:
-    """Number the connected pieces of a cube's points (N,), the largest first, from 1 on; 0 outside.
+def most_missed(n_cameras: int) -> int:
+    """How many cameras may miss a point of a hull: furniture may hide it from them."""
+    return (n_cameras - 1) // _CAMERAS_PER_MISS
 
-    firm (N,): points that decide the order; all points decide between equal pieces.
+
+def pieces_of(inside: Mask, voxel_m: float, firm: Mask | None = None) -> Ints:
+    """Number the pieces of a cube's points (N,), the largest first, from 1 on; 0 outside.
+
+    A piece is all that lies closer to the rest of it than _GAP_M. firm (N,): points that decide the order;
+    all points decide between equal pieces.
     """
     side = round(len(inside) ** (1 / 3))
-    labels, n_pieces = ndimage.label(inside.reshape(side, side, side))
+    cube = inside.reshape(side, side, side)
+    labels, n_pieces = ndimage.label(cube)
+    if n_pieces > 1:
+        labels, n_pieces = ndimage.label(ndimage.distance_transform_edt(~cube, sampling=voxel_m) < _GAP_M / 2)
+        labels *= cube
     sizes = np.bincount(labels.ravel(), minlength=n_pieces + 1)[1:]
     if firm is not None:
         firm_sizes = np.bincount(labels.ravel()[firm], minlength=n_pieces + 1)[1:]

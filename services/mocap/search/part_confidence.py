@@ -32,8 +32,9 @@ _LEARNT = 3.0
 """Differences above this multiple of the allowed one do not enter the usual difference."""
 _LONGEST_REST = 8
 """Frames between two searches of a part at most."""
-_LOST_SHARE = 0.1
-"""The torso is in doubt when more pixels differ than this share of the input's."""
+_LOST_SHARE, _LOST_OVER_USUAL, _MOST_LOST_SHARE = 0.1, 0.06, 0.25
+"""The torso is in doubt when more pixels differ than the first share of the input's, and more than usual by
+the second; more than the third always. What the body lacks, a coat's tails say, differs in every frame."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,7 @@ class PartConfidence:
         scale = (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2 * rig.n_cameras / _REFERENCE_CAMERAS
         self._doubt_px = doubt_px * scale
         self._usual: dict[Part, deque[int]] = {}
+        """Of limbs and head, pixels; of the torso, thousandths of the input's pixels."""
         self._fruitless: dict[Part, int] = {}
         self._rest: dict[Part, int] = {}
 
@@ -106,7 +108,7 @@ class PartConfidence:
         parts = list(PART_STAGES)
         self._usual = {
             part: deque(lists[f"usual.{part}"], maxlen=_REMEMBERED)
-            for part in parts
+            for part in PARTS
             if f"usual.{part}" in lists
         }
         self._fruitless = dict(zip(parts, lists.get("fruitless", []), strict=False))
@@ -115,7 +117,13 @@ class PartConfidence:
     def doubtful(self, found: Differences) -> list[Part]:
         """Doubtful limbs and head, and the torso if the whole body is doubtful."""
         limbs: list[Part] = [part for part in PART_STAGES if found.px[part] > self._allowed_px(part)]
-        return ["torso", *limbs] if found.share > _LOST_SHARE else limbs
+        return ["torso", *limbs] if found.share > self._allowed_share() else limbs
+
+    def _allowed_share(self) -> float:
+        usual = self._usual.get("torso")
+        if not usual:
+            return _LOST_SHARE
+        return min(max(_LOST_SHARE, float(np.median(usual)) / 1000 + _LOST_OVER_USUAL), _MOST_LOST_SHARE)
 
     def distrusted(self, found: Differences) -> list[Part]:
         """All doubtful parts if the torso is among them; otherwise those nearest to more than `doubt_px / 2`
@@ -146,6 +154,8 @@ class PartConfidence:
 
         So the estimate can follow the folds of clothes, but a lost limb does not become usual.
         """
+        if "torso" not in self._usual or found.share <= self._allowed_share():
+            self._usual.setdefault("torso", deque(maxlen=_REMEMBERED)).append(round(1000 * found.share))
         for part in PART_STAGES:
             self._rest[part] = max(self._rest.get(part, 0) - 1, 0)
             if part not in self._usual or found.px[part] <= _LEARNT * self._allowed_px(part):
