@@ -22,8 +22,8 @@ from bench import segmentation as silhouettes
 from bench import table2 as frame_times
 from bench.candidates import Candidates, Name
 from bench.machine import Machine, this_machine
-from bench.people import Variety
 from bench.problems import Setup
+from bench.random_bodies import Variety
 from bench.table1 import Row, as_table, measure
 from bench.takes import take_folder
 from services.mocap.errors import UserError
