@@ -1,8 +1,8 @@
-"""Joint errors, lost limbs, and marks that are right or wrong: found joints against those of another body model.
+"""Joint errors, lost limbs, and right and wrong marks: found joints against those of another body model.
 
-What one body model calls a hip or the top of a head lies elsewhere in another one, by some centimetres that are
-the same in every frame. Errors leave that out; lost limbs do not. Joints are in millimetres, (F, 15, 3), in the
-order of REFERENCE_JOINTS, found and true ones in one world.
+What one body model calls a hip or the top of a head lies elsewhere in another one, by some centimetres that
+are the same in every frame. Errors leave that out; lost limbs do not. Joints are in millimetres, (F, 15, 3),
+in the order of REFERENCE_JOINTS, found and true ones in one world.
 """
 
 from dataclasses import dataclass

@@ -4,8 +4,8 @@ The takes have the truth beside them, as tools that make synthetic people write 
 """
 
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -70,9 +70,8 @@ class Outcome:
     @property
     def worst_bone(self) -> str:
         """Empty where no true length is known."""
-        return max(
-            self.bones_off_percent, key=lambda bone: abs(self.bones_off_percent[bone]), default=""
-        )
+        off = self.bones_off_percent
+        return max(off, key=lambda bone: abs(off[bone]), default="")
 
 
 @dataclass(frozen=True)
@@ -89,29 +88,26 @@ class Row:
     floor: Floor | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _Truth:
-    actor: TrueActor
-    joints_m: Floats = field(repr=False)
-    """(F, 15, 3) of all frames of the take, in its own world."""
+def measure(folder_of: Callable[[], Path], trial: Trial) -> Iterator[Row]:
+    """Track a take, as a user does, and compare it with the truth: one row.
 
-
-def measure(folder: Path, trial: Trial) -> Iterator[Row]:
-    """Track a take, as a user does, and compare; raises UserError for takes that cannot be used."""
+    folder_of: finds the take's folder, or makes it. Raises UserError for takes that cannot be used.
+    """
+    folder = folder_of()
     with tempfile.TemporaryDirectory(prefix="xormocap-bench-") as temporary:
         scratch, name = Path(temporary), folder.resolve().name
         used = with_true_silhouettes(folder, scratch / name) if trial.true_silhouettes else folder
         take, out = open_take(used), (trial.results or scratch / "results") / name
-        truth = _truth_of(take)
-        row = Row(name, len(take.cameras), truth.actor.clothes, take.settings.frames)
+        actor, true_m = true_actor(used), _true_joints_m(take)
+        row = Row(name, len(take.cameras), actor.clothes, take.settings.frames)
         try:
             run = track(used, out, ":", trial.workers, trial.options)
         except UserError as error:
-            yield Row(row.take, row.cameras, row.clothes, row.frames, refusal=str(error))
+            yield replace(row, refusal=str(error))
             return
-        outcome = outcome_of(run, read_joints_csv(out / JOINTS).joints_take_m, truth.actor, truth.joints_m)
-        floor = _floor(take, run, truth, trial.floor_frames) if trial.floor_frames else None
-        yield Row(row.take, row.cameras, row.clothes, row.frames, "", outcome, floor)
+        outcome = outcome_of(run, read_joints_csv(out / JOINTS).joints_take_m, actor, true_m)
+        floor = _floor(take, run, true_m, trial.floor_frames) if trial.floor_frames else None
+        yield replace(row, outcome=outcome, floor=floor)
 
 
 def outcome_of(run: Run, found_m: Floats, actor: TrueActor, true_m: Floats) -> Outcome:
@@ -129,14 +125,18 @@ def outcome_of(run: Run, found_m: Floats, actor: TrueActor, true_m: Floats) -> O
     )
 
 
-def _truth_of(take: Take) -> _Truth:
-    table = read_joints_csv(take.folder / REFERENCE_JOINTS_CSV)
+def _true_joints_m(take: Take) -> Floats:
+    """(F, 15, 3) of all frames, in the take's world."""
+    path = take.folder / REFERENCE_JOINTS_CSV
+    table = read_joints_csv(path)
     if not np.array_equal(table.frames, np.arange(take.settings.frames)):
-        raise TakeError(f"{take.folder / REFERENCE_JOINTS_CSV}: frame: expected all frames of the take")
-    return _Truth(true_actor(take.folder), table.joints_take_m)
+        raise TakeError(f"{path}: frame: expected all {take.settings.frames} frames of the take")
+    return table.joints_take_m
 
 
-def _floor(take: Take, run: Run, truth: _Truth, n_frames: int) -> Floor:
-    rows = spread(np.zeros(take.settings.frames, bool), n_frames)
-    true_m = from_take_world(truth.joints_m[rows], take.settings.up)
-    return floor_of(take, run.actor, rows.tolist(), run.poses.poses[rows], true_m)
+def _floor(take: Take, run: Run, true_m: Floats, n_frames: int) -> Floor:
+    """true_m: (F, 15, 3) of all frames, in the take's world."""
+    rows = spread(np.zeros(len(true_m), bool), n_frames)
+    return floor_of(
+        take, run.actor, rows.tolist(), run.poses.poses[rows], from_take_world(true_m[rows], take.settings.up)
+    )

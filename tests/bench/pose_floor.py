@@ -1,7 +1,8 @@
 """The floor of the errors: how exact the best pose of a run's body is, and how often the search misses it.
 
-The best pose is found from the true joints, and then aligned with the silhouettes. What it is off by is due to
-the body and the silhouettes; where its energy is clearly lower than that of the tracked pose, the search failed.
+The best pose is found from the true joints, and then aligned with the silhouettes. What it is off by is due
+to the body and the silhouettes; where its energy is clearly lower than that of the tracked pose, the search
+failed.
 """
 
 from contextlib import closing
@@ -72,7 +73,7 @@ def floor_of(take: Take, actor: Actor, frames: list[int], tracked: Floats, true_
 
 
 def true_poses(joints_m: Floats, body: Body) -> Floats:
-    """Poses (F, D) whose joints are nearest to true ones (F, 15, 3), each started from the one before, too."""
+    """Poses (F, D) with joints nearest to true ones (F, 15, 3), started upright and from the one before."""
     poses: list[Floats] = []
     for of_frame in joints_m:
         found = [_nearest(of_frame, body, start) for start in (_upright(of_frame), *poses[-1:])]

@@ -34,31 +34,43 @@ class TrueActor:
     """In one word, such as tight."""
 
 
-def names_between(text: str) -> list[str]:
-    """The takes from dev-100:dev-124, both included; or one. Raises UserError."""
-    first, _, last = text.partition(":")
-    ends = [_NAME.fullmatch(name) for name in (first, last or first)]
-    if ends[0] is None or ends[1] is None or ends[0][1] != ends[1][1] or int(ends[0][2]) > int(ends[1][2]):
-        raise UserError(f"--seeds {text}: expected a first and a last take, such as dev-100:dev-124")
-    return [f"{ends[0][1]}-{n:0{len(ends[0][2])}d}" for n in range(int(ends[0][2]), int(ends[1][2]) + 1)]
+@dataclass(frozen=True)
+class Studio:
+    """What makes takes, and where they are kept."""
 
+    folder: Path
+    kept: Path
 
-def made_take(studio: Path, name: str, kept: Path) -> Path:
-    """The folder of a take, made if it is not there yet. Raises UserError where the studio fails."""
-    folder, part = kept / name, kept / f"{name}.part"
-    if folder.is_dir():
+    def take(self, name: str) -> Path:
+        """The folder of a take, made if it is not there yet. Raises UserError where that fails."""
+        folder, part, maker = self.kept / name, self.kept / f"{name}.part", self.folder / _MAKER
+        if folder.is_dir():
+            return folder
+        if not maker.is_file():
+            raise UserError(f"--studio {self.folder}: has no {_MAKER}")
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        words = [str(word) for word in (sys.executable, maker, name, part, part / "reference", *_LIKE)]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            said = done.stderr.strip().splitlines()
+            raise UserError(f"{_MAKER} {name}: {said[-1] if said else f'ended with code {done.returncode}'}")
+        part.rename(folder)
         return folder
-    if not (studio / _MAKER).is_file():
-        raise UserError(f"--studio {studio}: has no {_MAKER}")
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir(parents=True)
-    command = [sys.executable, studio / _MAKER, name, part, part / "reference", *_LIKE]
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        said = done.stderr.strip().splitlines()
-        raise UserError(f"{_MAKER} {name}: {said[-1] if said else f'ended with code {done.returncode}'}")
-    part.rename(folder)
-    return folder
+
+
+def names_between(text: str) -> list[str]:
+    """The takes from dev-100 to dev-124 of dev-100:dev-124, both included; one of dev-100, none of nothing.
+
+    Raises UserError for other texts.
+    """
+    first, _, last = text.partition(":")
+    if not text:
+        return []
+    start, end = _NAME.fullmatch(first), _NAME.fullmatch(last or first)
+    if start is None or end is None or start[1] != end[1] or int(start[2]) > int(end[2]):
+        raise UserError(f"{text}: expected a first and a last take, such as dev-100:dev-124")
+    return [f"{start[1]}-{number:0{len(start[2])}d}" for number in range(int(start[2]), int(end[2]) + 1)]
 
 
 def with_true_silhouettes(take: Path, made: Path) -> Path:
@@ -81,4 +93,6 @@ def true_actor(take: Path) -> TrueActor:
         lengths_m = {str(name): float(length) for name, length in told["bone_lengths"].items()}
         return TrueActor(float(told["stature"]), lengths_m, str(told["options"]["outfit"]["kind"]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise TakeError(f"{path}: expected stature, bone_lengths and options.outfit.kind: {error!r}") from None
+        raise TakeError(
+            f"{path}: expected stature, bone_lengths and options.outfit.kind: {error!r}"
+        ) from None
