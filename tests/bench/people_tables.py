@@ -22,7 +22,8 @@ _BETTER_HIGH = ("fps",)
 _TRACKED = (
     "Joint errors of joints.csv in mm, without what is a matter of definition; raw: with it. Lost: "
     f"limb-frames in % with a joint off by more than {LOST_MM:g} mm; silent: lost and not marked; false: "
-    f"marked and within {RIGHT_MM:g} mm. Bones: mean error of four in %, and the worst one. Height: cm too tall"
+    f"marked and within {RIGHT_MM:g} mm. Bones: mean error of four in %, and the worst one. Height: cm "
+    "too tall"
 )
 _FLOOR = (
     "Floor: poses found from the true joints, then aligned with the silhouettes. Tracked: poses.csv, which "
