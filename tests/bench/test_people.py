@@ -86,25 +86,14 @@ def test_the_floor_of_the_own_body_is_low_and_a_wrong_arm_is_a_failure(take: Pat
 
 @pytest.mark.usefixtures("tracked_as_true")
 def test_the_command_measures_and_tells_refusals(take: Path, tmp_path: Path) -> None:
-    refused = tmp_path / "dev-002--refused"
-    refused.symlink_to(take)
-    copy = tmp_path / "dev-003--refused"
-    shutil.copytree(take, copy)
-    arguments = [
-        "people",
-        str(take),
-        str(copy),
-        "--true-silhouettes",
-        "--floor-frames",
-        "2",
-        "--workers",
-        "1",
-    ]
-    arguments += ["--track", "--set max_passes=5", "--json", str(tmp_path / "people.json")]
+    refused, written = tmp_path / "dev-002--refused", tmp_path / "people.json"
+    shutil.copytree(take, refused)
+    arguments = ["people", str(take), str(refused), "--true-silhouettes", "--floor-frames", "2"]
+    arguments += ["--workers", "1", "--track", "--set max_passes=5", "--json", str(written)]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     assert "nobody is to be seen" in " ".join(done.output.split())
-    found, left = json.loads((tmp_path / "people.json").read_text())["rows"]
+    found, left = json.loads(written.read_text())["rows"]
     assert (found["take"], found["cameras"], found["clothes"], found["frames"]) == ("dev-001", 4, "loose", N)
     assert found["outcome"]["errors"]["mean_mm"] == pytest.approx(0.0, abs=0.01)
     assert found["outcome"]["height_off_cm"] == pytest.approx(5.0)
@@ -123,10 +112,9 @@ def test_names_between() -> None:
     assert names_between("dev-098:dev-101") == ["dev-098", "dev-099", "dev-100", "dev-101"]
     assert names_between("dev-7") == ["dev-7"]
     assert names_between("") == []
-    for text in ("dev-3:dev-2", "dev-1:test-2", "dev-1:", "7:9", ":dev-1"):
-        if text != "dev-1:":
-            with pytest.raises(UserError, match="expected a first and a last take"):
-                names_between(text)
+    for text in ("dev-3:dev-2", "dev-1:test-2", "7:9", ":dev-1"):
+        with pytest.raises(UserError, match="expected a first and a last take"):
+            names_between(text)
 
 
 def test_a_studio_makes_a_take_once(tmp_path: Path) -> None:
