@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar
 
@@ -16,16 +17,19 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import accuracy as accuracies
-from bench import actor_tables, first_view, page_cost, settings_sweep
+from bench import actor_tables, first_view, page_cost, people_tables, settings_sweep
 from bench import actors as actor_fits
+from bench import people as other_people
 from bench import segmentation as silhouettes
 from bench import table2 as frame_times
 from bench.candidates import Candidates, Name
 from bench.machine import Machine, this_machine
-from bench.people import Variety
 from bench.problems import Setup
+from bench.random_bodies import Variety
+from bench.studio_takes import Studio, names_between
 from bench.table1 import Row, as_table, measure
 from bench.takes import take_folder
+from services.mocap.energy.detail.cache import cache_folder
 from services.mocap.errors import UserError
 from services.mocap.search.settings import Preset
 
@@ -63,6 +67,14 @@ def _writable(path: Path | None) -> Path | None:
     return path
 
 
+def _seeds(text: str) -> str:
+    try:
+        names_between(text)
+    except UserError as error:
+        raise typer.BadParameter(str(error)) from None
+    return text
+
+
 JsonOption: TypeAlias = Annotated[
     Path | None, typer.Option("--json", callback=_writable, help="Write the figures here as well.")
 ]
@@ -75,6 +87,12 @@ TakesArgument: TypeAlias = Annotated[
 ]
 FramesOption: TypeAlias = Annotated[
     str, typer.Option(help="Range of frames A:B, from A up to but not including B.")
+]
+WorkersOption: TypeAlias = Annotated[
+    int, typer.Option(min=0, max=64, help="Number of limb worker processes.")
+]
+TrackOption: TypeAlias = Annotated[
+    str, typer.Option("--track", help="Further options of xormocap track, such as '--set max_passes=5'.")
 ]
 
 
@@ -147,10 +165,8 @@ def accuracy(
     noise: Annotated[
         bool, typer.Option("--noise", help="Also with half of the cameras, and with bad silhouettes.")
     ] = False,
-    workers: Annotated[int, typer.Option(min=0, max=64, help="Number of limb worker processes.")] = 4,
-    options: Annotated[
-        str, typer.Option("--track", help="Further options of xormocap track, such as '--set max_passes=5'.")
-    ] = "",
+    workers: WorkersOption = 4,
+    options: TrackOption = "",
     json_path: JsonOption = None,
 ) -> None:
     """Joint errors, overlap of silhouettes, lost limbs and marks of tracked takes."""
@@ -217,6 +233,56 @@ def actors(
                 rows.append(row)
                 status.update(f"{variety}: {row.number + 1} of {people} people")
     _finish(console, actor_tables.as_tables(rows), json_path, machine, rows)
+
+
+@app.command()
+def people(
+    takes: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[TAKE]...", help="Folders with reference/joints.csv and reference/actor.json."
+        ),
+    ] = None,
+    studio: Annotated[
+        Path | None, typer.Option(help="A folder with make_take.py, which makes the takes of --seeds.")
+    ] = None,
+    seeds: Annotated[
+        str,
+        typer.Option(
+            callback=_seeds, help="The first and the last take that the studio makes: dev-100:dev-124."
+        ),
+    ] = "",
+    kept: Annotated[
+        Path | None,
+        typer.Option("--takes", help="Where the studio's takes are kept; in the cache by default."),
+    ] = None,
+    true_silhouettes: Annotated[
+        bool, typer.Option("--true-silhouettes", help="Use reference/silhouettes where a take has them.")
+    ] = False,
+    floor_frames: Annotated[
+        int, typer.Option(min=0, help="Frames of a take in which its best pose is found, at most; 0: none.")
+    ] = 40,
+    workers: WorkersOption = 4,
+    options: TrackOption = "",
+    results: Annotated[
+        Path | None, typer.Option(help="Keep the results here, a folder for each take.")
+    ] = None,
+    json_path: JsonOption = None,
+) -> None:
+    """People of other bodies than the model's: joint errors, lost limbs, marks, floor, search failures."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    if (studio is None) != (not seeds) or not (takes or seeds):
+        raise typer.BadParameter("expected takes, or --studio with --seeds")
+    machine, rows = this_machine(), list[other_people.Row]()
+    console.print(str(machine), highlight=False)
+    made = Studio(studio, kept or cache_folder() / "studio") if studio else None
+    trial = other_people.Trial(workers, tuple(shlex.split(options)), true_silhouettes, floor_frames, results)
+    folders = [(take.resolve().name, partial(Path, take)) for take in takes or ()]
+    folders += [(name, partial(made.take, name)) for name in names_between(seeds) if made]
+    for name, folder_of in folders:
+        with console.status(name):
+            rows += _going_on(other_people.measure(folder_of, trial), name, console)
+    _finish(console, people_tables.as_tables(rows), json_path, machine, rows)
 
 
 @app.command()

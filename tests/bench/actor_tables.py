@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from bench.actors import BONE_PERCENT, BONES, HEADING_DEG, HEIGHT_CM, TRUNK, Found, Row
-from bench.people import Variety
+from bench.random_bodies import Variety
 
 
 def as_tables(rows: Sequence[Row]) -> list[Table]:

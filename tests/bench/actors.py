@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.later_motion import MOTIONS, going_on, tracked
-from bench.people import FPS, Person, Sex, Stance, Variety, somebody
+from bench.random_bodies import FPS, Person, Sex, Stance, Variety, somebody
 from services.mocap.body.actor import build_body
 from services.mocap.body.bones import BONES as GENERIC
 from services.mocap.body.kinematics import joint_positions

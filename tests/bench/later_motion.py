@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.people import FPS, Person, seen_of
+from bench.random_bodies import FPS, Person, seen_of
 from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX

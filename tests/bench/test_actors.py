@@ -8,7 +8,7 @@ import pytest
 from bench.actor_tables import as_tables
 from bench.actors import BONES, Found, Row, Trial, measure
 from bench.later_motion import MOTIONS, going_on
-from bench.people import Stance, Variety, somebody
+from bench.random_bodies import Stance, Variety, somebody
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack

@@ -1,0 +1,72 @@
+"""How reliable confidences and marks are: of the limb-frames that they say the same of, how many are lost."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from bench.limb_scores import LOST_MM
+from services.mocap.types import Floats, Mask
+
+_BINS = 10
+MARKED, NOT_MARKED, NOT_JUDGED = "marked", "not marked", "no confidence"
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Limb-frames of which the same was said."""
+
+    limb_frames: int
+    lost: int
+    marked: int
+
+    def __add__(self, other: "Counted") -> "Counted":
+        return Counted(
+            self.limb_frames + other.limb_frames, self.lost + other.lost, self.marked + other.marked
+        )
+
+
+def reliability_of(limbs_mm: Floats, marked: Mask, confidence: Floats) -> dict[str, Counted]:
+    """What was said -> the limb-frames of which it was said, with empty ones left out.
+
+    limbs_mm: (F, 4) the error of each limb; marked and confidence: (F, 4), NaN where a limb was not judged.
+    """
+    lost = limbs_mm > LOST_MM
+    told = {MARKED: marked, NOT_MARKED: ~marked, NOT_JUDGED: np.isnan(confidence)}
+    bins = np.minimum(np.floor(confidence * _BINS), _BINS - 1)
+    told |= {f"confidence {k / _BINS:.1f} to {(k + 1) / _BINS:.1f}": bins == k for k in range(_BINS)}
+    return {
+        name: Counted(int(chosen.sum()), int((lost & chosen).sum()), int((marked & chosen).sum()))
+        for name, chosen in told.items()
+        if chosen.any()
+    }
+
+
+def together(several: Iterable[Mapping[str, Counted]]) -> dict[str, Counted]:
+    """The sums over takes; marks come first, then confidences in order."""
+    sums: dict[str, Counted] = defaultdict(lambda: Counted(0, 0, 0))
+    for of_take in several:
+        for name, counted in of_take.items():
+            sums[name] += counted
+    order = (MARKED, NOT_MARKED, NOT_JUDGED)
+    return {name: sums[name] for name in (*filter(sums.__contains__, order), *sorted(sums.keys() - {*order}))}
+
+
+def as_table(several: Iterable[Mapping[str, Counted]]) -> Table:
+    """A line for each thing that may be said of a limb."""
+    table = Table(
+        title="Reliability of marks and confidences",
+        box=SIMPLE_HEAD,
+        caption=f"Limb-frames: each arm and leg in each frame. Lost: a joint is off by more than {LOST_MM:g} "
+        "mm. Marked: the limb or the torso is distrusted",
+    )
+    table.add_column("said of a limb")
+    for column in ("limb-frames", "lost", "lost of them", "marked of them"):
+        table.add_column(column, justify="right")
+    for name, counted in together(several).items():
+        shares = (f"{100.0 * n / counted.limb_frames:.1f} %" for n in (counted.lost, counted.marked))
+        table.add_row(name, f"{counted.limb_frames}", f"{counted.lost}", *shares)
+    return table
