@@ -42,7 +42,7 @@ def test_what_touches_the_picture_s_border_has_no_contour_there() -> None:
 
 
 def test_the_rim_is_the_outline_that_is_drawn(rig: Rig, a_person: Callable[..., Any]) -> None:
-    person = a_person(0, 1)
+    person = a_person(1, 1)
     masks = unpack(person.seen.silhouettes[0], rig.n_cameras)
     rims = find_rims(person.body, person.poses[0], rig)
     for mask, rim in zip(masks, rims, strict=True):
@@ -56,7 +56,7 @@ def test_the_rim_is_the_outline_that_is_drawn(rig: Rig, a_person: Callable[..., 
 
 
 def test_every_outline_point_has_a_surface_that_makes_it(rig: Rig, a_person: Callable[..., Any]) -> None:
-    person = a_person(0, 1)
+    person = a_person(1, 1)
     for rim in find_rims(person.body, person.poses[0], rig):
         edges = nearest_edges(rim.points_px, rim.normals, rim.middles_px, rim.facing, 4.0, 3.0)
         found = edges >= 0
@@ -67,7 +67,7 @@ def test_every_outline_point_has_a_surface_that_makes_it(rig: Rig, a_person: Cal
 
 
 def test_who_reaches_a_camera_has_no_rim_there(rig: Rig, a_person: Callable[..., Any]) -> None:
-    person = a_person(0, 1)
+    person = a_person(1, 1)
     pose = person.poses[0].copy()
     P_px_world = rig.P_px_world[2]
     pose[:3] = -np.linalg.solve(P_px_world[:, :3], P_px_world[:, 3])
@@ -77,7 +77,7 @@ def test_who_reaches_a_camera_has_no_rim_there(rig: Rig, a_person: Callable[...,
 
 
 def test_the_right_body_leaves_nothing_to_mend(rig: Rig, a_person: Callable[..., Any]) -> None:
-    person = a_person(0, 1)
+    person = a_person(1, 1)
     contours = contours_of(rig, person.seen, 250)[0]
     residuals_px = np.concatenate(
         [view.residuals_px for view in match_frame(person.body, person.poses[0], rig, contours)]
