@@ -6,6 +6,7 @@ from typing import Annotated, TypeAlias
 import typer
 
 from proto.keys import ClientKeys, client_keys
+from services.mocap.body.skeleton import BodyName
 from services.mocap.energy.settings import MOST_THREADS, Choice, EngineSettings
 from services.mocap.errors import UserError, validated
 from services.mocap.motion.settings import OutputSettings, Smoother
@@ -36,6 +37,14 @@ SearchOption: TypeAlias = Annotated[
         "--search",
         help="default: aligns the body with contours, doubtful limbs by XOR; paper: passes of torso, limbs "
         "and head by XOR, as published; plain: the same without windows, pre-rendering and thinned meshes.",
+    ),
+]
+BodyOption: TypeAlias = Annotated[
+    BodyName | None,
+    typer.Option(
+        "--body",
+        help="anatomical: the waist bends, leans and turns; paper: the trunk is rigid, as published. "
+        "Default: paper with --search paper or plain, else anatomical.",
     ),
 ]
 SetOption: TypeAlias = Annotated[

@@ -13,7 +13,7 @@ from services.commands.consoles import TakeFolder, progress_bar, say, stdout, ta
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.errors import UserError
-from services.mocap.search.settings import SearchSettings
+from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import check_place, write_actor
 from services.mocap.take.fit_record import FIT_FOLDER, OVERLAY, TURNTABLE
 from services.mocap.take.folder import Take, open_take
@@ -22,6 +22,7 @@ from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
     BackendOption,
+    BodyOption,
     SegmenterOption,
     engine_settings,
 )
@@ -59,6 +60,7 @@ def fit(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an actor.toml made by hand.")] = False,
     mesh: MeshOption = None,
+    body: BodyOption = None,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
 ) -> None:
@@ -70,16 +72,17 @@ def fit(
     check_place(actor_toml, force)
     folder = out or take / FIT_FOLDER
     warnings: list[str] = []
+    search = search_settings([], None, len(opened.cameras), body=body)
     if refine is not None:
         count = frames or DEFAULT_REFINE_FRAMES
-        work = partial(refine_take, opened, refine, count, segmenter=segmenter)
+        work = partial(refine_take, opened, refine, count, segmenter=segmenter, body=search.body)
     else:
         work = partial(
             fit_take,
             opened,
             init_frames(opened, frames),
             engine_settings(backend, EVERY_CORE),
-            SearchSettings(),
+            search,
             mesh=imported(mesh, warnings),
             segmenter=segmenter,
         )

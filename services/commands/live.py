@@ -23,6 +23,7 @@ from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
     BackendOption,
+    BodyOption,
     CutoffOption,
     KeysOption,
     SearchOption,
@@ -55,6 +56,7 @@ def live(
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
     preset: SearchOption = "default",
+    body: BodyOption = None,
     changes: SetOption = None,
     settings: SettingsOption = None,
     smooth: SmoothOption = _SMOOTHER,
@@ -70,7 +72,7 @@ def live(
     """Track live cameras until Ctrl-C: publish poses as they are found, and write results at the end."""
     take = open_live(config)
     engine, output = engine_settings(backend, threads), output_settings(smooth, cutoff_hz)
-    search = search_settings(changes or [], settings, len(take.cameras), preset)
+    search = search_settings(changes or [], settings, len(take.cameras), preset, body)
     check_cost(engine, search.cost)
     folder = out or Path("results") / take.settings.name
     job = LiveJob(

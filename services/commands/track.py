@@ -25,6 +25,7 @@ from services.options import (
     DEFAULT_OUTPUT,
     DEFAULT_SEGMENTER,
     BackendOption,
+    BodyOption,
     CutoffOption,
     SearchOption,
     SegmenterOption,
@@ -55,6 +56,7 @@ def track(
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
     preset: SearchOption = "default",
+    body: BodyOption = None,
     changes: SetOption = None,
     settings: SettingsOption = None,
     fit_first: Annotated[
@@ -97,7 +99,7 @@ def track(
         workers=workers,
         overlay=overlay,
         engine=engine,
-        search=search_settings(changes or [], settings, len(opened.cameras), preset),
+        search=search_settings(changes or [], settings, len(opened.cameras), preset, body),
         fitted=fitted,
         output=output_settings(smooth, cutoff_hz),
         segmenter=segmenter,
@@ -112,7 +114,8 @@ def track(
     else:
         report = _track(job, [])
     if refine:
-        again = partial(refine_take, opened, job.out, DEFAULT_REFINE_FRAMES, segmenter=segmenter)
+        n_frames, varied = DEFAULT_REFINE_FRAMES, job.search.body
+        again = partial(refine_take, opened, job.out, n_frames, segmenter=segmenter, body=varied)
         report = _fit_and_track(job, again, [])
     _summarise(report, job.out)
     if watch:

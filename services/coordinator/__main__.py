@@ -30,6 +30,7 @@ from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
     BackendOption,
+    BodyOption,
     KeysOption,
     MetricsOption,
     NiceOption,
@@ -57,6 +58,7 @@ def main(
     backend: BackendOption = DEFAULT_ENGINE.backend,
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
     preset: SearchOption = "default",
+    body: BodyOption = None,
     changes: SetOption = None,
     settings: SettingsOption = None,
     fitted: Annotated[
@@ -81,7 +83,7 @@ def main(
             hung_up()  # the list may have changed just before the handler was installed
         opened = open_source(take)
         engine_choice = engine_settings(backend, threads)
-        search = search_settings(changes or [], settings, len(opened.cameras), preset)
+        search = search_settings(changes or [], settings, len(opened.cameras), preset, body)
         check_cost(engine_choice, search.cost)
         plan = _plan(opened, opened.frame_range(frames), search, segmenter, fitted)
         with open_engine(engine_choice) as engine:

@@ -12,6 +12,7 @@ import numpy as np
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.measures import Measure, measure
+from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack
@@ -44,7 +45,7 @@ _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitti
 
 Show = Callable[[str, float], None]
 """Called with the current stage, in words, and the total progress, 0 to 1."""
-Fitter = Callable[[Rig, TriPlanes, Actor, Floats, Callable[[float], None]], Fit]
+Fitter = Callable[[Rig, TriPlanes, Actor, Floats, Callable[[float], None], BodyName], Fit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +88,9 @@ def fit_take(
 ) -> TakeFit:
     """Fit the actor of a checked take to some of its frames, starting with the first.
 
-    engine and search: for the first pose. mesh: fitted in place of the generic body. Cameras with unusable
-    silhouettes in the first frame are left out, with a warning. Raises TakeError if no person or more than
-    one is visible, or too few cameras are left.
+    engine and search: for the first pose; the parameters of the search's body vary in the fit as well. mesh:
+    fitted in place of the generic body. Cameras with unusable silhouettes in the first frame are left out,
+    with a warning. Raises TakeError if no person or more than one is visible, or too few cameras are left.
     """
     clock = Clock(show)
     with kept_warnings() as warnings:
@@ -100,7 +101,7 @@ def fit_take(
             told = search.for_cameras([take.cameras.index(camera) for camera in cameras])
             guess = guess_first_pose(rig, seen[0], take.settings, opened, told, mesh, names)
         with clock.stage("fitting the actor") as progress:
-            fit = fitter(rig, seen, guess.actor, guess.solution.pose, progress)
+            fit = fitter(rig, seen, guess.actor, guess.solution.pose, progress, search.body)
         start = (guess.actor, guess.solution.pose)
         return concluded(frames, cameras, seen, start, fit, clock.seconds, warnings)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import fit_actor
@@ -25,12 +26,18 @@ LEAST_FRAMES = 2
 
 
 def refine_take(
-    take: Take, result: Path, n_frames: int, show: Show, fitter: Fitter = fit_apart, segmenter: str = AUTO
+    take: Take,
+    result: Path,
+    n_frames: int,
+    show: Show,
+    fitter: Fitter = fit_apart,
+    segmenter: str = AUTO,
+    body: BodyName = "anatomical",
 ) -> TakeFit:
     """Fit the actor of a result again, to n frames evenly spread over its take.
 
-    Frames that the result marks are left out. Raises UserError if the result belongs to another take or has
-    fewer than two reliable frames; else as fit_take.
+    Frames that the result marks are left out. body: whose pose parameters vary. Raises UserError if the
+    result belongs to another take or has fewer than two reliable frames; else as fit_take.
     """
     found = load_result(result)
     name = found.run.get("take", {}).get("name", take.settings.name)
@@ -48,7 +55,7 @@ def refine_take(
         with clock.stage("looking at silhouettes") as progress:
             cameras, seen = seen_of(take, frames, segmenter, progress)
         with clock.stage("fitting the actor") as progress:
-            fit = fitter(Rig.of(cameras), seen, found.actor, poses, progress)
+            fit = fitter(Rig.of(cameras), seen, found.actor, poses, progress, body)
         return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
 
 

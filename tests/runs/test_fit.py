@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from services import cli
 from services.commands import fit as fit_command
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.skeleton import DOFS, BodyName
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, trimap_of, unpack
@@ -43,13 +43,21 @@ FILES = {"actor.toml", "fit.json", "poses.csv", "measures.csv", "overlay.png", "
 log = logging.getLogger("services.mocap.fit")
 
 
-def stretch(rig: Rig, seen: TriPlanes, start: Actor, poses: Floats, progress: Callable[[float], None]) -> Fit:
+def stretch(
+    rig: Rig,
+    seen: TriPlanes,
+    start: Actor,
+    poses: Floats,
+    progress: Callable[[float], None],
+    body: BodyName,
+) -> Fit:
     """In place of the fit: another height, all frames in the first pose."""
     assert seen.silhouettes.shape == seen.unsure.shape == (3, 1, *rig.shape_px)
     log.warning("something odd about %s", "cam01")
+    assert body == QUICK.body
     progress(0.5)
     actor, poses = Actor(height=TALLER_M), np.tile(poses, (len(seen), 1))
-    before, after = (quality_of(build_body(body), poses, rig, seen) for body in (start, actor))
+    before, after = (quality_of(build_body(shape), poses, rig, seen) for shape in (start, actor))
     return Fit(actor, poses, before, after)
 
 

@@ -26,7 +26,10 @@ class Parameter:
     upper_deg: float = inf
     rest: float = 0.0
     """How firmly an alignment draws it to zero, against the firmest. Zero is a straight hand, a foot square
-    to the shank, and no twist of a limb: silhouettes tell these least, and people are seldom far from it."""
+    to the shank, an upright waist and no twist of a limb: silhouettes tell these least, and people are seldom
+    far from it."""
+    in_paper: bool = True
+    """Whether the body of Theobalt et al. 2003 has it."""
 
 
 @dataclass(frozen=True)

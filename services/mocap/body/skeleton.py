@@ -6,7 +6,7 @@ What is on the body's plane of symmetry comes first, then the left, then the rig
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import radians
-from typing import Literal
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from services.mocap.types import Floats
 
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")
+BodyName: TypeAlias = Literal["anatomical", "paper"]
+"""Whose parameters vary: all of the table, or only those of the published body; the others stay zero."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,8 @@ class Dof:
     upper: float
     rest: float
     """How firmly an alignment draws it to zero, against the firmest."""
+    in_paper: bool
+    """Whether the published body has it."""
 
     @property
     def unit(self) -> Literal["m", "rad"]:
@@ -123,6 +127,7 @@ DOFS: tuple[Dof, ...] = tuple(
         lower=radians(parameter.lower_deg),
         upper=radians(parameter.upper_deg),
         rest=parameter.rest,
+        in_paper=parameter.in_paper,
     )
     for segment in SEGMENTS
     for parameter in segment.row.parameters
@@ -131,11 +136,23 @@ DOF_NAMES: tuple[str, ...] = tuple(dof.name for dof in DOFS)
 DOF_INDEX: dict[str, int] = {name: i for i, name in enumerate(DOF_NAMES)}
 LOWER: Floats = np.array([dof.lower for dof in DOFS])
 UPPER: Floats = np.array([dof.upper for dof in DOFS])
+BODY_DOFS: dict[BodyName, tuple[int, ...]] = {
+    body: tuple(i for i, dof in enumerate(DOFS) if body == "anatomical" or dof.in_paper)
+    for body in get_args(BodyName)
+}
+"""Indices into a pose of the parameters that vary."""
 
 
 def dofs_of(*joints: str) -> tuple[int, ...]:
     """Indices into a pose of the parameters of the named joints."""
     return tuple(i for i, dof in enumerate(DOFS) if dof.joint in joints)
+
+
+def pose_of_body(poses: Floats, body: BodyName) -> Floats:
+    """A copy of poses (…, D) in which the parameters that a body lacks are zero."""
+    posed = np.zeros_like(poses)
+    posed[..., BODY_DOFS[body]] = poses[..., BODY_DOFS[body]]
+    return posed
 
 
 def segments_below(joint: str) -> tuple[int, ...]:

@@ -1,7 +1,8 @@
 """The table of the body: a row for each segment and the joint that carries it.
 
 How many parameters, joints and segments there are follows from it (skeleton.py), and so does what the search
-moves, what a fit may change, and what the files list.
+moves, what a fit may change, and what the files list. The body of Theobalt et al. 2003 is the same without
+the parameters marked in_paper=False: those of the waist, as its trunk is rigid.
 
 The rest pose (all parameters zero) is an upright T pose: x forward, y to the actor's left, z up; arms
 along ±y with the palms down, legs straight down. Every joint frame is parallel to the body frame there.
@@ -16,6 +17,9 @@ of about a quarter turn.
 Joint centres in body heights follow de Leva 1996 (J. Biomechanics 29(9)) and Drillis and Contini 1966.
 Deviations and ranges of lengths follow the spread over both sexes in the 2012 US Army survey (Gordon et al.
 2014, NATICK/TR-15/007) of each measure over stature, with room for heavier people, children and clothes.
+The waist stands for the lumbar and the thoracic spine. Young adults flex the lumbar spine by 73, extend it by
+29 and bend it sideways by 28 degrees (Troke et al. 2005, Manual Therapy 10, 198-206); the thoracic spine adds
+to the bending and does nearly all the turning (White and Panjabi 1990, Clinical Biomechanics of the Spine).
 Windows are those of Theobalt et al. 2003, section 4.2. In the T pose an arm's width is its height, palms
 down, and the depth of a hand its thickness; a foot runs from heel to toes, its depth from sole to instep.
 """
@@ -59,12 +63,22 @@ PELVIS = SegmentRow(
     tool_names={"mixamo": "Hips", "cmu": "Hips", "unity": "Hips"},
 )  # fmt: skip
 
-# The waist joins pelvis and torso rigidly (as one body in the paper).
 TORSO = SegmentRow(
     name="torso", joint="waist", parent="pelvis",
     offset_heights=(0.0, 0.0, 0.075), offset_bones={"z": "pelvis"},
     paired=False, part="torso", window_px=_WHOLE_PICTURE,
-    parameters=(), angles=(),
+    parameters=(
+        Parameter("waist_pitch", "swing", _Y, -30.0, 70.0, rest=0.1, in_paper=False),
+        Parameter("waist_lean", "swing", _X, -35.0, 35.0, rest=0.1, in_paper=False),
+        Parameter("waist_turn", "twist", _Z, -45.0, 45.0, rest=0.3, in_paper=False),
+    ),
+    angles=(
+        Turns("ZXY", (
+            ("trunk_flexion", -1, "trunk forward over the pelvis"),
+            ("trunk_lateral_bending", 1, "trunk to the right"),
+            ("trunk_rotation", 1, "trunk to the left"),
+        )),
+    ),
     lengths=(
         Length("torso", 0.248, "z", 0.05, 0.70, 1.45), Length("shoulder_width", 0.215, "", 0.06, 0.70, 1.45)
     ),

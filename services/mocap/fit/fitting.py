@@ -1,7 +1,7 @@
 """Fitting an actor and the poses of some frames to silhouettes, coarse to fine."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from services.mocap.body import shape_space
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.kinematics import clip_to_limits
+from services.mocap.body.skeleton import BODY_DOFS, BodyName, pose_of_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import Contour, contours_of
@@ -60,6 +61,7 @@ def fit_actor(
     start: Actor,
     poses: Floats,
     progress: Callable[[float], None] = lambda _: None,
+    body: BodyName = "anatomical",
     *,
     apart: bool = False,
 ) -> Fit:
@@ -67,26 +69,26 @@ def fit_actor(
     near them.
 
     poses: (F, D), or (D,) for the first frame, from which those of the others are followed. progress is
-    called with the share done, 0 to 1. apart: whether the frames are from a whole motion, so that the prior
-    on shapes counts less. The result never has more energy than the start. Raises ValueError for inconsistent
-    array shapes.
+    called with the share done, 0 to 1. body: whose pose parameters vary; the others become zero. apart:
+    whether the frames are from a whole motion, so that the prior on shapes counts less. The result never has
+    more energy than the start. Raises ValueError for inconsistent array shapes.
     """
     n_frames, following = len(seen), poses.ndim == 1
     starts = np.tile(poses, (n_frames, 1)) if following else np.array(poses, np.float64)
     if starts.shape != (n_frames, len(ALL_DOFS)):
         raise ValueError(f"poses: expected ({n_frames}, {len(ALL_DOFS)}) or one pose, got {poses.shape}")
-    starts = clip_to_limits(starts)
+    starts = pose_of_body(clip_to_limits(starts), body)
     contours = contours_of(rig, seen, _CONTOUR_POINTS)
     account = _Account(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
-    state = _place(rig, contours, begun, following, account, start.mesh)
+    state = _place(rig, contours, begun, following, account, body, start.mesh)
     prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3)
     fitting = Fitting(rig, contours, prior, start.mesh)
-    for stage in _SHAPING:
+    for stage in _of_body(_SHAPING, body):
         state = fitting.run(state, stage, account.step_of(n_frames))
     actor = shape_space.actor_of(shape_space.with_true_height(state.x, start.mesh), start.mesh)
     before = quality_of(build_body(start), starts, rig, seen)
-    covariance = fitting.shape_covariance(state, _SHAPING[-1])
+    covariance = fitting.shape_covariance(state, _of_body(_SHAPING, body)[-1])
     after = quality_of(build_body(actor), state.poses, rig, seen)
     progress(1.0)
     if after.energy_px.sum() > before.energy_px.sum():
@@ -100,6 +102,7 @@ def _place(
     state: State,
     following: bool,
     account: "_Account",
+    body: BodyName,
     mesh: OwnMesh | None,
 ) -> State:
     """Height, and all poses, one frame after the other.
@@ -109,7 +112,7 @@ def _place(
     """
     poses, x = state.poses.copy(), state.x
     for f, views in enumerate(contours):
-        stages = _FOLLOWING if f else _PLACING
+        stages = _of_body(_FOLLOWING if f else _PLACING, body)
         starts = [poses[f]]
         if following and f:
             starts = [poses[f - 1], clip_to_limits(2.0 * poses[f - 1] - poses[max(f - 2, 0)])]
@@ -122,6 +125,13 @@ def _place(
         best = min(found, key=lambda way: way[1])[0]
         x, poses[f] = best.x, best.poses[0]
     return State(x, poses)
+
+
+def _of_body(stages: tuple[Stage, ...], body: BodyName) -> tuple[Stage, ...]:
+    """The stages with only the pose parameters that vary in a body."""
+    return tuple(
+        replace(stage, dofs=tuple(d for d in stage.dofs if d in BODY_DOFS[body])) for stage in stages
+    )
 
 
 class _Account:

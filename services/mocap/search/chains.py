@@ -1,13 +1,21 @@
 """The chains: which parameters a sub-problem varies, what it draws, and where it looks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, segment_transforms
-from services.mocap.body.skeleton import LOWER, SEGMENTS, UPPER, dofs_of, segments_below
+from services.mocap.body.skeleton import (
+    BODY_DOFS,
+    LOWER,
+    SEGMENTS,
+    UPPER,
+    BodyName,
+    dofs_of,
+    segments_below,
+)
 from services.mocap.camera.rig import Rig
 from services.mocap.take.marks import PARTS, Marks
 from services.mocap.types import Floats, Ints, Mask
@@ -33,6 +41,10 @@ class Stage:
     def others(self) -> tuple[int, ...]:
         """The other segments, which are pre-rendered."""
         return tuple(s for s in ALL_SEGMENTS if s not in self.segments)
+
+    def of(self, body: BodyName) -> "Stage":
+        """The same with only the parameters that vary in a body."""
+        return replace(self, dofs=tuple(d for d in self.dofs if d in BODY_DOFS[body]))
 
     def limits(self) -> tuple[Floats, Floats]:
         """Lower and upper limits (d,) of the parameters."""

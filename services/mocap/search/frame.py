@@ -3,6 +3,7 @@
 import numpy as np
 
 from services.mocap.body.kinematics import clip_to_limits
+from services.mocap.body.skeleton import pose_of_body
 from services.mocap.energy.picture import Picture
 from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.found import FrameSolution
@@ -24,10 +25,11 @@ def solve_frame(
 ) -> FrameSolution:
     """Find the pose of one frame, beginning at the best of the start poses (N, D).
 
-    Starts are first moved within the joint limits. trust: the memory of previous frames; None for a single
+    Starts are first moved within the joint limits; parameters that the settings' body lacks become zero, and
+    stay so. trust: the memory of previous frames; None for a single
     frame.
     """
-    starts = clip_to_limits(starts)
+    starts = pose_of_body(clip_to_limits(starts), settings.body)
     if settings.method == "paper":
         return solve_by_passes(model, whole, starts, settings, limbs)
     trust = trust or PartConfidence(model.rig, settings.doubt_px)

@@ -6,21 +6,29 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from services.mocap.body.skeleton import BodyName
 from services.mocap.errors import UserError, in_short, load_toml, validated
 from services.mocap.search.settings import PRESETS, Preset, SearchSettings
 
 
 def search_settings(
-    assignments: Sequence[str], file: Path | None, n_cameras: int, preset: Preset = "default"
+    assignments: Sequence[str],
+    file: Path | None,
+    n_cameras: int,
+    preset: Preset = "default",
+    body: BodyName | None = None,
 ) -> SearchSettings:
-    """A preset, changed by a TOML file and then by assignments NAME=VALUE, of which the last one wins.
+    """A preset, changed by a TOML file, then by the body, if one is given, and then by assignments
+    NAME=VALUE, of which the last one wins.
 
     VALUE is written as in TOML; n_cameras are those of the take. Raises UserError for invalid settings.
     """
     said = {} if file is None else load_toml(file, UserError)
     base = PRESETS[preset].model_dump(exclude_defaults=True)
     validated(SearchSettings, said, f"{file}: ", UserError)
-    settings = validated(SearchSettings, base | said | dict(map(_parsed, assignments)), "--set ", UserError)
+    chosen = {} if body is None else {"body": body}
+    asked = base | said | chosen | dict(map(_parsed, assignments))
+    settings = validated(SearchSettings, asked, "--set ", UserError)
     check_weights(settings, n_cameras)
     return settings
 

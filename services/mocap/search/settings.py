@@ -5,6 +5,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from services.mocap.body.skeleton import BodyName
 from services.mocap.energy.cost import Cost
 from services.mocap.types import Floats
 
@@ -31,6 +32,9 @@ class SearchSettings(BaseModel):
     method: Literal["contours", "paper"] = Field(default="contours", description='"contours" or "paper"')
     """How poses are found: contours aligns the whole body with the silhouettes' outlines and searches limbs
     near remaining differences; paper minimises XOR for torso, limbs and head in turn."""
+    body: BodyName = Field(default="anatomical", description='"anatomical" or "paper"')
+    """Which pose parameters vary: all, or those of the published body, whose trunk is rigid; the others are
+    zero."""
     search_limbs: Literal["in doubt", "always"] = Field(
         default="in doubt", description='"in doubt" or "always"'
     )
@@ -43,8 +47,8 @@ class SearchSettings(BaseModel):
     """Prior weight towards the predicted pose: cost of a deviation of one radian or metre, in units of one
     squared pixel on one pixel of contour."""
     rest: float = Field(default=100.0, ge=0, le=1e6, description="a number from 0 to 1000000")
-    """Prior weight towards the rest pose: hands straight; feet at a right angle with a third of it, limbs
-    without twist with a tenth; in the unit of steadiness."""
+    """Prior weight towards the rest pose: hands straight; feet at a right angle and the waist not turned with
+    a third of it, limbs without twist and the waist not bent with a tenth; in the unit of steadiness."""
     doubt_px: float = Field(default=30.0, ge=0, le=10000, description="a number from 0 to 10000")
     """A limb is doubtful if about this many more pixels than usual differ near it by more than the rim, in
     pictures 320 wide in eight cameras."""
@@ -139,7 +143,7 @@ class SearchSettings(BaseModel):
 Preset: TypeAlias = Literal["default", "paper", "plain"]
 PRESETS: dict[Preset, SearchSettings] = {
     "default": SearchSettings(),
-    "paper": SearchSettings(method="paper"),
-    "plain": SearchSettings(method="paper", windows=False, prerender=False, detail_px=0.0),
+    "paper": SearchSettings(method="paper", body="paper"),
+    "plain": SearchSettings(method="paper", body="paper", windows=False, prerender=False, detail_px=0.0),
 }
 """The searches by name, for `--search`; --set and --settings modify them."""

@@ -50,16 +50,17 @@ def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, 
 
 
 def solve_torso(model: Model, coarse: Picture, pose: Floats, settings: SearchSettings) -> Solution:
-    """Find the root from a pose by a descent that moves the whole body.
+    """Find the root, and the waist if the body's bends, from a pose by a descent that moves the whole body.
 
     coarse: whole pictures, at half resolution in the paper (section 4.2).
     """
-    return descend_stage(model, TORSO, coarse, pose, settings)
+    return descend_stage(model, TORSO.of(settings.body), coarse, pose, settings)
 
 
 def solve_head(model: Model, whole: Picture, pose: Floats, settings: SearchSettings) -> Solution:
     """Find the head's rotation by a descent in its window."""
-    return descend_stage(model, HEAD, looked_at(model, HEAD, whole, pose, settings), pose, settings)
+    head = HEAD.of(settings.body)
+    return descend_stage(model, head, looked_at(model, head, whole, pose, settings), pose, settings)
 
 
 def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, margin_px: int = 0) -> Picture:

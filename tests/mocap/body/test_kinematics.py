@@ -25,7 +25,7 @@ from services.mocap.types import Floats
 OFFSETS_M: Floats = 1.75 * np.array([joint.offset_heights for joint in JOINTS])
 MIRROR_Y = np.array([1.0, -1.0, 1.0])
 # Parameters that move the body off its plane of symmetry: mirrored, they change sign.
-SIDEWAYS = ("root_y", "root_heading", "root_lean", "head_lean", "head_turn")
+SIDEWAYS = ("root_y", "root_heading", "root_lean", "waist_lean", "waist_turn", "head_lean", "head_turn")
 
 
 def swapped(name: str) -> str:

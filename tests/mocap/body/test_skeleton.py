@@ -7,6 +7,7 @@ import pytest
 
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.body.skeleton import (
+    BODY_DOFS,
     DOF_INDEX,
     DOF_NAMES,
     DOFS,
@@ -22,6 +23,7 @@ from services.mocap.body.skeleton import (
     Dof,
     bare,
     dofs_of,
+    pose_of_body,
     segments_below,
 )
 from services.mocap.body.skeleton_table import PELVIS_HEIGHT, ROWS
@@ -29,6 +31,7 @@ from services.mocap.body.skeleton_table import PELVIS_HEIGHT, ROWS
 # What the design page fixes: how many parameters each kind of joint has.
 DOFS_PER_JOINT = {
     "pelvis": 6,
+    "waist": 3,
     "neck": 3,
     "shoulder": 3,
     "elbow": 1,
@@ -66,6 +69,21 @@ def test_each_joint_has_its_number_of_parameters() -> None:
         name: DOFS_PER_JOINT[bare(name)] for name in JOINT_NAMES if bare(name) in DOFS_PER_JOINT
     }
     assert sum(found.values()) == len(DOFS)
+
+
+def test_the_published_body_has_35_parameters_and_a_rigid_trunk() -> None:
+    assert BODY_DOFS["anatomical"] == tuple(range(len(DOFS)))
+    assert len(BODY_DOFS["paper"]) == 35
+    assert {DOFS[d].joint for d in set(BODY_DOFS["anatomical"]) - set(BODY_DOFS["paper"])} == {"waist"}
+
+
+def test_a_pose_of_the_published_body_has_zeros_for_the_rest() -> None:
+    poses = np.random.default_rng(0).normal(size=(3, 2, len(DOFS)))
+    held = pose_of_body(poses, "paper")
+    np.testing.assert_array_equal(held[..., BODY_DOFS["paper"]], poses[..., BODY_DOFS["paper"]])
+    assert not held[..., dofs_of("waist")].any()
+    np.testing.assert_array_equal(pose_of_body(poses[0, 0], "paper"), held[0, 0])
+    np.testing.assert_array_equal(pose_of_body(poses, "anatomical"), poses)
 
 
 def test_parents_stand_before_their_children() -> None:

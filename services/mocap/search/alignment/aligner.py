@@ -13,7 +13,7 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, N_JOINTS
-from services.mocap.body.skeleton import DOFS, LOWER, SEGMENT_NAMES, UPPER
+from services.mocap.body.skeleton import BODY_DOFS, DOFS, LOWER, SEGMENT_NAMES, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import lenses_of
@@ -89,10 +89,11 @@ class Aligner:
     ) -> Aligned:
         """Move parameters of a pose (D,) so that segments' rims lie on the contours of a picture.
 
+        Of the dofs only those that the settings' body has move.
         The picture has full resolution: whole pictures, or windows. Rim points outside do not count.
         """
         free = np.zeros(N_DOF)
-        free[list(dofs)] = 1.0
+        free[[d for d in dofs if d in BODY_DOFS[settings.body]]] = 1.0
         prior, region, steps = _prior(pose, settings), picture.region, self._steps(settings)
         views = views_of(self._rig, region, settings.weights(self._rig.n_cameras))
         cameras = (views[0], lenses_of(views[0], region.width_px, region.height_px))
