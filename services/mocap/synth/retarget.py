@@ -2,10 +2,12 @@
 squares.
 
 The other skeleton may bend at more joints of the trunk, and its limbs have other lengths. The pelvis and the
-feet go where its own go, scaled by the legs' length, so that standing feet stand still. Arms and head turn as
-its own do.
+feet go where its own go, scaled by the legs' length, so that standing feet stand still. Pelvis, arms and head
+turn as its own do; the chest turns against the pelvis as its shoulders and neck do, however many joints bend
+in between.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +34,8 @@ from services.mocap.types import Floats
 _PAIRED = {segment.joint for segment in SEGMENTS if segment.side}
 _BONES = tuple((joint.parent, joint.name) for joint in JOINTS if joint.parent in _PAIRED)
 """Of arms and legs, from joint to joint."""
+_ON_CHEST = ("left_shoulder", "right_shoulder", "neck")
 _PLACED = ("pelvis", "left_ankle", "right_ankle")
-_TRUNK = tuple(segment.joint for segment in SEGMENTS if segment.part == "torso")
 _TURNED = tuple(name for name in JOINT_NAMES if dofs_of(name) and not name.endswith("knee"))
 """Joints with parameters; how a knee turns, its bones tell."""
 _TURN_LEVER_M = 0.04
@@ -51,7 +53,7 @@ class Targets:
     bones_m: Floats
     """(N, 8, 3) vectors of the _BONES, as long as ours."""
     R_world_joint: Floats
-    """(N, 12, 3, 3) of the joints _TURNED."""
+    """(N, T, 3, 3) of the joints _TURNED."""
 
 
 def retarget(places: Floats, R: Floats, rest: RestPose, body: Body) -> Floats:
@@ -84,12 +86,10 @@ def joint_errors_m(places: Floats, R: Floats, rest: RestPose, poses: Floats, bod
     Arguments and results as of retarget.
     """
     targets = make_targets(places, R, rest, body)
-    wanted_m = {"pelvis": targets.places_world_m[:, 0]}
-    for joint in ("neck", *(f"{s}_{j}" for s in SIDES for j in ("shoulder", "hip"))):
-        beside_m = body.offsets_m[JOINT_INDEX[joint]]
-        if "hip" not in joint:
-            beside_m = beside_m + body.offsets_m[JOINT_INDEX["waist"]]
-        wanted_m[joint] = wanted_m["pelvis"] + targets.R_world_joint[:, 0] @ beside_m
+    wanted_m, turns = {"pelvis": targets.places_world_m[:, 0]}, dict(_by_joint(targets))
+    for joint in ("waist", "neck", *(f"{s}_{j}" for s in SIDES for j in ("shoulder", "hip"))):
+        parent, beside_m = JOINTS[JOINT_INDEX[joint]].parent or "", body.offsets_m[JOINT_INDEX[joint]]
+        wanted_m[joint] = wanted_m[parent] + turns[parent] @ beside_m
     for i, (joint, child) in enumerate(_BONES):
         wanted_m[child] = wanted_m[joint] + targets.bones_m[:, i]
     found_m = joint_positions(poses, body.offsets_m)[:, [JOINT_INDEX[joint] for joint in wanted_m]]
@@ -106,8 +106,8 @@ def make_targets(places: Floats, R: Floats, rest: RestPose, body: Body) -> Targe
     def at(joint: str) -> Floats:
         return places_m[:, rest.columns[joint]]
 
-    trunk = _trunk_turns(places_m, rest)
-    turns = dict.fromkeys(_TRUNK, trunk) | {"neck": R_joint[:, rest.columns["head"]] @ rest.head_alignment()}
+    turns = _trunk_turns(places_m, R_joint, rest, body)
+    turns["neck"] = R_joint[:, rest.columns["head"]] @ rest.head_alignment()
     for side in SIDES:
         for joint, child in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee")):
             align = rest.alignment(f"{side}_{joint}", f"{side}_{child}", body.offsets_m)
@@ -128,17 +128,38 @@ def make_targets(places: Floats, R: Floats, rest: RestPose, body: Body) -> Targe
     )
 
 
-def _trunk_turns(places_m: Floats, rest: RestPose) -> Floats:
-    """R (N, 3, 3) from the rest pose that fits hips, shoulders and, where known, the neck best (Kabsch)."""
-    joints = [
-        j for j in ("left_hip", "right_hip", "left_shoulder", "right_shoulder", "neck") if j in rest.columns
-    ]
-    now_m = places_m[:, [rest.columns[joint] for joint in joints]]
-    then = np.array([rest.places[joint] for joint in joints])
-    pelvis_now_m, pelvis_then = now_m[:, :2].mean(axis=1, keepdims=True), then[:2].mean(axis=0)
-    H = np.einsum("nki,kj->nij", now_m - pelvis_now_m, then - pelvis_then)
-    U, _, Vt = np.linalg.svd(H)
-    flip = np.ones((len(H), 3))
+def _by_joint(targets: Targets) -> Iterator[tuple[str, Floats]]:
+    """The joints _TURNED, each with its turns (N, 3, 3)."""
+    yield from zip(_TURNED, np.moveaxis(targets.R_world_joint, 1, 0), strict=True)
+
+
+def _trunk_turns(places_m: Floats, R_joint: Floats, rest: RestPose, body: Body) -> dict[str, Floats]:
+    """R (N, 3, 3) of pelvis and waist.
+
+    The pelvis turns as the file's own joint; where the file has none, as hips, shoulders and neck together.
+    The waist, which the file need not have either, lies over the hips as our own does; what is above it turns
+    as the shoulders and, where known, the neck.
+    """
+    hips, above = ("left_hip", "right_hip"), tuple(j for j in _ON_CHEST if j in rest.columns)
+    columns = [rest.columns[joint] for joint in (*hips, *above)]
+    now_m, then = places_m[:, columns], np.array([rest.places[joint] for joint in (*hips, *above)])
+    hips_now_m, hips_then = now_m[:, :2].mean(axis=1, keepdims=True), then[:2].mean(axis=0)
+    if "pelvis" in rest.columns:
+        R_pelvis = R_joint[:, rest.columns["pelvis"]]
+    else:
+        R_pelvis = _turns_between(then - hips_then, now_m - hips_now_m)
+    waist_m, shoulder_m = (body.offsets_m[JOINT_INDEX[j], 2] for j in ("waist", "left_shoulder"))
+    to_waist = (then[2:4].mean(axis=0) - hips_then) * (waist_m / (waist_m + shoulder_m))
+    scale = scale_m(rest, body)
+    waist_now_m = hips_now_m + (R_pelvis @ to_waist)[:, None] * scale
+    chest_then = then[2:] - hips_then - to_waist
+    return {"pelvis": R_pelvis, "waist": _turns_between(chest_then, now_m[:, 2:] - waist_now_m)}
+
+
+def _turns_between(then: Floats, now: Floats) -> Floats:
+    """R (N, 3, 3) that turns the vectors then (K, 3) into now (N, K, 3) best (Kabsch)."""
+    U, _, Vt = np.linalg.svd(np.einsum("nki,kj->nij", now, then))
+    flip = np.ones((len(now), 3))
     flip[:, 2] = np.linalg.det(U @ Vt)
     R: Floats = (U * flip[:, None]) @ Vt
     return R
@@ -146,17 +167,18 @@ def _trunk_turns(places_m: Floats, rest: RestPose) -> Floats:
 
 def _first_guess(targets: Targets) -> Floats:
     """Poses (N, D) from the segments' turns alone, some of them perhaps beyond the limits."""
-    R = dict(zip(_TURNED, np.moveaxis(targets.R_world_joint, 1, 0), strict=True))
+    R = dict(_by_joint(targets))
     poses = np.zeros((len(targets.bones_m), N_DOF))
     poses[:, :3] = targets.places_world_m[:, 0]
     heading, lean, pitch = Rotation.from_matrix(R["pelvis"]).as_euler("ZXY").T
     poses[:, 3:6] = np.stack([np.unwrap(heading), lean, pitch], axis=1)
     back = {joint: turns.transpose(0, 2, 1) for joint, turns in R.items()}
-    set_ball_joint(poses, "neck", back["pelvis"] @ R["neck"])
+    set_ball_joint(poses, "waist", back["pelvis"] @ R["waist"])
+    set_ball_joint(poses, "neck", back["waist"] @ R["neck"])
     bones = dict(zip((joint for joint, _ in _BONES), np.moveaxis(targets.bones_m, 1, 0), strict=True))
     for side in SIDES:
-        for joint, middle in (("shoulder", "elbow"), ("hip", "knee")):
-            set_ball_joint(poses, f"{side}_{joint}", back["pelvis"] @ R[f"{side}_{joint}"])
+        for joint, parent, middle in (("shoulder", "waist", "elbow"), ("hip", "pelvis", "knee")):
+            set_ball_joint(poses, f"{side}_{joint}", back[parent] @ R[f"{side}_{joint}"])
             upper, lower = bones[f"{side}_{joint}"], bones[f"{side}_{middle}"]
             bend = np.arctan2(np.linalg.norm(np.cross(upper, lower), axis=1), (upper * lower).sum(axis=1))
             poses[:, DOF_INDEX[f"{side}_{middle}_flexion"]] = bend

@@ -90,6 +90,24 @@ def test_another_body_moves_alike(own_file: Path, danced: Floats) -> None:
     assert error_m < 1e-4
 
 
+@pytest.mark.parametrize("lost", ["", "ROOT pelvis", "JOINT waist"])
+def test_the_waist_turns_as_in_the_file(tmp_path: Path, danced: Floats, synth_body: Body, lost: str) -> None:
+    """Without a name for the pelvis, all that is told is the turn of the trunk as a whole."""
+    bending = danced.copy()
+    for name, degrees in (("waist_pitch", 25.0), ("waist_lean", -12.0), ("waist_turn", 20.0)):
+        bending[:, DOF_INDEX[name]] = np.radians(degrees) * np.linspace(-0.5, 1.0, len(danced))
+    path = tmp_path / "bending.bvh"
+    write_bvh(path, bending, synth_body.offsets_m, 15.0)
+    if lost:
+        path.write_text(path.read_text().replace(lost, lost.split()[0] + " thing"))
+    found, error_m = _retargeted(path, synth_body, len(danced))
+    if lost == "ROOT pelvis":
+        assert error_m < 0.02
+        return
+    _check_same(found, bending, synth_body)
+    assert error_m < 1e-5
+
+
 @pytest.mark.skipif(not CMU.exists(), reason="the shared motions are not here")
 def test_a_real_walk_is_performed(synth_body: Body) -> None:
     made = perform_bvh(CMU, None, 0.0, 15.0, synth_body)
