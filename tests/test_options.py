@@ -16,6 +16,8 @@ from services.mocap.search.settings import SearchSettings
 from services.options import (
     DEFAULT_ENGINE,
     BackendOption,
+    BodyOption,
+    SearchOption,
     SetOption,
     SettingsOption,
     ThreadsOption,
@@ -35,8 +37,11 @@ def take(
     threads: ThreadsOption = DEFAULT_ENGINE.threads,
     changes: SetOption = None,
     settings: SettingsOption = None,
+    preset: SearchOption = "default",
+    body: BodyOption = None,
 ) -> None:
-    seen.append((engine_settings(backend, threads), search_settings(changes or [], settings, CAMERAS)))
+    search = search_settings(changes or [], settings, CAMERAS, preset, body)
+    seen.append((engine_settings(backend, threads), search))
 
 
 def read(*arguments: str, env: dict[str, str] | None = None) -> tuple[EngineSettings, SearchSettings]:
@@ -53,6 +58,7 @@ def read(*arguments: str, env: dict[str, str] | None = None) -> tuple[EngineSett
     ),
     st.builds(
         SearchSettings,
+        body=st.sampled_from(["anatomical", "paper"]),
         max_passes=st.integers(1, 20),
         detail_px=st.floats(0, 100),
         leg_grid=st.tuples(*[st.integers(1, 15)] * 4),
@@ -81,7 +87,25 @@ def test_settings_of_a_file_and_beside_it(tmp_path: Path) -> None:
     assert said == SearchSettings(max_passes=1, detail_px=1, arm_grid=(3, 3, 1, 3))
 
 
-@pytest.mark.parametrize("wrong", [("--backend", "vulkan"), ("--threads", "-1"), ("--threads", "1025")])
+@pytest.mark.parametrize("search", ["paper", "plain"])
+def test_the_searches_of_the_paper_have_its_body_unless_another_is_chosen(search: str) -> None:
+    assert read()[1].body == "anatomical"
+    assert read("--body", "paper")[1] == SearchSettings(body="paper")
+    assert read("--search", search)[1].body == "paper"
+    assert read("--search", search, "--body", "anatomical")[1].body == "anatomical"
+    assert read("--search", search, "--set", 'body="anatomical"')[1].body == "anatomical"
+
+
+def test_the_body_goes_before_that_of_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "rigid.toml"
+    file.write_text('body = "paper"\n')
+    assert read("--settings", str(file))[1].body == "paper"
+    assert read("--settings", str(file), "--body", "anatomical")[1].body == "anatomical"
+
+
+@pytest.mark.parametrize(
+    "wrong", [("--body", "whole"), ("--backend", "vulkan"), ("--threads", "-1"), ("--threads", "1025")]
+)
 def test_options_that_cannot_be_are_refused(wrong: tuple[str, str]) -> None:
     done = CliRunner().invoke(app, list(wrong))
     assert done.exit_code == 2

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from field_docstrings import docstrings_of
+from services.mocap.body.skeleton import BODY_DOFS
 from services.mocap.export.formats import FORMATS
 from services.mocap.motion.angles import ANGLES
 from services.mocap.search.settings import SearchSettings
@@ -43,6 +44,13 @@ def _settings_table() -> str:
 def test_every_search_setting_is_told(readme: str) -> None:
     table = _settings_table()
     assert table in readme, f"a page should read:\n\n{table}"
+
+
+def test_the_numbers_of_parameters_are_told(readme: str) -> None:
+    """And no other: pages that speak of a body's parameters mean one of the two."""
+    numbers = {len(BODY_DOFS["anatomical"]), len(BODY_DOFS["paper"])}
+    told = re.findall(r"(\d+) (?:pose )?parameters", readme)
+    assert {int(number) for number in told} == numbers
 
 
 def test_every_angle_is_told(readme: str) -> None:

@@ -35,6 +35,7 @@ REFERENCE_JOINTS: tuple[str, ...] = (
 
 _JOINT_COLUMNS = [f"{joint}_{axis}" for joint in REFERENCE_JOINTS for axis in "xyz"]
 _POSE_COLUMNS = [dof.column for dof in DOFS]
+_PUBLISHED_COLUMNS = [dof.column for dof in DOFS if dof.in_paper]
 _DIGITS = {row.column.format(label): row.digits for row in FURTHER for label in row.labels}
 _LARGEST_FRAME = 2**31 - 1
 
@@ -122,14 +123,20 @@ def write_poses_csv(path: Path, table: PoseTable) -> None:
 
 
 def read_poses_csv(path: Path) -> PoseTable:
-    """Raises TakeError, which names the file and the column or line; columns it does not know are `extra`."""
-    required = ["frame", "time_s", *_POSE_COLUMNS, "energy_px"]
+    """Raises TakeError, which names the file and the column or line; columns it does not know are `extra`.
+
+    Parameters that the published body lacks are zero in files without them, as older ones are.
+    """
+    required = ["frame", "time_s", *_PUBLISHED_COLUMNS, "energy_px"]
     columns = read_columns(path, required, allow_extra=True)
-    known = {*required, *MARK_COLUMNS}
+    known = {*required, *_POSE_COLUMNS, *MARK_COLUMNS}
+    zeros = np.zeros(len(columns.lines))
     return PoseTable(
         frames=_frames(columns),
         times_s=columns.numbers("time_s"),
-        poses=np.column_stack([columns.numbers(name) for name in _POSE_COLUMNS]),
+        poses=np.column_stack(
+            [columns.numbers(name) if name in columns.cells else zeros for name in _POSE_COLUMNS]
+        ),
         energies_px=columns.numbers("energy_px"),
         extra={name: columns.numbers(name) for name in columns.cells if name not in known},
         marks=read_marks(columns),

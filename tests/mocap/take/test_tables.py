@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.skeleton import DOFS, pose_of_body
 from services.mocap.camera.calibration import Up
 from services.mocap.errors import TakeError
 from services.mocap.take.tables import (
@@ -117,6 +117,18 @@ def test_a_bad_table_is_refused_in_one_sentence(
     assert str(refused.value).startswith(f"{path}: ")
     assert all(part in str(refused.value) for part in parts), refused.value
     assert "\n" not in str(refused.value)
+
+
+def test_a_table_of_the_published_body_has_zeros_for_the_rest(tmp_path: Path) -> None:
+    path, poses = tmp_path / "poses.csv", np.ones((2, N_DOF))
+    write_poses_csv(path, PoseTable(np.arange(2, dtype=np.int32), np.arange(2.0), poses, np.zeros(2)))
+    cells = [line.split(",") for line in path.read_text().splitlines()]
+    lacking = {dof.column for dof in DOFS if not dof.in_paper}
+    kept = [i for i, name in enumerate(cells[0]) if name not in lacking]
+    path.write_text("\n".join(",".join(line[i] for i in kept) for line in cells))
+    read = read_poses_csv(path)
+    np.testing.assert_array_equal(read.poses, pose_of_body(poses, "paper"))
+    assert not read.extra
 
 
 def test_a_missing_table_is_refused(tmp_path: Path) -> None:

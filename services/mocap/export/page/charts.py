@@ -38,12 +38,14 @@ def _screen(bgr: tuple[int, int, int]) -> str:
 
 _COLOURS = {"": _INK, "left": _screen(LEFT_BGR), "right": _screen(RIGHT_BGR)}
 _SHOWN_ANGLES = (
-    *("pelvis_rotation", "pelvis_tilt", "neck_flexion"),
+    *("pelvis_rotation", "pelvis_tilt", "pelvis_list"),
+    *("trunk_flexion", "trunk_rotation", "neck_flexion"),
     *("shoulder_elevation", "shoulder_plane_of_elevation", "elbow_flexion"),
     *("hip_flexion", "hip_adduction", "hip_rotation"),
     *("knee_flexion", "ankle_dorsiflexion", "forearm_pronation"),
 )
 _SIDED = {angle.name: angle.is_sided for angle in ANGLES}
+_FIRST_OF_BOTH_SIDES = [_SIDED[name] for name in _SHOWN_ANGLES].index(True)
 
 
 def svg_of(height_in: float, draw: Callable[[Figure], None]) -> str:
@@ -142,11 +144,11 @@ def angles(result: Result) -> str:
                 values = result.angles_deg[f"{side}_{name}".removeprefix("_")]
                 place.plot(result.times_s, values, color=_COLOURS[side], label=side)
             place.set_title(name.replace("_", " ") + " (°)", fontsize=9, loc="left")
-        axes[3].legend(ncols=2, fontsize=8, loc="best")
+        axes[_FIRST_OF_BOTH_SIDES].legend(ncols=2, fontsize=8, loc="best")
         for place in axes[-3:]:
             place.set_xlabel("time (s)")
 
-    return svg_of(7.2, draw)
+    return svg_of(1.8 * len(_SHOWN_ANGLES) / 3, draw)
 
 
 def timings(result: Result, seconds: Mapping[str, Floats]) -> str:
