@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from typer.testing import CliRunner
 from services import cli
 from services.commands import fit as fit_command
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.skeleton import DOFS, BodyName
+from services.mocap.body.skeleton import DOFS, BodyName, pose_of_body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, trimap_of, unpack
@@ -215,6 +216,39 @@ def test_the_command_writes_into_the_take(folder: Path, found: TakeFit, command:
     for word in ("height", "arm span", "chest girth", "IoU, cam01", "IoU, all cameras", "overlay.png"):
         assert word in said
     assert "was made or changed by hand" not in command(folder)
+
+
+@pytest.mark.parametrize("body", get_args(BodyName))
+def test_the_body_of_the_option_is_fitted(
+    folder: Path, found: TakeFit, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, body: BodyName
+) -> None:
+    fitted: list[object] = []
+
+    def note(*arguments: object, **options: object) -> TakeFit:
+        searches = (argument.body for argument in arguments if isinstance(argument, SearchSettings))
+        fitted.append(options.get("body", next(searches, None)))
+        return found
+
+    for name in ("fit_take", "refine_take"):
+        monkeypatch.setattr(fit_command, name, note)
+    for refine in ((), ("--refine", str(folder))):
+        words = ["fit", str(folder), "--out", str(tmp_path / "out"), "--body", body, *refine]
+        assert CliRunner().invoke(cli.app, words).exit_code == 0
+    assert fitted == [body, body]
+
+
+def test_the_body_of_the_search_is_fitted(folder: Path) -> None:
+    fitted: list[BodyName] = []
+
+    def fitter(*arguments: Any) -> Fit:
+        *given, body = arguments
+        fitted.append(body)
+        return stretch(*given, QUICK.body)
+
+    take, search = open_take(folder), QUICK.model_copy(update={"body": "paper"})
+    found = fit_take(take, init_frames(take), CPU, search, lambda *_: None, fitter)
+    assert fitted == ["paper"]
+    np.testing.assert_array_equal(found.start_pose, pose_of_body(found.start_pose, "paper"))
 
 
 def test_the_command_keeps_what_a_person_wrote(folder: Path, command: Callable[..., str]) -> None:

@@ -115,13 +115,13 @@ def _bends_the_other_way(dof: Dof) -> bool:
     forward or back as before from shoulder and hip; knees, elbows, hands and feet bend in one way only.
     """
     about_x, _, about_z = dof.axis
-    if dof.joint not in _TRUNK_AND_NEXT or dof.role not in ("lean", "pitch", "swing"):
+    if dof.joint not in _CENTRE_AND_NEXT or dof.role not in ("lean", "pitch", "swing"):
         return False
     return about_x == 0.0 if dof.name.startswith(SIDES) else about_z == 0.0
 
 
-_TRUNK = {segment.joint for segment in SEGMENTS if segment.part == "torso"}
-_TRUNK_AND_NEXT = _TRUNK | {joint.name for joint in JOINTS if joint.parent in _TRUNK}
+_CENTRE = {segment.joint for segment in SEGMENTS if segment.side is None}
+_CENTRE_AND_NEXT = _CENTRE | {joint.name for joint in JOINTS if joint.parent in _CENTRE}
 _OTHER_WAY = [d for d, dof in enumerate(DOFS) if _bends_the_other_way(dof)]
 
 

@@ -10,10 +10,14 @@ import pytest
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.shape_space import INDEX, actor_of, vector_of
+from services.mocap.body.skeleton import dofs_of
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.picture import Region
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.quality import quality_of
+from services.mocap.search.chains import ALL_SEGMENTS
 
 _GENERIC = Actor()
 
@@ -40,6 +44,22 @@ def test_a_person_of_unknown_shape_is_found(rig: Rig, a_person: Callable[..., An
     assert shares == sorted(shares)
     assert 0.0 <= shares[0] < 0.1
     assert shares[-1] == 1.0
+
+
+def test_a_waist_that_bends_is_found_and_the_published_body_never_bent(
+    rig: Rig, a_person: Callable[..., Any]
+) -> None:
+    person, waist = a_person(1, 1), list(dofs_of("waist"))
+    bowed = person.poses.copy()
+    bowed[:, waist] = np.radians([25.0, 8.0, 12.0])
+    seen = TriPlanes.sure(CpuBackend(person.body, rig).coverage(bowed, ALL_SEGMENTS, Region.whole(rig)))
+    guess = person.guess.copy()
+    guess[waist] = np.radians([15.0, 0.0, 0.0])
+    found, rigid = fit_actor(rig, seen, _GENERIC, guess), fit_actor(rig, seen, _GENERIC, guess, body="paper")
+    np.testing.assert_allclose(found.poses[0, waist], bowed[0, waist], atol=np.radians(6))
+    np.testing.assert_array_equal(rigid.poses[0, waist], 0.0)
+    assert rigid.after.energy_px.sum() < rigid.before.energy_px.sum()
+    assert found.after.energy_px.sum() < 0.7 * rigid.after.energy_px.sum()
 
 
 def test_one_camera_with_the_wrong_picture_does_no_harm(rig: Rig, a_person: Callable[..., Any]) -> None:

@@ -1,4 +1,4 @@
-"""A joint in the spine takes a change of the skeleton's table, and of nothing else."""
+"""Further parameters of joints take a change of the skeleton's table, and of nothing else."""
 
 import hashlib
 import os
@@ -11,14 +11,14 @@ import pytest
 
 from services.mocap.compiled import compiled_folder
 
-CHECKS = Path(__file__).with_name("bending_spine.py")
+CHECKS = Path(__file__).with_name("another_skeleton.py")
 
 
 @pytest.mark.timeout(1200)
-def test_all_there_is_works_with_a_waist_that_bends(request: pytest.FixtureRequest) -> None:
+def test_all_there_is_works_with_another_skeleton(request: pytest.FixtureRequest) -> None:
     """What is compiled for that skeleton is kept between runs, as it takes a minute or two."""
     assert request.config.cache is not None
-    kept = request.config.cache.mkdir("bending-spine")
+    kept = request.config.cache.mkdir("another-skeleton")
     sources = hashlib.sha256(CHECKS.read_bytes() + compiled_folder().name.encode()).hexdigest()[:16]
     for other in kept.iterdir():
         if other.name != sources:
