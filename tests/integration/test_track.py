@@ -112,6 +112,7 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
     assert chosen == {"backend": "cpu", "backend_reason": "asked for", "threads": 2}
     assert SearchSettings.from_wire(settings["search"]) == SearchSettings(
         method="paper",
+        body="paper",
         max_passes=1,
         detail_px=0,
         arm_grid=(3, 3, 1, 3),
