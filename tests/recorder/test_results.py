@@ -149,7 +149,7 @@ def test_energies_by_part_and_camera_are_written_where_all_were_counted(
 
 def test_marks_reach_the_table_the_report_and_the_smoother(take: Path, truth: Floats, tmp_path: Path) -> None:
     wrong = truth.copy()
-    arm = [9, 10, 12]
+    arm = [LIMBS["left_arm"].dofs[i] for i in (0, 1, 3)]
     wrong[5:7, arm] += 0.5
     confidence = {frame: {"torso": 0.9, "left_arm": 0.1 if frame in (5, 6) else 0.8} for frame in range(N)}
     messages = recorded(wrong, distrusted={5: ["left_arm"], 6: ["left_arm"]}, confidence=confidence)

@@ -38,7 +38,7 @@ def test_poses_and_actor_are_enough(folder: Path) -> None:
     np.testing.assert_array_equal(result.joints_world_m, joints_m)
     assert np.flatnonzero(result.distrusted.any(axis=1)).tolist() == [3]
     assert result.confidence.shape == (16, 6)
-    assert len(result.angles_deg) == 40
+    assert len(result.angles_deg) == 43
     assert result.take_folder is None
 
 
