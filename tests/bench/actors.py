@@ -150,7 +150,7 @@ def _refined(trial: Trial, rig: Rig, person: Person, first: Fit, motion: str, nu
     rows = spread(path.distrusted, DEFAULT_REFINE_FRAMES)
     if len(rows) < LEAST_FRAMES:
         return None
-    fit = fit_apart(rig, later.seen[rows], first.actor, path.poses[rows], lambda _: None, "anatomical")
+    fit = fit_apart(rig, later.seen[rows], first.actor, path.poses[rows], lambda _: None, "anatomical", None)
     return _found(fit, person, later.poses[rows], time.perf_counter() - began_s)
 
 

@@ -182,6 +182,15 @@ def test_a_torso_that_is_wrong_takes_all_with_it_and_a_limb_only_itself() -> Non
     assert np.flatnonzero(values[2]).tolist() == [*HEAD.dofs, *LIMBS["right_leg"].dofs]
 
 
+def test_a_marked_part_on_most_of_its_contours_is_not_bridged() -> None:
+    marks = Marks.of(recorded(np.zeros((2, N_DOF)), distrusted={0: ["left_arm"], 1: ["left_arm"]}))
+    arm = PARTS.index("left_arm")
+    marks.confidence[:, arm] = 0.3, 0.8
+    values = values_to_bridge(marks)
+    assert np.flatnonzero(values[0]).tolist() == [*LIMBS["left_arm"].dofs]
+    assert not values[1].any()
+
+
 def test_the_critical_path_is_told_where_every_limb_is(take: Path, truth: Floats, tmp_path: Path) -> None:
     plain = results(tmp_path / "plain", take, recorded(truth), OutputSettings())
     assert "critical_path_s" not in plain["speed"]

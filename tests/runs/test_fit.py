@@ -51,11 +51,13 @@ def stretch(
     poses: Floats,
     progress: Callable[[float], None],
     body: BodyName,
+    height_m: float | None,
 ) -> Fit:
     """In place of the fit: another height, all frames in the first pose."""
     assert seen.silhouettes.shape == seen.unsure.shape == (3, 1, *rig.shape_px)
     log.warning("something odd about %s", "cam01")
     assert body == QUICK.body
+    assert height_m in (None, start.height)
     progress(0.5)
     actor, poses = Actor(height=TALLER_M), np.tile(poses, (len(seen), 1))
     before, after = (quality_of(build_body(shape), poses, rig, seen) for shape in (start, actor))
@@ -241,9 +243,9 @@ def test_the_body_of_the_search_is_fitted(folder: Path) -> None:
     fitted: list[BodyName] = []
 
     def fitter(*arguments: Any) -> Fit:
-        *given, body = arguments
+        *given, body, height_m = arguments
         fitted.append(body)
-        return stretch(*given, QUICK.body)
+        return stretch(*given, QUICK.body, height_m)
 
     take, search = open_take(folder), QUICK.model_copy(update={"body": "paper"})
     found = fit_take(take, init_frames(take), CPU, search, lambda *_: None, fitter)

@@ -125,7 +125,7 @@ class _Space:
         In some cameras other pieces hide a piece, so this averages over the half of the cameras with the
         largest shares.
         """
-        pieces: Ints = pieces_of(self._inside(cameras, most_missed(len(cameras))), _VOXEL_M)
+        pieces: Ints = pieces_of(self._inside(cameras, most_missed(len(cameras))), bridged=True)
         n_pieces = min(int(pieces.max(initial=0)), 3)  # further pieces are negligible
         shares = np.zeros((n_pieces, len(cameras)))
         for k, c in enumerate(cameras):

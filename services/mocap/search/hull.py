@@ -30,8 +30,6 @@ off."""
 _NEAR_M = 0.05
 """Rays that pass this close to the meeting point have equal weights."""
 _CAMERAS_PER_MISS = 8
-_GAP_M = 0.24
-"""Pieces of a hull that are closer than this are of one person, cut apart by something in the foreground."""
 _CROUCHING, _ARMS_RAISED = 0.4, 1.5
 """Ratio of the visual hull's height to the actor's."""
 
@@ -116,7 +114,7 @@ def carve(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Hull:
     # picture.
     inside &= 2 * n_pictures >= max(len(seen), 2 * MIN_CAMERAS)
     firm = inside if np.array_equal(possible, silhouettes) else _firm(rig, silhouettes, seen, points_world_m)
-    pieces = pieces_of(inside, _VOXEL_M, inside & firm)
+    pieces = pieces_of(inside, inside & firm)
     if not pieces.any():
         raise TakeError(
             "calibration.toml: the cameras' silhouettes do not meet anywhere in space: check that the "
@@ -142,18 +140,16 @@ def most_missed(n_cameras: int) -> int:
     return (n_cameras - 1) // _CAMERAS_PER_MISS
 
 
-def pieces_of(inside: Mask, voxel_m: float, firm: Mask | None = None) -> Ints:
-    """Number the pieces of a cube's points (N,), the largest first, from 1 on; 0 outside.
+def pieces_of(inside: Mask, firm: Mask | None = None, *, bridged: bool = False) -> Ints:
+    """Number the connected pieces of a cube's points (N,), the largest first, from 1 on; 0 outside.
 
-    A piece is all that lies closer to the rest of it than _GAP_M. firm (N,): points that decide the order;
-    all points decide between equal pieces.
+    firm (N,): points that decide the order; all points decide between equal pieces. bridged: pieces two points
+    apart are one, as something in the foreground may have cut a person apart.
     """
     side = round(len(inside) ** (1 / 3))
     cube = inside.reshape(side, side, side)
-    labels, n_pieces = ndimage.label(cube)
-    if n_pieces > 1:
-        labels, n_pieces = ndimage.label(ndimage.distance_transform_edt(~cube, sampling=voxel_m) < _GAP_M / 2)
-        labels *= cube
+    labels, n_pieces = ndimage.label(ndimage.binary_dilation(cube) if bridged else cube)
+    labels *= cube
     sizes = np.bincount(labels.ravel(), minlength=n_pieces + 1)[1:]
     if firm is not None:
         firm_sizes = np.bincount(labels.ravel()[firm], minlength=n_pieces + 1)[1:]

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
-from services.mocap.body.shape_space import INDEX, actor_of, vector_of
+from services.mocap.body.shape_space import DEVIATIONS, INDEX, actor_of, body_of, vector_of
 from services.mocap.body.skeleton import dofs_of
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
@@ -44,6 +45,35 @@ def test_a_person_of_unknown_shape_is_found(rig: Rig, a_person: Callable[..., An
     assert shares == sorted(shares)
     assert 0.0 <= shares[0] < 0.1
     assert shares[-1] == 1.0
+
+
+def test_a_told_height_is_kept_and_shoes_and_a_hat_are_none_of_it(
+    rig: Rig, a_person: Callable[..., Any]
+) -> None:
+    person = a_person(1, 1)
+    x = person.x.copy()
+    x[INDEX["head"]] += 0.15
+    x[INDEX["foot_depth"]] += 0.3
+    body, true = body_of(x), actor_of(person.x)
+    seen = TriPlanes.sure(CpuBackend(body, rig).coverage(person.poses, ALL_SEGMENTS, Region.whole(rig)))
+    told = fit_actor(rig, seen, _GENERIC, person.guess, height_m=true.height)
+    assert told.actor.height == pytest.approx(true.height, rel=0.01)
+    assert build_body(told.actor).standing_height_m > true.height + 0.02
+
+
+def test_a_body_of_another_form_is_drawn_towards_people(rig: Rig, a_person: Callable[..., Any]) -> None:
+    """A coat to the knees: nobody's bones are what would fill it best."""
+    person = a_person(1, 1)
+    masks = unpack(person.seen.silhouettes[0], rig.n_cameras)
+    coat = np.zeros_like(masks)
+    for c, mask in enumerate(masks):
+        rows = np.flatnonzero(mask.any(axis=1))
+        top, bottom = (int(rows[0] + share * len(rows)) for share in (0.2, 0.7))
+        coat[c] = mask
+        coat[c, top:bottom] = ndimage.binary_dilation(mask, iterations=4)[top:bottom]
+    fit = fit_actor(rig, TriPlanes.sure(pack(coat)[None]), _GENERIC, person.guess)
+    bones = [INDEX[bone] for bone in ("upper_arm", "forearm", "thigh", "shank")]
+    assert np.abs(vector_of(fit.actor)[bones]).max() < 2.5 * DEVIATIONS[bones].max()
 
 
 def test_a_waist_that_bends_is_found_and_the_published_body_never_bent(

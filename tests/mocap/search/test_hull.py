@@ -11,9 +11,14 @@ from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.picture import Region
 from services.mocap.errors import TakeError
+from services.mocap.search.chains import ALL_SEGMENTS
 from services.mocap.search.hull import Hull, carve, cube_about, look_up
 from services.mocap.search.model import Model
+from services.mocap.search.plausibility import look_first
+from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Bytes, Floats, Mask
 
 Poser = Callable[..., Floats]
@@ -82,6 +87,19 @@ def test_a_camera_that_sees_nobody_does_not_count(model: Model, standing: Poser,
     whole = carve(model.rig, masks)
     masks[3] = False
     assert carve(model.rig, masks).height_m == pytest.approx(whole.height_m, abs=0.05)
+
+
+def test_furniture_in_one_picture_of_nine_cuts_nothing_away(model: Model, standing: Poser) -> None:
+    rig, pose = Rig.of(studio_cameras(9)), standing(shoulder_elevation=-45)
+    drawn = CpuBackend(model.body, rig).coverage(pose[None], ALL_SEGMENTS, Region.whole(rig))[0]
+    masks = unpack(drawn, 9)
+    whole, middle = carve(rig, masks), int(np.nonzero(masks[4].any(axis=0))[0].mean())
+    masks[4, :, middle - 6 : middle + 6] = False
+    behind_a_post = carve(rig, masks)
+    assert behind_a_post.height_m == pytest.approx(whole.height_m, abs=1.1 * VOXEL_M)
+    away_m, _ = cKDTree(behind_a_post.points_world_m).query(whole.points_world_m)
+    assert np.mean(away_m < 2 * VOXEL_M) > 0.98
+    assert look_first(rig, masks).left_out == ()
 
 
 def test_two_cameras_are_enough(model: Model, standing: Poser, masks_of: MasksOf) -> None:

@@ -77,6 +77,27 @@ def test_a_lost_limb_never_becomes_usual(model: Model) -> None:
     assert trust.doubtful(_left_arm(120)) == ["left_arm"]
 
 
+def test_the_torso_is_in_doubt_against_what_is_usual_but_never_at_a_quarter(model: Model) -> None:
+    def sharing(share: float) -> Differences:
+        return Differences(NOTHING, NOTHING, share)
+
+    bare, coat = PartConfidence(model.rig, 30.0), PartConfidence(model.rig, 30.0)
+    for _ in range(20):
+        bare.remember(sharing(0.02))
+        coat.remember(sharing(0.13))
+    again = PartConfidence(model.rig, 30.0)
+    again.recall(coat.as_lists())
+    for trust, doubtful in ((bare, [0.11, 0.18, 0.26]), (coat, [0.2, 0.26]), (again, [0.2, 0.26])):
+        found = [
+            share for share in (0.09, 0.11, 0.18, 0.2, 0.26) if trust.doubtful(sharing(share)) == ["torso"]
+        ]
+        assert set(doubtful) <= set(found)
+        assert (0.18 in found) == (trust is bare)
+    for _ in range(200):
+        bare.remember(sharing(0.3))
+    assert bare.doubtful(sharing(0.11)) == ["torso"]
+
+
 def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Model) -> None:
     trust, searched = PartConfidence(model.rig, 30.0), []
     trust.remember(_left_arm(0))
