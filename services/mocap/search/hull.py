@@ -143,8 +143,8 @@ def most_missed(n_cameras: int) -> int:
 def pieces_of(inside: Mask, firm: Mask | None = None, *, bridged: bool = False) -> Ints:
     """Number the connected pieces of a cube's points (N,), the largest first, from 1 on; 0 outside.
 
-    firm (N,): points that decide the order; all points decide between equal pieces. bridged: pieces two points
-    apart are one, as something in the foreground may have cut a person apart.
+    firm (N,): points that decide the order; all points decide between equal pieces. bridged: pieces two
+    points apart are one, as something in the foreground may have cut a person apart.
     """
     side = round(len(inside) ** (1 / 3))
     cube = inside.reshape(side, side, side)
