@@ -274,7 +274,7 @@ class Pose(OfRun, type="pose"):
     solving that limb; frame: since the previous frame was published; overhead: the coordinator's processor
     time for everything except fitting."""
     confidence: Annotated[dict[Part, Share], Field(max_length=6)] = Field(default_factory=dict)
-    """Confidence of each part in this frame, from 0 to 1; missing parts were not judged."""
+    """The probability that no joint of a part is more than 15 cm off; missing parts were not judged."""
     distrusted: Annotated[list[Part], Field(max_length=6)] = Field(default_factory=list)
     """Unreliable parts in this frame, without repetition; the torso stands for the whole body."""
     measured: Measured = Field(default_factory=dict)

@@ -19,6 +19,7 @@ from rich.table import Table
 from bench import accuracy as accuracies
 from bench import actor_tables, first_view, page_cost, people_tables, settings_sweep
 from bench import actors as actor_fits
+from bench import confidence as lost_parts
 from bench import people as other_people
 from bench import segmentation as silhouettes
 from bench import table2 as frame_times
@@ -283,6 +284,28 @@ def people(
         with console.status(name):
             rows += _going_on(other_people.measure(folder_of, trial), name, console)
     _finish(console, people_tables.as_tables(rows), json_path, machine, rows)
+
+
+@app.command()
+def confidence(
+    takes: Annotated[
+        list[Path], typer.Argument(metavar="TAKE...", help="Folders with reference/joints.csv.")
+    ],
+    true_silhouettes: Annotated[
+        bool, typer.Option("--true-silhouettes", help="Use reference/silhouettes where a take has them.")
+    ] = False,
+    json_path: JsonOption = None,
+) -> None:
+    """Fit the weights of the probability that a part is lost, and test them on each take with the others'."""
+    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
+    machine, known = this_machine(), list[lost_parts.Known]()
+    for take in takes:
+        with console.status(take.name):
+            try:
+                known.append(lost_parts.known_of(take, true_silhouettes=true_silhouettes))
+            except UserError as error:
+                console.print(f"{take}: {error}", highlight=False)
+    _finish(console, lost_parts.as_tables(known), json_path, machine, lost_parts.as_rows(known))
 
 
 @app.command()

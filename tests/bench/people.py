@@ -98,7 +98,7 @@ def measure(folder_of: Callable[[], Path], trial: Trial) -> Iterator[Row]:
         scratch, name = Path(temporary), folder.resolve().name
         used = with_true_silhouettes(folder, scratch / name) if trial.true_silhouettes else folder
         take, out = open_take(used), (trial.results or scratch / "results") / name
-        actor, true_m = true_actor(used), _true_joints_m(take)
+        actor, true_m = true_actor(used), true_joints_m(take)
         row = Row(name, len(take.cameras), actor.clothes, take.settings.frames)
         try:
             run = track(used, out, ":", trial.workers, trial.options)
@@ -125,7 +125,7 @@ def outcome_of(run: Run, found_m: Floats, actor: TrueActor, true_m: Floats) -> O
     )
 
 
-def _true_joints_m(take: Take) -> Floats:
+def true_joints_m(take: Take) -> Floats:
     """(F, 15, 3) of all frames, in the take's world."""
     path = take.folder / REFERENCE_JOINTS_CSV
     table = read_joints_csv(path)

@@ -1,7 +1,7 @@
 """Solves a frame by its contours: aligns the whole body, then searches limbs near remaining differences."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -71,12 +71,15 @@ class _Search:
         return min((self.see(Aligned(pose.copy(), 0.0, nothing)) for pose in poses), key=lambda s: s.energy)
 
     def align(self, start: _Seen) -> _Seen:
-        """Align from a pose; returns the pose itself if alignment makes it worse."""
+        """Align from a pose; returns the pose itself, with the rim that was found, if alignment makes
+        it worse."""
         aligner = self.model.aligner(self.settings)
         aligned = self.see(aligner.align(self.whole, start.pose, self.settings))
         self.found.evaluations += self.settings.contour_steps
         self.clock.book("torso")
-        return aligned if aligned.energy <= _SLACK * start.energy else start
+        if aligned.energy <= _SLACK * start.energy:
+            return aligned
+        return replace(start, aligned=replace(start.aligned, rim_px=aligned.aligned.rim_px))
 
     def differences(self, seen: _Seen) -> Differences:
         """The differences between a pose and the input."""
@@ -149,7 +152,9 @@ def solve_by_contours(
     solution.note_shares(shares)
     solution.measured["prior"] = [float(best.aligned.prior_cost)]
     solution.evaluations += 1
-    solution.confidence, solution.distrusted = confidences(best.aligned.rim_px), trust.distrusted(left)
+    solution.evidence = trust.evidence(left, best.aligned.rim_px)
+    solution.confidence = confidences(solution.evidence, best.aligned.rim_px)
+    solution.distrusted = trust.distrusted(left, solution.confidence)
     trust.remember(left)
     search.clock.book("torso")
     return solution

@@ -3,6 +3,8 @@
 import time
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from services.mocap.search.chains import LimbName
 from services.mocap.search.error_by_part import ErrorByPart
 from services.mocap.search.stages import Solution
@@ -28,7 +30,9 @@ class FrameSolution:
     limb_seconds: dict[str, float] = field(default_factory=dict)
     """Time to solve each limb, in the process that solved it, over all passes."""
     confidence: dict[Part, float] = field(default_factory=dict)
-    """0 to 1: the share of each part's visible rim that lies on a contour, if it was computed."""
+    """The probability that no joint of a part is more than 15 cm off, if it was computed."""
+    evidence: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    """(6, n) what it was computed from (lost_probability)."""
     distrusted: list[Part] = field(default_factory=list)
     """Parts whose pose is probably wrong; the torso stands for the whole body."""
     measured: dict[str, list[float]] = field(default_factory=lambda: {"prior": [0.0]})

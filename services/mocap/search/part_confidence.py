@@ -13,6 +13,7 @@ import numpy as np
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import camera_bit, count_bits
 from services.mocap.energy.picture import Picture
+from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.chains import (
     REFERENCE_WIDTH_PX,
     Stage,
@@ -20,6 +21,7 @@ from services.mocap.search.chains import (
     window_size_px,
 )
 from services.mocap.search.error_by_part import PART_SEGMENTS, PART_STAGES, pixels_by_part
+from services.mocap.search.lost_probability import evidence_of, lost_probabilities
 from services.mocap.search.model import Model
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats
@@ -35,6 +37,8 @@ _LONGEST_REST = 8
 _LOST_SHARE, _LOST_OVER_USUAL, _MOST_LOST_SHARE = 0.1, 0.06, 0.25
 """The torso is in doubt when more pixels differ than the first share of the input's, and more than usual by
 the second; more than the third always. What the body lacks, a coat's tails say, differs in every frame."""
+_MARKED_FROM = 0.1
+"""A limb or the head that is lost with more than this probability is marked."""
 
 
 @dataclass(frozen=True)
@@ -125,14 +129,15 @@ class PartConfidence:
             return _LOST_SHARE
         return min(max(_LOST_SHARE, float(np.median(usual)) / 1000 + _LOST_OVER_USUAL), _MOST_LOST_SHARE)
 
-    def distrusted(self, found: Differences) -> list[Part]:
-        """All doubtful parts if the torso is among them; otherwise those nearest to more than `doubt_px / 2`
-        differing pixels; if there is none, all."""
-        doubtful = self.doubtful(found)
-        if "torso" in doubtful:
-            return doubtful
-        near = [part for part in doubtful if found.nearest_px[part] > self._doubt_px / 2]
-        return near or doubtful
+    def distrusted(self, found: Differences, confidence: Mapping[Part, float]) -> list[Part]:
+        """Limbs and head whose confidence is too low, and the torso if the whole body is doubtful."""
+        low: list[Part] = [part for part in PART_STAGES if confidence.get(part, 1.0) < 1.0 - _MARKED_FROM]
+        return ["torso", *low] if found.share > self._allowed_share() else low
+
+    def evidence(self, found: Differences, rim_px: Floats) -> Floats:
+        """(6, n) of the parts, as in lost_probability; rim_px as in Aligned."""
+        allowed_px = {part: self._allowed_px(part) for part in PART_STAGES}
+        return evidence_of(rim_px, found.nearest_px, allowed_px, found.share)
 
     def _allowed_px(self, part: Part) -> float:
         usual = self._usual.get(part)
@@ -162,14 +167,14 @@ class PartConfidence:
                 self._usual.setdefault(part, deque(maxlen=_REMEMBERED)).append(found.px[part])
 
 
-def confidences(rim_px: Floats) -> dict[Part, float]:
-    """Per part the share of its visible rim that lies on a contour; rim_px as in Aligned.
+def confidences(evidence: Floats, rim_px: Floats) -> dict[Part, float]:
+    """Per part the probability that it is not lost; evidence (6, n), rim_px as in Aligned.
 
-    Parts that are almost invisible, or whose rim is mostly among unsure pixels, are left out.
+    Parts whose rim is mostly among unsure pixels are left out: nothing is known of them.
     """
     shown = {part: rim_px[list(segments)].sum(axis=0) for part, segments in PART_SEGMENTS.items()}
     return {
-        part: float(on / all_px)
-        for part, (all_px, on, _, unsure_px) in shown.items()
-        if all_px > max(20.0, unsure_px)
+        part: 1.0 - float(lost)
+        for part, lost in zip(PARTS, lost_probabilities(evidence), strict=True)
+        if shown[part][KNOWN] >= shown[part][UNSURE]
     }

@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_NAMES
+from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_INDEX, SEGMENT_NAMES
 from services.mocap.energy.picture import Picture
+from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import Differences, PartConfidence, confidences, differences
 from services.mocap.take.marks import Part
@@ -14,6 +15,7 @@ from services.mocap.types import Bytes, Floats
 NOTHING: dict[Part, int] = dict.fromkeys(
     ("torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"), 0
 )
+USUAL_RIM_PX = np.tile([100.0, 85.0, 5.0, 0.0], (len(SEGMENT_NAMES), 1))
 
 
 def _left_arm(px: int) -> Differences:
@@ -28,7 +30,10 @@ def test_the_right_pose_leaves_nothing(
     planes = silhouettes_of(pose)
     found = differences(model, Picture.whole(model.rig, planes), pose, planes)
     assert found == Differences(NOTHING, NOTHING, 0.0)
-    assert PartConfidence(model.rig, 30.0).doubtful(found) == []
+    trust = PartConfidence(model.rig, 30.0)
+    confidence = confidences(trust.evidence(found, USUAL_RIM_PX), USUAL_RIM_PX)
+    assert trust.doubtful(found) == trust.distrusted(found, confidence) == []
+    assert min(confidence.values()) > 0.98
 
 
 def test_an_arm_that_is_elsewhere_is_in_doubt_and_the_legs_are_not(
@@ -38,9 +43,12 @@ def test_an_arm_that_is_elsewhere_is_in_doubt_and_the_legs_are_not(
     wrong = pose.copy()
     wrong[DOF_INDEX["left_shoulder_elevation"]] += 1.0
     found = differences(model, Picture.whole(model.rig, silhouettes_of(pose)), wrong, silhouettes_of(wrong))
-    trust = PartConfidence(model.rig, 30.0)
+    trust, rim_px = PartConfidence(model.rig, 30.0), USUAL_RIM_PX.copy()
+    rim_px[[SEGMENT_INDEX["left_forearm"], SEGMENT_INDEX["left_hand"]]] = 100.0, 20.0, 70.0, 0.0
+    confidence = confidences(trust.evidence(found, rim_px), rim_px)
     assert "left_arm" in trust.doubtful(found)
-    assert trust.distrusted(found) == ["left_arm"]
+    assert trust.distrusted(found, confidence) == ["left_arm"]
+    assert confidence["left_arm"] < 0.5 < 0.98 < min(confidence[part] for part in ("left_leg", "right_leg"))
 
 
 def test_an_empty_picture_is_a_loss_of_all(
@@ -111,9 +119,25 @@ def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Mode
     assert trust.to_search(_left_arm(500)) == ["left_arm"]
 
 
-def test_confidence_is_the_share_of_the_rim_on_a_contour() -> None:
-    rim_px = np.zeros((len(SEGMENT_NAMES), 4))
-    rim_px[3] = 100.0, 80.0, 10.0, 90.0  # the head
-    assert confidences(rim_px) == {"head": 0.8}
-    rim_px[3, 3] = 110.0
-    assert confidences(rim_px) == {}
+def test_confidence_falls_with_what_speaks_against_a_limb() -> None:
+    def of_arm(rim_px: Floats, near_px: int = 0, share: float = 0.02) -> float:
+        evidence = evidence_of(rim_px, {**NOTHING, "left_arm": near_px}, {"left_arm": 30.0}, share)
+        return confidences(evidence, rim_px)["left_arm"]
+
+    far, usual = [SEGMENT_INDEX["left_forearm"], SEGMENT_INDEX["left_hand"]], of_arm(USUAL_RIM_PX)
+    hidden, off = USUAL_RIM_PX.copy(), USUAL_RIM_PX.copy()
+    hidden[far] = 5.0, 4.0, 0.5, 0.0
+    off[far] = 100.0, 30.0, 60.0, 0.0
+    assert usual > 0.98
+    assert max(of_arm(hidden), of_arm(off), of_arm(USUAL_RIM_PX, 2000), of_arm(USUAL_RIM_PX, 0, 0.3)) < usual
+
+
+def test_what_unsure_pixels_hide_is_as_usual_and_a_part_behind_them_is_not_judged() -> None:
+    far = [SEGMENT_INDEX["left_forearm"], SEGMENT_INDEX["left_hand"]]
+    unsure, whole = USUAL_RIM_PX.copy(), USUAL_RIM_PX.copy()
+    unsure[far], whole[far] = (0.0, 0.0, 0.0, 40.0), (40.0, 32.0, 2.8, 0.0)
+    seen, hidden = (evidence_of(rim_px, NOTHING, {}, 0.02) for rim_px in (whole, unsure))
+    np.testing.assert_allclose(hidden, seen)
+    assert "left_arm" in confidences(hidden, unsure)
+    unsure[far, 3] = 60.0
+    assert "left_arm" not in confidences(hidden, unsure)

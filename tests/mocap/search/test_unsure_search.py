@@ -80,7 +80,10 @@ def test_a_leg_that_is_unsure_is_not_judged_and_the_others_are_trusted(
 ) -> None:
     whole_leg = about(model, truth, (*SHANK, SEGMENT_INDEX["left_thigh"]))
     picture = Picture.whole(model.rig, half_leg.silhouettes, half_leg.unsure | whole_leg)
-    confidence = confidences(model.aligner(SETTINGS).align(picture, start, SETTINGS).rim_px)
+    aligned, trust = model.aligner(SETTINGS).align(picture, start, SETTINGS), PartConfidence(model.rig, 30.0)
+    covered = model.backend.coverage(aligned.pose[None], ALL_SEGMENTS, picture.region)[0]
+    found = differences(model, picture, aligned.pose, covered)
+    confidence = confidences(trust.evidence(found, aligned.rim_px), aligned.rim_px)
     assert "left_leg" not in confidence
     assert min(confidence[part] for part in ("torso", "head", "right_arm", "right_leg")) > 0.9
 
