@@ -51,7 +51,7 @@ def test_equals_the_reference(
     eye_m, target_m, focal_px = viewpoint
     rig = Rig.of((look(eye_m, target_m, focal_px),))
     for body, n in ((coarse_body, 6), (coarsest_body, 60)):
-        masks = assert_same(body, rig, random_poses(n, 1), Region.whole(rig))
+        masks = assert_same(body, rig, random_poses(n, 3), Region.whole(rig))
         assert masks.any() == (eye_m != (2.0, 0.0, 1.0))
 
 
