@@ -50,12 +50,15 @@ def result(tracked: Path, tmp_path: Path) -> Path:
 def test_joints_are_found_where_limbs_bend(
     synthetic_take: Path, tracked: Path, result: Path, xormocap: Command, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
-    done = xormocap("fit", synthetic_take, "--refine", result, "--frames", 4, "--out", out)
+    """With exact silhouettes, since those of videos this small move an elbow by a centimetre."""
+    take, out = tmp_path / "exact", tmp_path / "out"
+    shutil.copytree(synthetic_take, take)
+    (take / "reference" / "silhouettes").rename(take / "silhouettes")
+    done = xormocap("fit", take, "--refine", result, "--frames", 4, "--out", out)
     assert done.returncode == 0, done.stderr
     true, found = _lengths_cm(tracked), _lengths_cm(out)
     for _, word, off_m in _WRONG:
-        assert found[word] == pytest.approx(true[word], abs=100 * abs(off_m) / 2), word
+        assert found[word] == pytest.approx(true[word], abs=100 * abs(off_m) / 4), word
     first, *_, last = _trusted_frames(tracked)
     frames = read_poses_csv(out / "poses.csv").frames
     assert len(frames) == 4
