@@ -12,12 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from bench import accuracy as accuracies
-from bench import actor_tables, first_view, page_cost, people_tables, settings_sweep
+from bench import actor_tables, first_view, page_cost, people_tables, settings_sweep, typical_poses
 from bench import actors as actor_fits
 from bench import confidence as lost_parts
 from bench import people as other_people
@@ -306,6 +307,18 @@ def confidence(
             except UserError as error:
                 console.print(f"{take}: {error}", highlight=False)
     _finish(console, lost_parts.as_tables(known), json_path, machine, lost_parts.as_rows(known))
+
+
+@app.command("typical-poses")
+def typical_poses_command(
+    takes: Annotated[
+        list[Path], typer.Argument(metavar="TAKE...", help="z-up, with reference/joints.csv and actor.json.")
+    ],
+) -> None:
+    """Make the table of typical poses, where the search for a first pose starts, from takes' true motions."""
+    poses, mean_m = typical_poses.typical(np.vstack([typical_poses.poses_of(take) for take in takes]))
+    typical_poses.write_typical(poses)
+    typer.echo(f"{len(poses)} poses written; those of the takes are {mean_m:.3f} m from the nearest")
 
 
 @app.command()

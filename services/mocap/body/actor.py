@@ -16,6 +16,7 @@ from services.mocap.body.kinematics import N_DOF, segment_transforms
 from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
 from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
+from services.mocap.body.surface import volume_m3
 from services.mocap.types import Floats, Ints
 
 DEFAULT_HEIGHT_M = 1.72
@@ -119,6 +120,18 @@ class Body:
     def centres_m(self) -> Floats:
         """(S, 3) mean surface point of each segment in its own frame."""
         return np.array([vertices.mean(axis=0) for vertices in self.vertices_m])
+
+    def middles_m(self, poses: Floats) -> Floats:
+        """(N, 3) about where the body's middle is in the world in poses (N, D), by volume."""
+        T_world_segment = segment_transforms(poses, self.offsets_m)
+        R, t_m = T_world_segment[..., :3, :3], T_world_segment[..., :3, 3]
+        centres_world_m = np.einsum("nsij,sj->nsi", R, self.centres_m) + t_m
+        return np.asarray(np.average(centres_world_m, axis=1, weights=self._volumes_m3))
+
+    @cached_property
+    def _volumes_m3(self) -> Floats:
+        meshes = zip(self.vertices_m, self.faces, strict=True)
+        return np.array([volume_m3(vertices, faces) for vertices, faces in meshes])
 
     @property
     def pelvis_height_m(self) -> float:

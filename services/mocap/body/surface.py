@@ -47,3 +47,9 @@ def is_closed(faces: Ints) -> bool:
     return bool(
         len(faces) >= FEWEST_FACES and single and np.all(start != end) and np.array_equal(ways, ways_back)
     )
+
+
+def volume_m3(vertices_m: Floats, faces: Ints) -> float:
+    """What a closed mesh encloses; vertices (V, 3), faces (F, 3). Negative if it is inside out."""
+    a, b, c = vertices_m[faces].transpose(1, 0, 2)
+    return float(np.sum(a * np.cross(b, c)) / 6.0)

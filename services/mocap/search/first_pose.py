@@ -1,13 +1,21 @@
-"""The first pose of a take, from its first silhouettes: position from the visual hull, heading by trials."""
+"""The first pose of a take, from its first silhouettes: position from the visual hull, the rest by trials."""
 
 from dataclasses import dataclass
-from itertools import product
 from math import pi, radians
 
 import numpy as np
 
-from services.mocap.body.kinematics import N_DOF, clip_to_limits
-from services.mocap.body.skeleton import DOF_INDEX, DOFS, JOINTS, SEGMENTS, SIDES, Dof
+from services.mocap.body.kinematics import N_DOF, clip_to_limits, joint_positions
+from services.mocap.body.skeleton import (
+    DOF_INDEX,
+    DOFS,
+    JOINTS,
+    SEGMENTS,
+    SIDES,
+    BodyName,
+    Dof,
+    pose_of_body,
+)
 from services.mocap.energy.picture import Picture
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
@@ -16,13 +24,14 @@ from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import whole_body_energy
+from services.mocap.search.typical_poses import typical_poses
 from services.mocap.types import Floats
 
 _HEADINGS = 16
-_CANDIDATES = 6
-"""Number of headings that are searched further."""
-_ARMS_DOWN_RAD = (0.0, radians(45), radians(80))
-_STRIDES_RAD = (0.0, radians(25), radians(-25))
+_MOST_ALIGNED, _MOST_SEARCHED = 32, 6
+"""Number of starts that are aligned, and of their results that are searched further."""
+_APART_M = 0.15
+"""Results are different if some joint is farther apart."""
 AMBIGUOUS_SHARE = 0.05
 """Two opposite headings whose energies differ by less are ambiguous."""
 
@@ -50,16 +59,16 @@ def find_first_pose(
     settings: SearchSettings,
     facing_rad: float | None = None,
 ) -> FirstPose:
-    """Search the first pose of an upright actor; facing_rad restricts the heading to about that angle.
+    """Search the first pose of an actor; facing_rad restricts the heading to about that angle.
 
-    picture: the whole first frame. settings: as for the frames to come; the search is wider here. Cameras of
-    weight 0 are not used.
+    Starts are typical poses in all headings, about the hull's middle. The best are aligned with the contours,
+    and the best results that differ are searched. picture: the whole first frame. settings: as for the frames
+    to come; the search is wider here. Cameras of weight 0 are not used.
     """
     weightless = np.flatnonzero(settings.weights(model.rig.n_cameras) == 0)
     picture = picture.without_cameras(weightless.tolist())
-    starts = _starts(model, hull, facing_rad)
-    energy = whole_body_energy(model, picture.halved(), starts[0], settings.cost, settings.detail_px)
-    starts = _best_of_each_heading(starts, energy(starts))[:_CANDIDATES]
+    starts = _promising(model, picture, _starts(model, hull, settings.body, facing_rad), settings)
+    starts = _apart(model, _aligned(model, picture, starts, settings))
     found = [_first_look(model, picture, start, settings, limbs) for start in starts]
     found.sort(key=_energy_px)
     best = solve_frame(model, picture, found[0].pose[None], settings.widened(), limbs)
@@ -133,30 +142,48 @@ def standing_pose(model: Model, hull: Hull) -> Floats:
     return pose
 
 
-def _starts(model: Model, hull: Hull, facing_rad: float | None) -> Floats:
-    """Standing poses (N, D) on the hull's lowest point: all headings, arm heights and strides."""
+def _starts(model: Model, hull: Hull, body: BodyName, facing_rad: float | None) -> Floats:
+    """Typical poses about the hull's middle in all headings: (P, H, D) of P poses and H headings."""
     if facing_rad is None:
-        headings = np.arange(_HEADINGS) * (2 * pi / _HEADINGS)
+        headings_rad = np.arange(_HEADINGS) * (2 * pi / _HEADINGS)
     else:
-        headings = facing_rad + radians(15) * np.arange(-1, 2)
-    poses = []
-    for heading, arms_down, stride in product(headings, _ARMS_DOWN_RAD, _STRIDES_RAD):
-        pose = standing_pose(model, hull)
-        pose[DOF_INDEX["root_heading"]] = heading
-        for side, sign in (("left", 1.0), ("right", -1.0)):
-            pose[DOF_INDEX[f"{side}_shoulder_elevation"]] = -arms_down
-            pose[DOF_INDEX[f"{side}_hip_flexion"]] = sign * stride
-            pose[DOF_INDEX[f"{side}_knee_flexion"]] = 0.3 * abs(stride)
-        poses.append(pose)
-    return np.array(poses)
+        headings_rad = facing_rad + radians(15) * np.arange(-1, 2)
+    poses = pose_of_body(typical_poses(), body)
+    starts = np.repeat(poses[:, None], len(headings_rad), axis=1)
+    starts[:, :, DOF_INDEX["root_heading"]] = headings_rad
+    every = clip_to_limits(starts.reshape(-1, N_DOF))
+    every[:, :3] += hull.middle_world_m - model.body.middles_m(every)
+    return every.reshape(starts.shape)
 
 
-def _best_of_each_heading(starts: Floats, energies: Floats) -> Floats:
-    """The start of least energy for each heading, the best heading first."""
-    per_heading = len(_ARMS_DOWN_RAD) * len(_STRIDES_RAD)
-    energies = energies.reshape(-1, per_heading)
-    best: Floats = starts.reshape(-1, per_heading, N_DOF)[np.arange(len(energies)), energies.argmin(axis=1)]
-    return best[np.argsort(energies.min(axis=1), kind="stable")]
+def _promising(model: Model, picture: Picture, starts: Floats, settings: SearchSettings) -> Floats:
+    """The best start of each pose and of each heading (N, D), the best first; starts (P, H, D)."""
+    energy = whole_body_energy(model, picture.halved(), starts[0, 0], settings.cost, settings.detail_px)
+    energies = energy(starts.reshape(-1, N_DOF)).reshape(starts.shape[:2])
+    of_poses = set(enumerate(energies.argmin(axis=1).tolist()))
+    of_headings = {(p, h) for h, p in enumerate(energies.argmin(axis=0).tolist())}
+    best = sorted(of_poses | of_headings, key=lambda at: (energies[at], at))
+    return np.array([starts[at] for at in best[:_MOST_ALIGNED]])
+
+
+def _aligned(model: Model, picture: Picture, starts: Floats, settings: SearchSettings) -> Floats:
+    """Starts (N, D), each aligned twice with a picture, the best first."""
+    aligner = model.aligner(settings)
+    poses = np.array([aligner.align(picture, start, settings).pose for start in starts])
+    poses = np.array([aligner.align(picture, pose, settings).pose for pose in poses])
+    energies = whole_body_energy(model, picture, poses[0], settings.cost, settings.detail_px)(poses)
+    return np.asarray(poses[np.argsort(energies, kind="stable")])
+
+
+def _apart(model: Model, poses: Floats) -> Floats:
+    """The first poses (N, D) that are different from those before."""
+    joints_m = joint_positions(poses, model.body.offsets_m)
+    kept = list[int]()
+    for p, own_m in enumerate(joints_m):
+        off_m = np.linalg.norm(joints_m[kept] - own_m, axis=-1).max(axis=-1)
+        if len(kept) < _MOST_SEARCHED and bool((off_m > _APART_M).all()):
+            kept.append(p)
+    return np.asarray(poses[kept])
 
 
 def _turned_away(pose: Floats, other: Floats) -> bool:

@@ -66,6 +66,11 @@ class Hull:
         """(2,) x and y of the middle."""
         return np.median(self._firm_m[:, :2], axis=0)
 
+    @property
+    def middle_world_m(self) -> Floats:
+        """(3,) the mean of its points."""
+        return np.asarray(self._firm_m.mean(axis=0))
+
     def suits(self, height_m: float) -> bool:
         """Whether it may belong to an actor of this height, from crouching to arms raised."""
         return self.may_be(_CROUCHING * height_m, _ARMS_RAISED * height_m)

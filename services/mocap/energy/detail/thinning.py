@@ -12,7 +12,7 @@ from threading import Lock
 import fast_simplification
 import numpy as np
 
-from services.mocap.body.surface import FEWEST_FACES, Level, is_closed
+from services.mocap.body.surface import FEWEST_FACES, Level, is_closed, volume_m3
 from services.mocap.energy.detail.area import keep_area, normals_and_area
 from services.mocap.energy.detail.bound import farthest_bound
 from services.mocap.energy.detail.distance import Tree, farthest_point, tree_of
@@ -111,7 +111,7 @@ def _fewest_likely(full: _Full, error_m: float, guess: float, most: int) -> int:
 
 def _estimated_error(full: _Full, vertices_m: Floats, faces: Ints) -> float:
     """How far a corner of the full mesh lies from a thinned one at most; infinity if that is not closed."""
-    if not is_closed(faces) or _volume_m3(vertices_m, faces) <= 0.0:
+    if not is_closed(faces) or volume_m3(vertices_m, faces) <= 0.0:
         return np.inf
     return float(farthest_point(full.vertices_m, tree_of(vertices_m, faces)))
 
@@ -135,8 +135,3 @@ def _thinned(full: _Full, n_faces: int, error_m: float) -> tuple[Floats, Ints]:
     if len(faces) >= FEWEST_FACES:
         keep_area(vertices_m, faces, full.area_m2, _LARGEST_SHIFT * error_m)
     return vertices_m, faces
-
-
-def _volume_m3(vertices_m: Floats, faces: Ints) -> float:
-    a, b, c = vertices_m[faces].transpose(1, 0, 2)
-    return float(np.sum(a * np.cross(b, c)) / 6.0)
