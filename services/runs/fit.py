@@ -23,7 +23,9 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.uncertainty import with_uncertainties
-from services.mocap.search.first_frame import FirstFrame, first_guess
+from services.mocap.search.first_frame import FirstFrame, first_guess, tell_facing
+from services.mocap.search.first_pose import FirstPose
+from services.mocap.search.found import FrameSolution
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -43,6 +45,8 @@ log = logging.getLogger(__name__)
 
 DEFAULT_INIT_FRAMES = 10
 DRAWING_FROM = 0.97
+_RIVAL = 1.2
+"""A body is also fitted to the opposite first pose if that has at most this many times the energy."""
 _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}
 """Total progress at the end of each stage; drawing follows."""
 
@@ -105,10 +109,40 @@ def fit_take(
             guess = guess_first_pose(rig, seen[0], take.settings, opened, told, mesh, names)
         with clock.stage("fitting the actor") as progress:
             height_m = take.settings.actor_height
-            fit = fitter(rig, seen, guess.actor, guess.solution.pose, progress, search.body, height_m)
+            pose, fit = fit_best_way_round(
+                guess.first,
+                lambda pose, told: fitter(rig, seen, guess.actor, pose, told, search.body, height_m),
+                progress,
+            )
         _check_alone(rig, seen[0], fit, names, is_told=height_m is not None)
-        start = (guess.actor, guess.solution.pose)
+        start = (guess.actor, pose)
         return concluded(frames, cameras, seen, start, fit, clock.seconds, warnings)
+
+
+def fit_best_way_round(
+    first: FirstPose, fit: Callable[[Floats, Callable[[float], None]], Fit], progress: Callable[[float], None]
+) -> tuple[Floats, Fit]:
+    """Fit from a first pose, and from the opposite one if that fits about as well; return the better pair.
+
+    A fitted body and several frames tell front from back better than a generic body does in one frame. fit
+    takes a pose (D,) and a function for its progress, 0 to 1.
+    """
+    pose = first.solution.pose
+    if first.opposite is None or first.opposite.energy_px > _RIVAL * first.solution.energy_px:
+        tell_facing(first)
+        return pose, fit(pose, progress)
+    opposite = first.opposite.pose
+    ways = [
+        (pose, fit(pose, lambda share: progress(0.5 * share))),
+        (opposite, fit(opposite, lambda share: progress(0.5 + 0.5 * share))),
+    ]
+    ways.sort(key=lambda way: _total_px(way[1]))
+    tell_facing(FirstPose(*(FrameSolution(start, _total_px(found)) for start, found in ways)))
+    return ways[0]
+
+
+def _total_px(fit: Fit) -> float:
+    return float(fit.after.energy_px.sum())
 
 
 def _check_alone(rig: Rig, seen: TriPlanes, fit: Fit, names: Sequence[str], *, is_told: bool) -> None:

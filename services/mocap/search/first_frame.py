@@ -37,7 +37,12 @@ class FirstFrame:
 
     actor: Actor
     model: Model
-    solution: FrameSolution
+    first: FirstPose
+
+    @property
+    def solution(self) -> FrameSolution:
+        """The pose that fits best."""
+        return self.first.solution
 
 
 def solve_first_frame(
@@ -64,7 +69,8 @@ def solve_first_frame(
     if actor is not None and fitted_pose is not None:
         model = made or model_of(actor, rig, engine)
         limbs = pool(model, actor)
-        return FirstFrame(actor, model, solve_frame(model, picture, fitted_pose[None], settings, limbs))
+        solution = solve_frame(model, picture, fitted_pose[None], settings, limbs)
+        return FirstFrame(actor, model, FirstPose(solution))
     masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
     look = look_first(rig, masks, names, possible)
     for remark in look.remarks:
@@ -82,7 +88,7 @@ def solve_first_frame(
     model = model_of(actor, rig, engine)
     limbs, wide = pool(model, actor), settings.widened()
     fitted = solve_frame(model, picture, pose[None], wide, limbs)
-    return FirstFrame(actor, model, fitted)
+    return FirstFrame(actor, model, FirstPose(fitted))
 
 
 def told_actor(actor: Actor | None, hints: TakeSettings, mesh: OwnMesh | None = None) -> Actor | None:
@@ -124,15 +130,17 @@ def first_guess(
         )
         log.warning("%s", unsure.before(sentence))
     model = made or model_of(actor, rig, engine)
-    solution = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
-    uncovered = uncovered_share(model, picture, solution.pose, settings)
+    first = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
+    if not is_fitted_next:
+        tell_facing(first)
+    uncovered = uncovered_share(model, picture, first.solution.pose, settings)
     if uncovered > MOST_UNCOVERED and not is_fitted_next:  # a coat is wider than any body that is not fitted
         sentence = unsure.before(NOT_ALONE.format(covered=1.0 - uncovered))
         if told is None:
             model.backend.close()
             raise TakeError(sentence)
         log.warning("%s", sentence)  # the given actor may be wrong as well
-    return FirstFrame(actor, model, solution)
+    return FirstFrame(actor, model, first)
 
 
 def _unsure_shares(picture: Picture, rig: Rig, names: Sequence[str]) -> UnsureShares:
@@ -164,27 +172,25 @@ def _first_pose(
     hints: TakeSettings,
     limbs: LimbPool,
     settings: SearchSettings,
-) -> FrameSolution:
+) -> FirstPose:
     if hints.initial_pose:
         standing = standing_pose(model, hull)
         standing[DOF_INDEX["root_heading"]] = hints.facing_rad or 0.0
         start = hints.with_initial_pose(standing)
-        return solve_frame(model, picture, start[None], settings.widened(), limbs)
-    first = find_first_pose(model, picture, hull, limbs, settings, hints.facing_rad)
-    _tell_facing(first)
-    return first.solution
+        return FirstPose(solve_frame(model, picture, start[None], settings.widened(), limbs))
+    return find_first_pose(model, picture, hull, limbs, settings, hints.facing_rad)
 
 
-def _tell_facing(first: FirstPose) -> None:
+def tell_facing(first: FirstPose) -> None:
     """Log the direction that the actor faces, and how certain it is."""
     facing_deg = np.degrees(first.solution.pose[DOF_INDEX["root_heading"]]) % 360
-    if first.ambiguous:
+    if first.opposite is not None and first.ambiguous:
         log.warning(
             "the actor faces %.0f degrees, but the other way fits nearly as well (%.0f against %.0f px): "
             "if the overlay shows the actor turned round, set facing in take.toml",
             facing_deg,
             first.solution.energy_px,
-            first.opposite_energy_px,
+            first.opposite.energy_px,
         )
     else:
         log.info("the actor faces %.0f degrees", facing_deg)

@@ -41,14 +41,14 @@ class FirstPose:
     """The first pose and how certain it is; energies without the cameras of weight 0."""
 
     solution: FrameSolution
-    opposite_energy_px: float | None
-    """Energy of the best pose that faces at least a quarter turn away, if any was tried."""
+    opposite: FrameSolution | None = None
+    """The best that faces at least a quarter turn away, if any was tried."""
 
     @property
     def ambiguous(self) -> bool:
         """Whether the actor may also face the opposite direction."""
         limit = (1.0 + AMBIGUOUS_SHARE) * self.solution.energy_px
-        return self.opposite_energy_px is not None and self.opposite_energy_px < limit
+        return self.opposite is not None and self.opposite.energy_px < limit
 
 
 def find_first_pose(
@@ -73,16 +73,16 @@ def find_first_pose(
     found.sort(key=_energy_px)
     best = solve_frame(model, picture, found[0].pose[None], settings.widened(), limbs)
     if facing_rad is not None:
-        return FirstPose(best, None)
+        return FirstPose(best)
     # The opposite direction is searched as thoroughly: from its best start, and from the mirror image of the
     # best pose.
     away = [other.pose for other in found if _turned_away(other.pose, best.pose)][:1]
     opposites = np.array([*away, _turned_round(best.pose)])
     opposite = solve_frame(model, picture, opposites, settings.widened(), limbs)
     if not _turned_away(opposite.pose, best.pose):
-        return FirstPose(min(best, opposite, key=_energy_px), None)
+        return FirstPose(min(best, opposite, key=_energy_px))
     best, opposite = sorted((best, opposite), key=_energy_px)
-    return FirstPose(best, opposite.energy_px)
+    return FirstPose(best, opposite)
 
 
 def _energy_px(solution: FrameSolution) -> float:

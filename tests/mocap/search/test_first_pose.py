@@ -66,8 +66,8 @@ def test_finds_heading_and_joints(
     assert joint_errors_mm(pose, truth).mean() < 40
     assert np.all((pose >= LOWER) & (pose <= UPPER))
     assert not found.ambiguous
-    assert found.opposite_energy_px is not None
-    assert found.opposite_energy_px > 1.5 * found.solution.energy_px
+    assert found.opposite is not None
+    assert found.opposite.energy_px > 1.5 * found.solution.energy_px
 
 
 def test_a_given_facing_narrows_the_search(model: Model, standing: Poser, picture_of: PictureOf) -> None:
@@ -79,7 +79,7 @@ def test_a_given_facing_narrows_the_search(model: Model, standing: Poser, pictur
         model, picture, hull_of(model, picture), LocalLimbs(model), SearchSettings(), facing_rad=wrong_rad
     )
     assert off_rad(found.solution.pose[HEADING], wrong_rad) < np.radians(45)
-    assert found.opposite_energy_px is None
+    assert found.opposite is None
     assert not found.ambiguous
 
 
@@ -108,4 +108,6 @@ def test_stands_on_the_hull(model: Model) -> None:
     ("opposite_px", "ambiguous"), [(None, False), (1000.0, True), (1049.0, True), (1051.0, False)]
 )
 def test_ambiguous_where_the_opposite_fits_nearly_as_well(opposite_px: float | None, ambiguous: bool) -> None:
-    assert FirstPose(FrameSolution(np.zeros(N_DOF), 1000.0), opposite_px).ambiguous is ambiguous
+    best = FrameSolution(np.zeros(N_DOF), 1000.0)
+    opposite = None if opposite_px is None else FrameSolution(np.zeros(N_DOF), opposite_px)
+    assert FirstPose(best, opposite).ambiguous is ambiguous
