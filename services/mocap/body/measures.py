@@ -52,7 +52,7 @@ def _extents(figure: "_Figure") -> tuple[_Row, ...]:
         figure.breadth_m(z, _HIPS) for z in np.linspace(crotch_m, figure.up_the_trunk_m(0.25), _LEVELS)
     )
     return (
-        ("height", top_m - floor_m, "from the floor to the top of the head, without shoes"),
+        ("height", top_m - floor_m, "from the floor to the top of the head, with shoes and hair"),
         ("arm span", high_m - low_m, "from fingertip to fingertip, arms held out level"),
         ("shoulder width", shoulders_m, "across the back, from shoulder tip to shoulder tip"),
         ("hip width", hips_m, "across the hips where they are widest"),

@@ -48,6 +48,8 @@ _CROTCH_POSITION = -0.6
 _HAUNCH_POSITION = 0.62
 """Where along the thigh its outer half has its own width again, which at the hip makes one outline with the
 pelvis."""
+_SHALLOWEST_FOOT = 0.01
+"""Of a form's ankle over its sole, in body heights."""
 _HAUNCH_POWER = 1.9
 """Of the pelvis' factor at the hips, for that outline: the pelvis is scaled about the middle of the body,
 half a thigh about the hip joint. Any power keeps widths positive; this is nearest to one outline."""
@@ -107,6 +109,8 @@ def factors_along(
             beyond, weights = _beyond(form, segment, at, len(controls))
             factors = np.broadcast_to(factors, (len(form.vertices_heights),)).copy()
             factors[beyond] *= (1.0 + weights @ (controls - 1.0)) / controls[end]
+    if (segment, extent) == ("foot", "depth"):
+        return 1.0 + (factors - 1.0) * _sole(form)
     if (segment, extent) == ("pelvis", "depth"):
         return factors * _into_thighs(form, profiles)
     return factors * _haunches(form, profiles) if (segment, extent) == ("thigh", "width") else factors
@@ -118,6 +122,13 @@ def _into_thighs(form: SegmentMesh, profiles: dict[str, Profile]) -> Floats:
     share = smoothstep(_positions(form, "pelvis") / _CROTCH_POSITION)
     depths: Floats = 1.0 + share * (thigh / pelvis - 1.0)
     return depths
+
+
+@lru_cache(_FORMS_KEPT)
+def _sole(form: SegmentMesh) -> Floats:
+    """(V,) how much of the foot's depth every vertex takes: shoes are deep in the sole and thin elsewhere."""
+    z_heights = form.vertices_heights[:, 2]  # 0 at the ankle
+    return np.asarray(np.clip(z_heights / min(z_heights.min(), -_SHALLOWEST_FOOT), 0.0, 1.0))
 
 
 def _haunches(form: SegmentMesh, profiles: dict[str, Profile]) -> Floats:

@@ -19,6 +19,9 @@ _HIPS_ALIKE = 0.25
 _CHAIN_REACH = 1.5
 """Controls along a chain over which the correlation falls to 1/e."""
 _LIMB_BONES = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
+_MEAN_FACTORS = {"upper_arm": 0.97, "forearm": 1.01, "shank": 1.03, "foot_depth": 1.35}
+"""People's mean measures on those of the generic body. Bones: women and men in de Leva 1996 (J. Biomechanics
+29(9)), from joint centre to joint centre, over stature. Depth of the foot: soles of 1 to 4 cm under it."""
 _LONG_LIMBS = 0.4
 """Share of a limb bone's variance that all limb bones have in common."""
 _MOST_DEVIATIONS = 2.0
@@ -43,7 +46,9 @@ def _correlation() -> Floats:
 
 
 COVARIANCE: Floats = _correlation() * np.outer(DEVIATIONS, DEVIATIONS)
-"""(n, n) of the shape vectors of people, whose mean is zero, the generic body."""
+"""(n, n) of the shape vectors of people."""
+MEAN: Floats = np.log([_MEAN_FACTORS.get(name, 1.0) for name in INDEX])
+"""(n,) of the shape vectors of people; zero is the generic body."""
 WHITENING: Floats = np.linalg.inv(np.linalg.cholesky(COVARIANCE))
 """(n, n) W with |W x|² = x' COVARIANCE⁻¹ x: the prior's residuals W x in a least-squares fit."""
 

@@ -65,7 +65,7 @@ _PROFILES = {
     "leg_girth_calf": (0.14, 0.6, 1.8),
     "leg_girth_ankle": (0.15, 0.6, 2.0),
     "foot_width": (0.10, 0.6, 1.7),
-    "foot_depth": (0.25, 0.6, 2.2),
+    "foot_depth": (0.14, 0.7, 2.0),
 }
 
 
@@ -182,13 +182,20 @@ def _resampled(controls: Floats, n_controls: int) -> Floats:
 
 def with_true_height(x: Floats, mesh: OwnMesh | None = None) -> Floats:
     """The shape vector of the same body, to a millimetre or two, whose height parameter is its standing
-    height.
+    height without shoes.
 
     A fit may find a tall actor with short bones and slim profiles; written results should have the height
     that a measuring rod shows. Within the bounds.
     """
-    body = body_of(x, mesh)
+    body = body_of(without_shoes(x), mesh)
     return clip_to_bounds(x + np.log(body.standing_height_m / body.height_m) * _RESTATED)
+
+
+def without_shoes(x: Floats) -> Floats:
+    """The shape vector with feet no deeper than the generic ones."""
+    barefoot = x.copy()
+    barefoot[INDEX["foot_depth"]] = min(x[INDEX["foot_depth"]], 0.0)
+    return barefoot
 
 
 def body_of(x: Floats, mesh: OwnMesh | None = None) -> Body:

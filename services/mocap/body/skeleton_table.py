@@ -147,7 +147,7 @@ UPPER_ARM = SegmentRow(
             ("shoulder_axial_rotation", 1, "inward (internal), after both"),
         )),
     ),
-    lengths=(Length("upper_arm", 0.165, "y", 0.05, 0.75, 1.30),),
+    lengths=(Length("upper_arm", 0.165, "y", 0.035, 0.75, 1.30),),
     section=Section("yzx", 0.0, 0.165),
     width=_controls("arm_girth", "shoulder", "biceps", "elbow"),
     depth=_controls("arm_girth", "shoulder", "biceps", "elbow"),

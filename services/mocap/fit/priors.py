@@ -10,7 +10,7 @@ from math import inf
 import numpy as np
 
 from services.mocap.body.actor import DEFAULT_HEIGHT_M
-from services.mocap.body.shape_prior import COVARIANCE
+from services.mocap.body.shape_prior import COVARIANCE, MEAN
 from services.mocap.body.shape_space import INDEX
 from services.mocap.body.skeleton import DOFS, JOINTS, SEGMENTS, Dof
 from services.mocap.body.skeleton_table import EXTREMITY_WINDOW_PX
@@ -44,7 +44,7 @@ class Quadratic:
 
 
 class Prior:
-    """Draws shapes to the generic one, and poses to the initial ones."""
+    """Draws shapes to the mean of people, and poses to the initial ones."""
 
     def __init__(self, poses: Floats, weight_px3: float = WEIGHT_PX3, height_m: float | None = None) -> None:
         """poses (F, D): those begun with. weight_px3: in place of WEIGHT_PX3, as WEIGHT_APART_PX3. height_m:
@@ -52,7 +52,7 @@ class Prior:
         self._poses, self._weight_px3 = poses, weight_px3
         self.misfit = 1.0
         """How many times as much the prior on shapes counts."""
-        covariance, self._mean = COVARIANCE.copy(), np.zeros(len(COVARIANCE))
+        covariance, self._mean = COVARIANCE.copy(), MEAN.copy()
         if height_m is not None:
             height = INDEX["height"]
             self._mean[height] = np.log(height_m / DEFAULT_HEIGHT_M)

@@ -85,6 +85,8 @@ def test_one_factor_scales_the_whole_segment_in_one_direction(segment: str, exte
     factors = np.broadcast_to(factors_along(segment, extent, profiles), len(mesh_of(segment)))
     haunches = (segment, extent) == ("thigh", "width")
     bulk = (mesh_of(segment)[:, 1] < 0) | (mesh_of(segment)[:, 2] < -0.151) if haunches else factors > 0
+    if (segment, extent) == ("foot", "depth"):
+        bulk = mesh_of(segment)[:, 2] == mesh_of(segment)[:, 2].min()  # the sole
     np.testing.assert_allclose(factors[bulk], 1.25)
     other = "depth" if extent == "width" else "width"
     np.testing.assert_array_equal(factors_along(segment, other, profiles), 1.0)
@@ -114,6 +116,14 @@ def test_segments_that_share_a_joints_factor_have_one_curve_through_the_joint(
             curved = along * np.sign(bone) >= 0  # the pelvis goes on below its near end
             factors = np.asarray(factors_along(segment, extent, profiles))
             np.testing.assert_allclose(factors[curved], curve[curved], rtol=1e-12)
+
+
+def test_a_deep_foot_is_deep_below_the_ankle_and_mostly_at_the_sole() -> None:
+    z = mesh_of("foot")[:, 2]
+    factors = np.asarray(factors_along("foot", "depth", {"foot": Profile(depth=(1.5,))}))
+    np.testing.assert_array_equal(factors[z >= 0], 1.0)
+    assert np.all(np.diff((factors * z)[np.argsort(z)]) >= 0)
+    np.testing.assert_allclose(factors[z < 0], 1.0 + 0.5 * z[z < 0] / z.min())
 
 
 def test_the_pelvis_narrows_into_the_thighs() -> None:
