@@ -251,11 +251,11 @@ FOOT = SegmentRow(
         )),
     ),
     lengths=(Length("foot", 0.152, "xy", 0.045, 0.70, 1.5),),
-    section=Section("xyz", -0.038, 0.114), width=("foot_width",), depth=("foot_depth",),
+    section=Section("xyz", -0.035, 0.117), width=("foot_width",), depth=("foot_depth",),
     lofts=shapes.FOOT, garment="shoes",
     aliases=("ankle", "foot"),
     tool_names={"mixamo": "Foot", "cmu": "Foot", "unity": "Foot"},
-    tip=Tip((0.110, 0.0, -0.040)),
+    tip=Tip((0.113, 0.0, -0.040)),
 )  # fmt: skip
 
 ROWS = (PELVIS, TORSO, NECK, HEAD, UPPER_ARM, FOREARM, HAND, THIGH, SHANK, FOOT)
