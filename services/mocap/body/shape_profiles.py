@@ -132,8 +132,8 @@ _SHANK = _oval(
     (0.000, -0.0310, 0.0320, -0.0360, 0.0360),
     (0.034, -0.0295, 0.0305, -0.0340, 0.0345),
 )
-# Foot, in a shoe but for its sole: x from the ankle joint; across is from the inner to the outer side, depth from
-# sole to instep.
+# Foot, in a shoe but for its sole: x from the ankle joint; across is from the inner to the outer side, depth
+# from sole to instep.
 _FOOT: Stations = (
     (-0.035, -0.0160, 0.0160, -0.040, -0.008, 4.0, 2.0),
     (-0.023, -0.0185, 0.0185, -0.040, 0.005, 4.0, 2.0),
