@@ -12,14 +12,19 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from services.commands.consoles import TakeFolder, stderr, stdout, warn
+from services.commands.consoles import TakeFolder, say, stderr, stdout, warn
 from services.commands.fit import EVERY_CORE, MeshOption, fit_with_bar, imported
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
+from services.mocap.body.actor import build_body
+from services.mocap.body.measures import measure
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
+from services.mocap.export.formats import FormatName, write_defaults
+from services.mocap.result.result import load_result
 from services.mocap.search.overrides import search_settings
-from services.mocap.take.actor_file import take_actor
+from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.folder import open_take
+from services.mocap.take.layout import ACTOR
 from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_OUTPUT,
@@ -43,6 +48,9 @@ from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 from services.segmentation.segmenters import chosen_segmenter
+
+_WORTH_REFINING = 3
+"""Frames tracked over frames that the body was fitted to from which more of them are worth a second run."""
 
 
 def track(
@@ -72,11 +80,13 @@ def track(
     ] = None,
     mesh: MeshOption = None,
     refine: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--refine", help="Afterwards fit the body again, to frames of the whole take, and track again."
+            "--refine/--no-refine",
+            help="Afterwards fit the body again, to frames of the whole take, and track again; by default if "
+            "this run fitted it and the take is long enough.",
         ),
-    ] = False,
+    ] = None,
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
     cutoff_hz: CutoffOption = None,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
@@ -109,14 +119,13 @@ def track(
     check_cost(engine, job.search.cost)
     check_out(job.out)
     job = replace(job, page=tell_page(port) if watch else None)
-    if mesh is not None or (fitted is None and fit_first and take_actor(opened) is None):
-        report = _fit_and_track(job, *_first_fit(job, mesh))
-    else:
-        report = _track(job, [])
-    if refine:
-        n_frames, varied = DEFAULT_REFINE_FRAMES, job.search.body
-        again = partial(refine_take, opened, job.out, n_frames, segmenter=segmenter, body=varied)
-        report = _fit_and_track(job, again, [])
+    fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
+    enough = _WORTH_REFINING * len(init_frames(opened))
+    again = refine if refine is not None else fits and len(job.frames) >= enough
+    first = replace(job, overlay=overlay and not again)  # it would be drawn twice
+    report = _fit_and_track(first, *_first_fit(first, mesh)) if fits else _track(first, [])
+    if again:
+        report = _again(job, report, is_asked_for=refine is True)
     _summarise(report, job.out)
     if watch:
         view(job.out, take, port)
@@ -136,6 +145,32 @@ def _first_fit(job: TakeJob, mesh: Path | None) -> tuple[Callable[[Show], TakeFi
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
     frames, segmenter = init_frames(take), job.segmenter
     return partial(fit_take, take, frames, engine, job.search, mesh=own, segmenter=segmenter), warnings
+
+
+def _again(job: TakeJob, report: dict[str, Any], is_asked_for: bool) -> dict[str, Any]:
+    """Fit the actor to frames of the whole take, by the results in job.out, and track again.
+
+    Returns run.json. If the results have too few frames without a mark, they stay, and a warning says why;
+    UserError if it is asked for.
+    """
+    varied, before = job.search.body, read_actor(job.out / ACTOR)
+    fit = partial(refine_take, job.take, job.out, DEFAULT_REFINE_FRAMES, segmenter=job.segmenter, body=varied)
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        try:
+            found = fit_with_bar(job.take, Path(temporary), fit)
+        except UserError as error:
+            if is_asked_for:
+                raise
+            warn([f"the body was not fitted again to the whole take: {error}"])
+            made: tuple[FormatName, ...] = ("overlay", "report") if job.overlay else ()
+            write_defaults(job.out, load_result(job.out), made, lambda sentence: warn([sentence]))
+            return report
+        report = _track(replace(job, fitted=Path(temporary)), found.warnings)
+    rows = zip(*(measure(build_body(actor)) for actor in (before, read_actor(job.out / ACTOR))), strict=True)
+    was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
+    changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
+    say(f"the body was fitted again, to frames of the whole take; {changed}", stdout)
+    return report
 
 
 def _fit_and_track(job: TakeJob, work: Callable[[Show], TakeFit], warnings: list[str]) -> dict[str, Any]:
