@@ -12,7 +12,7 @@ from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned
 from services.mocap.search.alignment.matching import SHARES
-from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
+from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, LimbName
 from services.mocap.search.error_by_part import error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
@@ -26,6 +26,8 @@ from services.mocap.types import Bytes, Floats
 _SLACK = 1.05
 """Accept an alignment whose energy is up to 5 % above that of its start: contours locate edges to sub-pixel
 precision, pixel counts cannot."""
+_ARMS: tuple[LimbName, ...] = ("left_arm", "right_arm")
+"""In the order of contact_px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,8 @@ class _Seen:
 
     aligned: Aligned
     covered: Bytes
+    contact_px: Floats
+    """(2,) of each arm, within the energy."""
     energy: float
 
     @property
@@ -55,10 +59,16 @@ class _Search:
         covered = self.model.backend.coverage(
             aligned.pose[None], ALL_SEGMENTS, self.whole.region, self.settings.detail_px
         )[0]
+        contact_px = self.contact_px(aligned.pose)
         if self.settings.cost == Cost():
             differing = (covered ^ self.whole.silhouettes) & ~self.whole.ignored
-            return _Seen(aligned, covered, float(count_bits(differing)))
-        return _Seen(aligned, covered, float(self._priced(aligned.pose[None])[0]))
+            return _Seen(aligned, covered, contact_px, float(count_bits(differing)) + contact_px.sum())
+        energy_px = float(self._priced(aligned.pose[None])[0])
+        return _Seen(aligned, covered, contact_px, energy_px + contact_px.sum())
+
+    def contact_px(self, pose: Floats) -> Floats:
+        """(2,) what each arm costs for being inside the trunk or the head."""
+        return np.asarray(self.model.aligner(self.settings).contact_px(pose[None], self.settings)[0])
 
     @cached_property
     def _priced(self) -> Callable[[Floats], Floats]:
@@ -82,8 +92,12 @@ class _Search:
         return replace(start, aligned=replace(start.aligned, rim_px=aligned.aligned.rim_px))
 
     def differences(self, seen: _Seen) -> Differences:
-        """The differences between a pose and the input."""
-        return differences(self.model, self.whole, seen.pose, seen.covered)
+        """The differences between a pose and the input; what arms inside the trunk cost is among them."""
+        found = differences(self.model, self.whole, seen.pose, seen.covered)
+        for arm, px in zip(_ARMS, seen.contact_px, strict=True):
+            found.px[arm] += round(px)
+            found.nearest_px[arm] += round(px)
+        return found
 
     def expecting(self, best: _Seen, expected: _Seen, parts: list[Part]) -> _Seen:
         """The best pose, with limbs in doubt where they were expected: alignments may lead them astray."""

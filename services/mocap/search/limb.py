@@ -4,6 +4,7 @@ import numpy as np
 
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.body.skeleton import DOFS
+from services.mocap.energy.backend import Energy
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import LIMBS, Limb, LimbName, Stage
 from services.mocap.search.descent import Minimum
@@ -61,6 +62,7 @@ def solve_limb(
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
     if settings.method == "contours":
+        energy = _with_contacts(model, limb.main, pose, settings, energy)
         return _align_limb(model, limb, seen, pose, settings, Tried(points, energy(points)))
     return _descend_limb(model, limb, seen, pose, settings, best_of(energy, points))
 
@@ -88,6 +90,7 @@ def _align_limb(
     """Align from the best grid points that are not neighbours; returns the best by XOR."""
     whole_limb = Stage(limb.dofs, limb.main.segments, limb.main.window_px)
     energy, start, _ = prepare(model, whole_limb, seen, pose, settings)
+    energy = _with_contacts(model, whole_limb, pose, settings, energy)
     aligner = model.aligner(settings)
     candidates = [start]
     for point in tried.best_apart(_STARTS, 1.5 * _grid_steps(limb.main, settings)):
@@ -99,6 +102,20 @@ def _align_limb(
     steps = (len(candidates) - 1) // 2 * settings.contour_steps
     evaluations = len(tried.points) + found.evaluations + steps
     return Solution(limb.dofs, found.values, found.energy_px, evaluations)
+
+
+def _with_contacts(
+    model: Model, stage: Stage, pose: Floats, settings: SearchSettings, energy: Energy
+) -> Energy:
+    """A stage's energy with what arms inside the trunk or the head cost."""
+    aligner = model.aligner(settings)
+
+    def priced(values: Floats) -> Floats:
+        poses = np.tile(pose, (len(values), 1))
+        poses[:, list(stage.dofs)] = values
+        return np.asarray(energy(values) + aligner.contact_px(poses, settings).sum(axis=1))
+
+    return priced
 
 
 def _grid_counts(limb: Limb, settings: SearchSettings) -> tuple[int, ...]:

@@ -21,6 +21,7 @@ from services.mocap.energy.cpu.mesh import FlatMesh
 from services.mocap.energy.cpu.outline import scratch_for
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture
+from services.mocap.search.alignment.contacts import Contacts, depths_m
 from services.mocap.search.alignment.matching import OWN_REACH_PX, input_of, room_for, views_of
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
@@ -44,6 +45,8 @@ _FINE = 0.2
 """Of the level of detail, in the last steps."""
 _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
 """Largest step, in metres and radians."""
+_CONTACT_WEIGHT = 1e4
+"""Of the square of a depth in metres, for each unit of the setting and each camera."""
 _ALL_JOINTS = np.arange(N_JOINTS, dtype=np.int32)
 _EVERYTHING = np.array(ALL_SEGMENTS, np.int32)
 _LIMITS = np.array([LOWER, UPPER])
@@ -77,6 +80,7 @@ class Aligner:
             (*RimMesh.of(body, levels, max(_COARSE_M / self._scale, _COARSEST_M)),),
             (*RimMesh.of(body),),
         )
+        self._contacts = Contacts.of(body)
         self._room = room_for(self._rims[-1])
 
     def align(
@@ -101,15 +105,24 @@ class Aligner:
         drawing = (_EVERYTHING, self._mesh, self._scratch, cameras, canvas)
         pulling, seen = np.array(segments, np.int32), input_of(picture)
         coarse_rim, fine_rim = self._rims
+        contact_weight = _CONTACT_WEIGHT * settings.contact * float(views[2].sum()) * self._scale**3
         pose, _, _ = follow(
             pose, self._offsets_m, _ALL_JOINTS, seen, drawing, settings.detail_px,
             (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, prior, _LIMITS,
+            self._contacts, contact_weight,
         )  # fmt: skip
         pose, prior_cost, rim_px = follow(
             pose, self._offsets_m, _ALL_JOINTS, seen, drawing, _FINE * settings.detail_px,
             (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, prior, _LIMITS,
+            self._contacts, contact_weight,
         )  # fmt: skip
         return Aligned(pose, prior_cost, rim_px)
+
+    def contact_px(self, poses: Floats, settings: SearchSettings) -> Floats:
+        """(N, 2) what the left and the right arm cost for being inside trunk or head in poses (N, D)."""
+        weights = settings.weights(self._rig.n_cameras)
+        depths_cm = 100.0 * depths_m(self._contacts, self._offsets_m, poses)
+        return np.asarray(settings.contact * weights.sum() * self._scale**2 * depths_cm)
 
     def _steps(self, settings: SearchSettings) -> Floats:
         """(K, 3) as follow takes them: from far to near."""

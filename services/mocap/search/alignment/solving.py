@@ -9,6 +9,7 @@ from services.mocap.body.kinematics import N_DOF, N_JOINTS, SEGMENT_JOINTS, plac
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.evaluation import cover
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch
+from services.mocap.search.alignment.contacts import Contacts, add_contacts
 from services.mocap.search.alignment.matching import (
     SHARES,
     Input,
@@ -42,12 +43,15 @@ def follow(
     free: Floats,
     prior: Floats,
     limits: Floats,
+    contacts: Contacts,
+    contact_weight: float,
 ) -> tuple[Floats, float, Floats]:
     """Move a pose (D,) so that the rim comes to lie on the contours.
 
     steps (K, 3): for every step the reach, the cap, and the damping as a share of the diagonal. free (D,): 1
     for parameters that vary. prior (3, D): target, weight of its square, and the largest step. limits (2,
-    D). Returns the pose, the prior's cost at the last match, and the rim's shares (S, SHARES) there.
+    D). contact_weight: as for add_contacts. Returns the pose, the prior's cost (with that of contacts) at
+    the last match, and the rim's shares (S, SHARES) there.
     """
     segments, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
@@ -71,7 +75,7 @@ def follow(
                 )  # fmt: skip
                 add_matches(matches, n, cap_px, wrenches, pulls)
         hessian, slope = normal_equations(twists, wrenches, pulls)
-        prior_cost = 0.0
+        prior_cost = add_contacts(contacts, contact_weight, T_world_joint[0], twists, hessian, slope)
         for d in range(N_DOF):
             off = pose[d] - prior[0, d]
             prior_cost += prior[1, d] * off * off
