@@ -39,6 +39,7 @@ from services.mocap.take.tables import PoseTable
 from services.mocap.types import Floats
 from services.recorder.result_folder import results_into
 from services.runs.fit import TakeFit, fit_take, init_frames
+from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
 from services.segmentation.silhouettes import Segmenter, packed
@@ -71,6 +72,18 @@ def fit(
     found = fit_take(
         take, init_frames(take), engine, search, lambda _stage, _share: None, segmenter=segmenter
     )
+    for sentence in found.warnings:
+        warnings.warn(sentence, stacklevel=2)
+    return found
+
+
+def refine(take: Take, result: Path, n_frames: int = DEFAULT_REFINE_FRAMES, segmenter: str = AUTO) -> TakeFit:
+    """Fit the actor of a result again, to n frames of the whole take; track again with what is returned.
+
+    `xormocap track` does so by itself. Raises UserError if the result belongs to another take or has fewer
+    than two frames without a mark.
+    """
+    found = refine_take(take, result, n_frames, lambda _stage, _share: None, segmenter=segmenter)
     for sentence in found.warnings:
         warnings.warn(sentence, stacklevel=2)
     return found

@@ -16,16 +16,17 @@ from rich.table import Table
 from bench.limb_scores import LIMBS, RIGHT_MM
 from bench.people import true_joints_m
 from bench.studio_takes import with_true_silhouettes
-from services.library import fit, track
+from services.library import fit, refine, track, write_result
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.search.lost_probability import EVIDENCE, LOST_M, WEIGHTS
 from services.mocap.take.actor_file import take_actor
-from services.mocap.take.folder import open_take
+from services.mocap.take.folder import Take, open_take
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.take.tables import REFERENCE_JOINTS, from_take_world
 from services.mocap.types import Floats, Mask
+from services.runs.fit import TakeFit
 
 _JUDGED_BY: dict[Part, tuple[str, ...]] = {
     "torso": ("left_hip", "right_hip", "left_shoulder", "right_shoulder", "neck"),
@@ -60,7 +61,7 @@ def known_of(folder: Path, *, true_silhouettes: bool) -> Known:
         made = Path(temporary) / folder.resolve().name
         take = open_take(with_true_silhouettes(folder, made) if true_silhouettes else folder)
         true_m = from_take_world(true_joints_m(take), take.settings.up)
-        actor = take_actor(take) or fit(take)
+        actor = take_actor(take) or _fitted_twice(take, Path(temporary) / "result")
         body = build_body(actor if isinstance(actor, Actor) else actor.actor)
         evidence, off_mm = list[Floats](), list[float]()
         for frame in track(take, actor):
@@ -75,6 +76,12 @@ def known_of(folder: Path, *, true_silhouettes: bool) -> Known:
             evidence.append(frame.solution.evidence)
             off_mm += [1000.0 * max(float(off_m[joint]) for joint in _JUDGED_BY[part]) for part in PARTS]
         return Known(made.name, np.concatenate(evidence), np.array(off_mm))
+
+
+def _fitted_twice(take: Take, result: Path) -> TakeFit:
+    first = fit(take)
+    write_result(result, take, first.actor, track(take, first), formats=())
+    return refine(take, result)
 
 
 def weights_of(takes: list[Known]) -> Floats:

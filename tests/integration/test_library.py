@@ -6,7 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.library import OutputSettings, SearchSettings, fit, open_take, take_actor, track, write_result
+from services.library import (
+    OutputSettings,
+    SearchSettings,
+    fit,
+    open_take,
+    refine,
+    take_actor,
+    track,
+    write_result,
+)
 from services.mocap.errors import UserError
 from services.mocap.result.result import load_result
 from services.mocap.take.folder import Take
@@ -66,6 +75,15 @@ def test_a_fit_knows_the_first_pose(take: Take) -> None:
     np.testing.assert_array_equal(found.pose, told.pose)
     searched = next(track(take, fitted.actor, range(1, 2))).solution
     assert found.evaluations < searched.evaluations
+
+
+def test_an_actor_is_fitted_again_where_it_was_tracked(take: Take, tracked: Path) -> None:
+    found = refine(take, tracked, n_frames=3)
+    assert found.frames == (14, 16, 19)
+    assert found.actor.height == pytest.approx(take.settings.actor_height, rel=0.01)
+    assert found.fit.after.energy_px.sum() <= found.fit.before.energy_px.sum()
+    with pytest.raises(UserError, match="expected at least 2 with --refine"):
+        refine(take, tracked, n_frames=1)
 
 
 def test_what_does_not_suit_the_take_is_refused_at_once(take: Take) -> None:

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from services.commands.track import track
 from services.mocap.body.actor import build_body
 from services.mocap.body.measures import measure
+from services.mocap.errors import UserError
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor, write_actor
 from services.mocap.take.layout import ACTOR
@@ -99,3 +101,43 @@ def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
         assert abs(found_cm[word] - true_cm[word]) < 100 * abs(off_m), word
     assert "fit" in json.loads((out / "run.json").read_text())
     assert len(read_poses_csv(out / "poses.csv").frames) == 6
+
+
+@pytest.fixture
+def strange_take(quick_take: Path, tmp_path: Path) -> Path:
+    """A take without an actor, whose body is fitted to its first two frames."""
+    take = tmp_path / "strange"
+    shutil.copytree(quick_take, take)
+    (take / ACTOR).unlink()
+    settings = (take / "take.toml").read_text()
+    (take / "take.toml").write_text(f"{settings}init_frames = 2\n")
+    return take
+
+
+def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again(
+    strange_take: Path, xormocap: Command, tmp_path: Path
+) -> None:
+    short, long = tmp_path / "short", tmp_path / "long"
+    for frames, out in (("0:5", short), ("0:6", long)):
+        done = xormocap("track", strange_take, "--frames", frames, "--no-overlay", "--out", out)
+        assert done.returncode == 0, done.stderr
+        is_again = "the body was fitted again, to frames of the whole take; most changed: " in done.stdout
+        assert is_again == (out == long)
+    assert len(read_poses_csv(short / "fit" / "poses.csv").frames) == 2
+    assert len(read_poses_csv(long / "fit" / "poses.csv").frames) == len(_trusted_frames(long)) == 6
+
+
+def test_results_that_allow_no_second_fit_stay(
+    strange_take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def nothing_to_trust(*_: object, **__: object) -> None:
+        raise UserError("expected at least 2 frames without a mark")
+
+    monkeypatch.setattr("services.commands.track.refine_take", nothing_to_trust)
+    out = tmp_path / "out"
+    track(strange_take, out, frames="0:6")
+    assert "was not fitted again to the whole take: expected at least 2 frames" in capfd.readouterr().err
+    assert len(read_poses_csv(out / "poses.csv").frames) == 6
+    assert (out / "overlay.mp4").exists()
+    with pytest.raises(UserError, match="expected at least 2 frames without a mark"):
+        track(strange_take, tmp_path / "asked", frames="0:6", overlay=False, refine=True)
