@@ -1,6 +1,7 @@
 """`xormocap fit --refine` and `track --refine`: the body fitted again, where it has been tracked."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from services.mocap.body.measures import measure
 from services.mocap.errors import UserError
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor, write_actor
+from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
 
@@ -109,8 +111,9 @@ def strange_take(quick_take: Path, tmp_path: Path) -> Path:
     take = tmp_path / "strange"
     shutil.copytree(quick_take, take)
     (take / ACTOR).unlink()
-    settings = (take / "take.toml").read_text()
-    (take / "take.toml").write_text(f"{settings}init_frames = 2\n")
+    settings = take / "take.toml"
+    settings.write_text(re.sub(r"(?m)^init_frames = .*$", "init_frames = 2", settings.read_text()))
+    assert open_take(take).settings.init_frames == 2
     return take
 
 
