@@ -1,30 +1,22 @@
 """`xormocap track`: tracks a recorded take."""
 
-import tempfile
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from services.commands.consoles import TakeFolder, say, stderr, stdout, warn
-from services.commands.fit import EVERY_CORE, MeshOption, fit_with_bar, imported
+from services.commands.consoles import TakeFolder, stdout
+from services.commands.fit import MeshOption
+from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
-from services.mocap.body.actor import build_body
-from services.mocap.body.measures import measure
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
-from services.mocap.export.formats import FormatName, write_defaults
-from services.mocap.result.result import load_result
 from services.mocap.search.overrides import search_settings
-from services.mocap.take.actor_file import read_actor, take_actor
+from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
-from services.mocap.take.layout import ACTOR
 from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_OUTPUT,
@@ -42,11 +34,8 @@ from services.options import (
     output_settings,
 )
 from services.recorder.result_folder import check_out
-from services.runs.fit import Show, TakeFit, fit_take, init_frames
-from services.runs.progress import Progress as Run
-from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
+from services.runs.fit import init_frames
 from services.runs.track import TakeJob
-from services.runs.track import track as track_take
 from services.segmentation.segmenters import chosen_segmenter
 
 _WORTH_REFINING = 3
@@ -123,87 +112,12 @@ def track(
     enough = _WORTH_REFINING * len(init_frames(opened))
     again = refine if refine is not None else fits and len(job.frames) >= enough
     first = replace(job, overlay=overlay and not again)  # it would be drawn twice
-    report = _fit_and_track(first, *_first_fit(first, mesh)) if fits else _track(first, [])
+    report = fit_and_track(first, mesh, goes_on=again) if fits else track_with_bar(first, [])
     if again:
-        report = _again(job, report, is_asked_for=refine is True)
+        report = track_again(job, report, is_asked_for=refine is True)
     _summarise(report, job.out)
     if watch:
         view(job.out, take, port)
-
-
-def _first_fit(job: TakeJob, mesh: Path | None) -> tuple[Callable[[Show], TakeFit], list[str]]:
-    """What fits the actor to the first frames of a take, and warnings."""
-    warnings: list[str] = []
-    own, take = imported(mesh, warnings), job.take
-    command = f"xormocap fit {take.folder}"
-    if mesh is None:
-        warnings.append(
-            f"{take.folder}: has no actor.toml: fitted one for this run; {command} puts one there"
-        )
-    else:
-        warnings.append(f"{mesh}: was fitted for this run; {command} --mesh {mesh} keeps it in the take")
-    engine = job.engine.model_copy(update={"threads": EVERY_CORE})
-    frames, segmenter = init_frames(take), job.segmenter
-    return partial(fit_take, take, frames, engine, job.search, mesh=own, segmenter=segmenter), warnings
-
-
-def _again(job: TakeJob, report: dict[str, Any], is_asked_for: bool) -> dict[str, Any]:
-    """Fit the actor to frames of the whole take, by the results in job.out, and track again.
-
-    Returns run.json. If the results have too few frames without a mark, they stay, and a warning says why;
-    UserError if it is asked for.
-    """
-    varied, before = job.search.body, read_actor(job.out / ACTOR)
-    fit = partial(refine_take, job.take, job.out, DEFAULT_REFINE_FRAMES, segmenter=job.segmenter, body=varied)
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        try:
-            found = fit_with_bar(job.take, Path(temporary), fit)
-        except UserError as error:
-            if is_asked_for:
-                raise
-            warn([f"the body was not fitted again to the whole take: {error}"])
-            made: tuple[FormatName, ...] = ("overlay", "report") if job.overlay else ()
-            write_defaults(job.out, load_result(job.out), made, lambda sentence: warn([sentence]))
-            return report
-        report = _track(replace(job, fitted=Path(temporary)), found.warnings)
-    rows = zip(*(measure(build_body(actor)) for actor in (before, read_actor(job.out / ACTOR))), strict=True)
-    was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
-    changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
-    say(f"the body was fitted again, to frames of the whole take; {changed}", stdout)
-    return report
-
-
-def _fit_and_track(job: TakeJob, work: Callable[[Show], TakeFit], warnings: list[str]) -> dict[str, Any]:
-    """Fit an actor for this run only, then track; returns run.json."""
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        found = fit_with_bar(job.take, Path(temporary), work)
-        return _track(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
-
-
-def _track(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
-    """Track with a progress bar; returns run.json. Prints these warnings and the run's at the end."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed}/{task.total} frames"),
-        TextColumn("{task.fields[fps]:.1f} fps  energy {task.fields[energy]:.0f} px"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=stderr) as bar:
-        task = bar.add_task("starting", total=len(job.frames), fps=0.0, energy=0.0)
-
-        def show(run: Run) -> None:
-            bar.update(
-                task,
-                completed=run.frames_done,
-                fps=run.frames_per_s,
-                energy=run.energy_px,
-                description=run.stage,
-            )
-
-        report = track_take(job, show=show, warn=warnings.append)
-    warn(warnings)
-    return report
 
 
 def _summarise(report: dict[str, Any], folder: Path) -> None:

@@ -5,6 +5,7 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,11 +13,15 @@ from services.commands.track import track
 from services.mocap.body.actor import build_body
 from services.mocap.body.measures import measure
 from services.mocap.errors import UserError
+from services.mocap.result.layout import journal_of, partial_of
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor, write_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
+from services.runs.local_run import Interrupted
+from services.runs.track import TakeJob
+from services.runs.track import track as track_take
 
 Command = Callable[..., object]
 _OFF_M = 0.02
@@ -133,7 +138,7 @@ def test_results_that_allow_no_second_fit_stay(
     def nothing_to_trust(*_: object, **__: object) -> None:
         raise UserError("expected at least 2 frames without a mark")
 
-    monkeypatch.setattr("services.commands.track.refine_take", nothing_to_trust)
+    monkeypatch.setattr("services.commands.fitted_runs.refine_take", nothing_to_trust)
     out = tmp_path / "out"
     track(strange_take, out, frames="0:6")
     assert "was not fitted again to the whole take: expected at least 2 frames" in capfd.readouterr().err
@@ -141,3 +146,29 @@ def test_results_that_allow_no_second_fit_stay(
     assert (out / "overlay.mp4").exists()
     with pytest.raises(UserError, match="expected at least 2 frames without a mark"):
         track(strange_take, tmp_path / "asked", frames="0:2", fitted=out / "fit", refine=True)
+
+
+def test_a_second_run_that_was_interrupted_goes_on_without_the_first(
+    strange_take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It fits the body twice, which gives the same bodies, and then tracks as its journal says."""
+    out, jobs, runs = tmp_path / "out", list[TakeJob](), iter([track_take, _interrupted, track_take])
+
+    def counted(job: TakeJob, **watched: Any) -> dict[str, Any]:
+        jobs.append(job)
+        return next(runs)(job, **watched)
+
+    monkeypatch.setattr("services.commands.fitted_runs.track_take", counted)
+    with pytest.raises(Interrupted):
+        track(strange_take, out, frames="0:6", overlay=False)
+    first = read_actor(out / ACTOR)
+    track(strange_take, out, frames="0:6", overlay=False)
+    assert len(jobs) == 3
+    assert read_actor(out / ACTOR) != first
+    assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == 6
+
+
+def _interrupted(job: TakeJob, **_: Any) -> dict[str, Any]:
+    partial_of(job.out).mkdir()
+    journal_of(job.out).touch()
+    raise Interrupted(partial_of(job.out))

@@ -1,0 +1,121 @@
+"""Tracks a take with a progress bar: with a body as it is given, or fitted before, or fitted again after."""
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from services.commands.consoles import say, stderr, stdout, warn
+from services.commands.fit import EVERY_CORE, fit_with_bar, imported
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.measures import measure
+from services.mocap.errors import UserError
+from services.mocap.export.formats import FormatName, write_defaults
+from services.mocap.result.layout import journal_of
+from services.mocap.result.result import load_result
+from services.mocap.take.actor_file import read_actor
+from services.mocap.take.layout import ACTOR
+from services.runs.fit import Show, TakeFit, fit_take, init_frames
+from services.runs.progress import Progress as Run
+from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
+from services.runs.track import TakeJob
+from services.runs.track import track as track_take
+
+
+def track_with_bar(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
+    """Track with a progress bar; returns run.json. Prints these warnings and the run's at the end."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total} frames"),
+        TextColumn("{task.fields[fps]:.1f} fps  energy {task.fields[energy]:.0f} px"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=stderr) as bar:
+        task = bar.add_task("starting", total=len(job.frames), fps=0.0, energy=0.0)
+
+        def show(run: Run) -> None:
+            bar.update(
+                task,
+                completed=run.frames_done,
+                fps=run.frames_per_s,
+                energy=run.energy_px,
+                description=run.stage,
+            )
+
+        report = track_take(job, show=show, warn=warnings.append)
+    warn(warnings)
+    return report
+
+
+def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str, Any]:
+    """Fit an actor to the first frames, for this run only, and track; returns run.json.
+
+    mesh: a file with an own mesh to fit. goes_on: whether track_again follows; then a run whose results are
+    there already is not repeated if the next one was interrupted.
+    """
+    work, warnings = _first_fit(job, mesh)
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        found = fit_with_bar(job.take, Path(temporary), work)
+        if goes_on and (report := _tracked_before(job, found.actor)):
+            return report
+        return track_with_bar(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
+
+
+def _first_fit(job: TakeJob, mesh: Path | None) -> tuple[Callable[[Show], TakeFit], list[str]]:
+    """What fits the actor to the first frames of a take, and warnings."""
+    warnings: list[str] = []
+    own, take = imported(mesh, warnings), job.take
+    command = f"xormocap fit {take.folder}"
+    if mesh is None:
+        warnings.append(
+            f"{take.folder}: has no actor.toml: fitted one for this run; {command} puts one there"
+        )
+    else:
+        warnings.append(f"{mesh}: was fitted for this run; {command} --mesh {mesh} keeps it in the take")
+    engine = job.engine.model_copy(update={"threads": EVERY_CORE})
+    frames, segmenter = init_frames(take), job.segmenter
+    return partial(fit_take, take, frames, engine, job.search, mesh=own, segmenter=segmenter), warnings
+
+
+def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
+    """The run.json of this job's first run, if its results are there and the second run's journal too."""
+    if not journal_of(job.out).exists():
+        return {}
+    try:
+        found = load_result(job.out)
+    except UserError:
+        return {}
+    asked = (actor, list(job.frames), job.search.to_wire())
+    settings = found.run.get("settings", {}).get("search")
+    return found.run if asked == (found.actor, found.frames.tolist(), settings) else {}
+
+
+def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> dict[str, Any]:
+    """Fit the actor to frames of the whole take, by the results in job.out, and track again.
+
+    Returns run.json. If the results have too few frames without a mark, they stay, and a warning says why;
+    UserError if it is asked for.
+    """
+    varied, before = job.search.body, read_actor(job.out / ACTOR)
+    fit = partial(refine_take, job.take, job.out, DEFAULT_REFINE_FRAMES, segmenter=job.segmenter, body=varied)
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        try:
+            found = fit_with_bar(job.take, Path(temporary), fit)
+        except UserError as error:
+            if is_asked_for:
+                raise
+            warn([f"the body was not fitted again to the whole take: {error}"])
+            made: tuple[FormatName, ...] = ("overlay", "report") if job.overlay else ()
+            write_defaults(job.out, load_result(job.out), made, lambda sentence: warn([sentence]))
+            return report
+        report = track_with_bar(replace(job, fitted=Path(temporary)), found.warnings)
+    rows = zip(*(measure(build_body(actor)) for actor in (before, read_actor(job.out / ACTOR))), strict=True)
+    was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
+    changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
+    say(f"the body was fitted again, to frames of the whole take; {changed}", stdout)
+    return report
