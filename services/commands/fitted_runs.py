@@ -98,8 +98,8 @@ def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
 def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> dict[str, Any]:
     """Fit the actor to frames of the whole take, by the results in job.out, and track again.
 
-    Returns run.json. If the results have too few frames without a mark, they stay, and a warning says why;
-    UserError if it is asked for.
+    Returns run.json. The results stay where that finds no better actor, and where they have too few frames
+    without a mark: then a warning says so, or UserError is raised if it is asked for.
     """
     varied, before = job.search.body, read_actor(job.out / ACTOR)
     fit = partial(refine_take, job.take, job.out, DEFAULT_REFINE_FRAMES, segmenter=job.segmenter, body=varied)
@@ -110,12 +110,20 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
             if is_asked_for:
                 raise
             warn([f"the body was not fitted again to the whole take: {error}"])
-            made: tuple[FormatName, ...] = ("overlay", "report") if job.overlay else ()
-            write_defaults(job.out, load_result(job.out), made, lambda sentence: warn([sentence]))
-            return report
+            return _kept(job, report)
+        if found.actor == before:
+            say("a second fit, to frames of the whole take, left the body as it is", stdout)
+            return _kept(job, report)
         report = track_with_bar(replace(job, fitted=Path(temporary)), found.warnings)
-    rows = zip(*(measure(build_body(actor)) for actor in (before, read_actor(job.out / ACTOR))), strict=True)
+    rows = zip(*(measure(build_body(actor)) for actor in (before, found.actor)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
     changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
     say(f"the body was fitted again, to frames of the whole take; {changed}", stdout)
+    return report
+
+
+def _kept(job: TakeJob, report: dict[str, Any]) -> dict[str, Any]:
+    """The report of the first run, whose results get the overlay that was left to the second."""
+    made: tuple[FormatName, ...] = ("overlay", "report") if job.overlay else ()
+    write_defaults(job.out, load_result(job.out), made, lambda sentence: warn([sentence]))
     return report

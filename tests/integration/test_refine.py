@@ -4,22 +4,30 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
+from services.commands.fitted_runs import track_again
 from services.commands.track import track
 from services.mocap.body.actor import build_body
 from services.mocap.body.measures import measure
+from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
 from services.mocap.result.layout import journal_of, partial_of
 from services.mocap.result.result import load_result
+from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, write_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
-from services.runs.local_run import Interrupted
+from services.runs import Interrupted
+from services.runs.fit import TakeFit, fit_take
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
@@ -122,36 +130,10 @@ def strange_take(known_take: Path, tmp_path: Path) -> Path:
     return take
 
 
-def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again(
-    strange_take: Path, xormocap: Command, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    done = xormocap("track", strange_take, "--frames", "0:6", "--no-overlay", "--out", out)
-    assert done.returncode == 0, done.stderr
-    assert "the body was fitted again, to frames of the whole take; most changed: " in done.stdout
-    assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == len(_trusted_frames(out)) == 6
-
-
-def test_results_that_allow_no_second_fit_stay(
+def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupted_second_run_goes_on(
     strange_take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def nothing_to_trust(*_: object, **__: object) -> None:
-        raise UserError("expected at least 2 frames without a mark")
-
-    monkeypatch.setattr("services.commands.fitted_runs.refine_take", nothing_to_trust)
-    out = tmp_path / "out"
-    track(strange_take, out, frames="0:6")
-    assert "was not fitted again to the whole take: expected at least 2 frames" in capfd.readouterr().err
-    assert len(read_poses_csv(out / "poses.csv").frames) == 6
-    assert (out / "overlay.mp4").exists()
-    with pytest.raises(UserError, match="expected at least 2 frames without a mark"):
-        track(strange_take, tmp_path / "asked", frames="0:2", fitted=out / "fit", refine=True)
-
-
-def test_a_second_run_that_was_interrupted_goes_on_without_the_first(
-    strange_take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It fits the body twice, which gives the same bodies, and then tracks as its journal says."""
+    """Both fits give the same bodies again; the first run is not repeated."""
     out, jobs, runs = tmp_path / "out", list[TakeJob](), iter([track_take, _interrupted, track_take])
 
     def counted(job: TakeJob, **watched: Any) -> dict[str, Any]:
@@ -159,6 +141,7 @@ def test_a_second_run_that_was_interrupted_goes_on_without_the_first(
         return next(runs)(job, **watched)
 
     monkeypatch.setattr("services.commands.fitted_runs.track_take", counted)
+    monkeypatch.setattr("services.commands.fitted_runs.fit_take", _fitted_badly)
     with pytest.raises(Interrupted):
         track(strange_take, out, frames="0:6", overlay=False)
     first = read_actor(out / ACTOR)
@@ -166,9 +149,42 @@ def test_a_second_run_that_was_interrupted_goes_on_without_the_first(
     assert len(jobs) == 3
     assert read_actor(out / ACTOR) != first
     assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == 6
+    assert "the body was fitted again, to frames of the whole take; most changed: " in capfd.readouterr().out
+
+
+def _fitted_badly(*asked: Any, **settings: Any) -> TakeFit:
+    found = fit_take(*asked, **settings)
+    bones_m = found.actor.bone_lengths
+    wrong_m = {bone: bones_m[bone] + off_m for bone, _, off_m in _WRONG}
+    return replace(found, actor=found.actor.model_copy(update={"bone_lengths": bones_m | wrong_m}))
 
 
 def _interrupted(job: TakeJob, **_: Any) -> dict[str, Any]:
     partial_of(job.out).mkdir()
     journal_of(job.out).touch()
     raise Interrupted(partial_of(job.out))
+
+
+def test_results_stay_where_no_second_fit_is_possible_or_better(
+    strange_take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    nothing_to_trust = Mock(side_effect=UserError("expected at least 2 frames without a mark"))
+    out = tmp_path / "out"
+    monkeypatch.setattr("services.commands.fitted_runs.refine_take", nothing_to_trust)
+    track(strange_take, out, frames="0:6")
+    assert "was not fitted again to the whole take: expected at least 2 frames" in capfd.readouterr().err
+    assert len(read_poses_csv(out / "poses.csv").frames) == 6
+    assert (out / "overlay.mp4").exists()
+
+    job = TakeJob(
+        out=out, workers=0, engine=EngineSettings(), search=SearchSettings(), take=open_take(strange_take),
+        frames=range(6), overlay=False,
+    )  # fmt: skip
+    report, known = {"speed": {}}, load_result(out)
+    with pytest.raises(UserError, match="expected at least 2 frames without a mark"):
+        track_again(job, report, is_asked_for=True)
+    same = SimpleNamespace(actor=known.actor, warnings=[])
+    monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: same)
+    assert track_again(job, report, is_asked_for=True) is report
+    assert "left the body as it is" in capfd.readouterr().out
+    np.testing.assert_array_equal(load_result(out).poses, known.poses)
