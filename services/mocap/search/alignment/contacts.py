@@ -53,20 +53,24 @@ class Contacts(NamedTuple):
             points_m += [share * tip_m for share in _HAND_SHARES]
         return cls(
             SEGMENT_JOINTS[stacks],
-            np.array([_stack(body.vertices_m[s]) for s in stacks]),
+            np.array([_stack(body.vertices_m[s], body.faces[s]) for s in stacks]),
             np.array(joints, np.int32),
             np.array(points_m),
         )
 
 
-def _stack(vertices_m: Floats) -> Floats:
-    """(E, 4) ellipses around vertices (V, 3), as in Contacts."""
-    heights_m = np.linspace(vertices_m[:, 2].min(), vertices_m[:, 2].max(), _ELLIPSES)
+def _stack(vertices_m: Floats, faces: Ints) -> Floats:
+    """(E, 4) ellipses around the sections of a closed mesh, as in Contacts."""
+    ends_m = vertices_m[np.concatenate([faces[:, [k, k - 1]] for k in range(3)])]  # of edges
+    low_m, high_m = vertices_m[:, 2].min(), vertices_m[:, 2].max()
     rows = []
-    for height_m in heights_m:
-        near = vertices_m[np.abs(vertices_m[:, 2] - height_m) <= heights_m[1] - heights_m[0]]
-        back, front = near[:, 0].min(), near[:, 0].max()
-        rows.append((height_m, (back + front) / 2, (front - back) / 2, np.abs(near[:, 1]).max()))
+    for height_m in np.linspace(low_m, high_m, _ELLIPSES + 2)[1:-1]:
+        above = ends_m[:, :, 2] > height_m
+        a, b = ends_m[above[:, 0] != above[:, 1]].transpose(1, 2, 0)
+        share = (height_m - a[2]) / (b[2] - a[2])
+        depths_m, widths_m = (a + share * (b - a))[:2]
+        back_m, front_m = depths_m.min(), depths_m.max()
+        rows.append((height_m, (back_m + front_m) / 2, (front_m - back_m) / 2, np.abs(widths_m).max()))
     return np.array(rows)
 
 
