@@ -42,7 +42,7 @@ BONES: dict[str, Bone] = {
 """The trunk's mesh widens too: with shoulder_width at the shoulders and above, with the hip joints at the
 hips and below, and smoothly between."""
 
-_SHOULDERS = 0.280
+_SHOULDERS = 0.287
 """Height of the shoulder joints over the hips', in body heights."""
 _HIPS_SHARE = 0.536
 """Share of the trunk's width at the hips between the hip joints."""

@@ -43,9 +43,9 @@ SECTIONS: dict[str, Section] = {row.name: row.section for row in ROWS}
 _CONTINUES = {row.name: row.continued_by for row in ROWS if row.continued_by is not None}
 """Segments whose bone continues straight in another segment in the rest pose."""
 _CONTINUED = {after: before for before, after in _CONTINUES.items()}
-_CROTCH_POSITION = -0.6
+_CROTCH_POSITION = -0.38
 """Where along its bone the pelvis has become as deep as the thighs that come out of it."""
-_HAUNCH_POSITION = 0.62
+_HAUNCH_POSITION = 0.60
 """Where along the thigh its outer half has its own width again, which at the hip makes one outline with the
 pelvis."""
 _SHALLOWEST_FOOT = 0.01

@@ -54,8 +54,8 @@ PELVIS = SegmentRow(
             ("pelvis_tilt", -1, "leaning forward"),
         )),
     ),
-    lengths=(Length("hip_width", 0.105, "", 0.08, 0.65, 1.5), Length("pelvis", 0.075, "z", 0.08, 0.65, 1.5)),
-    section=Section("zyx", 0.0, 0.075),
+    lengths=(Length("hip_width", 0.105, "", 0.08, 0.65, 1.5), Length("pelvis", 0.087, "z", 0.08, 0.65, 1.5)),
+    section=Section("zyx", 0.0, 0.087),
     width=_controls("trunk_width", "hip", "belly", "waist"),
     depth=_controls("trunk_depth", "hip", "belly", "waist"),
     lofts=shapes.PELVIS, garment="trousers", continued_by="torso",
@@ -65,7 +65,7 @@ PELVIS = SegmentRow(
 
 TORSO = SegmentRow(
     name="torso", joint="waist", parent="pelvis",
-    offset_heights=(0.0, 0.0, 0.075), offset_bones={"z": "pelvis"},
+    offset_heights=(0.0, 0.0, 0.087), offset_bones={"z": "pelvis"},
     paired=False, part="torso", window_px=_WHOLE_PICTURE,
     parameters=(
         Parameter("waist_pitch", "swing", _Y, -30.0, 70.0, rest=0.1, in_paper=False),
@@ -128,7 +128,7 @@ HEAD = SegmentRow(
 
 UPPER_ARM = SegmentRow(
     name="upper_arm", joint="shoulder", parent="waist",
-    offset_heights=(0.0, 0.1075, 0.205), offset_bones={"y": "shoulder_width", "z": "torso"},
+    offset_heights=(0.0, 0.1075, 0.200), offset_bones={"y": "shoulder_width", "z": "torso"},
     paired=True, part="arm", window_px=_LIMB_WINDOW_PX,
     parameters=(
         Parameter("shoulder_elevation", "swing", _X, -115.0, 100.0),
@@ -211,8 +211,8 @@ THIGH = SegmentRow(
             ("hip_rotation", 1, "inward (internal)"),
         )),
     ),
-    lengths=(Length("thigh", 0.243, "z", 0.05, 0.75, 1.30),),
-    section=Section("zyx", 0.0, -0.243),
+    lengths=(Length("thigh", 0.231, "z", 0.05, 0.75, 1.30),),
+    section=Section("zyx", 0.0, -0.231),
     width=_controls("leg_girth", "hip", "thigh", "knee"),
     depth=_controls("leg_girth", "hip", "thigh", "knee"),
     lofts=shapes.THIGH, garment="trousers", continued_by="shank",
@@ -222,7 +222,7 @@ THIGH = SegmentRow(
 
 SHANK = SegmentRow(
     name="shank", joint="knee", parent="hip",
-    offset_heights=(0.0, 0.0, -0.243), offset_bones={"z": "thigh"},
+    offset_heights=(0.0, 0.0, -0.231), offset_bones={"z": "thigh"},
     paired=True, part="leg", window_px=_LIMB_WINDOW_PX,
     parameters=(Parameter("knee_flexion", "swing", _Y, -8.0, 150.0),),
     angles=(Turns("ZXY", (("knee_flexion", -1, "heel to the buttocks"),)),),
@@ -260,5 +260,5 @@ FOOT = SegmentRow(
 
 ROWS = (PELVIS, TORSO, NECK, HEAD, UPPER_ARM, FOREARM, HAND, THIGH, SHANK, FOOT)
 """Parents before their children."""
-PELVIS_HEIGHT = 0.525
+PELVIS_HEIGHT = 0.513
 """Height of the hip centres over the sole, in body heights, when standing upright in the rest pose."""
