@@ -22,6 +22,7 @@ from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit, fit_actor
+from services.mocap.fit.skirts import in_best_skirt
 from services.mocap.fit.uncertainty import with_uncertainties
 from services.mocap.search.first_frame import FirstFrame, first_guess, tell_facing
 from services.mocap.search.first_pose import FirstPose
@@ -114,6 +115,15 @@ def fit_take(
                 lambda pose, told: fitter(rig, seen, guess.actor, pose, told, search.body, height_m),
                 progress,
             )
+            pose, fit = (
+                pose,
+                _dressed(
+                    fit,
+                    lambda actor: fitter(rig, seen, actor, pose, progress, search.body, height_m),
+                    rig,
+                    seen,
+                ),
+            )
         _check_alone(rig, seen[0], fit, names, is_told=height_m is not None)
         start = (guess.actor, pose)
         return concluded(frames, cameras, seen, start, fit, clock.seconds, warnings)
@@ -139,6 +149,14 @@ def fit_best_way_round(
     ways.sort(key=lambda way: _total_px(way[1]))
     tell_facing(FirstPose(*(FrameSolution(start, _total_px(found)) for start, found in ways)))
     return ways[0]
+
+
+def _dressed(fit: Fit, fit_again: Callable[[Actor], Fit], rig: Rig, seen: TriPlanes) -> Fit:
+    """The fit, or a better one of the same actor in a skirt or a coat."""
+    actor = in_best_skirt(fit.actor, fit.poses, rig, seen)
+    if actor.skirt is None:
+        return fit
+    return min(fit, fit_again(Actor(height=actor.height, mesh=actor.mesh, skirt=actor.skirt)), key=_total_px)
 
 
 def _total_px(fit: Fit) -> float:
@@ -180,7 +198,7 @@ def concluded(
         sentence = untold_parts(Model(body, rig, backend), seen, fit.poses, names, when, where)
     if sentence:
         log.warning("%s", sentence)
-    measures = measure(body)
+    measures = measure(build_body(actor.undressed))
     if fit.shape_covariance is not None:
         measures = with_uncertainties(measures, actor, fit.shape_covariance)
     return TakeFit(frames, cameras, seen, *start, actor, fit, measures, seconds, warnings)

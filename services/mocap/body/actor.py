@@ -16,6 +16,7 @@ from services.mocap.body.kinematics import N_DOF, segment_transforms
 from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
 from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
+from services.mocap.body.skirt import Skirt, with_skirt
 from services.mocap.body.surface import volume_m3
 from services.mocap.types import Floats, Ints
 
@@ -52,6 +53,9 @@ class Actor(BaseModel):
     mesh: OwnMesh | None = Field(default=None, description="a table with file and sha256 of an own mesh")
     """A user's own mesh in place of the generic body; the other fields then refer to it."""
 
+    skirt: Skirt | None = Field(default=None, description="a table with length and flare")
+    """A skirt or the tails of a coat, if the actor wears one."""
+
     @field_validator("bone_lengths")
     @classmethod
     def _known_and_plausible(cls, lengths: dict[str, float]) -> dict[str, float]:
@@ -68,6 +72,17 @@ class Actor(BaseModel):
         check_profiles(profiles)
         return profiles
 
+    @property
+    def form(self) -> BodyMesh:
+        """The mesh that it shapes: its own or the generic one, in a skirt if it wears one."""
+        mesh = self.mesh or generic_mesh()
+        return mesh if self.skirt is None else with_skirt(mesh, self.skirt)
+
+    @property
+    def undressed(self) -> "Actor":
+        """The actor without a skirt."""
+        return self.model_copy(update={"skirt": None})
+
     def to_toml(self) -> str:
         """The text of actor.toml, in the order of BONES and SECTIONS, so that equal actors have one hash."""
         lengths = {name: self.bone_lengths[name] for name in BONES if name in self.bone_lengths}
@@ -77,6 +92,8 @@ class Actor(BaseModel):
         tables: dict[str, object] = {"height": self.height, "bone_lengths": lengths, "profiles": profiles}
         if self.mesh is not None:
             tables["mesh"] = self._mesh_name(self.mesh)
+        if self.skirt is not None:
+            tables["skirt"] = self.skirt.model_dump()
         if not profiles:
             del tables["profiles"]  # keeps the text and the hash of actors without profiles
         return tomli_w.dumps(tables)
@@ -155,7 +172,7 @@ class Body:
 
 def build_body(actor: Actor) -> Body:
     """The generic body or an own mesh, scaled to height, along bones to their lengths, across by profiles."""
-    mesh = actor.mesh or generic_mesh()
+    mesh = actor.form
     lengths_m = {name: length * actor.height for name, length in mesh.lengths_heights.items()}
     ratios = {
         name: length_m / (BONES[name].length_heights * actor.height)

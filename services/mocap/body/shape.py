@@ -14,7 +14,7 @@ from services.mocap.body.skeleton import SEGMENTS
 from services.mocap.types import Floats, Ints
 
 # Gives about 21,400 triangles in all, as many as the model of Theobalt et al. 2003 has.
-_EDGE_HEIGHTS = 0.0101
+EDGE_HEIGHTS = 0.0101
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ def generic_segments() -> tuple[SegmentMesh, ...]:
             left = built[f"left_{segment.row.name}"]
             vertices_heights, faces = left.vertices_heights * (1.0, -1.0, 1.0), left.faces[:, ::-1].copy()
         else:
-            parts = [loft_mesh(loft, _EDGE_HEIGHTS) for loft in segment.row.lofts]
+            parts = [loft_mesh(loft, EDGE_HEIGHTS) for loft in segment.row.lofts]
             first = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
             vertices_heights = np.vstack([vertices for vertices, _ in parts])
             of_all = [own + start for (_, own), start in zip(parts, first[:-1], strict=True)]

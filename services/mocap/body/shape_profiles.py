@@ -185,3 +185,15 @@ HAND = (
 THIGH = (Loft("zyx", _THIGH, -0.264, 0.054, 0.034, 0.048, (_KNEECAP,)),)
 SHANK = (Loft("zyx", _SHANK, -0.262, 0.033, 0.021, 0.033),)
 FOOT = (Loft("xyz", _FOOT, -0.035, 0.117, 0.016, 0.014),)
+_SKIRT_TOP, _SKIRT_CAP, _EASE = 0.015, 0.004, 0.006
+"""Where a skirt begins over the hip joints, inside the pelvis; its rounding; its distance from the hips."""
+
+
+def skirt(length: float, flare: float) -> Loft:
+    """The cone of a skirt that hangs `length` under the hip joints, its hem `flare` outside of the hips."""
+    _, _, half_width, back, front, *_ = min(_TRUNK, key=lambda row: abs(row[0]))
+    rows = []
+    for z, out in ((-length, _EASE + flare), (0.0, _EASE), (_SKIRT_TOP, _EASE)):
+        across = half_width + out
+        rows.append((z, -across, across, back - out, front + out, 2.3, 2.3))
+    return Loft("zyx", tuple(rows), -length, _SKIRT_TOP, _SKIRT_CAP, _SKIRT_CAP)

@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 
 from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, build_body
-from services.mocap.body.body_mesh import OwnMesh, generic_mesh
 from services.mocap.body.bones import BONES
 from services.mocap.body.profiles import Profile, bezier_weights
 from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats
 
 Kind = Literal["height", "bone", "profile"]
+GENERIC_ACTOR = Actor()
 
 
 @dataclass(frozen=True)
@@ -131,13 +131,10 @@ def clip_to_bounds(x: Floats) -> Floats:
     return np.clip(x, LOWER, UPPER)
 
 
-def actor_of(x: Floats, mesh: OwnMesh | None = None) -> Actor:
-    """The actor of a shape vector (len(PARAMETERS),) within the bounds.
-
-    mesh: the mesh of the shape's factors, if it is not the generic body.
-    """
+def actor_of(x: Floats, base: Actor = GENERIC_ACTOR) -> Actor:
+    """The actor of a shape vector (len(PARAMETERS),) within the bounds, with the mesh and skirt of base."""
     factors = dict(zip(INDEX, np.exp(x).tolist(), strict=True))
-    lengths_heights = (mesh or generic_mesh()).lengths_heights
+    lengths_heights = base.form.lengths_heights
     height_m = DEFAULT_HEIGHT_M * factors["height"]
     return Actor(
         height=height_m,
@@ -148,7 +145,8 @@ def actor_of(x: Floats, mesh: OwnMesh | None = None) -> Actor:
             )
             for segment, (width, depth) in _CONTROLS.items()
         },
-        mesh=mesh,
+        mesh=base.mesh,
+        skirt=base.skirt,
     )
 
 
@@ -158,7 +156,7 @@ def vector_of(actor: Actor) -> Floats:
     Zero is the actor's own mesh, if there is one. Profiles with other numbers of controls are
     approximated; controls that the space shares are averaged.
     """
-    lengths_heights = (actor.mesh or generic_mesh()).lengths_heights
+    lengths_heights = actor.form.lengths_heights
     votes: dict[str, list[float]] = {name: [] for name in INDEX}
     votes["height"].append(actor.height / DEFAULT_HEIGHT_M)
     for name, length_m in actor.bone_lengths.items():
@@ -180,14 +178,14 @@ def _resampled(controls: Floats, n_controls: int) -> Floats:
     return np.clip(np.asarray(nearest, np.float64), controls.min(), controls.max())
 
 
-def with_true_height(x: Floats, mesh: OwnMesh | None = None) -> Floats:
+def with_true_height(x: Floats, base: Actor = GENERIC_ACTOR) -> Floats:
     """The shape vector of the same body, to a millimetre or two, whose height parameter is its standing
     height without shoes.
 
     A fit may find a tall actor with short bones and slim profiles; written results should have the height
     that a measuring rod shows. Within the bounds.
     """
-    body = body_of(without_shoes(x), mesh)
+    body = body_of(without_shoes(x), base)
     return clip_to_bounds(x + np.log(body.standing_height_m / body.height_m) * _RESTATED)
 
 
@@ -198,9 +196,9 @@ def without_shoes(x: Floats) -> Floats:
     return barefoot
 
 
-def body_of(x: Floats, mesh: OwnMesh | None = None) -> Body:
-    """The body of a shape vector (len(PARAMETERS),)."""
-    return build_body(actor_of(x, mesh))
+def body_of(x: Floats, base: Actor = GENERIC_ACTOR) -> Body:
+    """The body of a shape vector (len(PARAMETERS),), with the mesh and the skirt of base."""
+    return build_body(actor_of(x, base))
 
 
 def vertices_of(x: Floats) -> list[Floats]:

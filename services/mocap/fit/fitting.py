@@ -7,7 +7,6 @@ import numpy as np
 
 from services.mocap.body import shape_space
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.body.skeleton import BODY_DOFS, BodyName, pose_of_body
 from services.mocap.camera.rig import Rig
@@ -82,13 +81,13 @@ def fit_actor(
     contours = contours_of(rig, seen, _CONTOUR_POINTS)
     account = _Account(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
-    state = _place(rig, contours, begun, following, account, body, start.mesh)
+    state = _place(rig, contours, begun, following, account, body, start)
     prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3, height_m)
-    fitting = Fitting(rig, contours, prior, start.mesh)
+    fitting = Fitting(rig, contours, prior, start)
     for stage in _of_body(_SHAPING, body):
         state = fitting.run(state, stage, account.step_of(n_frames))
-    x = state.x if height_m is not None else shape_space.with_true_height(state.x, start.mesh)
-    actor = shape_space.actor_of(x, start.mesh)
+    x = state.x if height_m is not None else shape_space.with_true_height(state.x, start)
+    actor = shape_space.actor_of(x, start)
     before = quality_of(build_body(start), starts, rig, seen)
     covariance = fitting.shape_covariance(state, _of_body(_SHAPING, body)[-1])
     after = quality_of(build_body(actor), state.poses, rig, seen)
@@ -105,7 +104,7 @@ def _place(
     following: bool,
     account: "_Account",
     body: BodyName,
-    mesh: OwnMesh | None,
+    start: Actor,
 ) -> State:
     """Height, and all poses, one frame after the other.
 
@@ -119,8 +118,8 @@ def _place(
         if following and f:
             starts = [poses[f - 1], clip_to_limits(2.0 * poses[f - 1] - poses[max(f - 2, 0)])]
         found = list[tuple[State, float]]()
-        for start in starts:
-            fitting, at = Fitting(rig, [views], Prior(start[None]), mesh), State(x, start[None])
+        for pose in starts:
+            fitting, at = Fitting(rig, [views], Prior(pose[None]), start), State(x, pose[None])
             for stage in stages:
                 at = fitting.run(at, stage, account.step_of(1))
             found.append((at, fitting.cost(at, stages[-1])))

@@ -6,8 +6,7 @@ import numba
 import numpy as np
 
 from services.mocap.body import shape_space
-from services.mocap.body.actor import Body
-from services.mocap.body.body_mesh import OwnMesh
+from services.mocap.body.actor import Actor, Body
 from services.mocap.body.kinematics import N_DOF, SEGMENT_JOINTS, joint_transforms
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS
 from services.mocap.camera.rig import Rig
@@ -32,16 +31,16 @@ class ShapeSlopes:
     """(S, J, 3)"""
 
     @classmethod
-    def at(cls, x: Floats, parameters: tuple[int, ...], mesh: OwnMesh | None = None) -> "ShapeSlopes":
-        """By differences from the shape vector x (len(PARAMETERS),), of an own mesh where there is one."""
-        body = shape_space.body_of(x, mesh)
+    def at(cls, x: Floats, parameters: tuple[int, ...], base: Actor) -> "ShapeSlopes":
+        """By differences from the shape vector x (len(PARAMETERS),), with the mesh and the skirt of base."""
+        body = shape_space.body_of(x, base)
         vertices_m = np.vstack(body.vertices_m)
         vertex_slopes_m = np.empty((len(vertices_m), len(parameters), 3))
         offset_slopes_m = np.empty((len(parameters), len(JOINTS), 3))
         for k, parameter in enumerate(parameters):
             moved = x.copy()
             moved[parameter] += _STEP
-            other = shape_space.body_of(moved, mesh)
+            other = shape_space.body_of(moved, base)
             vertex_slopes_m[:, k] = (np.vstack(other.vertices_m) - vertices_m) / _STEP
             offset_slopes_m[k] = (other.offsets_m - body.offsets_m) / _STEP
         return cls(body, vertices_m, vertex_slopes_m, offset_slopes_m)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from services.mocap.body import shape_space
-from services.mocap.body.body_mesh import OwnMesh
+from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import Contour
@@ -48,13 +48,13 @@ class _Matched:
 class Fitting:
     """The least-squares problem of some frames: contours of F frames before a rig, and a prior.
 
-    mesh: what shapes are shapes of, where that is not the generic body.
+    base: has the mesh and the skirt whose shapes are sought.
     """
 
     def __init__(
-        self, rig: Rig, contours: list[list[Contour]], prior: Prior, mesh: OwnMesh | None = None
+        self, rig: Rig, contours: list[list[Contour]], prior: Prior, base: Actor = shape_space.GENERIC_ACTOR
     ) -> None:
-        self._rig, self._contours, self._prior, self._mesh = rig, contours, prior, mesh
+        self._rig, self._contours, self._prior, self._base = rig, contours, prior, base
         self._camera_weights = np.ones(rig.n_cameras)
 
     def run(self, state: State, stage: Stage, on_step: Callable[[], None]) -> State:
@@ -73,7 +73,7 @@ class Fitting:
             on_step()
             if since_best >= stage.patience:
                 continue
-            slopes = ShapeSlopes.at(current.state.x, stage.parameters, self._mesh)
+            slopes = ShapeSlopes.at(current.state.x, stage.parameters, self._base)
             stepped = self._linearise(current, slopes, stage).step(current.state, stage)
             current = self._matched(stepped, stage)
             trail.append(current)
@@ -95,7 +95,7 @@ class Fitting:
         common offset of all outlines is added to both.
         """
         current = self._matched(state, stage)
-        slopes = ShapeSlopes.at(state.x, stage.parameters, self._mesh)
+        slopes = ShapeSlopes.at(state.x, stage.parameters, self._base)
         information = self._linearise(current, slopes, stage).shape_information()
         known = self._prior.shape_precision(self._n_views)[np.ix_(stage.parameters, stage.parameters)]
         scatter = WEIGHT_PX3 * _misfit(current) * (information - known) + self._prior.shape_weight_px3 * known
@@ -110,7 +110,7 @@ class Fitting:
         return covariance
 
     def _match(self, state: State) -> list[list[Matches]]:
-        body = shape_space.body_of(state.x, self._mesh)
+        body = shape_space.body_of(state.x, self._base)
         return [
             match_frame(body, pose, self._rig, contours)
             for pose, contours in zip(state.poses, self._contours, strict=True)

@@ -64,6 +64,7 @@ def rounded(actor: Actor) -> Actor:
             for name, profile in actor.profiles.items()
         },
         mesh=actor.mesh,
+        skirt=actor.skirt,
     )
 
 

@@ -21,6 +21,8 @@ _STACKS = ("pelvis", "torso", "head")
 _FOREARM_SHARES = (0.25, 0.5, 0.75, 1.0)
 _HAND_SHARES = (0.33, 0.66, 0.9)
 _SHOULDER_CARRIER = int(SEGMENT_JOINTS[SEGMENT_INDEX["torso"]])
+_LOWEST_HEIGHTS = -0.06
+"""Of what counts, from a segment's joint, in body heights: skirts hang lower and give way."""
 _CENTRAL = 1e-3
 """Of an ellipse's radius: nearer to its centre no direction leads out."""
 _ALL_JOINTS = np.arange(N_JOINTS, dtype=np.int32)
@@ -53,16 +55,18 @@ class Contacts(NamedTuple):
             points_m += [share * tip_m for share in _HAND_SHARES]
         return cls(
             SEGMENT_JOINTS[stacks],
-            np.array([_stack(body.vertices_m[s], body.faces[s]) for s in stacks]),
+            np.array(
+                [_stack(body.vertices_m[s], body.faces[s], _LOWEST_HEIGHTS * body.height_m) for s in stacks]
+            ),
             np.array(joints, np.int32),
             np.array(points_m),
         )
 
 
-def _stack(vertices_m: Floats, faces: Ints) -> Floats:
-    """(E, 4) ellipses around the sections of a closed mesh, as in Contacts."""
+def _stack(vertices_m: Floats, faces: Ints, lowest_m: float) -> Floats:
+    """(E, 4) ellipses around the sections of a closed mesh above a height, as in Contacts."""
     ends_m = vertices_m[np.concatenate([faces[:, [k, k - 1]] for k in range(3)])]  # of edges
-    low_m, high_m = vertices_m[:, 2].min(), vertices_m[:, 2].max()
+    low_m, high_m = max(vertices_m[:, 2].min(), lowest_m), vertices_m[:, 2].max()
     rows = []
     for height_m in np.linspace(low_m, high_m, _ELLIPSES + 2)[1:-1]:
         above = ends_m[:, :, 2] > height_m
