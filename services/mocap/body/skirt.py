@@ -42,4 +42,3 @@ def with_skirt(mesh: BodyMesh, skirt: Skirt) -> BodyMesh:
     segments = list(mesh.segments)
     segments[SEGMENT_INDEX["pelvis"]] = SegmentMesh(pelvis.name, vertices_heights, faces)
     return BodyMesh(tuple(segments), mesh.offsets_heights, mesh.lengths_heights)
-
