@@ -115,7 +115,7 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
             say("a second fit, to frames of the whole take, left the body as it is", stdout)
             return _kept(job, report)
         report = track_with_bar(replace(job, fitted=Path(temporary)), found.warnings)
-    rows = zip(*(measure(build_body(actor.undressed)) for actor in (before, found.actor)), strict=True)
+    rows = zip(*(measure(build_body(actor.wearing(None))) for actor in (before, found.actor)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
     changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
     say(f"the body was fitted again, to frames of the whole take; {changed}", stdout)

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -48,6 +49,10 @@ DEFAULT_INIT_FRAMES = 10
 DRAWING_FROM = 0.97
 _RIVAL = 1.2
 """A body is also fitted to the opposite first pose if that has at most this many times the energy."""
+_SKIRT = (
+    "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what legs do in it is "
+    "estimated from what is visible of them"
+)
 _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}
 """Total progress at the end of each stage; drawing follows."""
 
@@ -110,20 +115,15 @@ def fit_take(
             guess = guess_first_pose(rig, seen[0], take.settings, opened, told, mesh, names)
         with clock.stage("fitting the actor") as progress:
             height_m = take.settings.actor_height
-            pose, fit = fit_best_way_round(
-                guess.first,
-                lambda pose, told: fitter(rig, seen, guess.actor, pose, told, search.body, height_m),
-                progress,
-            )
-            pose, fit = (
-                pose,
-                _dressed(
-                    fit,
-                    lambda actor: fitter(rig, seen, actor, pose, progress, search.body, height_m),
-                    rig,
-                    seen,
-                ),
-            )
+
+            def fit_from(actor: Actor, pose: Floats, told: Callable[[float], None]) -> Fit:
+                return fitter(rig, seen, actor, pose, told, search.body, height_m)
+
+            pose, fit = fit_best_way_round(guess.first, partial(fit_from, guess.actor), progress)
+            skirt = in_best_skirt(fit.actor, fit.poses, rig, seen).skirt
+            if skirt is not None:
+                dressed = fit_from(guess.actor.wearing(skirt), pose, lambda _: None)
+                fit = min(fit, dressed, key=_total_px)
         _check_alone(rig, seen[0], fit, names, is_told=height_m is not None)
         start = (guess.actor, pose)
         return concluded(frames, cameras, seen, start, fit, clock.seconds, warnings)
@@ -149,14 +149,6 @@ def fit_best_way_round(
     ways.sort(key=lambda way: _total_px(way[1]))
     tell_facing(FirstPose(*(FrameSolution(start, _total_px(found)) for start, found in ways)))
     return ways[0]
-
-
-def _dressed(fit: Fit, fit_again: Callable[[Actor], Fit], rig: Rig, seen: TriPlanes) -> Fit:
-    """The fit, or a better one of the same actor in a skirt or a coat."""
-    actor = in_best_skirt(fit.actor, fit.poses, rig, seen)
-    if actor.skirt is None:
-        return fit
-    return min(fit, fit_again(Actor(height=actor.height, mesh=actor.mesh, skirt=actor.skirt)), key=_total_px)
 
 
 def _total_px(fit: Fit) -> float:
@@ -198,7 +190,9 @@ def concluded(
         sentence = untold_parts(Model(body, rig, backend), seen, fit.poses, names, when, where)
     if sentence:
         log.warning("%s", sentence)
-    measures = measure(build_body(actor.undressed))
+    if actor.skirt is not None:
+        log.warning(_SKIRT, 100.0 * actor.skirt.length * actor.height)
+    measures = measure(build_body(actor.wearing(None)))
     if fit.shape_covariance is not None:
         measures = with_uncertainties(measures, actor, fit.shape_covariance)
     return TakeFit(frames, cameras, seen, *start, actor, fit, measures, seconds, warnings)

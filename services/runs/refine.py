@@ -13,6 +13,7 @@ from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import fit_actor
+from services.mocap.fit.skirts import in_best_skirt
 from services.mocap.result.result import load_result
 from services.mocap.take.folder import Take
 from services.mocap.types import Ints, Mask
@@ -56,7 +57,9 @@ def refine_take(
             cameras, seen = seen_of(take, frames, segmenter, progress)
         with clock.stage("fitting the actor") as progress:
             height_m = take.settings.actor_height
-            fit = fitter(Rig.of(cameras), seen, found.actor, poses, progress, body, height_m)
+            rig = Rig.of(cameras)
+            start = in_best_skirt(found.actor, poses, rig, seen)
+            fit = fitter(rig, seen, start, poses, progress, body, height_m)
         return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
 
 

@@ -78,10 +78,9 @@ class Actor(BaseModel):
         mesh = self.mesh or generic_mesh()
         return mesh if self.skirt is None else with_skirt(mesh, self.skirt)
 
-    @property
-    def undressed(self) -> "Actor":
-        """The actor without a skirt."""
-        return self.model_copy(update={"skirt": None})
+    def wearing(self, skirt: Skirt | None) -> "Actor":
+        """The same actor in another skirt, or in none."""
+        return self.model_copy(update={"skirt": skirt})
 
     def to_toml(self) -> str:
         """The text of actor.toml, in the order of BONES and SECTIONS, so that equal actors have one hash."""

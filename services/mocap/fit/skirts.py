@@ -10,6 +10,7 @@ from services.mocap.types import Floats
 _LENGTHS_HEIGHTS = (0.18, 0.24, 0.30, 0.36, 0.42)
 _FLARES_HEIGHTS = (0.0, 0.025, 0.05, 0.08)
 _FIRST_FLARE_HEIGHTS = 0.025
+"""With which the lengths are compared."""
 _LEAST_GAIN = 0.15
 """Share of the energy that a skirt must explain; loose trousers and long shirts reach less."""
 
@@ -18,24 +19,10 @@ def in_best_skirt(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Act
     """The actor in the skirt that fits silhouettes (F, P, H, W) best in poses (F, D), or without one."""
 
     def energy_px(skirt: Skirt | None) -> float:
-        worn = actor.model_copy(update={"skirt": skirt})
-        return float(quality_of(build_body(worn), poses, rig, seen).energy_px.sum())
+        return float(quality_of(build_body(actor.wearing(skirt)), poses, rig, seen).energy_px.sum())
 
     lengths = [Skirt(length=length, flare=_FIRST_FLARE_HEIGHTS) for length in _LENGTHS_HEIGHTS]
-    longest = min(lengths, key=energy_px)
-    flares = [longest.model_copy(update={"flare": flare}) for flare in _FLARES_HEIGHTS]
-    best = min(flares, key=energy_px)
-    gain = 1.0 - energy_px(best) / max(energy_px(None), 1.0)
-    import os
-
-    if os.environ.get("SKIRT_DEBUG"):
-        print(
-            "skirt",
-            [round(energy_px(s)) for s in lengths],
-            [round(energy_px(s)) for s in flares],
-            round(energy_px(None)),
-            best,
-            round(gain, 3),
-            flush=True,
-        )
-    return actor.model_copy(update={"skirt": best if gain > _LEAST_GAIN else None})
+    length = min(lengths, key=energy_px).length
+    best = min((Skirt(length=length, flare=flare) for flare in _FLARES_HEIGHTS), key=energy_px)
+    explains = energy_px(best) < (1.0 - _LEAST_GAIN) * energy_px(None)
+    return actor.wearing(best if explains else None)

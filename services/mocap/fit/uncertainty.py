@@ -35,4 +35,4 @@ def with_uncertainties(
 
 def _cm(actor: Actor, x: Floats) -> Floats:
     """(M,) the measures of a shape vector of the actor's mesh."""
-    return np.array([row.cm for row in measure(body_of(x, actor.undressed))])
+    return np.array([row.cm for row in measure(body_of(x, actor.wearing(None)))])

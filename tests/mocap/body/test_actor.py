@@ -22,6 +22,7 @@ from services.mocap.body.skeleton import (
     UPPER,
 )
 from services.mocap.body.skeleton_table import PELVIS_HEIGHT
+from services.mocap.body.skirt import Skirt
 from services.mocap.types import Floats
 
 HEIGHT_M = 1.8
@@ -34,6 +35,7 @@ ACTORS = st.builds(
     profiles=st.dictionaries(
         st.sampled_from(list(SECTIONS)), st.builds(Profile, width=FACTORS, depth=FACTORS), max_size=3
     ),
+    skirt=st.none() | st.builds(Skirt, length=st.floats(0.05, 0.5), flare=st.floats(0.0, 0.2)),
 )
 TRUNK_WIDTHS = {"hip_width", "shoulder_width"}  # they widen the trunk between them
 # Two joints whose distance along an axis is the bone's length, where it has such.
@@ -84,7 +86,8 @@ def changed_coordinates(body: Body, other: Body) -> tuple[set[tuple[str, str]], 
 def test_toml_round_trip(actor: Actor) -> None:
     assert Actor.from_toml(actor.to_toml()) == actor
     assert Actor.from_toml(actor.to_toml()).content_hash == actor.content_hash
-    fields = set(Actor.model_fields) - {"mesh"} - ({"profiles"} if not actor.profiles else set())
+    unset = {name for name in ("mesh", "profiles", "skirt") if not getattr(actor, name)}
+    fields = set(Actor.model_fields) - unset
     assert set(tomllib.loads(actor.to_toml())) == fields
 
 

@@ -142,7 +142,7 @@ def test_the_thighs_outer_side_goes_on_in_the_pelvis_outline(factor: float, girt
     body = build_body(Actor(height=1.0, profiles=profiles))
     pelvis, thigh = (body.vertices_m[SEGMENT_INDEX[name]] for name in ("pelvis", "left_thigh"))
     hip_m = body.offsets_m[JOINT_INDEX["left_hip"], 1]
-    at_hips, at_thigh = np.abs(pelvis[:, 2]) < 0.01, np.abs(thigh[:, 2] + 0.03) < 0.01
+    at_hips, at_thigh = np.abs(pelvis[:, 2] - 0.012) < 0.01, np.abs(thigh[:, 2] + 0.018) < 0.01
     edges_m = pelvis[at_hips, 1].max(), hip_m + thigh[at_thigh, 1].max()
     assert edges_m[0] == pytest.approx(edges_m[1], abs=0.008)
     inner = thigh[:, 1] < 0

@@ -97,10 +97,10 @@ def test_the_fit_shapes_an_own_mesh_as_it_does_the_generic_one(imported: Importe
     zero = np.zeros(len(PARAMETERS))
     plain = Actor(height=1.72, mesh=imported.mesh)
     np.testing.assert_allclose(vector_of(plain), zero, atol=1e-12)
-    same, own = build_body(actor_of(zero, imported.mesh)), build_body(plain)
+    same, own = build_body(actor_of(zero, plain)), build_body(plain)
     np.testing.assert_allclose(np.vstack(same.vertices_m), np.vstack(own.vertices_m), atol=1e-12)
     x = np.linspace(-0.05, 0.05, len(PARAMETERS))
-    np.testing.assert_allclose(vector_of(actor_of(x, imported.mesh)), x, atol=1e-12)
+    np.testing.assert_allclose(vector_of(actor_of(x, plain)), x, atol=1e-12)
     longer = build_body(Actor(height=1.72, mesh=imported.mesh, bone_lengths={"forearm": 0.3}))
     moved = np.abs(longer.offsets_m - own.offsets_m).max(axis=1) > 1e-9
     assert {joint.name for joint, m in zip(JOINTS, moved, strict=True) if m} == {"left_wrist", "right_wrist"}
