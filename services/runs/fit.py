@@ -48,7 +48,7 @@ log = logging.getLogger(__name__)
 DEFAULT_INIT_FRAMES = 10
 DRAWING_FROM = 0.97
 _RIVAL = 1.2
-"""A body is also fitted to the opposite first pose if that has at most this many times the energy."""
+"""A body is fitted to the opposite first pose too if that has at most this many times the energy."""
 _SKIRT = (
     "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what legs do in it is "
     "estimated from what is visible of them"
