@@ -50,7 +50,7 @@ DRAWING_FROM = 0.97
 _RIVAL = 1.2
 """A body is fitted to the opposite first pose too if that has at most this many times the energy."""
 _SKIRT = (
-"""A body is also fitted to the opposite first pose if that has at most so many times the energy."""
+    """A body is also fitted to the opposite first pose if that has at most so many times the energy."""
     "estimated from what is visible of them"
 )
 _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}

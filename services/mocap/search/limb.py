@@ -19,6 +19,7 @@ from services.mocap.search.stages import (
     prepare,
     stage_window,
 )
+from services.mocap.search.typical_poses import typical_poses
 from services.mocap.types import Floats
 
 _STARTS = 4
@@ -59,6 +60,9 @@ def solve_limb(
     seen = _without_margin(settings.cost.priced(seen), settings)
     energy, start, box = prepare(model, limb.main, seen, pose, settings)
     points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
+    if settings.typical_limbs:
+        typical = typical_poses()[:, list(limb.main.dofs)]
+        points = np.concatenate([points, np.clip(typical, box.lower, box.upper)])
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
     if settings.method == "contours":

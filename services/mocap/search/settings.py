@@ -70,6 +70,9 @@ class SearchSettings(BaseModel):
     """Points tried for hip flexion, abduction, twist and knee flexion."""
     grid_step_rad: float = Field(default=0.16, gt=0, le=1, description=_UP_TO_1)
     """Distance between grid points; twice as much for a twist, because it is less visible."""
+    typical_limbs: bool = Field(default=False, description="true or false")
+    """Limbs are also tried as in poses that people take, wherever they were before. Searches for a first pose
+    and for lost limbs do so in any case."""
     line_tolerance: float = Field(default=0.05, gt=0, lt=1, description="a share between 0 and 1")
     """Brent's line search ends at this share of a parameter's step."""
     angle_step_rad: float = Field(default=0.08, gt=0, le=1, description=_UP_TO_1)
@@ -140,7 +143,8 @@ class SearchSettings(BaseModel):
     def widened(self) -> "SearchSettings":
         """For a first pose, when the limbs may be anywhere."""
         wide = {"arm_grid": (9, 7, 3, 5), "leg_grid": (7, 5, 3, 7), "grid_step_rad": 0.3}
-        return self.model_copy(update={**wide, "max_passes": 4, "search_limbs": "always"})
+        more = {"typical_limbs": True, "max_passes": 4, "search_limbs": "always"}
+        return self.model_copy(update={**wide, **more})
 
 
 Preset: TypeAlias = Literal["default", "paper", "plain"]
