@@ -52,6 +52,29 @@ def test_an_arm_that_jumped_is_found(
     assert set(found.limb_seconds) >= {parameter.split("_")[0] + "_arm"}
 
 
+@pytest.mark.parametrize(
+    "far_off",
+    [
+        {"left_hip_flexion": 120, "left_knee_flexion": 20},
+        {"right_shoulder_elevation": 80, "right_elbow_flexion": 90},
+    ],
+)
+def test_a_limb_far_from_where_it_was_is_found(
+    model: Model,
+    standing: Maker,
+    picture_of: Callable[[Floats], Picture],
+    joint_errors_mm: Errors,
+    far_off: dict[str, float],
+) -> None:
+    truth = standing(shoulder_elevation=-75, elbow_flexion=15, knee_flexion=5)
+    start = standing(shoulder_elevation=-75, elbow_flexion=15, knee_flexion=5)
+    for name, angle in far_off.items():
+        start[DOF_INDEX[name]] = np.radians(angle)
+    found = solve_frame(model, picture_of(truth), start[None], SearchSettings(), LocalLimbs(model))
+    assert joint_errors_mm(start, truth).max() > 700
+    assert joint_errors_mm(found.pose, truth).max() < 40
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_legs_that_slip_onto_each_other_are_parted(
     model: Model, standing: Maker, picture_of: Callable[[Floats], Picture], joint_errors_mm: Errors, seed: int
