@@ -11,12 +11,15 @@ from rich.table import Table
 from services.commands.consoles import TakeFolder, stdout
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
+from services.commands.verdicts import StrictOption, exit_if_not_usable, tell_verdict
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
+from services.mocap.result.result import load_result
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
+from services.mocap.verdict.judging import verdict_of
 from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_OUTPUT,
@@ -81,6 +84,7 @@ def track(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     watch: ViewOption = False,
     port: PortOption = DEFAULT_PORT,
+    strict: StrictOption = False,
     endpoint: Annotated[
         str | None,
         typer.Option(help="Address of the coordinator, for xormocap status; free ports by default."),
@@ -116,8 +120,11 @@ def track(
     if again:
         report = track_again(job, report, is_asked_for=refine is True)
     _summarise(report, job.out)
+    verdict = verdict_of(load_result(job.out))
+    tell_verdict(verdict)
     if watch:
         view(job.out, take, port)
+    exit_if_not_usable(verdict, strict=strict)
 
 
 def _summarise(report: dict[str, Any], folder: Path) -> None:
@@ -131,8 +138,6 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
     if "accuracy" in report:
         table.add_row("joint error", accuracy_in_words(report["accuracy"]))
         table.add_row("lost limbs", f"{len(report['accuracy']['lost_limbs'])}")
-    if report["trust"]["lowest_confidence"]:  # else nothing was judged
-        table.add_row("unreliable frames", f"{report['trust']['distrusted_frames']}")
     table.add_row("results", escape(str(folder)))
     stdout.print(table)
 
