@@ -8,6 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from services.commands.checks import CheckOption, look_before
 from services.commands.consoles import TakeFolder, stdout
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
@@ -84,6 +85,7 @@ def track(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     watch: ViewOption = False,
     port: PortOption = DEFAULT_PORT,
+    check: CheckOption = True,
     strict: StrictOption = False,
     endpoint: Annotated[
         str | None,
@@ -93,11 +95,15 @@ def track(
     """Track a recorded take: write poses, joints, motion files and an overlay video."""
     if mesh is not None and (fitted is not None or not fit_first):
         raise UserError("--mesh: a mesh is fitted first: leave out --fitted and --no-fit, or --mesh")
+    folder = out or Path("results") / take.resolve().name
+    check_out(folder)
+    page = tell_page(port) if watch else None
     opened = open_take(take)
     engine = engine_settings(backend, threads)
     job = TakeJob(
         take=opened,
-        out=out or Path("results") / take.resolve().name,
+        out=folder,
+        page=page,
         frames=opened.frame_range(frames),
         workers=workers,
         overlay=overlay,
@@ -110,8 +116,8 @@ def track(
     )
     chosen_segmenter(opened, segmenter)
     check_cost(engine, job.search.cost)
-    check_out(job.out)
-    job = replace(job, page=tell_page(port) if watch else None)
+    if check:
+        job = replace(job, checks=look_before(opened, job.frames, segmenter))
     fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
     enough = _WORTH_REFINING * len(init_frames(opened))
     again = refine if refine is not None else fits and len(job.frames) >= enough

@@ -1,5 +1,6 @@
 """`xormocap view`: shows finished results on the page."""
 
+import socket
 import time
 from functools import cache
 from importlib.util import find_spec
@@ -41,9 +42,22 @@ def check_page() -> None:
         raise UserError("the page needs viser, which is not installed: pip install 'xormocap[page]'")
 
 
+def check_port(port: int) -> None:
+    """Raise UserError if a port of this machine, which is not 0, is in use."""
+    with socket.socket() as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((LOOPBACK, port))
+        except OSError as problem:
+            raise UserError(
+                f"--port {port}: {(problem.strerror or 'is in use').lower()}: choose another"
+            ) from None
+
+
 def tell_page(port: int) -> str:
-    """Print the page's address; returns it as HOST:PORT. Raises as check_page."""
+    """Print the page's address; returns it as HOST:PORT. Raises as check_page, and if the port is in use."""
     check_page()
+    check_port(port)
     say(f"open http://{LOOPBACK}:{port}", stderr)
     return f"{LOOPBACK}:{port}"
 
