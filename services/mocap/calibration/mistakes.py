@@ -30,7 +30,7 @@ _REACH, _LEAST_LATE, _LEAST_SURE, _BETTER = 15, 2.0, 0.2, 1.5
 """Offsets are searched up to so many frames; one is told from so many frames on, if the confidence is as high
 and the error falls by this factor."""
 _MOSTLY, _FEWEST_ALIKE = 0.8, 5
-"""Share of the frames after a change that disagree and of those before it that agree; least number of both."""
+"""Share of the frames after a change that disagree and of those before that agree; least number of both."""
 
 
 @dataclass(frozen=True)
@@ -184,14 +184,14 @@ def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterato
         yield Mistake(
             "silhouettes",
             f"the cameras agree up to the {int(is_change.argmax())}th of the frames that were looked at, not "
-            "afterwards; a second person or a thing that moves is in view from there on, or the light changed",
+            "afterwards; a second person or a thing that moves comes into view, or the light changes",
             "track the part before with --frames, or mask it out",
         )
 
 
 def _disagreeing(cameras: tuple[Camera, ...], found: Agreement) -> Iterator[Mistake]:
     """Cameras that disagree for a reason that is not known."""
-    names = [cameras[c].name for c in found.odd]
+    names, worst_px = [cameras[c].name for c in found.odd], float(np.nanmax(found.off_px))
     if 2 * len(names) > len(cameras):
         yield Mistake(
             "calibration.toml",
@@ -201,7 +201,7 @@ def _disagreeing(cameras: tuple[Camera, ...], found: Agreement) -> Iterator[Mist
     elif names:
         yield Mistake(
             f"calibration.toml: {', '.join(names)}",
-            f"not in agreement with the other cameras ({max(found.off_px[c] for c in found.odd):.0f} px off); "
+            f"not in agreement with the other cameras ({worst_px:.0f} px off); "
             "it was moved since the calibration, its silhouettes are wrong, or something hides the actor",
             "look at xormocap calibrate --check",
         )

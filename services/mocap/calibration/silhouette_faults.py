@@ -42,7 +42,7 @@ def silhouette_faults(
         f"silhouettes{alone}",
         f"the actor ends {bottom_m:.2f} m above the floor of the calibrated world; the feet are missing "
         f"in them{'' if alone else ', or the origin of the world is not on the floor'}",
-        "look at them (xormocap segment); shoes or shadows that look like the floor are cut away",
+        "look at them (xormocap segment); dark shoes, furniture, or a jump in this frame explain it too",
     )
 
 
