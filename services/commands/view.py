@@ -15,6 +15,7 @@ from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
 from services.mocap.take.folder import Take, open_take
+from services.mocap.verdict.judging import verdict_of
 from services.runs.local_run import StopSignals
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
@@ -95,8 +96,9 @@ def finished_show(folder: Path, take: Path | None) -> Show:
             history.put(solved)
     history.is_over = True
     name, fps, body = result.motion.name, result.fps, result.motion.body
+    verdict = verdict_of(result)
     if opened is None:
-        return Show(name, fps, history, body, None, (), None, is_live=False, remark=remark)
+        return Show(name, fps, history, body, None, (), None, is_live=False, remark=remark, verdict=verdict)
     rig = Rig.of(opened.cameras)
 
     @cache  # clean plates are learnt when silhouettes, as the tracker had them, are first asked for
@@ -106,7 +108,7 @@ def finished_show(folder: Path, take: Path | None) -> Show:
     pictures = TakePictures(opened, lambda start, stop: segmenter().trimaps(start, stop))
     artist = TileArtist(body, rig, pictures)
     names = tuple(camera.name for camera in opened.cameras)
-    return Show(name, fps, history, body, rig, names, artist, is_live=False)
+    return Show(name, fps, history, body, rig, names, artist, is_live=False, verdict=verdict)
 
 
 def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:
