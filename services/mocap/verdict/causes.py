@@ -1,6 +1,7 @@
 """Why a result is doubtful, as far as its own files tell: cameras, moments and bodies that stand out."""
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,14 @@ _TALLEST_M, _SMALLEST_M = 2.1, 1.2
 
 def causes_of(result: Result, iou: Mapping[str, Floats]) -> tuple[Cause, ...]:
     """The causes, those found before the run first. iou: (N,) by camera."""
-    return (*_found_before(result), *_body(result), *_cameras(result, iou), *_moments(result, iou))
+    before = _found_before(result)
+    explained = {name for name in iou for cause in before if re.search(rf"\b{re.escape(name)}\b", cause.what)}
+    return (
+        *before,
+        *_body(result),
+        *_cameras(result, iou, explained),
+        *_moments(result, iou, explained),
+    )
 
 
 def _found_before(result: Result) -> list[Cause]:
@@ -62,9 +70,12 @@ def _body(result: Result) -> Iterator[Cause]:
         )
 
 
-def _cameras(result: Result, iou: Mapping[str, Floats]) -> Iterator[Cause]:
-    """Cameras whose silhouettes the body covers far less than it covers the others'."""
-    typical = {camera: float(np.nanmedian(values)) for camera, values in iou.items()}
+def _cameras(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> Iterator[Cause]:
+    """Cameras whose silhouettes the body covers far less than it covers the others'.
+
+    explained: cameras of which it is known why.
+    """
+    typical = {camera: round(float(np.nanmedian(values)), 3) for camera, values in iou.items()}
     if not typical:
         return
     take, middle = _take(result.run), float(np.median(list(typical.values())))
@@ -76,7 +87,7 @@ def _cameras(result: Result, iou: Mapping[str, Floats]) -> Iterator[Cause]:
         )
     for camera, value in typical.items() if len(typical) >= _FEWEST_CAMERAS else ():
         others = float(np.median([of for name, of in typical.items() if name != camera]))
-        if value < others - _BELOW_OTHERS:
+        if value < others - _BELOW_OTHERS and camera not in explained:
             yield Cause(
                 what=f"{camera} agrees less with the body than the others (IoU {value:.2f}, others "
                 f"{others:.2f}): it is out of step, was moved, or its silhouettes are wrong",
@@ -86,7 +97,7 @@ def _cameras(result: Result, iou: Mapping[str, Floats]) -> Iterator[Cause]:
             )
 
 
-def _moments(result: Result, iou: Mapping[str, Floats]) -> Iterator[Cause]:
+def _moments(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> Iterator[Cause]:
     """Stretches of frames in which a camera's silhouettes are unlike the body, but are not elsewhere."""
     by_frame = {camera: _long_only(values < np.nanmedian(values) - _DROP) for camera, values in iou.items()}
     cameras = [camera for camera, low in by_frame.items() if low.any()]
@@ -100,7 +111,7 @@ def _moments(result: Result, iou: Mapping[str, Floats]) -> Iterator[Cause]:
             remedy="look at these frames in overlay.mp4; --frames A:B tracks the part before",
             level="usable with gaps",
         )
-    for camera in cameras:
+    for camera in (camera for camera in cameras if camera not in explained):
         alone = _long_only(by_frame[camera] & ~together)
         if alone.any():
             yield Cause(
