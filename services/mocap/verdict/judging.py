@@ -21,14 +21,17 @@ def verdict_of(result: Result) -> Verdict:
     iou = {camera: values for camera, values in result.quantities.get("iou", {}).items() if len(values)}
     causes = causes_of(result, iou)
     levels = [level_of(result.distrusted, iou), *(cause.level for cause in causes)]
+    whole = PARTS.index(WHOLE_BODY)
+    named = result.distrusted & ~result.distrusted[:, [whole]]  # a limb is not named beside the whole body
+    named[:, whole] = result.distrusted[:, whole]
     return Verdict(
         level=max(levels, key=LEVELS.index),
         frames=len(result.frames),
         doubtful_frames=int(result.distrusted.any(axis=1).sum()),
-        lost_frames=int(result.distrusted[:, PARTS.index(WHOLE_BODY)].sum()),
+        lost_frames=int(result.distrusted[:, whole].sum()),
         doubts=tuple(
             Doubt(part=part, frames=int(chosen.sum()), spans=spans_of(chosen, int(result.frames[0])))
-            for part, chosen in zip(PARTS, result.distrusted.T, strict=True)
+            for part, chosen in zip(PARTS, named.T, strict=True)
             if chosen.any()
         ),
         iou={camera: round(float(np.nanmedian(values)), 3) for camera, values in iou.items()},

@@ -67,7 +67,7 @@ class Verdict(_Frozen):
     lost_frames: int
     """Frames in which the whole body is doubtful."""
     doubts: tuple[Doubt, ...]
-    """Parts that are doubtful in some frame, in the order of PARTS."""
+    """Parts that are doubtful in some frame in which not the whole body is, in the order of PARTS."""
     iou: dict[str, float]
     """By camera: intersection over union of model and silhouette, median of the frames."""
     causes: tuple[Cause, ...]
