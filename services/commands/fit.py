@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from services.commands.checks import CheckOption, blamed_first, look_before, not_told
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.own_mesh.importing import import_mesh
@@ -63,6 +64,7 @@ def fit(
     body: BodyOption = None,
     backend: BackendOption = DEFAULT_ENGINE.backend,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    check: CheckOption = True,
 ) -> None:
     """Fit the actor's shape and first poses to a take's first frames, and show how good the fit is."""
     if refine is not None and mesh is not None:
@@ -72,6 +74,7 @@ def fit(
     check_place(actor_toml, force)
     folder = out or take / FIT_FOLDER
     warnings: list[str] = []
+    checks = look_before(opened, init_frames(opened, frames), segmenter) if check else ()
     search = search_settings([], None, len(opened.cameras), body=body)
     if refine is not None:
         count = frames or DEFAULT_REFINE_FRAMES
@@ -86,10 +89,11 @@ def fit(
             mesh=imported(mesh, warnings),
             segmenter=segmenter,
         )
-    found = fit_with_bar(opened, folder, work)
+    with blamed_first(checks):
+        found = fit_with_bar(opened, folder, work)
     if out is None:
         write_actor(actor_toml, found.actor, origin_of(opened, found))
-    warn([*warnings, *found.warnings])
+    warn(not_told([*warnings, *found.warnings], checks))
     show_fit(found, opened, folder, stdout)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from services.commands.checks import blamed_first, not_told
 from services.commands.consoles import say, stderr, stdout, warn
 from services.commands.fit import EVERY_CORE, fit_with_bar, imported
 from services.mocap.body.actor import Actor, build_body
@@ -48,7 +49,7 @@ def track_with_bar(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
             )
 
         report = track_take(job, show=show, warn=warnings.append)
-    warn(warnings)
+    warn(not_told(warnings, job.checks))
     return report
 
 
@@ -60,7 +61,8 @@ def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str
     """
     work, warnings = _first_fit(job, mesh)
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        found = fit_with_bar(job.take, Path(temporary), work)
+        with blamed_first(job.checks):
+            found = fit_with_bar(job.take, Path(temporary), work)
         if goes_on and (report := _tracked_before(job, found.actor)):
             return report
         return track_with_bar(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])

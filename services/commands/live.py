@@ -12,13 +12,16 @@ from rich.text import Text
 
 from services.commands.consoles import stderr, stdout, warn
 from services.commands.track import accuracy_in_words
+from services.commands.verdicts import StrictOption, exit_if_not_usable, tell_verdict
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError, nearest
 from services.mocap.motion.settings import Smoother
+from services.mocap.result.result import load_result
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.live import LiveTake, open_live
+from services.mocap.verdict.judging import verdict_of
 from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
@@ -68,6 +71,7 @@ def live(
         str | None, typer.Option(help="Serve only this group of cameras, for a coordinator on another host.")
     ] = None,
     keys: KeysOption = None,
+    strict: StrictOption = False,
 ) -> None:
     """Track live cameras until Ctrl-C: publish poses as they are found, and write results at the end."""
     take = open_live(config)
@@ -102,8 +106,11 @@ def live(
     if report is None:
         raise UserError(f"{config}: nobody was tracked: the log lines above say why")
     _summarise(report, folder, record)
+    verdict = verdict_of(load_result(folder))
+    tell_verdict(verdict)
     if watch:
         view(folder, record, port)
+    exit_if_not_usable(verdict, strict=strict)
 
 
 def _track(job: LiveJob) -> dict[str, Any] | None:

@@ -9,8 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from services.commands.calibrate.check import outlines_of
-from services.commands.consoles import TakeFolder, say, stderr, stdout, table_of
+from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.epipolar_tangents import touches_of
 from services.mocap.calibration.time_offsets import TimeOffsets, find_offsets
@@ -18,6 +17,7 @@ from services.mocap.errors import TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_settings
+from services.runs.outlines import outlines_of
 
 _MOST_FRAMES = 900
 _LEAST_CONFIDENCE = 0.15
@@ -39,7 +39,10 @@ def sync(
     """
     opened = open_take(take, in_step=False).without_offsets()
     frames = range(min(opened.settings.frames, _MOST_FRAMES))
-    cameras, outlines, _ = outlines_of(opened, frames, 1, stderr)
+    with progress_bar() as show:
+        cameras, outlines, _ = outlines_of(
+            opened, frames, 1, lambda share: show("looking at silhouettes", share)
+        )
     width_px = float(np.median([camera.width_px for camera in cameras]))
     found = find_offsets(touches_of(cameras, outlines), len(cameras), reach, width_px)
     stdout.print(_table(opened, found))

@@ -8,15 +8,19 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from services.commands.checks import CheckOption, look_before
 from services.commands.consoles import TakeFolder, stdout
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
+from services.commands.verdicts import StrictOption, exit_if_not_usable, tell_verdict
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
+from services.mocap.result.result import load_result
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
+from services.mocap.verdict.judging import verdict_of
 from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_OUTPUT,
@@ -81,6 +85,8 @@ def track(
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     watch: ViewOption = False,
     port: PortOption = DEFAULT_PORT,
+    check: CheckOption = True,
+    strict: StrictOption = False,
     endpoint: Annotated[
         str | None,
         typer.Option(help="Address of the coordinator, for xormocap status; free ports by default."),
@@ -89,11 +95,15 @@ def track(
     """Track a recorded take: write poses, joints, motion files and an overlay video."""
     if mesh is not None and (fitted is not None or not fit_first):
         raise UserError("--mesh: a mesh is fitted first: leave out --fitted and --no-fit, or --mesh")
+    folder = out or Path("results") / take.resolve().name
+    check_out(folder)
+    page = tell_page(port) if watch else None
     opened = open_take(take)
     engine = engine_settings(backend, threads)
     job = TakeJob(
         take=opened,
-        out=out or Path("results") / take.resolve().name,
+        out=folder,
+        page=page,
         frames=opened.frame_range(frames),
         workers=workers,
         overlay=overlay,
@@ -106,8 +116,8 @@ def track(
     )
     chosen_segmenter(opened, segmenter)
     check_cost(engine, job.search.cost)
-    check_out(job.out)
-    job = replace(job, page=tell_page(port) if watch else None)
+    if check:
+        job = replace(job, checks=look_before(opened, job.frames, segmenter))
     fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
     enough = _WORTH_REFINING * len(init_frames(opened))
     again = refine if refine is not None else fits and len(job.frames) >= enough
@@ -116,8 +126,11 @@ def track(
     if again:
         report = track_again(job, report, is_asked_for=refine is True)
     _summarise(report, job.out)
+    verdict = verdict_of(load_result(job.out))
+    tell_verdict(verdict)
     if watch:
         view(job.out, take, port)
+    exit_if_not_usable(verdict, strict=strict)
 
 
 def _summarise(report: dict[str, Any], folder: Path) -> None:
@@ -131,8 +144,6 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
     if "accuracy" in report:
         table.add_row("joint error", accuracy_in_words(report["accuracy"]))
         table.add_row("lost limbs", f"{len(report['accuracy']['lost_limbs'])}")
-    if report["trust"]["lowest_confidence"]:  # else nothing was judged
-        table.add_row("unreliable frames", f"{report['trust']['distrusted_frames']}")
     table.add_row("results", escape(str(folder)))
     stdout.print(table)
 

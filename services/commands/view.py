@@ -1,5 +1,6 @@
 """`xormocap view`: shows finished results on the page."""
 
+import socket
 import time
 from functools import cache
 from importlib.util import find_spec
@@ -14,6 +15,7 @@ from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
 from services.mocap.take.folder import Take, open_take
+from services.mocap.verdict.judging import verdict_of
 from services.runs.local_run import StopSignals
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
@@ -41,9 +43,22 @@ def check_page() -> None:
         raise UserError("the page needs viser, which is not installed: pip install 'xormocap[page]'")
 
 
+def check_port(port: int) -> None:
+    """Raise UserError if a port of this machine, which is not 0, is in use."""
+    with socket.socket() as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((LOOPBACK, port))
+        except OSError as problem:
+            raise UserError(
+                f"--port {port}: {(problem.strerror or 'is in use').lower()}: choose another"
+            ) from None
+
+
 def tell_page(port: int) -> str:
-    """Print the page's address; returns it as HOST:PORT. Raises as check_page."""
+    """Print the page's address; returns it as HOST:PORT. Raises as check_page, and if the port is in use."""
     check_page()
+    check_port(port)
     say(f"open http://{LOOPBACK}:{port}", stderr)
     return f"{LOOPBACK}:{port}"
 
@@ -81,8 +96,9 @@ def finished_show(folder: Path, take: Path | None) -> Show:
             history.put(solved)
     history.is_over = True
     name, fps, body = result.motion.name, result.fps, result.motion.body
+    verdict = verdict_of(result)
     if opened is None:
-        return Show(name, fps, history, body, None, (), None, is_live=False, remark=remark)
+        return Show(name, fps, history, body, None, (), None, is_live=False, remark=remark, verdict=verdict)
     rig = Rig.of(opened.cameras)
 
     @cache  # clean plates are learnt when silhouettes, as the tracker had them, are first asked for
@@ -92,7 +108,7 @@ def finished_show(folder: Path, take: Path | None) -> Show:
     pictures = TakePictures(opened, lambda start, stop: segmenter().trimaps(start, stop))
     artist = TileArtist(body, rig, pictures)
     names = tuple(camera.name for camera in opened.cameras)
-    return Show(name, fps, history, body, rig, names, artist, is_live=False)
+    return Show(name, fps, history, body, rig, names, artist, is_live=False, verdict=verdict)
 
 
 def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:

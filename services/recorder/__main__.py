@@ -1,9 +1,11 @@
 """Recorder process: `python -m services.recorder --take TAKE --out DIR --connect tcp://HOST:5550`."""
 
+import json
 import logging
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -113,8 +115,9 @@ def serve(
     report: bool,
     output: OutputSettings,
     keys: ClientKeys | None = None,
+    known: Mapping[str, Any] | None = None,
 ) -> None:
-    """Listen until the take has ended, then write its results.
+    """Listen until the take has ended, then write its results; known: further entries of run.json.
 
     After a stop the coordinator has a moment to end the take; then the frames so far are written. A second
     stop leaves the overlay out. A journal keeps all messages until all frames are in the results.
@@ -143,6 +146,7 @@ def serve(
                 overlay=overlay,
                 report=report,
                 hurry=lambda: stop.count > 1,
+                known=known,
             )
     finally:
         store.close(remove=is_whole)
@@ -172,6 +176,7 @@ def main(
     report: Annotated[bool, typer.Option(help="Write report.html.")] = True,
     smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
     cutoff_hz: CutoffOption = None,
+    known: Annotated[Path | None, typer.Option(help="A JSON file with further entries of run.json.")] = None,
     keys: KeysOption = None,
     metrics: MetricsOption = None,
 ) -> None:
@@ -179,7 +184,9 @@ def main(
 
     def work(stop: StopRequest) -> None:
         own_keys = keys_of_client(keys, "recorder")
-        serve(take, out, connect, stop, overlay, report, output_settings(smooth, cutoff_hz), own_keys)
+        entries = None if known is None else json.loads(known.read_text(encoding="utf-8"))
+        settings = output_settings(smooth, cutoff_hz)
+        serve(take, out, connect, stop, overlay, report, settings, own_keys, entries)
 
     run_service("recorder", work, metrics)
 

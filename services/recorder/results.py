@@ -1,8 +1,9 @@
 """A take's results as files."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +15,14 @@ from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.frame_files import write_frame_files
 from services.mocap.result.layout import OVERLAY, RUN_JSON
-from services.mocap.result.result import load_result, write_tracked
+from services.mocap.result.result import add_to_run, load_result, write_tracked
 from services.mocap.search.chains import values_to_bridge
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import Marks
 from services.mocap.take.quantities import further_columns
 from services.mocap.take.tables import PoseTable, reference_joints
 from services.mocap.types import Ints
+from services.mocap.verdict.judging import verdict_of
 from services.recorder.collection import Collection
 from services.recorder.live import increasing, is_live
 from services.recorder.result_folder import results_into
@@ -38,6 +40,7 @@ def write_results(
     overlay: bool,
     report: bool,
     hurry: Callable[[], bool],
+    known: Mapping[str, Any] | None = None,
 ) -> bool:
     """Write poses.csv, joints.csv, actor.toml, run.json, the DEFAULT_FORMATS, and overlay.mp4 if wanted.
 
@@ -46,7 +49,8 @@ def write_results(
     With smoothing, poses.csv and the overlay still show the poses as tracked; joints.csv, the exported motion
     and poses_smooth.csv have the smoothed motion. Older results are replaced once the new ones are written,
     unless these lack frames (see results_into). hurry: called at every frame of the overlay, which is left
-    out if it returns True. Raises UserError if there is nothing to write.
+    out if it returns True. known: further entries of run.json, from who started the run. Raises UserError if
+    there is nothing to write.
     """
     info, recorded = collection.info, collection.recorded()
     if info is None or not recorded or collection.missing_blobs():
@@ -71,10 +75,15 @@ def write_results(
             joints_world_m["accuracy_before_smoothing"] = reference_joints(poses, body.offsets_m)
         stages = sorted({stage for message in recorded for stage in message.seconds})
         write_frame_files(part, frames, recorded, stages, [camera.name for camera in take.cameras])
+        write_run_json(
+            part / RUN_JSON, take, info, actor, recorded, marks, output, joints_world_m, known or {}
+        )
+        result = load_result(part)
+        verdict = verdict_of(result)
+        add_to_run(part, verdict=verdict.model_dump())
         if overlay:
             log.info("drawing the overlay")
-            write_overlay(part / OVERLAY, take, body, table, hurry)
-        write_run_json(part / RUN_JSON, take, info, actor, recorded, marks, output, joints_world_m)
+            write_overlay(part / OVERLAY, take, body, table, verdict, hurry)
         formats = [name for name in DEFAULT_FORMATS if report or name != "report"]
-        write_defaults(part, load_result(part), formats, log.warning)
+        write_defaults(part, result, formats, log.warning)
     return is_whole

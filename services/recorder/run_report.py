@@ -4,6 +4,7 @@ import json
 import platform
 from collections import Counter
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,12 @@ def write_run_json(
     marks: Marks,
     output: OutputSettings,
     joints_world_m: Mapping[str, Floats],
+    known: Mapping[str, Any],
 ) -> None:
     """Write the report of the recorded poses (N).
 
     joints_world_m: joints (N, 15, 3) of which the report tells the accuracy, by the name that it has there.
+    known: further entries, from who started the run.
     """
     report: dict[str, Any] = {
         "take": {
@@ -52,7 +55,9 @@ def write_run_json(
             "frames": len(recorded),
             "fps": rate_fps(info, recorded),
             "up": take.settings.up,
+            "actor_height": take.settings.actor_height,
         },
+        "written": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
             "xormocap": version("xormocap"),
             "protocol": PROTOCOL_VERSION,
@@ -69,6 +74,7 @@ def write_run_json(
             "largest": max(message.energy_px for message in recorded),
         },
         "trust": _trust(marks),
+        **known,
     }
     if is_live(info):
         report["live"] = live_report(info, recorded)

@@ -1,7 +1,9 @@
 """Tracking a take with local processes: what `xormocap track` does."""
 
+import json
 import math
 import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +16,8 @@ from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
+from services.mocap.verdict.causes import CHECKS
+from services.mocap.verdict.verdict import Cause
 from services.runs import Interrupted, ServiceFailedError
 from services.runs.launcher import Launcher, free_endpoint
 from services.runs.local_run import Job, Plan, completed_report, keep_logs, run_services, written_ns
@@ -35,6 +39,8 @@ class TakeJob(Job):
     """A folder of xormocap fit, used instead of the take's actor and poses; copied to out/fit."""
     endpoint: str | None = None
     """Where the coordinator listens; None: at free ports."""
+    checks: tuple[Cause, ...] = ()
+    """What is wrong with the take, as far as the checks before the run found it; the verdict tells it."""
 
 
 def track(
@@ -49,29 +55,16 @@ def track(
     show, warn, started, and what is raised: as run_services. Raises Interrupted once a stop was asked for and
     what was done by then is written.
     """
-    fitted, frames = job.fitted, job.frames
-    asked = ("--frames", f"{frames.start}:{frames.stop}")
-    plan = Plan(
-        source=job.take.folder,
-        endpoint=job.endpoint or free_endpoint(),
-        coordinator=asked if fitted is None else (*asked, "--fitted", str(fitted)),
-        # The report comes with the fit.
-        recorder=("--overlay" if job.overlay else "--no-overlay", "--no-report"),
-        segmentation=[()],
-        actor=take_actor(job.take) if fitted is None else read_actor(fitted / ACTOR),
-        first_frame=frames.start,
-        rate_s=math.inf,
-        lasting=("coordinator",),
-        alone_s=_ALONE_S,
-    )
-    earlier = {folder: written_ns(folder) for folder in (job.out, partial_of(job.out))}
-    ended = run_services(job, plan, show, warn, started)
+    with tempfile.TemporaryDirectory(prefix="xormocap-run-") as temporary:
+        plan = _plan(job, Path(temporary) / "known.json")
+        earlier = {folder: written_ns(folder) for folder in (job.out, partial_of(job.out))}
+        ended = run_services(job, plan, show, warn, started)
     folder = next((f for f, before in earlier.items() if written_ns(f) != before), None)
     if folder is not None:
         report = _completed(folder, job)
         keep_logs(ended.logs, folder)
         write_defaults(folder, load_result(folder), ("report",), warn)
-        if report["take"]["frames"] == len(frames):
+        if report["take"]["frames"] == len(job.frames):
             return report
     if ended.was_stopped:
         shutil.rmtree(ended.logs, ignore_errors=True)
@@ -79,13 +72,35 @@ def track(
     raise ServiceFailedError(f"the run ended before its last frame; the logs are in {ended.logs}")
 
 
+def _plan(job: TakeJob, known: Path) -> Plan:
+    """The plan of a job; known: where the further entries of run.json are written."""
+    fitted, frames = job.fitted, job.frames
+    actor = take_actor(job.take) if fitted is None else read_actor(fitted / ACTOR)
+    entries: dict[str, Any] = {CHECKS: [cause.model_dump() for cause in job.checks]}
+    record = read_record(fitted or job.take.folder / FIT_FOLDER)
+    if record is not None and actor is not None and record.actor == actor.content_hash:
+        entries["fit"] = record.model_dump()
+    known.write_text(json.dumps(entries), encoding="utf-8")
+    asked = ("--frames", f"{frames.start}:{frames.stop}")
+    return Plan(
+        source=job.take.folder,
+        endpoint=job.endpoint or free_endpoint(),
+        coordinator=asked if fitted is None else (*asked, "--fitted", str(fitted)),
+        # The report comes with the fit's pictures and the segmenter's name.
+        recorder=("--overlay" if job.overlay else "--no-overlay", "--no-report", "--known", str(known)),
+        segmentation=[()],
+        actor=actor,
+        first_frame=frames.start,
+        rate_s=math.inf,
+        lasting=("coordinator",),
+        alone_s=_ALONE_S,
+    )
+
+
 def _completed(folder: Path, job: TakeJob) -> dict[str, Any]:
-    """The run.json of a folder of results, in which the actor's fit, if any, now is; and a copy of that."""
-    record = read_record(job.fitted or job.take.folder / FIT_FOLDER)
+    """The run.json of a folder of results, which gets a copy of the files of its fit, if this run has one."""
     with completed_report(folder, chosen_segmenter(job.take, job.segmenter)) as report:
-        is_its_fit = record is not None and record.actor == read_actor(folder / ACTOR).content_hash
-        if record is not None and is_its_fit:
-            report["fit"] = record.model_dump()
+        is_its_fit = "fit" in report
     if is_its_fit and job.fitted is not None:
         shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)
         shutil.copytree(job.fitted, folder / FIT_FOLDER)

@@ -6,11 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from services.mocap.verdict.verdict import Level, Verdict
 from services.viewer.frame_history import Overview
 from services.viewer.tiles import Tile
 
 _TIMELINE_HEIGHT = 40
 _KNOWN, _CURVE, _MARK, _CURSOR = "#d9e2ec", "#486581", "#d64545", "#102a43"
+_LEVELS: dict[Level, tuple[str, str, str]] = {
+    "good": ("#0b4821", "#dafbe1", "#1a7f37"),
+    "usable with gaps": ("#4d2d00", "#fff8c5", "#bf8700"),
+    "not usable": ("#82071e", "#ffebe9", "#cf222e"),
+}
+"""Colours of text, ground and edge."""
 _CAPTION = (
     "position:absolute;left:5px;top:3px;color:white;font:600 12px system-ui,sans-serif;"
     "text-shadow:0 0 3px black,0 0 2px black"
@@ -102,6 +109,24 @@ def notice(sentence: str) -> str:
     return (
         '<div style="font:13px system-ui,sans-serif;padding:8px 12px;color:#7b341e;background:#fffaf0;'
         f'border-left:3px solid #dd6b20">{html.escape(sentence)}</div>'
+    )
+
+
+def verdict_strip(verdict: Verdict) -> str:
+    """The verdict on a result: its level by colour, hatched where it is not good; its doubts and causes."""
+    ink, ground, edge = _LEVELS[verdict.level]
+    hatch = f"repeating-linear-gradient(45deg,{edge} 0 4px,{ground} 4px 9px)"
+    doubts = [f"Doubtful: {verdict.doubts_in_words}."] if verdict.doubts else []
+    lines = "".join(
+        f'<div style="margin-top:3px">{html.escape(line)}</div>'
+        for line in [*doubts, *map(str, verdict.causes)]
+    )
+    return (
+        f'<div id="verdict" style="display:flex;color:{ink};background:{ground};'
+        'font:13px system-ui,sans-serif">'
+        f'<div style="flex:0 0 14px;background:{edge if verdict.level == "good" else hatch}"></div>'
+        '<div style="padding:6px 10px;overflow-wrap:anywhere;max-height:180px;overflow-y:auto">'
+        f"<strong>{html.escape(verdict.headline)}</strong>{lines}</div></div>"
     )
 
 

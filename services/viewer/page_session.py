@@ -8,11 +8,12 @@ import numpy as np
 import viser
 
 from services.mocap.take.quantities import STAGES
+from services.mocap.verdict.verdict import frame_in_words
 from services.viewer.controls import Controls
 from services.viewer.curves import Curves
 from services.viewer.frame_history import SolvedFrame
 from services.viewer.grid import CameraGrid, SendPacing
-from services.viewer.markup import lines_of, timeline
+from services.viewer.markup import lines_of, timeline, verdict_strip
 from services.viewer.metrics import BEHIND
 from services.viewer.show import Show
 from services.viewer.stage import Stage
@@ -53,6 +54,8 @@ class PageSession:
         client.scene.reset()
         self._client, self._show = client, show
         self._stage = Stage(client.scene, show)
+        if show.verdict is not None:
+            client.gui.add_html(verdict_strip(show.verdict))
         pace = _LIVE if show.is_live else _FINISHED
         self._grid = CameraGrid(client.gui, show, SendPacing(pace.grid_s, pace.rest, _OFTEN))
         self._controls = Controls(client.gui, show)
@@ -191,6 +194,8 @@ class PageSession:
             ("frame", f"{solved.frame}{of_all}, {solved.time_s:.2f} s, {state}"),
             ("energy", f"{solved.energy_px:.0f} px"),
         ]
+        if not np.isnan(solved.of("confidence")).all():  # else nobody judged it
+            rows.append(("verdict", frame_in_words(solved.distrusted.tolist())))
         seconds = solved.of("seconds")[STAGES.index("frame")]
         if np.isfinite(seconds) and seconds > 0:
             rows.append(("tracking", f"{1 / seconds:.1f} frames per second"))

@@ -12,6 +12,7 @@ from services.mocap.body.skeleton import JOINTS, SEGMENT_JOINT
 from services.mocap.camera.rig import Rig
 from services.mocap.motion.rest import rest_rotations, turns_from_rest
 from services.mocap.types import Floats
+from services.mocap.verdict.verdict import Verdict
 from services.viewer.frame_history import FrameHistory
 from services.viewer.tiles import TileArtist
 
@@ -36,6 +37,8 @@ class Show:
     """Whether there are pictures; otherwise silhouettes are shown."""
     remark: str = ""
     """A sentence that explains what is missing, or nothing."""
+    verdict: Verdict | None = None
+    """On finished results; None while there are none."""
 
 
 SEGMENT_PARENTS: tuple[str | None, ...] = tuple(

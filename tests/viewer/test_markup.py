@@ -4,8 +4,9 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
+from services.mocap.verdict.verdict import Cause, Doubt, Verdict
 from services.viewer.frame_history import Overview
-from services.viewer.markup import camera_grid, lines_of, timeline
+from services.viewer.markup import camera_grid, lines_of, timeline, verdict_strip
 from services.viewer.tiles import Tile
 
 
@@ -41,3 +42,16 @@ def test_the_timeline_shows_what_is_known_marks_and_the_present() -> None:
 
 def test_tables_show_words_as_they_are() -> None:
     assert "a &lt;b&gt;" in lines_of([("take", "a <b>")])
+
+
+def test_the_verdict_has_its_words_and_is_hatched_where_it_is_not_good() -> None:
+    cause = Cause(what="cam01 <late>", remedy="run xormocap sync", level="usable with gaps")
+    doubt = Doubt(part="left_arm", frames=2, spans=((3, 4),))
+    known = {"frames": 9, "lost_frames": 0, "iou": {}}
+    gaps = Verdict(level="usable with gaps", doubtful_frames=2, doubts=(doubt,), causes=(cause,), **known)
+    strip = verdict_strip(gaps)
+    for words in ("2 of 9 frames", "left arm in 2 (frames 3 to 4)", "cam01 &lt;late&gt;: run xormocap sync"):
+        assert words in strip
+    assert "repeating-linear-gradient" in strip
+    good = Verdict(level="good", doubtful_frames=0, doubts=(), causes=(), **known)
+    assert "repeating-linear-gradient" not in verdict_strip(good)

@@ -1,26 +1,20 @@
 """`xormocap calibrate --check TAKE`: checks with silhouettes alone whether a take's cameras agree."""
 
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress
 from rich.table import Table
 
-from services.commands.consoles import table_of, warn
+from services.commands.consoles import progress_bar, table_of, warn
 from services.mocap.calibration.agreeing import Agreement, agreement_of, filled_by_others, likely_mistake
-from services.mocap.calibration.epipolar_tangents import Outline, outline_of
 from services.mocap.calibration.remarks import remarks_on
-from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import in_common_size
 from services.mocap.errors import TakeError
-from services.mocap.take.folder import Take, open_take
-from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
-from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import make_segmenter
+from services.mocap.take.folder import open_take
+from services.mocap.types import ACTOR, BACKGROUND, Floats
+from services.runs.outlines import outlines_of
 
 _MOST_FRAMES = 60
 _FEWEST_CAMERAS = 2
@@ -36,7 +30,11 @@ def check_take(folder: Path, console: Console, errors: Console) -> None:
     if len(take.cameras) < _FEWEST_CAMERAS:
         raise TakeError(f"{folder}: has only one camera: expected at least two cameras to compare")
     frames = range(take.settings.frames)
-    cameras, outlines, middle = outlines_of(take, frames, -(-len(frames) // _MOST_FRAMES), errors)
+    every = -(-len(frames) // _MOST_FRAMES)
+    with progress_bar(errors) as show:
+        cameras, outlines, middle = outlines_of(
+            take, frames, every, lambda share: show("looking at silhouettes", share)
+        )
     found = agreement_of(cameras, outlines)
     names = [camera.name for camera in cameras]
     if not np.isfinite(found.off_px).any():
@@ -71,32 +69,3 @@ def _table(names: list[str], found: Agreement, filled: Floats) -> Table:
             verdict,
         )
     return table
-
-
-def outlines_of(
-    take: Take, frames: range, every: int, errors: Console
-) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
-    """The cameras without lens distortion, their outlines in some frames, and the trimaps of one frame.
-
-    every: use every n-th frame. The trimaps (C, H, W) are those of the frame in the middle.
-    """
-    cameras = tuple(camera.undistorted() for camera in take.cameras)
-    height_px, width_px = Rig.of(cameras).shape_px
-    outlines: list[list[Outline | None]] = []
-    middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
-    chosen = range(0, len(frames), every)
-    with Progress(console=errors) as bar:
-        task = bar.add_task("looking at silhouettes", total=len(cameras))
-        for c, camera in enumerate(take.cameras):
-            alone = make_segmenter(
-                take, [camera], SegmentationSettings()
-            )  # one camera must not help another, because they are compared
-            trimaps = alone.trimaps(frames.start, frames.stop)
-            of_camera: list[Outline | None] = []
-            for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):
-                of_camera.append(outline_of(trimap, cameras[c]))
-                if n == len(chosen) // 2:
-                    middle[c] = in_common_size(trimap, width_px, height_px)
-            outlines.append(of_camera)
-            bar.advance(task)
-    return cameras, outlines, middle

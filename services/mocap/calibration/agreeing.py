@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from services.mocap.calibration.epipolar_tangents import Outline, Touches, rays_world, touches_of
+from services.mocap.calibration.epipolar_tangents import Outline, Touches, touches_of
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.search.hull import MIN_CAMERAS, cube_about, look_up, meeting_point
@@ -42,7 +42,7 @@ def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None
     outlines: per camera, of each frame. If two disagree it is unknown which is wrong: then both are odd.
     """
     off_px = pair_matrix(len(cameras), touches_of(cameras, outlines))
-    limit_px = _OFF_PER_WIDTH * float(np.median([camera.width_px for camera in cameras]))
+    limit_px = agreement_limit_px(cameras)
     left = [c for c in range(len(cameras)) if np.isfinite(off_px[c]).any()]
     odd: list[int] = []
     while len(left) > _FEWEST_LEFT:
@@ -55,6 +55,11 @@ def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None
     good = [c for c in left if c not in odd] or left
     each = np.array([_typical(off_px, c, [*good, c]) for c in range(len(cameras))])
     return Agreement(each, limit_px, tuple(odd))
+
+
+def agreement_limit_px(cameras: Sequence[Camera]) -> float:
+    """The error up to which cameras agree."""
+    return _OFF_PER_WIDTH * float(np.median([camera.width_px for camera in cameras]))
 
 
 def pair_matrix(n_cameras: int, pairs: Sequence[Touches]) -> Floats:
@@ -76,7 +81,7 @@ def likely_mistake(
 ) -> str | None:
     """What makes an odd camera agree with the others: turning its pictures, or mirroring them."""
     for words, flip in (("upside down", (-1.0, -1.0)), ("mirrored", (-1.0, 1.0))):
-        flipped = [_flipped(outline, cameras[camera], flip) for outline in outlines[camera]]
+        flipped = [o and o.in_camera(cameras[camera], flip=flip) for o in outlines[camera]]
         chosen = (*(cameras[c] for c in others), cameras[camera])
         found = pair_matrix(len(chosen), touches_of(chosen, [*(outlines[c] for c in others), flipped]))
         if _typical(found, len(others), list(range(len(chosen)))) * _DECISIVE < off_px:
@@ -88,16 +93,6 @@ def _typical(off_px: Floats, camera: int, among: list[int]) -> float:
     """How far a camera is off in the median of its pairs with some others; NaN where none says anything."""
     off = [off_px[camera, other] for other in among if other != camera]
     return float(np.nanmedian(off)) if np.isfinite(off).any() else float("nan")
-
-
-def _flipped(outline: Outline | None, camera: Camera, flip: tuple[float, float]) -> Outline | None:
-    """An outline in pictures that are flipped about their middle."""
-    if outline is None:
-        return None
-    pixel = outline.rays_world @ camera.R_camera_world.T @ camera.K.T
-    middle = np.array([camera.width_px - 1, camera.height_px - 1]) / 2
-    pixel = (pixel[:, :2] / pixel[:, 2:] - middle) * flip + middle
-    return Outline(rays_world(pixel, camera), outline.cut_off)
 
 
 def filled_by_others(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Floats:

@@ -33,6 +33,23 @@ class Outline:
     cut_off: Mask
     """(n,) whether the point is at the picture's edge, where the actor may go on."""
 
+    def pixels(self, camera: Camera) -> Floats:
+        """(n, 2) the points in the undistorted picture of the camera that sees it."""
+        homogeneous = self.rays_world @ camera.R_camera_world.T @ camera.K.T
+        pixels: Floats = homogeneous[:, :2] / homogeneous[:, 2:]
+        return pixels
+
+    def in_camera(
+        self, camera: Camera, other: Camera | None = None, flip: tuple[float, float] = (1.0, 1.0)
+    ) -> "Outline":
+        """What another camera, or the same one, would see with this camera's picture.
+
+        flip: -1 to flip the picture about its middle, across and down.
+        """
+        middle = np.array([camera.width_px - 1, camera.height_px - 1]) / 2
+        pixels = (self.pixels(camera) - middle) * flip + middle
+        return Outline(rays_world(pixels, camera if other is None else other), self.cut_off)
+
 
 @dataclass(frozen=True, eq=False)
 class Touches:

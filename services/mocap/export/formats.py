@@ -29,6 +29,7 @@ from services.mocap.result.layout import (
 from services.mocap.result.result import Result
 from services.mocap.take.csv_columns import as_cells, write_columns
 from services.mocap.take.folder import open_take
+from services.mocap.verdict.judging import verdict_of
 
 log = logging.getLogger(__name__)
 
@@ -103,7 +104,8 @@ def _overlay(folder: Path, result: Result, options: Options) -> None:
             f"{tracked}: has {take.settings.frames} frames, but the result extends to frame "
             f"{result.frames[-1]}: expected the take that was tracked"
         )
-    write_overlay(folder / OVERLAY, take, result.motion.body, result.tracked, hurry=lambda: False)
+    verdict = verdict_of(result)
+    write_overlay(folder / OVERLAY, take, result.motion.body, result.tracked, verdict, hurry=lambda: False)
 
 
 def _report(folder: Path, result: Result, _: Options) -> None:

@@ -1,5 +1,7 @@
 """Draws the model's silhouettes, by side."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from services.mocap.body.actor import Body
@@ -8,7 +10,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import camera_bit
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Bytes, Floats, Mask
 
 _SIDES = tuple(
     (value, tuple(i for i, segment in enumerate(SEGMENTS) if segment.side == side))
@@ -27,7 +29,11 @@ class ModelPainter:
         """Per camera (h, w) of a pose (D,): 0 = no model, 1 = centre, 2 = left limbs, 3 = right limbs."""
         masks: list[Bytes] = [np.zeros((height, width), np.uint8) for width, height in self._sizes_px]
         for value, segments in _SIDES:
-            planes = self._backend.coverage(pose[None], segments, self._region)[0]
-            for c, mask in enumerate(masks):
-                mask[camera_bit(planes, c)[: mask.shape[0], : mask.shape[1]]] = value
+            for mask, covered in zip(masks, self.covered(pose, segments), strict=True):
+                mask[covered] = value
         return masks
+
+    def covered(self, pose: Floats, segments: Sequence[int]) -> list[Mask]:
+        """Per camera (h, w) where some segments of a pose (D,) are, even behind others."""
+        planes = self._backend.coverage(pose[None], tuple(segments), self._region)[0]
+        return [camera_bit(planes, c)[:height, :width] for c, (width, height) in enumerate(self._sizes_px)]

@@ -15,40 +15,88 @@ from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.errors import UserError, nearest
 from services.mocap.export.model_painter import ModelPainter
-from services.mocap.export.tiles import LEFT_BGR, RIGHT_BGR, draw_tile, grid_for, trimap_picture, write_text
+from services.mocap.export.tiles import (
+    CENTRE_BGR,
+    DOUBTFUL_TEXT_BGR,
+    LEFT_BGR,
+    RIGHT_BGR,
+    draw_tile,
+    grid_for,
+    trimap_picture,
+    write_text,
+)
 from services.mocap.result.result import Result
+from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.take.folder import Take
+from services.mocap.take.marks import PARTS
 from services.mocap.take.tables import PoseTable
 from services.mocap.take.writer import video_writer
-from services.mocap.types import Bytes
+from services.mocap.types import Bytes, Mask
+from services.mocap.verdict.verdict import WHOLE_BODY, Verdict, frame_in_words
 
-HEADER_PX = 40
-"""Height of the line of text above the tiles."""
+HEADER_PX = 60
+"""Height of the two lines of text above the tiles."""
+_LINES_PX = 27, 50
+"""Their base lines."""
 _CRF = 20  # for looking at
 _WHITE_BGR = (255, 255, 255)
-_TEXT_SCALE = 0.6
+_TEXT_SCALE, _TITLE_SCALE = 0.6, 0.5
 
 
 class _Hurried(Exception):  # noqa: N818  (a request, not an error)
     """Drawing was interrupted."""
 
 
-def write_overlay(path: Path, take: Take, body: Body, table: PoseTable, hurry: Callable[[], bool]) -> None:
+def write_overlay(
+    path: Path, take: Take, body: Body, table: PoseTable, verdict: Verdict, hurry: Callable[[], bool]
+) -> None:
     """Draw poses of consecutive frames of a take; a camera without a video shows its silhouettes.
 
+    verdict: on the whole result, written over every frame; in each frame its doubtful parts are hatched.
     hurry: called at every frame; if it returns True nothing is written.
     """
     start, stop = int(table.frames[0]), int(table.frames[-1]) + 1
     painter = ModelPainter(body, Rig.of(take.cameras))
     with suppress(_Hurried), ExitStack() as stack:
         of_cameras = [pictures_of(take, camera, start, stop, stack) for camera in take.cameras]
-        writer = stack.enter_context(OverlayWriter(path, take.cameras, take.settings.fps))
+        writer = stack.enter_context(
+            OverlayWriter(path, take.cameras, take.settings.fps, title=verdict_line(verdict))
+        )
+        marks = table.marks
         for n, frame in enumerate(table.frames.tolist()):
             if hurry():
                 raise _Hurried
             masks = painter.segment_masks(table.poses[n])
             pictures = [next(of_camera) for of_camera in of_cameras]
-            writer.add(frame, float(table.times_s[n]), pictures, masks, float(table.energies_px[n]))
+            is_judged = marks is not None and not np.isnan(marks.confidence[n]).all()
+            marked = marks.distrusted[n].tolist() if marks is not None and is_judged else []
+            doubtful = None
+            if any(marked):
+                doubtful = painter.covered(table.poses[n], _segments_of(marked))
+            writer.add(
+                frame,
+                float(table.times_s[n]),
+                pictures,
+                masks,
+                float(table.energies_px[n]),
+                doubtful=doubtful,
+                verdict=frame_in_words(marked) if marked else "",
+            )
+
+
+def _segments_of(marked: Sequence[bool]) -> list[int]:
+    """The segments of doubtful parts among PARTS (6,); all where the whole body is doubtful."""
+    if marked[PARTS.index(WHOLE_BODY)]:
+        return list(ALL_SEGMENTS)
+    return [
+        s for part, is_doubtful in zip(PARTS, marked, strict=True) if is_doubtful for s in PART_SEGMENTS[part]
+    ]
+
+
+def verdict_line(verdict: Verdict) -> str:
+    """The verdict on a result in one line."""
+    return " - ".join(filter(None, (verdict.headline, verdict.doubts_in_words)))
 
 
 def pictures_of(take: Take, camera: Camera, start: int, stop: int, stack: ExitStack) -> Iterator[Bytes]:
@@ -67,12 +115,19 @@ class OverlayWriter:
 
     A context manager: the file appears if the block ends without an exception; otherwise nothing is left.
     A block that adds no frame ends in ValueError. path: of the .mp4. cameras: in the order of what `add`
-    takes. tile_width_px: of one camera's tile, made even.
+    takes. tile_width_px: of one camera's tile, made even. title: the second line over every frame.
     """
 
     def __init__(
-        self, path: Path, cameras: Sequence[Camera], fps: float, *, tile_width_px: int = 480
+        self,
+        path: Path,
+        cameras: Sequence[Camera],
+        fps: float,
+        *,
+        tile_width_px: int = 480,
+        title: str = "",
     ) -> None:
+        self._title = title
         self._cameras = tuple(cameras)
         self._grid = grid_for(self._cameras, tile_width_px)
         self._file = video_writer(path, *self.size_px, fps, crf=_CRF)
@@ -99,20 +154,27 @@ class OverlayWriter:
         pictures: Sequence[Bytes],
         segment_masks: Sequence[Bytes] | Bytes,
         energy: float,
+        *,
+        doubtful: Sequence[Mask] | None = None,
+        verdict: str = "",
     ) -> None:
         """Draw and write one frame.
 
         pictures: per camera, undistorted (H, W, 3). segment_masks: per camera (H, W), 0 = no model,
-        1 = centre, 2 = left limb, 3 = right limb; or (C, H, W). energy: in pixels. Raises ValueError on a
-        number or size of them that is not the cameras'.
+        1 = centre, 2 = left limb, 3 = right limb; or (C, H, W). energy: in pixels. doubtful: per camera
+        (H, W), what is hatched. verdict: on this frame, in words; it is red where something is doubtful.
+        Raises ValueError on a number or size of them that is not the cameras'.
         """
         sheet = np.zeros((*self.size_px[::-1], 3), np.uint8)
-        _write_header(sheet, f"frame {frame_index}    {time_s:.3f} s    energy {energy:.0f} px")
-        inputs = zip(self._cameras, pictures, segment_masks, strict=True)
-        for index, (camera, picture, segment_mask) in enumerate(inputs):
+        frame = f"frame {frame_index}    {time_s:.3f} s    energy {energy:.0f} px"
+        colour_bgr = CENTRE_BGR if doubtful is None else DOUBTFUL_TEXT_BGR
+        _write_header(sheet, frame, verdict, colour_bgr, self._title)
+        hatched = [None] * len(self._cameras) if doubtful is None else doubtful
+        inputs = zip(self._cameras, pictures, segment_masks, hatched, strict=True)
+        for index, (camera, picture, segment_mask, hatch) in enumerate(inputs):
             _check_size(camera, segment_mask)
             _check_size(camera, picture)
-            tile = draw_tile(picture, segment_mask, self._grid)
+            tile = draw_tile(picture, segment_mask, self._grid, hatch)
             write_text(tile, camera.name, (8, 22), _WHITE_BGR, _TEXT_SCALE)
             self._grid.paste(sheet[HEADER_PX:], index, tile)
         self._video.write(sheet)
@@ -124,10 +186,15 @@ def _check_size(camera: Camera, picture: NDArray[np.generic]) -> None:
         raise ValueError(f"{camera.name}: expected a picture of shape {expected}, got {picture.shape}")
 
 
-def _write_header(sheet: Bytes, text: str) -> None:
-    """The line of text at the left, the colours of the limbs at the right where there is room."""
-    baseline = HEADER_PX - 13
-    end = write_text(sheet, text, (10, baseline), _WHITE_BGR, _TEXT_SCALE)
+def _write_header(
+    sheet: Bytes, frame: str, verdict: str, colour_bgr: tuple[int, int, int], title: str
+) -> None:
+    """The frame, its verdict in its colour, and the colours of the limbs where there is room; below it the
+    title."""
+    baseline, below = _LINES_PX
+    write_text(sheet, title, (10, below), _WHITE_BGR, _TITLE_SCALE)
+    end = write_text(sheet, frame, (10, baseline), _WHITE_BGR, _TEXT_SCALE)
+    end = write_text(sheet, verdict, (end + 24, baseline), colour_bgr, _TEXT_SCALE)
     x = sheet.shape[1] - 110
     if x > end:
         x = write_text(sheet, "left", (x, baseline), LEFT_BGR, _TEXT_SCALE)

@@ -17,6 +17,11 @@ LEFT_BGR = (0, 94, 243)
 RIGHT_BGR = (240, 150, 30)
 MISSED_BGR, BEYOND_BGR = (0, 235, 255), (255, 0, 255)
 """Colours of actor without model, and of model without actor."""
+DOUBTFUL_BGR = (40, 40, 230)
+"""Hatching over parts whose pose is doubtful."""
+DOUBTFUL_TEXT_BGR = (110, 110, 255)
+"""Brighter, for text on black."""
+_HATCH_PX, _HATCH_LINE_PX = 7, 3
 UNSURE_BGR = (255, 255, 0)
 """Pixels that may be actor or background."""
 _OPACITY = 0.5
@@ -111,16 +116,19 @@ def differing_pixels(trimap: Trimap, segment_mask: Bytes) -> Mask:
     return differing
 
 
-def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
+def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid, doubtful: Mask | None = None) -> Bytes:
     """A tile (tile_height_px, tile_width_px, 3): the picture in the middle, the model over it.
 
-    picture: (H, W, 3). segment_mask: (H, W), 0 = no model, 1 = centre, 2 = left limb, 3 = right limb. Where
-    the shape of the picture is not the tile's, black bars fill the rest.
+    picture: (H, W, 3). segment_mask: (H, W), 0 = no model, 1 = centre, 2 = left limb, 3 = right limb.
+    doubtful: (H, W), which pixels are hatched. Where the shape of the picture is not the tile's, black bars
+    fill the rest.
     """
     size = _fitting(segment_mask.shape, grid)
     shown, fill = _resized(picture, size), _resized(_FILL[segment_mask], size)
     coverage = fill[..., 3:] / np.float32(255.0)
     drawn = np.rint(shown * (1.0 - _OPACITY * coverage) + _OPACITY * fill[..., :3]).astype(np.uint8)
+    if doubtful is not None and doubtful.any():
+        _hatch(drawn, _resized(np.asarray(doubtful * 255, np.uint8), size) > 127)
     _outline(drawn, fill[..., 3], _OUTLINE_BGR)
     return _centred(drawn, grid)
 
@@ -160,6 +168,13 @@ def draw_outline(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
     for value, colour_bgr in ((1, CENTRE_BGR), (2, LEFT_BGR), (3, RIGHT_BGR)):
         _outline(drawn, np.asarray((model == value) * 255, np.uint8), colour_bgr)
     return _centred(drawn, grid)
+
+
+def _hatch(drawn: Bytes, doubtful: Mask) -> None:
+    """Draw slanting lines where a picture (H, W, 3) is doubtful (H, W)."""
+    height, width = doubtful.shape
+    diagonal = np.arange(height)[:, None] + np.arange(width)
+    drawn[doubtful & (diagonal % _HATCH_PX < _HATCH_LINE_PX)] = DOUBTFUL_BGR
 
 
 def _fitting(shape: tuple[int, ...], grid: Grid) -> tuple[int, int]:

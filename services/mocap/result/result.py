@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import MESH_FILE, Actor, build_body
 from services.mocap.camera.calibration import Up
 from services.mocap.errors import TakeError, UserError
@@ -162,6 +163,14 @@ def load_result(folder: Path | str) -> Result:
         body=build_body(actor),
     )
     return Result(folder, actor, motion, tracked, run)
+
+
+def add_to_run(folder: Path, **entries: Any) -> None:
+    """Add entries to the run.json of a results folder, or replace them."""
+    path = folder / RUN_JSON
+    run = _read_run(path) | entries
+    with atomic_file(path) as part:
+        part.write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
 
 
 def _check_frames(path: Path, table: PoseTable) -> None:

@@ -220,6 +220,22 @@ def test_header_and_names_are_written(tmp_path: Path) -> None:
     assert np.abs(left[:30, :80].astype(int) - right[:30, :80]).max() > 60  # each its own name
 
 
+def test_doubtful_parts_are_hatched_and_the_header_says_so(tmp_path: Path) -> None:
+    cam, none = camera("cam01"), np.zeros((1, 120, 160), np.uint8)
+    doubtful = np.zeros((120, 160), bool)
+    doubtful[40:100, 40:120] = True
+    with OverlayWriter(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=320, title="not usable") as overlay:
+        overlay.add(0, 0.0, [ground(cam, 128)], none, 0.0, verdict="good")
+        overlay.add(1, 0.0, [ground(cam, 128)], none, 0.0, doubtful=[doubtful], verdict="doubtful: head")
+    plain, marked = (sheet.astype(int) for sheet in decoded(tmp_path / "o.mp4"))
+    red = marked[..., 2] - marked[..., :2].max(axis=-1) > 40
+    inside, tile = red[HEADER_PX + 84 : HEADER_PX + 196, 84:236], red[HEADER_PX:]
+    assert 0.25 < inside.mean() < 0.75  # lines with gaps
+    assert tile.sum() < 1.2 * inside.sum()  # and nowhere else
+    assert red[:30].any() and not (plain[..., 2] - plain[..., :2].max(axis=-1) > 40)[:30, :200].any()
+    assert plain[32:HEADER_PX, :90].max() > 200  # the title
+
+
 def _too_few_masks(overlay: OverlayWriter, cam: Camera) -> None:
     overlay.add(1, 0.0, [ground(cam)] * 2, np.zeros((1, 120, 160), np.uint8), 0.0)
 

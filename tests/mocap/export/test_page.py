@@ -72,7 +72,8 @@ def test_with_poses_and_actor_alone(folder: Path) -> None:
     assert "img" not in read.seen
     assert "<b>" not in page
     assert "&lt;b&gt;mine" in page
-    assert "Not to be trusted: frames 103." in page
+    assert "usable with gaps: 1 of 16 frames have doubtful parts" in page
+    assert "Doubtful: left arm in 1 (frames 103)." in page
     assert "16, from 100 to 115" in page
 
 
@@ -155,6 +156,24 @@ def test_key_frames_are_the_overlays(folder: Path) -> None:
         picture = cv2.imdecode(content, cv2.IMREAD_COLOR)
         assert picture.shape == (48, 64, 3)
         assert abs(float(picture.mean()) - grey) < 4
+
+
+def test_the_most_doubtful_frame_is_a_key_frame(folder: Path) -> None:
+    write_overlay(folder, 16)
+    assert "most doubtful: frame 103" in page_of(folder)
+
+
+def test_the_picture_of_the_fit_is_shown(folder: Path) -> None:
+    (folder / "fit").mkdir()
+    cv2.imwrite(str(folder / "fit" / "overlay.png"), np.full((48, 64, 3), 90, np.uint8))
+    assert 'alt="the fitted body"' in page_of(folder)
+
+
+def test_every_curve_has_the_red_bands(folder: Path) -> None:
+    charts = re.findall(r"<svg.*?</svg>", page_of(folder), re.DOTALL)
+    bands = [len(re.findall("#d1242f", chart)) for chart in charts]
+    n_angles = len(charts[-1].split("(°)")) - 1
+    assert bands[0] == 1 and bands[-1] == n_angles  # one doubtful stretch in every curve
 
 
 def test_an_overlay_of_other_frames_or_a_broken_one_is_left_out(folder: Path) -> None:

@@ -15,6 +15,7 @@ from services.mocap.motion.angles import ANGLES
 from services.mocap.result.result import Result
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
+from services.mocap.verdict.verdict import spans_of
 
 _WIDTH_IN = 9.6
 _STYLE: dict[Any, Any] = {
@@ -144,6 +145,7 @@ def angles(result: Result) -> str:
                 values = result.angles_deg[f"{side}_{name}".removeprefix("_")]
                 place.plot(result.times_s, values, color=_COLOURS[side], label=side)
             place.set_title(name.replace("_", " ") + " (°)", fontsize=9, loc="left")
+            _shade(place, result)
         axes[_FIRST_OF_BOTH_SIDES].legend(ncols=2, fontsize=8, loc="best")
         for place in axes[-3:]:
             place.set_xlabel("time (s)")
@@ -191,10 +193,16 @@ def overlaps(iou: Mapping[str, float]) -> str:
 def _finish(axes: Sequence[Axes], result: Result) -> None:
     """Shade distrusted frames, and label the lowest axis."""
     half_s = 0.5 / result.fps
-    for time_s in result.times_s[result.distrusted.any(axis=1)].tolist():
-        for place in axes:
-            place.axvspan(time_s - half_s, time_s + half_s, color=_WARNING, alpha=0.15, linewidth=0)
     for place in axes:
+        _shade(place, result)
         place.set_xlim(float(result.times_s[0]) - half_s, float(result.times_s[-1]) + half_s)
         place.set_ylim(bottom=0)
     axes[-1].set_xlabel("time (s)")
+
+
+def _shade(place: Axes, result: Result) -> None:
+    """Bands over the stretches of distrusted frames."""
+    half_s = 0.5 / result.fps
+    for first, last in spans_of(np.asarray(result.distrusted.any(axis=1), bool)):
+        start_s, end_s = float(result.times_s[first]) - half_s, float(result.times_s[last]) + half_s
+        place.axvspan(start_s, end_s, color=_WARNING, alpha=0.15, linewidth=0)

@@ -15,8 +15,13 @@ from services.mocap.errors import TakeError
 from services.mocap.export.page import charts
 from services.mocap.result.layout import OVERLAY
 from services.mocap.result.result import Result
+from services.mocap.take.fit_record import FIT_FOLDER
+from services.mocap.take.fit_record import OVERLAY as FIT_OVERLAY
+from services.mocap.take.pictures import read_picture
 from services.mocap.take.video import VideoReader, index_video
 from services.mocap.types import Bytes, Floats
+from services.mocap.verdict.judging import verdict_of
+from services.mocap.verdict.verdict import IOU_IN_WORDS
 
 _PICTURE_WIDTH_PX = 1200
 _JPEG_QUALITY = 78
@@ -33,11 +38,13 @@ class KeyFrame:
     """In base64."""
 
 
-def key_frames(overlay: Path, frames: list[int], energies_px: Floats) -> list[KeyFrame]:
-    """The first, middle and last frame of an overlay, and the one of the largest energy.
+def key_frames(
+    overlay: Path, frames: list[int], energies_px: Floats, doubts: Floats | None = None
+) -> list[KeyFrame]:
+    """The first, middle and last frame of an overlay, the one of the largest energy and the most doubtful.
 
-    frames: (N,) the numbers of the overlay's frames; energies_px: (N,) theirs. None where there is no overlay
-    of these frames.
+    frames: (N,) the numbers of the overlay's frames; energies_px: (N,) theirs; doubts: (N,) how doubtful
+    each is, 0 if it is not. None where there is no overlay of these frames.
     """
     if not overlay.exists():
         return []
@@ -47,6 +54,9 @@ def key_frames(overlay: Path, frames: list[int], energies_px: Floats) -> list[Ke
             return []
         last, worst = len(frames) - 1, int(np.argmax(energies_px))
         named = {0: "first", last // 2: "middle", last: "last", worst: "largest energy"}
+        if doubts is not None and doubts.any():
+            most = int(np.argmax(doubts))
+            named[most] = "most doubtful, largest energy" if most == worst else "most doubtful"
         shown = []
         for row, why in sorted(named.items()):
             with VideoReader(index, row, row + 1) as video:
@@ -75,15 +85,33 @@ def write_report(path: Path, result: Result) -> None:
     template = environment.from_string(_TEMPLATE.read_text(encoding="utf-8"))
     page = template.render(
         name=result.motion.name,
+        verdict=verdict_of(result),
         summary=_summary(result),
-        pictures=key_frames(result.folder / OVERLAY, result.frames.tolist(), result.energies_px),
+        pictures=key_frames(
+            result.folder / OVERLAY, result.frames.tolist(), result.energies_px, _doubts(result)
+        ),
+        fit_picture=_fit_picture(result.folder),
         sections=list(_sections(result)),
-        distrusted=_distrusted(result),
         joint_errors=_joint_errors(result.run),
         tables=[(title, rows) for title, rows in _tables(result) if rows],
     )
     with atomic_file(path) as part:
         part.write_text(page, encoding="utf-8")
+
+
+def _doubts(result: Result) -> Floats:
+    """(N,) the sum of what is missing to full confidence in each frame's doubtful parts; 0 without any."""
+    missing: Floats = np.where(result.distrusted, 1.001 - np.nan_to_num(result.confidence), 0.0).sum(axis=1)
+    return missing
+
+
+def _fit_picture(folder: Path) -> str:
+    """The fitted body over the pictures of its first frame, as a JPEG in base64; empty if there is none."""
+    path = folder / FIT_FOLDER / FIT_OVERLAY
+    try:
+        return _jpeg(read_picture(path)) if path.exists() else ""
+    except TakeError:
+        return ""
 
 
 def _summary(result: Result) -> Rows:
@@ -94,14 +122,14 @@ def _summary(result: Result) -> Rows:
         accuracy = run["accuracy"]
         errors = f"mean {accuracy['mean_mm']:.1f} mm, 95 % below {accuracy['p95_mm']:.1f} mm"
         rows += [("joint error", errors), ("lost limbs", f"{len(accuracy['lost_limbs'])}")]
-    if result.tracked.marks is not None:
-        rows.append(("unreliable frames", f"{int(result.distrusted.any(axis=1).sum())}"))
     rows.append(("energy", f"median {np.median(result.energies_px):.0f} pixels"))
     if "speed" in run:
         speed = run["speed"]
         rows.append(("tracked at", f"{speed['frames_per_s']:.1f} frames per second"))
         rows.append(("first frame", f"{speed['first_frame_s']:.1f} s"))
     rows.append(("actor", f"{result.actor.height:.2f} m tall"))
+    if "written" in run:
+        rows.append(("tracked on", str(run["written"]).replace("T", " ").replace("+00:00", " UTC")))
     return rows
 
 
@@ -109,8 +137,9 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
     """Title, explanation and chart."""
     yield (
         "Energy",
-        "Pixels, over all cameras, in which model and silhouettes differ; below it the prior cost for the "
-        "distance from the expected pose. Red: unreliable frames.",
+        "The energy is the number of pixels, over all cameras, in which model and silhouettes differ. What "
+        "is usual depends on cameras and clothes: look for steps and peaks. Below it the prior cost for the "
+        "distance from the expected pose. Red, here and below: frames with doubtful parts.",
         charts.energy(result),
     )
     known = result.quantities
@@ -122,8 +151,8 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
         )
         yield (
             "Overlap, by camera",
-            "Intersection over union of model and silhouette in every frame, and its mean. A camera that "
-            "stands out is badly calibrated or badly segmented.",
+            f"{IOU_IN_WORDS} A curve for each camera, with its mean. A camera that stands out is out of "
+            "step, badly calibrated or badly segmented.",
             charts.overlaps_over_time(result, known["iou"]),
         )
     fit = result.run.get("fit")
@@ -148,15 +177,6 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
     )
     if seconds := known.get("seconds"):
         yield "Time per frame", "Wall time of every frame and its stages.", charts.timings(result, seconds)
-
-
-def _distrusted(result: Result) -> str:
-    """The unreliable frames, as ranges."""
-    frames = result.frames[result.distrusted.any(axis=1)]
-    if frames.size == 0:
-        return ""
-    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
-    return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)
 
 
 def _joint_errors(run: Mapping[str, Any]) -> Rows:

@@ -1,0 +1,46 @@
+"""The checks of a take before it is fitted or tracked: their option, and what is printed."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Annotated, TypeAlias
+
+import typer
+
+from services.commands.consoles import progress_bar, warn
+from services.mocap.errors import TakeError
+from services.mocap.take.folder import Take
+from services.mocap.verdict.verdict import Cause
+from services.runs.take_check import check_before
+
+CheckOption: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--check/--no-check", help="Look for mistakes in calibration and silhouettes before the work."
+    ),
+]
+
+
+def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:
+    """Check a take, and print what is wrong; raises TakeError where it cannot be tracked."""
+    with progress_bar() as show:
+        found = check_before(take, frames, lambda share: show("checking the take", share), segmenter)
+        show("take checked", 1.0)
+    warn(map(str, found))
+    return found
+
+
+@contextmanager
+def blamed_first(checks: Sequence[Cause]) -> Iterator[None]:
+    """Make a TakeError of the block tell first what the checks have found, as the likelier cause."""
+    try:
+        yield
+    except TakeError as problem:
+        if not checks:
+            raise
+        raise TakeError(f"{checks[0]}; this led to: {problem}") from None
+
+
+def not_told(warnings: Sequence[str], checks: Sequence[Cause]) -> list[str]:
+    """The warnings that the checks have not printed."""
+    told = {str(cause) for cause in checks}
+    return [sentence for sentence in warnings if sentence not in told]

@@ -1,0 +1,207 @@
+"""Finds from calibration and silhouettes what is wrong with a take.
+
+Each mistake is undone on trial; it is certain where all cameras then agree that did not before.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from services.mocap.calibration.agreeing import Agreement, agreement_limit_px, agreement_of, likely_mistake
+from services.mocap.calibration.conventions import BEHIND, CONVENTIONS, OPENGL_AXES, upward, with_axes
+from services.mocap.calibration.epipolar_tangents import Outline, touches_of
+from services.mocap.calibration.time_offsets import find_offsets
+from services.mocap.camera.calibration import Up
+from services.mocap.camera.camera import R_ZUP_YUP, Camera
+
+Outlines = list[list[Outline | None]]
+"""Per camera, of each frame."""
+_UPRIGHT, _NOT_UPRIGHT = 0.75, 0.35
+"""Cosine between the pictures' upward direction and the world's, of the median of cameras that stand upright,
+and of others."""
+_FROM_ABOVE = -0.7
+"""Of the cosine between viewing direction and up: cameras that look down have no upright picture."""
+_TRIAL_FRAMES = 10
+_MOST_SWAPPED = 5
+"""Cameras that disagree, the worst first, among which a swap is tried."""
+_REACH, _LEAST_LATE, _LEAST_SURE, _BETTER = 15, 2.0, 0.2, 1.5
+"""Offsets are searched up to so many frames; one is told from so many frames on, if the confidence is as high
+and the error falls by this factor."""
+_MOSTLY, _FEWEST_ALIKE = 0.8, 5
+"""Share of the frames after a change that disagree and of those before that agree; least number of both."""
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """Something that is wrong with a take."""
+
+    file: str
+    """Of the take folder, and the field or camera in it."""
+    what: str
+    remedy: str
+    is_certain: bool = False
+    """Whether tracking is bound to fail."""
+    is_out_of_step: bool = False
+    """Whether a camera shows other moments than the others."""
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.what}: {self.remedy}"
+
+
+def wrong_up(cameras: Sequence[Camera], up: Up) -> Mistake | None:
+    """The mistake of a take.toml whose `up` is not the world's: cameras (z-up) that lie on their sides."""
+    other: Up = "y" if up == "z" else "z"
+    turn = R_ZUP_YUP if up == "z" else R_ZUP_YUP.T
+    looks_down = np.median([camera.R_camera_world[2, 2] for camera in cameras]) < _FROM_ABOVE
+    if looks_down or upward(cameras) > _NOT_UPRIGHT:
+        return None
+    if upward([camera.with_world_turned(turn) for camera in cameras]) < _UPRIGHT:
+        return None
+    return Mistake(
+        "take.toml: up",
+        f'the cameras stand upright if "{other}" is up, and lie on their sides with "{up}"',
+        f'write up = "{other}"',
+        is_certain=True,
+    )
+
+
+def mistakes_in(cameras: tuple[Camera, ...], outlines: Outlines, up: Up) -> list[Mistake]:
+    """The mistakes that the outlines of consecutive frames show; the first certain one alone if there is one.
+
+    up: the axis of the calibration's own world that points up.
+    """
+    every = -(-max(map(len, outlines)) // _TRIAL_FRAMES)
+    few = [of_camera[::every] for of_camera in outlines]
+    found = agreement_of(cameras, few)
+    if found.odd or not np.isfinite(found.off_px).any():
+        certain = next(_undone(cameras, few, found, up), None)
+        if certain is not None:
+            return [certain]
+    late = list(_out_of_step(cameras, outlines))
+    return late or list(_from_a_frame_on(cameras, outlines)) or list(_disagreeing(cameras, found))
+
+
+def _undone(cameras: tuple[Camera, ...], outlines: Outlines, found: Agreement, up: Up) -> Iterator[Mistake]:
+    """Mistakes that, undone, make all cameras agree."""
+    names = [camera.name for camera in cameras]
+    for what, convention in CONVENTIONS.items():
+        meant = tuple(convention(camera, up) for camera in cameras)
+        seen = [_in_camera(*them) for them in zip(outlines, cameras, meant, strict=True)]
+        if _all_agree(meant, seen):
+            yield Mistake(
+                "calibration.toml: rotation, translation",
+                f"the cameras agree only if these are read as {what}",
+                "convert them to OpenCV's, from the world to the camera, which looks along z with y down",
+                is_certain=True,
+            )
+    worst = found.odd[:_MOST_SWAPPED] if len(cameras) > _MOST_SWAPPED else range(len(cameras))
+    for a, b in combinations(sorted(worst), 2):
+        swapped = list(outlines)
+        swapped[a] = _in_camera(outlines[b], cameras[b], cameras[a])
+        swapped[b] = _in_camera(outlines[a], cameras[a], cameras[b])
+        if _same_size(cameras[a], cameras[b]) and _all_agree(cameras, swapped):
+            yield Mistake(
+                "calibration.toml",
+                f"{names[a]} and {names[b]} are swapped: each agrees with the pictures of the other",
+                "swap their names there, or rename their files",
+                is_certain=True,
+            )
+    good = [c for c in range(len(cameras)) if c not in found.odd and np.isfinite(found.off_px[c])]
+    for c in found.odd if len(good) > 1 else ():
+        yield from _turned(c, cameras, outlines, good, float(found.off_px[c]))
+
+
+def _turned(
+    odd: int, cameras: tuple[Camera, ...], outlines: Outlines, good: list[int], off_px: float
+) -> Iterator[Mistake]:
+    """The mistake of one camera that looks the other way, or whose pictures are flipped."""
+    camera, others = cameras[odd], [cameras[c] for c in good]
+    for turn in (OPENGL_AXES, BEHIND):
+        meant = with_axes(camera, turn)
+        seen = [*(outlines[c] for c in good), _in_camera(outlines[odd], camera, meant)]
+        if _all_agree((*others, meant), seen):
+            yield Mistake(
+                f"calibration.toml: [{camera.name}] rotation",
+                "faces away from the actor, whom the other cameras see behind it",
+                "expected OpenCV's axes, z forward and y down",
+                is_certain=True,
+            )
+    what = likely_mistake(odd, cameras, good, outlines, off_px)
+    if what:
+        yield Mistake(
+            f"calibration.toml: [{camera.name}]",
+            f"its pictures are {what} against its calibration",
+            "turn the video, or calibrate with pictures as they are in it",
+            is_certain=True,
+        )
+
+
+def _in_camera(of_camera: Sequence[Outline | None], camera: Camera, other: Camera) -> list[Outline | None]:
+    return [outline and outline.in_camera(camera, other) for outline in of_camera]
+
+
+def _all_agree(cameras: tuple[Camera, ...], outlines: Outlines) -> bool:
+    found = agreement_of(cameras, outlines)
+    return not found.odd and bool(np.isfinite(found.off_px).all())
+
+
+def _same_size(one: Camera, other: Camera) -> bool:
+    return (one.width_px, one.height_px) == (other.width_px, other.height_px)
+
+
+def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator[Mistake]:
+    """Cameras that agree better some frames later or earlier."""
+    width_px = float(np.median([camera.width_px for camera in cameras]))
+    found = find_offsets(touches_of(cameras, outlines), len(cameras), _REACH, width_px)
+    usual = float(np.median(found.offsets))
+    for c, camera in enumerate(cameras):
+        ahead = float(found.offsets[c]) - usual
+        is_better = found.off_px[c] * _BETTER < found.off_before_px[c]
+        if abs(ahead) >= _LEAST_LATE and found.confidence[c] >= _LEAST_SURE and is_better:
+            yield Mistake(
+                camera.name,
+                f"is out of step by about {abs(ahead):.0f} frames: it agrees with the other cameras "
+                f"({found.off_px[c]:.1f} px instead of {found.off_before_px[c]:.1f} px) if it is that much "
+                f"{'earlier' if ahead > 0 else 'later'}",
+                "run xormocap sync, which writes offsets to take.toml",
+                is_out_of_step=True,
+            )
+
+
+def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator[Mistake]:
+    """The frame from which cameras disagree that agreed before."""
+    pairs = [touches.off_px(0.0) for touches in touches_of(cameras, outlines)]
+    off_px = np.nanmedian(np.concatenate(pairs, axis=1), axis=1) if pairs else np.zeros(0)
+    disagrees = off_px > agreement_limit_px(cameras)
+    n_later = np.arange(len(disagrees), 0, -1)
+    wrong_later = np.cumsum(disagrees[::-1])[::-1] / n_later
+    wrong_before = np.concatenate([[0], np.cumsum(disagrees)[:-1]]) / np.maximum(np.arange(len(disagrees)), 1)
+    is_change = (wrong_later > _MOSTLY) & (wrong_before < 1 - _MOSTLY) & disagrees
+    is_change[:_FEWEST_ALIKE] = is_change[max(len(is_change) - _FEWEST_ALIKE, 0) :] = False
+    if is_change.any():
+        yield Mistake(
+            "silhouettes",
+            f"the cameras agree up to the {int(is_change.argmax())}th of the frames that were looked at, not "
+            "afterwards; a second person or a thing that moves comes into view, or the light changes",
+            "track the part before with --frames, or mask it out",
+        )
+
+
+def _disagreeing(cameras: tuple[Camera, ...], found: Agreement) -> Iterator[Mistake]:
+    """Cameras that disagree for a reason that is not known."""
+    names, worst_px = [cameras[c].name for c in found.odd], float(np.nanmax(found.off_px))
+    if 2 * len(names) > len(cameras):
+        yield Mistake(
+            "calibration.toml",
+            "most cameras do not agree with each other",
+            "check that it belongs to this take, that videos have their own cameras' names, and silhouettes",
+        )
+    elif names:
+        yield Mistake(
+            f"calibration.toml: {', '.join(names)}",
+            f"not in agreement with the other cameras ({worst_px:.0f} px off); "
+            "it was moved since the calibration, its silhouettes are wrong, or something hides the actor",
+            "look at xormocap calibrate --check",
+        )

@@ -1,0 +1,64 @@
+"""What silhouettes lack: actors who are cut off at a picture's edge, and feet that do not reach the floor."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from services.mocap.calibration.epipolar_tangents import Outline
+from services.mocap.calibration.mistakes import Mistake
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
+from services.mocap.errors import TakeError
+from services.mocap.search.hull import carve
+from services.mocap.types import ACTOR, BACKGROUND, Trimap
+
+_OFTEN = 0.5
+"""Share of the frames from which a camera that cuts the actor off is told."""
+_EDGE_PX = 3.0
+_FLOATING_M = 0.1, 0.6
+"""How far above the floor the lowest point is if the feet are missing; more is another world, or a jump."""
+
+
+def silhouette_faults(
+    cameras: tuple[Camera, ...], outlines: Sequence[Sequence[Outline | None]], middle: Trimap
+) -> Iterator[Mistake]:
+    """What the silhouettes lack. outlines: per camera, of each frame; middle (C, H, W): of one frame."""
+    cut = [camera.name for camera, seen in zip(cameras, outlines, strict=True) if _is_cut(camera, seen)]
+    if cut:
+        yield Mistake(
+            f"silhouettes of {', '.join(cut)}",
+            "end at the lower edge of the picture: legs or feet are not in view",
+            "move these cameras back or tilt them down; legs that no camera sees are guessed",
+        )
+        return
+    low_m, high_m = _FLOATING_M
+    bottom_m = _bottom_m(cameras, middle)
+    if bottom_m is None or not low_m < bottom_m < high_m:
+        return
+    reaching = [_bottom_m(cameras, middle, without=c) for c in range(len(cameras))]
+    lacking = [cameras[c].name for c, of in enumerate(reaching) if of is not None and of < low_m]
+    alone = f" of {', '.join(lacking)}" if lacking else ""
+    yield Mistake(
+        f"silhouettes{alone}",
+        f"the actor ends {bottom_m:.2f} m above the floor of the calibrated world; the feet are missing "
+        f"in them{'' if alone else ', or the origin of the world is not on the floor'}",
+        "look at them (xormocap segment); dark shoes, furniture, or a jump in this frame explain it too",
+    )
+
+
+def _bottom_m(cameras: tuple[Camera, ...], trimaps: Trimap, without: int | None = None) -> float | None:
+    """Height of the soles above the floor, by trimaps (C, H, W) of all cameras but one; None if unknown."""
+    silhouettes = trimaps == ACTOR
+    if without is not None:
+        silhouettes[without] = False
+    try:
+        return carve(Rig.of(cameras), silhouettes, trimaps != BACKGROUND).bottom_m
+    except TakeError:
+        return None  # what does not meet in space is told otherwise
+
+
+def _is_cut(camera: Camera, outlines: Sequence[Outline | None]) -> bool:
+    """Whether a camera's silhouettes mostly end at the lower edge of its picture."""
+    seen = [outline for outline in outlines if outline is not None]
+    lowest_px = [float(outline.pixels(camera)[:, 1].max()) for outline in seen]
+    return bool(seen) and float(np.mean(np.array(lowest_px) > camera.height_px - _EDGE_PX)) > _OFTEN

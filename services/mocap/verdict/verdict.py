@@ -1,0 +1,122 @@
+"""The verdict on a result as data, and its words.
+
+The terminal, run.json, the report, the overlay and the page show this object.
+"""
+
+from collections.abc import Iterable
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from services.mocap.take.marks import PARTS, Part
+from services.mocap.types import Mask
+
+Level: TypeAlias = Literal["good", "usable with gaps", "not usable"]
+LEVELS: tuple[Level, ...] = get_args(Level)
+"""The best first."""
+_MOST_SPANS = 6
+"""Stretches of frames that a line of text lists; the others are counted."""
+IOU_IN_WORDS = (
+    "IoU, intersection over union: the pixels that model and silhouette share, as a share of those that "
+    "either covers. 1 is perfect; 0.87 to 0.95 is usual, 0.82 in wide clothes."
+)
+WHOLE_BODY: Part = "torso"
+"""The part that stands for the whole body."""
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Doubt(_Frozen):
+    """A part of the body, and the frames in which it is doubtful."""
+
+    part: Part
+    frames: int
+    """How many."""
+    spans: tuple[tuple[int, int], ...]
+    """First and last frame of each stretch of them."""
+
+    def __str__(self) -> str:
+        return f"{part_in_words(self.part)} in {self.frames} ({spans_in_words(self.spans)})"
+
+
+class Cause(_Frozen):
+    """Something that explains doubtful frames or a wrong body."""
+
+    what: str
+    """What is wrong, as far as the data tell."""
+    remedy: str
+    """The command or the file that mends it."""
+    level: Level
+    """The best level that a result with it can have; `good` for a remark."""
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.remedy}" if self.remedy else self.what
+
+
+class Verdict(_Frozen):
+    """The verdict on N consecutive frames."""
+
+    level: Level
+    frames: int
+    """N."""
+    doubtful_frames: int
+    """Frames with a doubtful part."""
+    lost_frames: int
+    """Frames in which the whole body is doubtful."""
+    doubts: tuple[Doubt, ...]
+    """Parts that are doubtful in some frame in which not the whole body is, in the order of PARTS."""
+    iou: dict[str, float]
+    """By camera: intersection over union of model and silhouette, median of the frames."""
+    causes: tuple[Cause, ...]
+    """The likeliest first."""
+
+    @property
+    def typical_iou(self) -> float:
+        """The median of the cameras' overlaps; 1 where they are not known."""
+        return float(np.median(list(self.iou.values()))) if self.iou else 1.0
+
+    @property
+    def headline(self) -> str:
+        """The level, and how many frames are doubtful."""
+        if not self.doubtful_frames:
+            return f"{self.level}: no part is doubtful in any of {self.frames} frames"
+        return f"{self.level}: {self.doubtful_frames} of {self.frames} frames have doubtful parts"
+
+    @property
+    def doubts_in_words(self) -> str:
+        """Which parts are doubtful, and when; empty without any."""
+        return "; ".join(map(str, self.doubts))
+
+
+def part_in_words(part: Part) -> str:
+    """A part as a person reads it."""
+    return "whole body" if part == WHOLE_BODY else part.replace("_", " ")
+
+
+def parts_in_words(distrusted: Iterable[bool]) -> str:
+    """The doubtful parts among PARTS (6,), in words; the whole body alone if it is among them."""
+    doubtful = [part for part, is_doubtful in zip(PARTS, distrusted, strict=True) if is_doubtful]
+    return ", ".join(map(part_in_words, [WHOLE_BODY] if WHOLE_BODY in doubtful else doubtful))
+
+
+def frame_in_words(distrusted: Iterable[bool]) -> str:
+    """The verdict on one frame, by its doubtful parts among PARTS (6,)."""
+    parts = parts_in_words(distrusted)
+    return f"doubtful: {parts}" if parts else "good"
+
+
+def spans_of(chosen: Mask, first: int = 0) -> tuple[tuple[int, int], ...]:
+    """First and last number of each stretch of chosen frames (N,), which are numbered from `first`."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))
+    return tuple((first + int(start), first + int(stop) - 1) for start, stop in edges.reshape(-1, 2))
+
+
+def spans_in_words(spans: tuple[tuple[int, int], ...]) -> str:
+    """`frames 4 to 9, 30, and 3 more stretches`; the longest are listed."""
+    longest = sorted(spans, key=lambda span: span[0] - span[1])[:_MOST_SPANS]
+    listed = ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in sorted(longest))
+    more = len(spans) - len(longest)
+    return f"frames {listed}" + (f", and {more} more stretch{'es' if more > 1 else ''}" if more else "")

@@ -1,0 +1,41 @@
+"""The outlines of a take's silhouettes, each camera's made without the help of the others."""
+
+from collections.abc import Callable
+from itertools import islice
+
+import numpy as np
+
+from services.mocap.calibration.epipolar_tangents import Outline, outline_of
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import in_common_size
+from services.mocap.take.folder import Take
+from services.mocap.types import Trimap
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.segmenters import AUTO, make_segmenter
+
+
+def outlines_of(
+    take: Take, frames: range, every: int, progress: Callable[[float], None], segmenter: str = AUTO
+) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
+    """The cameras without lens distortion, their outlines in some frames, and the trimaps of one frame.
+
+    every: use every n-th frame. The trimaps (C, H, W) are those of the frame in the middle. progress: called
+    with 0 to 1.
+    """
+    cameras = tuple(camera.undistorted() for camera in take.cameras)
+    height_px, width_px = Rig.of(cameras).shape_px
+    outlines: list[list[Outline | None]] = []
+    middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
+    chosen = range(0, len(frames), every)
+    for c, camera in enumerate(take.cameras):
+        alone = make_segmenter(take, [camera], SegmentationSettings(), segmenter)
+        trimaps = alone.trimaps(frames.start, frames.stop)
+        of_camera: list[Outline | None] = []
+        for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):
+            of_camera.append(outline_of(trimap, cameras[c]))
+            if n == len(chosen) // 2:
+                middle[c] = in_common_size(trimap, width_px, height_px)
+        outlines.append(of_camera)
+        progress((c + 1) / len(take.cameras))
+    return cameras, outlines, middle

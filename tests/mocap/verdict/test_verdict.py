@@ -1,0 +1,132 @@
+"""The verdict: its level, which parts are doubtful when, and the causes that a result's files tell."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from services.mocap.errors import TakeError
+from services.mocap.result.frame_files import write_frame_file
+from services.mocap.result.result import load_result
+from services.mocap.take.marks import PARTS
+from services.mocap.verdict.judging import level_of, verdict_of
+from services.mocap.verdict.verdict import Cause, Verdict, frame_in_words, spans_in_words, spans_of
+
+FRAMES = np.arange(100, 116, dtype=np.int32)
+CAMERAS = ("cam01", "cam02", "cam03", "cam04")
+
+
+@pytest.fixture
+def folder(bare_result: Path, tmp_path: Path) -> Path:
+    """16 frames, in one of which the left arm is doubtful."""
+    return Path(shutil.copytree(bare_result, tmp_path / "mine"))
+
+
+def judged(folder: Path, iou: dict[str, np.ndarray] | None = None, **run: Any) -> Verdict:
+    """The verdict on a result with these overlaps, 0.9 by default, and these entries of run.json."""
+    known = {camera: np.full(16, 0.9) for camera in CAMERAS} | (iou or {})
+    part_px = {part: np.full(16, 50.0) for part in PARTS}
+    write_frame_file(folder / "energies.csv", FRAMES, {"part_px": part_px, "iou": known})
+    (folder / "run.json").write_text(json.dumps({"take": {"name": "walk", "folder": "my-take"}} | run))
+    return verdict_of(load_result(folder))
+
+
+def test_doubtful_parts_and_their_frames_are_named(folder: Path) -> None:
+    verdict = judged(folder)
+    assert verdict.headline == "usable with gaps: 1 of 16 frames have doubtful parts"
+    assert verdict.doubts_in_words == "left arm in 1 (frames 103)"
+    assert (verdict.doubtful_frames, verdict.lost_frames, verdict.causes) == (1, 0, ())
+    assert verdict.typical_iou == pytest.approx(0.9)
+
+
+def test_it_goes_through_json_unchanged(folder: Path) -> None:
+    verdict = judged(folder, {"cam02": np.full(16, 0.6)})
+    assert verdict.causes
+    assert Verdict.model_validate_json(verdict.model_dump_json()) == verdict
+
+
+def marked(n_lost: int, n_limbs: int) -> np.ndarray:
+    """(20, 6): frames in which the whole body, and others in which a leg, is doubtful."""
+    distrusted = np.zeros((20, 6), bool)
+    distrusted[:n_lost, PARTS.index("torso")] = True
+    distrusted[n_lost : n_lost + n_limbs, PARTS.index("left_leg")] = True
+    return distrusted
+
+
+@pytest.mark.parametrize(
+    ("n_lost", "n_limbs", "iou", "level"),
+    [
+        (0, 0, 0.9, "good"),
+        (0, 1, 0.9, "usable with gaps"),
+        (0, 10, 0.9, "usable with gaps"),
+        (0, 11, 0.9, "not usable"),
+        (4, 0, 0.9, "usable with gaps"),
+        (5, 0, 0.9, "not usable"),
+        (0, 0, 0.59, "not usable"),
+    ],
+)
+def test_the_level_follows_from_marks_and_overlap(n_lost: int, n_limbs: int, iou: float, level: str) -> None:
+    assert level_of(marked(n_lost, n_limbs), {"cam01": np.full(20, iou)}) == level
+
+
+def test_a_camera_that_stands_out_is_a_cause_with_its_remedy(folder: Path) -> None:
+    (cause,) = judged(folder, {"cam02": np.full(16, 0.68)}).causes
+    assert cause.what.startswith("cam02 agrees less with the body than the others (IoU 0.68, others 0.90)")
+    assert "xormocap sync my-take" in cause.remedy
+    assert cause.level == "usable with gaps"
+
+
+def test_moments_that_stand_out_in_most_cameras_are_one_cause(folder: Path) -> None:
+    late = np.where(FRAMES >= 109, 0.6, 0.9)
+    causes = judged(folder, dict.fromkeys(CAMERAS[:3], late)).causes
+    assert [cause.level for cause in causes] == ["usable with gaps"]
+    assert "stop matching the body in frames 109 to 115: a second person" in causes[0].what
+
+
+def test_moments_of_one_camera_are_a_remark(folder: Path) -> None:
+    (cause,) = judged(folder, {"cam03": np.where(FRAMES < 104, 0.5, 0.9)}).causes
+    assert cause.what.startswith("cam03's silhouettes stop matching the body in frames 100 to 103")
+    assert cause.level == "good"
+
+
+def test_a_body_that_is_not_the_takes(folder: Path) -> None:
+    verdict = judged(folder, take={"folder": "my-take", "actor_height": 1.70})
+    assert verdict.causes[0].what == "the body is 1.78 m tall, take.toml says actor_height = 1.70"
+
+
+def test_a_body_that_nobody_has_is_not_usable(folder: Path) -> None:
+    actor = folder / "actor.toml"
+    text = actor.read_text()
+    actor.write_text(text.replace("height = 1.78", "height = 2.2"))
+    assert actor.read_text() != text
+    verdict = judged(folder)
+    assert verdict.level == "not usable"
+    assert verdict.causes[0].what == "the fitted body is 2.20 m tall, as hardly anybody"
+    assert "check the scale of calibration.toml" in verdict.causes[0].remedy
+
+
+def test_what_was_found_before_the_run_comes_first(folder: Path) -> None:
+    before = Cause(what="cam01: is out of step", remedy="run xormocap sync", level="usable with gaps")
+    low = np.full(16, 0.68)
+    verdict = judged(folder, {"cam01": low, "cam02": low}, checks=[before.model_dump()])
+    assert verdict.causes[0] == before
+    assert len(verdict.causes) == 1 + ("cam02" in verdict.causes[-1].what)  # cam01 is explained already
+
+
+def test_checks_that_are_none_are_refused(folder: Path) -> None:
+    with pytest.raises(TakeError, match=r"run\.json: checks: expected what xormocap track wrote"):
+        judged(folder, checks=[{"nothing": 1}])
+
+
+def test_frames_and_stretches_in_words() -> None:
+    assert frame_in_words([False, False, True, False, False, True]) == "doubtful: left arm, right leg"
+    assert frame_in_words([True, False, True, False, False, False]) == "doubtful: whole body"
+    assert frame_in_words([False] * 6) == "good"
+    chosen = np.array([1, 1, 0, 1, 0, 0, 1, 1, 1], bool)
+    assert spans_of(chosen, 10) == ((10, 11), (13, 13), (16, 18))
+    assert spans_in_words(spans_of(chosen, 10)) == "frames 10 to 11, 13, 16 to 18"
+    many = tuple((10 * n, 10 * n + n) for n in range(9))
+    assert spans_in_words(many).endswith("80 to 88, and 3 more stretches")
