@@ -11,7 +11,7 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
-from services.mocap.take.video import VideoIndex, index_video
+from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import Bytes
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate

@@ -14,7 +14,7 @@ from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes, fit_together, unpack_trimaps
 from services.mocap.take import layout
 from services.mocap.take.folder import Take
-from services.mocap.take.video import index_video
+from services.mocap.take.video_index import index_video
 from services.mocap.take.video_picker import PicturePicker
 from services.mocap.types import Bytes, Trimap
 

@@ -21,7 +21,8 @@ from services.mocap.take.pictures import (
 )
 from services.mocap.take.settings import TakeSettings, read_settings
 from services.mocap.take.tables import read_joints_csv
-from services.mocap.take.video import VideoIndex, VideoReader, index_video
+from services.mocap.take.video import VideoReader
+from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import Bytes, Floats
 
 Source = Literal["videos", "silhouettes"]

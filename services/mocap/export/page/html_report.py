@@ -15,7 +15,8 @@ from services.mocap.errors import TakeError
 from services.mocap.export.page import charts
 from services.mocap.result.layout import OVERLAY
 from services.mocap.result.result import Result
-from services.mocap.take.video import VideoReader, index_video
+from services.mocap.take.video import VideoReader
+from services.mocap.take.video_index import index_video
 from services.mocap.types import Bytes, Floats
 
 _PICTURE_WIDTH_PX = 1200
