@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from services.commands.consoles import TakeFolder, stdout
+from services.commands.consoles import TakeFolder, stdout, warn
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
@@ -90,6 +90,7 @@ def track(
     if mesh is not None and (fitted is not None or not fit_first):
         raise UserError("--mesh: a mesh is fitted first: leave out --fitted and --no-fit, or --mesh")
     opened = open_take(take)
+    warn(opened.remarks)
     engine = engine_settings(backend, threads)
     job = TakeJob(
         take=opened,
