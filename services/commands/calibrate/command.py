@@ -106,11 +106,13 @@ def calibrate(
         float, typer.Option(help="Factor for all lengths, for example for COLMAP.", rich_help_panel=_FILES)
     ] = 1.0,
     world: Annotated[
-        Axis,
+        Axis | None,
         typer.Option(
-            "--its-up", help="The axis that points up in the imported file.", rich_help_panel=_FILES
+            "--its-up",
+            help="The axis that points up in the imported file; that of its format by default, else z.",
+            rich_help_panel=_FILES,
         ),
-    ] = "z",
+    ] = None,
 ) -> None:
     """Calibrate cameras with a board, convert a calibration of another tool, or check the calibration of a
     take.

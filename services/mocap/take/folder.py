@@ -5,10 +5,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from services.mocap.camera.calibration import read_calibration
+from services.mocap.camera.calibration import Up, read_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import ColourCorrection, read_colours
-from services.mocap.errors import TakeError, UserError
+from services.mocap.camera.formats import read_any
+from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.pictures import TrimapReader, check_png, read_picture, read_trimap
 from services.mocap.take.recordings import check_names, files_of, find_videos, match_by_name
@@ -141,7 +142,7 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
     if not folder.is_dir():
         raise TakeError(f"{folder}: is not a folder: expected a take folder with {layout.SETTINGS} in it")
     said = read_take_file(folder / layout.SETTINGS)
-    cameras = read_calibration(folder / layout.CALIBRATION, said.up)
+    cameras = _cameras(folder / layout.CALIBRATION, said.up)
     names = [camera.name for camera in cameras]
     check_names(folder, "offsets", said.offsets, names)
     source: Source = "silhouettes" if (folder / layout.SILHOUETTES).is_dir() else "videos"
@@ -164,6 +165,21 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():
         read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
     return replace(take, remarks=() if remark is None else (remark,))
+
+
+def _cameras(path: Path, up: Up) -> tuple[Camera, ...]:
+    """The calibration; raises CalibrationError, which says how to convert a file of another tool."""
+    try:
+        return read_calibration(path, up)
+    except CalibrationError as problem:
+        try:
+            read_any(path, "toml", size_px=None, units="auto", scale=1.0, up=up)
+        except CalibrationError:
+            raise problem from None
+        raise CalibrationError(
+            f"{problem}; if another tool wrote this file, rename it and type: xormocap calibrate --import "
+            f"{path.with_name('other.toml')} --out {path}"
+        ) from None
 
 
 def _find_plates(folder: Path, names: list[str]) -> dict[str, Path]:

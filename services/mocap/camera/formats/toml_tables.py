@@ -12,13 +12,22 @@ _NAMES = ("name", "port", "cam_id")
 
 
 def read_toml(path: Path) -> Loose:
-    """Every table with a matrix and distortions; tables with ignore = true are skipped."""
-    cameras, remarks = [], []
+    """Every table with a matrix and distortions; those with ignore = true or without a pose are left out."""
+    cameras: list[LooseCamera] = []
+    remarks, unposed = [], []
     for key, table in _tables(load_toml(path, CalibrationError), ""):
         if table.get("ignore") is True:
             remarks.append(f"{path}: [{key}]: has ignore = true and is skipped")
+        elif "rotation" not in table and "translation" not in table:
+            unposed.append(key)
         else:
             cameras.append(_camera(f"{path}: [{key}]", key, table))
+    if unposed and not cameras:
+        raise CalibrationError(
+            f"{path}: [{unposed[0]}] rotation: is missing: the poses of its cameras are not known: calibrate "
+            "their extrinsics there"
+        )
+    remarks += [f"{path}: [{key}]: has no pose (rotation, translation) and is left out" for key in unposed]
     return Loose(cameras, None, tuple(remarks))
 
 
