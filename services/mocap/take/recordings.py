@@ -11,6 +11,8 @@ VIDEO_SUFFIXES = (
     ".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".m2ts", ".ts", ".webm", ".wmv",
     ".mxf", ".flv", ".3gp",
 )  # fmt: skip
+_WORDS = (r"[a-z]+|\d+", r"[a-z]+\d+")
+"""Words and numbers; and words with a number, which tell `walk1_cam1` from `walk1_cam2`."""
 
 
 def files_of(folder: Path, suffixes: tuple[str, ...] = VIDEO_SUFFIXES) -> list[Path]:
@@ -60,14 +62,12 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
     exact = {camera: path for path in reversed(files) for camera in cameras if path.stem == camera}
     other_cameras = [camera for camera in cameras if camera not in exact]
     other_files = [path for path in files if path not in exact.values()]
-    camera_words = dict(zip(other_cameras, _own_words(other_cameras), strict=True))
-    file_words = dict(zip(other_files, _own_words([path.stem for path in other_files]), strict=True))
-    fits = [
-        (camera, path)
-        for camera, words in camera_words.items()
-        for path, others in file_words.items()
-        if words and others and (words <= others or others <= words)
-    ]
+    stems = [path.stem for path in other_files]
+    fits: set[tuple[str, Path]] = set()
+    for pattern in _WORDS:
+        of_files = list(zip(other_files, _own_words(stems, pattern), strict=True))
+        for camera, words in zip(other_cameras, _own_words(other_cameras, pattern), strict=True):
+            fits |= {(camera, path) for path, own in of_files if words and own and _is_part(words, own)}
     by_words = {
         camera: path
         for camera, path in fits
@@ -76,12 +76,13 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
     return exact | by_words
 
 
-def _own_words(names: Iterable[str]) -> list[frozenset[str]]:
-    """The words and numbers of each name that not all names have; all, of a single name.
+def _is_part(words: frozenset[str], others: frozenset[str]) -> bool:
+    return words <= others or others <= words
 
-    `walk1_cam01` has walk, walk1, cam, cam1 and 1.
-    """
+
+def _own_words(names: Iterable[str], pattern: str) -> list[frozenset[str]]:
+    """The words of each name that not all names have; all, of a single name."""
     plain = [re.sub(r"(?<!\d)0+(?=\d)", "", name.lower()) for name in names]  # without leading zeros
-    each = [frozenset(re.findall(r"[a-z]+|\d+", name) + re.findall(r"[a-z]+\d+", name)) for name in plain]
+    each = [frozenset(re.findall(pattern, name)) for name in plain]
     shared = frozenset.intersection(*each) if len(each) > 1 else frozenset()
     return [words - shared for words in each]
