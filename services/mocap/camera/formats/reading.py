@@ -66,9 +66,7 @@ def read_any(
     which are also multiplied by scale. up: the axis that points up in it; None for that of the
     format. Raises CalibrationError.
     """
-    loose = _FORMATS[kind or format_of(path)][0](path)
-    if not loose.cameras:
-        raise CalibrationError(f"{path}: contains no camera that is calibrated: expected one or more")
+    loose = read_loose(path, kind)
     remarks = list(loose.remarks)
     metres = _METRES[units] if units != "auto" else loose.metres
     if metres is None:
@@ -89,6 +87,19 @@ def read_any(
             "translations transform points from the world to the camera"
         )
     return cameras, remarks
+
+
+def read_loose(path: Path, kind: Format | None = None, *, needs_pose: bool = True) -> Loose:
+    """The cameras as the file has them; raises CalibrationError if it has none.
+
+    kind: None to detect it. needs_pose: False to read lenses whose cameras have no pose, of TOML files.
+    """
+    kind = kind or format_of(path)
+    lenses_only = kind == "toml" and not needs_pose
+    loose = read_toml(path, needs_pose=False) if lenses_only else _FORMATS[kind][0](path)
+    if not loose.cameras:
+        raise CalibrationError(f"{path}: contains no camera that is calibrated: expected one or more")
+    return loose
 
 
 def format_of(path: Path) -> Format:

@@ -11,15 +11,22 @@ _LENS = {"matrix", "distortions"}
 _NAMES = ("name", "port", "cam_id")
 
 
-def read_toml(path: Path) -> Loose:
-    """Every table with a matrix and distortions; those with ignore = true or without a pose are left out."""
+def read_toml(path: Path, *, needs_pose: bool = True) -> Loose:
+    """Every table with a matrix and distortions; those with ignore = true are left out.
+
+    needs_pose: whether those without a pose are left out, too.
+    """
     cameras: list[LooseCamera] = []
     remarks, unposed = [], []
     for key, table in _tables(load_toml(path, CalibrationError), ""):
         if table.get("ignore") is True:
             remarks.append(f"{path}: [{key}]: has ignore = true and is skipped")
         elif "rotation" not in table and "translation" not in table:
-            unposed.append(key)
+            if needs_pose:
+                unposed.append(key)
+            else:
+                no_pose = {"rotation": [0.0] * 3, "translation": [0.0] * 3}
+                cameras.append(_camera(f"{path}: [{key}]", key, table | no_pose))
         else:
             cameras.append(_camera(f"{path}: [{key}]", key, table))
     if unposed and not cameras:
