@@ -132,7 +132,7 @@ def _no_origin(folder: Path, seen: list[Sightings], board: Board, level: str | N
         return (
             f"{folder / ORIGIN}: has no clip: the world's origin is where the board was seen first, not on "
             f"the floor, and up is up in the pictures of {level or 'all cameras on average'}: record a clip "
-            "or a picture <camera>.png of the board lying on the floor, or name a camera that is level (--level)"
+            "or a picture <camera>.png of the board lying on the floor, or name a level camera (--level)"
         )
     known = {sightings.camera for sightings in seen}
     if not any(clip.camera in known for clip in there):

@@ -78,8 +78,8 @@ def remarks_on_views(solution: Solution) -> list[str]:
         if share < _LITTLE_COVERED and not lens.is_held:
             simple = " (a simple lens model was chosen)" if lens.is_simple else ""
             remarks.append(
-                f"{camera.name}: the board was seen in {100 * share:.0f}% of the picture only: its lens is not "
-                f"known elsewhere{simple}: move the board through the whole picture, record it close up "
+                f"{camera.name}: the board was seen in {100 * share:.0f}% of the picture only: its lens is "
+                f"not known elsewhere{simple}: move the board through the whole picture, record it close up "
                 "(intrinsics/), or give a known lens (--lens FILE)"
             )
     return remarks

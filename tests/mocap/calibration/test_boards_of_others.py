@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -86,7 +85,7 @@ def test_known_lenses_are_held_and_an_origin_is_not_needed(tmp_path: Path) -> No
 
 @pytest.fixture(scope="module")
 def recording() -> Path:
-    folder = Path("/work/shared/data/boards/caliscope")
+    folder = Path(__file__).resolve().parents[4] / "shared" / "data" / "boards" / "caliscope"
     if not folder.is_dir():
         pytest.skip("needs the recording of a board")
     return folder
@@ -96,7 +95,6 @@ def test_a_real_recording_of_an_inverted_board_without_origin(recording: Path) -
     board = Board(columns=4, rows=5, square_m=0.054, dictionary="4x4_1000", inverted=True)
     detector = Detector(board)
     clips = find_clips(recording / "calibration/extrinsic")
-    cv2.setNumThreads(1)
     seen = [look_through(clip.camera, clip.pictures(every=1), detector) for clip in clips]
     assert min(len(sightings.by_frame) for sightings in seen) >= 40
     reference = recording / "camera_array.toml"
