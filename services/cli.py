@@ -3,7 +3,8 @@
 import signal
 import sys
 from importlib import import_module
-from typing import Any, NoReturn
+from importlib.metadata import version
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -15,6 +16,7 @@ from services.process import EXIT_STOPPED, EXIT_USER_ERROR
 from services.runs import Interrupted, ServiceFailedError
 
 _MODULES = {
+    "new": "services.commands.new",
     "track": "services.commands.track",
     "live": "services.commands.live",
     "fit": "services.commands.fit",
@@ -67,8 +69,19 @@ app = typer.Typer(
 )
 
 
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        typer.echo(f"xormocap {version('xormocap')}")
+        raise typer.Exit
+
+
 @app.callback()
-def _() -> None:
+def _(
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version."),
+    ] = False,
+) -> None:
     """Nothing of its own."""
 
 

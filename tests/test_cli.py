@@ -1,6 +1,7 @@
 """`xormocap`: its sub-commands."""
 
 from importlib import import_module
+from importlib.metadata import version
 
 import typer
 from typer.main import get_command
@@ -24,3 +25,8 @@ def test_each_is_what_its_module_has() -> None:
         command = get_command(app).get_command(context, name)  # type: ignore[attr-defined]
         assert command.name == name
         assert hasattr(import_module(module), "app") or hasattr(import_module(module), name)
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    done = CliRunner().invoke(app, ["--version"])
+    assert (done.exit_code, done.output) == (0, f"xormocap {version('xormocap')}\n")

@@ -70,6 +70,7 @@ def fit(
     if refine is not None and mesh is not None:
         raise UserError("--refine: uses the body of RESULT: leave out --mesh")
     opened = open_take(take)
+    warn(opened.remarks)
     actor_toml = (out or take) / ACTOR
     check_place(actor_toml, force)
     folder = out or take / FIT_FOLDER

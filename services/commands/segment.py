@@ -22,6 +22,7 @@ def segment(
     """Write the silhouettes of a take's videos, not undistorted, so that they can replace the videos in a
     take."""
     opened = open_take(take)
+    warn(opened.remarks)
     with kept_warnings() as warnings, Progress(console=stderr) as bar:
         task = bar.add_task("segmenting", total=opened.settings.frames * len(opened.cameras))
         write_silhouettes(opened, out, lambda: bar.advance(task), segmenter)

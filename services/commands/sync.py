@@ -16,7 +16,7 @@ from services.mocap.calibration.time_offsets import TimeOffsets, find_offsets
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.folder import Take, open_take
-from services.mocap.take.settings import read_settings
+from services.mocap.take.settings import read_take_file
 from services.runs.outlines import outlines_of
 
 _MOST_FRAMES = 900
@@ -82,7 +82,7 @@ def _write(take: Take, found: TimeOffsets) -> None:
     table = f"[offsets]  # frames by which cameras are ahead, found by xormocap sync\n{rows}"
     with atomic_file(path) as part:
         part.write_text(f"{text.rstrip()}\n\n{table}", encoding="utf-8")
-        if read_settings(part).offsets != offsets:
+        if read_take_file(part).offsets != offsets:
             raise TakeError(f"{path}: sync cannot edit this file: add {offsets} by hand")
     say(f"{path}: offsets of {len(names)} cameras, frames = {frames}")
 

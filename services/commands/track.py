@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from services.commands.checks import CheckOption, look_before
-from services.commands.consoles import TakeFolder, stdout
+from services.commands.consoles import TakeFolder, stdout, warn
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
 from services.commands.verdicts import StrictOption, exit_if_not_usable, tell_verdict
@@ -99,6 +99,7 @@ def track(
     check_out(folder)
     page = tell_page(port) if watch else None
     opened = open_take(take)
+    warn(opened.remarks)
     engine = engine_settings(backend, threads)
     job = TakeJob(
         take=opened,

@@ -67,7 +67,8 @@ def validated(model: type[Model], data: dict[str, Any], where: str, error: type[
     try:
         return model.model_validate(data)
     except ValidationError as problem:
-        first = problem.errors(include_url=False)[0]
+        errors = problem.errors(include_url=False)  # a misspelt field explains a missing one
+        first = next((error for error in errors if error["type"] == "extra_forbidden"), errors[0])
         raise error(f"{where}{_complaint(model, data, first)}") from None
 
 

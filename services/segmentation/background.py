@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.take import layout
 from services.mocap.take.folder import Take
-from services.mocap.take.video import VideoIndex, index_video
+from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import Bytes
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
@@ -176,7 +175,7 @@ def shrunk(picture: Bytes) -> Bytes:
 
 def keyframes(take: Take, camera: Camera) -> tuple[VideoIndex, list[int]]:
     """A camera's video, and the frames of the take that are decoded without any other."""
-    index, first = index_video(layout.video_path(take.folder, camera.name)), take.settings.offset(camera.name)
+    index, first = index_video(take.videos[camera.name]), take.settings.offset(camera.name)
     return index, [key - first for key, _ in index.keyframes if 0 <= key - first < take.settings.frames]
 
 

@@ -12,9 +12,8 @@ from proto.messages import Silhouettes
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes, fit_together, unpack_trimaps
-from services.mocap.take import layout
 from services.mocap.take.folder import Take
-from services.mocap.take.video import index_video
+from services.mocap.take.video_index import index_video
 from services.mocap.take.video_picker import PicturePicker
 from services.mocap.types import Bytes, Trimap
 
@@ -102,7 +101,7 @@ class TakePictures:
     def _opened(self, c: int) -> _Video:
         if c not in self._pictures:
             take, camera = self._take, self._take.cameras[c]
-            index = index_video(layout.video_path(take.folder, camera.name))
+            index = index_video(take.videos[camera.name])
             picker = PicturePicker(index, take.colours.get(camera.name))
             self._pictures[c] = _Video(picker, take.settings.offset(camera.name), Undistorter(camera))
         return self._pictures[c]

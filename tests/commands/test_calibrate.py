@@ -155,7 +155,7 @@ def test_a_chessboard_of_a_wrong_size_is_noticed(tmp_path: Path) -> None:
 
 def test_mirrored_pictures_are_noticed(own_clips: Path, tmp_path: Path) -> None:
     change(own_clips / "cam02", lambda picture: picture[:, ::-1])
-    assert f"{own_clips / 'cam02'}: is mirrored" in complaint(own_clips, tmp_path, SAID)
+    assert "cam02: is mirrored" in complaint(own_clips, tmp_path, SAID)
 
 
 def test_a_camera_twice_is_noticed(own_clips: Path, tmp_path: Path) -> None:

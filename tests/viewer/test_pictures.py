@@ -8,7 +8,7 @@ import pytest
 
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.take.folder import Take
-from services.mocap.take.video import VideoIndex, index_video
+from services.mocap.take.video_index import VideoIndex, index_video
 from services.viewer import pictures as module
 from services.viewer.pictures import Reader, TakePictures
 

@@ -12,8 +12,10 @@ from rich.table import Table
 from services.commands.consoles import progress_bar, say, table_of, warn
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.board import Board
+from services.mocap.calibration.clips import find_clips
 from services.mocap.calibration.coverage import covered_share, draw_coverage
 from services.mocap.calibration.from_clips import calibrate_clips
+from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.calibration.lens import Lens
 from services.mocap.calibration.remarks import remarks_on, remarks_on_views
 from services.mocap.calibration.rig_solving import Solution
@@ -28,21 +30,31 @@ _LARGEST_PRINT_PX = 20000
 
 
 def calibrate_by_board(
-    clips: Path, said: dict[str, Any], lens: Lens, out: Path, up: Up, console: Console, errors: Console
+    clips: Path,
+    said: dict[str, Any],
+    lens: Lens,
+    out: Path,
+    up: Up,
+    console: Console,
+    errors: Console,
+    lens_file: Path | None = None,
+    level: str | None = None,
 ) -> None:
     """Calibrate a folder of clips, write calibration.toml and, beside it, coverage.png and calibration.json.
 
-    said: the options about the board (see board_of). Raises UserError.
+    said: the options about the board (see board_of). lens_file: a calibration whose lenses are held.
+    level: the camera whose pictures are level, if there is no picture of the origin. Raises UserError.
     """
     if not clips.is_dir():
         raise CalibrationError(
             f"{clips}: is not a folder: expected a folder with a clip <camera>.mp4 for each camera"
         )
     board = board_of(said, clips)
+    known = known_lenses(lens_file, [clip.camera for clip in find_clips(clips)]) if lens_file else None
     with progress_bar(errors) as show:
-        solution, _ = calibrate_clips(clips, board, lens, show)
+        solution, _, remarks = calibrate_clips(clips, board, lens, show, known, level)
         show("calibrated", 1.0)
-    remarks = [*remarks_on_views(solution), *remarks_on(solution.cameras)]
+    remarks = [*remarks, *remarks_on_views(solution), *remarks_on(solution.cameras)]
     write_calibration(out, solution.cameras, up)
     write_picture(out.with_name(COVERAGE), draw_coverage(solution))
     _write_record(out.with_name(RECORD), solution, board, remarks)

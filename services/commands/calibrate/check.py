@@ -27,6 +27,7 @@ class DisagreeError(TakeError):
 def check_take(folder: Path, console: Console, errors: Console) -> None:
     """Print the error of every camera, and raise DisagreeError if one does not agree."""
     take = open_take(folder)
+    warn(take.remarks, errors)
     if len(take.cameras) < _FEWEST_CAMERAS:
         raise TakeError(f"{folder}: has only one camera: expected at least two cameras to compare")
     frames = range(take.settings.frames)

@@ -13,7 +13,7 @@ from services.commands.calibrate.colour import calibrate_colour
 from services.commands.consoles import say, warn
 from services.commands.consoles import stderr as _err
 from services.commands.consoles import stdout as _out
-from services.mocap.calibration.lens import Lens
+from services.mocap.calibration.lens import N_COEFFICIENTS, Lens
 from services.mocap.calibration.remarks import remarks_on
 from services.mocap.camera.calibration import Up
 from services.mocap.camera.formats import Axis, Format, Units, read_any, write_opencv, write_pose2sim
@@ -64,11 +64,26 @@ def calibrate(
         typer.Option(help="Write the board as a PNG file to print, and exit.", rich_help_panel=_BOARD),
     ] = None,
     lens: Annotated[
-        Lens,
+        str,
         typer.Option(
-            help="Lens model: normal, wide (one more coefficient) or fisheye.", rich_help_panel=_BOARD
+            help="Lens model: normal, wide (one more coefficient) or fisheye; or a calibration file of any "
+            "tool, whose lenses are held.",
+            metavar="MODEL|FILE",
+            rich_help_panel=_BOARD,
         ),
     ] = "normal",
+    level: Annotated[
+        str | None,
+        typer.Option(
+            help="Without origin/: the camera whose pictures are upright and level.",
+            metavar="CAMERA",
+            rich_help_panel=_BOARD,
+        ),
+    ] = None,
+    inverted: Annotated[
+        bool | None,
+        typer.Option(help="The board is white on black; tried by default.", rich_help_panel=_BOARD),
+    ] = None,
     up: Annotated[Up, typer.Option(help="The axis that points up in the file that is written.")] = "z",
     check: Annotated[
         Path | None, typer.Option(help="Check whether the cameras of this take agree.", metavar="TAKE")
@@ -106,11 +121,13 @@ def calibrate(
         float, typer.Option(help="Factor for all lengths, for example for COLMAP.", rich_help_panel=_FILES)
     ] = 1.0,
     world: Annotated[
-        Axis,
+        Axis | None,
         typer.Option(
-            "--its-up", help="The axis that points up in the imported file.", rich_help_panel=_FILES
+            "--its-up",
+            help="The axis that points up in the imported file; that of its format by default, else z.",
+            rich_help_panel=_FILES,
         ),
-    ] = "z",
+    ] = None,
 ) -> None:
     """Calibrate cameras with a board, convert a calibration of another tool, or check the calibration of a
     take.
@@ -141,11 +158,13 @@ def calibrate(
         say(f"{out}")
     else:
         said: dict[str, Any] = {"kind": board, "squares": squares, "square_m": square, "marker_m": marker}
-        said |= {"dictionary": dictionary, "legacy": legacy}
+        said |= {"dictionary": dictionary, "legacy": legacy, "inverted": inverted}
         if draw is not None:
             draw_board(draw, said, clips, _out)
         elif clips is not None:
-            calibrate_by_board(clips, said, lens, out or clips / "calibration.toml", up, _out, _err)
+            model, lens_file = _lens_of(lens)
+            file = out or clips / "calibration.toml"
+            calibrate_by_board(clips, said, model, file, up, _out, _err, lens_file, level)
 
 
 def _check_one_is_asked_for(clips: Path | None, draw: Path | None, *others: Path | None) -> None:
@@ -156,3 +175,15 @@ def _check_one_is_asked_for(clips: Path | None, draw: Path | None, *others: Path
             "calibrate: expected one of a folder of CLIPS, --check TAKE, --colour TAKE, --import FILE or "
             "--draw FILE"
         )
+
+
+def _lens_of(text: str) -> tuple[Lens, Path | None]:
+    """The model of --lens, or the model of lenses that its file lacks, and the file; raises UserError."""
+    for model in N_COEFFICIENTS:
+        if text == model:
+            return model, None
+    if not Path(text).exists():
+        raise UserError(
+            f"--lens {text}: is missing: expected {', '.join(N_COEFFICIENTS)} or a file with lenses"
+        )
+    return "normal", Path(text)

@@ -41,6 +41,10 @@ class Board(BaseModel):
         default=None, gt=0.001, lt=2.0, description="the side of a marker's black frame in metres"
     )
     dictionary: str = Field(default="5x5_100", description="the markers' dictionary, such as 5x5_100")
+    inverted: bool | None = Field(
+        default=None,
+        description="true for white markers on black, false for black on white; tried if it is not given",
+    )
     legacy: bool = Field(
         default=False, description="true for boards drawn by OpenCV before 4.6 with an even number of rows"
     )
@@ -120,7 +124,8 @@ class Board(BaseModel):
         margin_px = round(_MARGIN_SQUARES * square_px)
         if self.kind == "charuco":
             size_px = (self.columns * square_px + 2 * margin_px, self.rows * square_px + 2 * margin_px)
-            return np.asarray(self.charuco().generateImage(size_px, marginSize=margin_px), np.uint8)
+            print_ = np.asarray(self.charuco().generateImage(size_px, marginSize=margin_px), np.uint8)
+            return 255 - print_ if self.inverted else print_
         row, column = np.indices((self.rows, self.columns))
         squares = np.where((row + column) % 2, 255, 0).astype(np.uint8)
         print_ = np.kron(squares, np.ones((square_px, square_px), np.uint8))

@@ -117,8 +117,12 @@ class _Problem:
         self._t_m = np.array([pose.t_m for pose in (*estimate.cameras, *estimate.boards)])
         self._fisheye = estimate.lenses[0].is_fisheye
         self._free = np.array(
-            [[i < 4 + N_COEFFICIENTS[lens.lens] for i in range(N_INTRINSICS)] for lens in estimate.lenses]
+            [
+                lens.free or [i < 4 + N_COEFFICIENTS[lens.lens] for i in range(N_INTRINSICS)]
+                for lens in estimate.lenses
+            ]
         )
+        self._one_focal = self._free[:, 0] & ~self._free[:, 1]
         self.n_parameters = _N_CAMERA * len(estimate.cameras) + _N_POSE * len(estimate.boards)
 
     def off_px(self, of_cameras: Floats, of_boards: Floats) -> Floats:
@@ -194,6 +198,7 @@ class _Problem:
         scale = np.ones_like(self._values)
         scale[:, :4] = self._values[:, :2].mean(axis=1, keepdims=True)  # pixels change by the focal length
         values = self._values + np.where(self._free, of_cameras[:, :N_INTRINSICS], 0.0) * scale
+        values[self._one_focal, 1] = values[self._one_focal, 0]
         moves = np.vstack([of_cameras[:, N_INTRINSICS:], of_boards])
         moves[0] = 0.0
         R = Rotation.from_rotvec(moves[:, :3]).as_matrix() @ self._R

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from services.mocap.errors import CalibrationError
 from services.mocap.take.pictures import read_picture
-from services.mocap.take.video import VideoReader, index_video
+from services.mocap.take.video import VideoReader
+from services.mocap.take.video_index import index_video
 from services.mocap.types import Bytes
 
 INTRINSICS, ORIGIN = "intrinsics", "origin"

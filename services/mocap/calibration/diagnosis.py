@@ -10,7 +10,7 @@ import numpy as np
 from services.mocap.calibration.board import DICTIONARIES, FEWEST_SQUARES, Board
 from services.mocap.calibration.clips import Clip
 from services.mocap.calibration.lens import FEWEST_VIEWS
-from services.mocap.calibration.sightings import Detector, Sightings, grey_of
+from services.mocap.calibration.sightings import Detector, Sightings, upright_print
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Bytes, Floats, Ints
 
@@ -31,7 +31,9 @@ def check_prints(looked: list[tuple[Clip, Sightings]], board: Board) -> None:
     for number, (clip, sightings) in enumerate(looked):
         if (board.kind == "charuco" and number == 0) or len(sightings.by_frame) < FEWEST_VIEWS:
             every = -(-clip.n_frames() // _SAMPLES)
-            samples = [grey_of(picture) for _, picture in clip.pictures(every)]
+            samples = [upright_print(picture, board) for _, picture in clip.pictures(every)]
+            if sightings.is_behind:
+                samples = [np.ascontiguousarray(sample[:, ::-1]) for sample in samples]
             find_problem = _wrong_markers if board.kind == "charuco" else _wrong_chessboard
             problem = find_problem(samples, board)
             if problem is not None:

@@ -1,5 +1,6 @@
 """From a folder of board clips to calibrated cameras."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,10 +9,10 @@ import numpy as np
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.clips import INTRINSICS, ORIGIN, Clip, find_clips
 from services.mocap.calibration.diagnosis import check_prints, check_same_pictures
-from services.mocap.calibration.lens import Lens
+from services.mocap.calibration.lens import Intrinsics, Lens
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Show, Solution, solve_rig
 from services.mocap.calibration.sightings import Detector, Sighting, Sightings, is_usable, look_through
-from services.mocap.errors import CalibrationError
+from services.mocap.errors import CalibrationError, nearest
 
 _MOST_LOOKED_AT = 300
 """Number of pictures in which the board is searched; of longer clips every second, third and so on."""
@@ -19,10 +20,21 @@ _MOST_OF_ORIGIN = 30
 _STILL_PX = 2.0
 """Allowed movement of a corner while the board lies at the origin."""
 _LOOKING_SHARE = 0.6
+_POLARITY_SAMPLES = 6
+"""Pictures of each clip in which a board is searched as printed and as its negative."""
 
 
-def calibrate_clips(folder: Path, board: Board, lens: Lens, show: Show) -> tuple[Solution, list[Sightings]]:
-    """Calibrate the cameras of a folder of clips (see clips.py) by a board; also what they saw of it.
+def calibrate_clips(
+    folder: Path,
+    board: Board,
+    lens: Lens,
+    show: Show,
+    known: Mapping[str, Intrinsics] | None = None,
+    level: str | None = None,
+) -> tuple[Solution, list[Sightings], list[str]]:
+    """Calibrate the cameras of a folder of clips (see clips.py) by a board; also what they saw, and remarks.
+
+    known: lenses by camera, which are held. level: see solve_rig.
 
     Raises CalibrationError with what is missing or wrong, and what to do about it.
     """
@@ -32,19 +44,43 @@ def calibrate_clips(folder: Path, board: Board, lens: Lens, show: Show) -> tuple
             f"{folder}: has clips of {len(clips)} cameras: expected <camera>.mp4, or a folder <camera> of "
             "pictures, for two cameras or more"
         )
+    names = [clip.camera for clip in clips]
+    if level is not None and level not in names:
+        raise CalibrationError(f"--level {level}: is no camera of {folder}: {nearest(level, names)}")
+    remarks = []
+    if board.inverted is None:
+        board = _with_polarity(board, clips)
+        remarks += ["the board is printed white on black (inverted = true)"] if board.inverted else []
     detector, seen = Detector(board), []
     for c, clip in enumerate(clips):
         show(f"searching the board: {clip.camera}", _LOOKING_SHARE * c / len(clips))
         seen.append(_sightings(clip, folder, detector))
     check_prints(list(zip(clips, seen, strict=True)), board)
     check_same_pictures(seen)
+    remarks += [
+        f"{s.camera}: saw the back of the board, as one printed on both sides has it"
+        for s in seen
+        if s.is_behind
+    ]
     if not any(ORIGIN_FRAME in sightings.by_frame for sightings in seen):
-        raise CalibrationError(_no_origin(folder, seen, board))
+        remarks.append(_no_origin(folder, seen, board, level))
 
     def show_solving(what: str, share: float) -> None:
         show(what, _LOOKING_SHARE + (1 - _LOOKING_SHARE) * share)
 
-    return solve_rig(seen, board, lens, show_solving), seen
+    return solve_rig(seen, board, lens, show_solving, known, level), seen, remarks
+
+
+def _with_polarity(board: Board, clips: list[Clip]) -> Board:
+    """The board, inverted if only its negative is found in samples of all clips."""
+    inverted = board.model_copy(update={"inverted": True})
+    for clip in clips if board.kind == "charuco" else ():
+        samples = [picture for _, picture in clip.pictures(-(-clip.n_frames() // _POLARITY_SAMPLES))]
+        if any(Detector(board).find(picture) for picture in samples):
+            break
+        if any(Detector(inverted).find(picture) for picture in samples):
+            return inverted
+    return board
 
 
 def _sightings(clip: Clip, folder: Path, detector: Detector) -> Sightings:
@@ -89,17 +125,21 @@ def _at_rest(clip: Clip, sightings: list[Sighting], board: Board) -> Sighting | 
     return sighting if is_usable(sighting, board) else None
 
 
-def _no_origin(folder: Path, seen: list[Sightings], board: Board) -> str:
+def _no_origin(folder: Path, seen: list[Sightings], board: Board, level: str | None) -> str:
+    """A remark if there is no clip of the origin; raises CalibrationError if there is one without a board."""
     there = find_clips(folder / ORIGIN)
     if not there:
         return (
-            f"{folder / ORIGIN}: has no clip: expected a clip or a picture <camera>.png, by one camera or "
-            "more, of the board lying on the floor where the world's origin shall be"
+            f"{folder / ORIGIN}: has no clip: the world's origin is where the board was seen first, not on "
+            f"the floor, and up is up in the pictures of {level or 'all cameras on average'}: record a clip "
+            "or a picture <camera>.png of the board lying on the floor, or name a level camera (--level)"
         )
     known = {sightings.camera for sightings in seen}
     if not any(clip.camera in known for clip in there):
-        return (
+        raise CalibrationError(
             f"{folder / ORIGIN}: {there[0].path.name} belongs to no camera: expected one of "
             f"{', '.join(sorted(known))}"
         )
-    return f"{folder / ORIGIN}: {board.in_words()} was not found in it: show it larger, evenly lit and whole"
+    raise CalibrationError(
+        f"{folder / ORIGIN}: {board.in_words()} was not found in it: show it larger, evenly lit and whole"
+    )

@@ -1,6 +1,6 @@
 """Lenses: OpenCV's models for many points at once, and a first estimate of one camera's by its sightings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import cv2
@@ -28,6 +28,15 @@ _FLAGS: dict[Lens, int] = {
     "wide": 0,
     "fisheye": cv2.CALIB_RECOMPUTE_EXTRINSIC + cv2.CALIB_FIX_SKEW,
 }
+_SIMPLE = cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST
+_SIMPLER: tuple[tuple[int, tuple[str, ...]], ...] = (
+    (_SIMPLE | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_K2, ("fx", "k1")),
+    (_SIMPLE | cv2.CALIB_FIX_K2, ("fx", "cx", "cy", "k1")),
+    (_SIMPLE, ("fx", "cx", "cy", "k1", "k2")),
+)
+"""Models simpler than `normal`: OpenCV's flags, and the values that are free. They have one focal length, and
+the principal point is in the middle if it is not free."""
+_VALUES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +47,18 @@ class Intrinsics:
     size_px: tuple[int, int]
     values: Floats
     """(N_INTRINSICS,)"""
+    free: tuple[bool, ...] = ()
+    """Which of the values an adjustment may change; by default all that the lens has."""
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it is known and must not be changed."""
+        return bool(self.free) and not any(self.free)
+
+    @property
+    def is_simple(self) -> bool:
+        """Whether a model was chosen that is simpler than its views could be fitted with."""
+        return any(self.free) and not all(self.free[: 4 + N_COEFFICIENTS[self.lens]])
 
     @property
     def K(self) -> Floats:
@@ -112,19 +133,47 @@ def estimate_intrinsics(sightings: Sightings, board: Board, lens: Lens) -> tuple
             break
         spoiled += bad
         frames = [frame for frame in frames if frame not in bad]
-    return found, spoiled
+    return _simplest(sightings, frames, board, found, errors_px) if lens == "normal" else found, spoiled
+
+
+def _simplest(
+    sightings: Sightings, frames: list[int], board: Board, full: Intrinsics, errors_px: Floats
+) -> Intrinsics:
+    """The model with the best Bayesian information criterion: the full one, or one with fewer parameters.
+
+    Views that cover little of a picture fit a wrong full model as well as the right one.
+    """
+    counts = np.array([len(sightings.by_frame[frame].corners) for frame in frames])
+    if len(errors_px) != len(frames):
+        return full
+
+    def criterion(errors_px: Floats, n_free: int) -> float:
+        n = 2 * int(counts.sum())
+        return float(n * np.log(max((counts * errors_px**2).sum() / n, 1e-12)) + n_free * np.log(n))
+
+    best, lowest = full, criterion(errors_px, 4 + N_COEFFICIENTS["normal"])
+    for flags, free in _SIMPLER:
+        found, errors_px = _calibrate(sightings, frames, board, "normal", flags)
+        if (value := criterion(errors_px, len(free))) < lowest:
+            best, lowest = replace(found, free=tuple(name in free for name in _VALUES)), value
+    return best
 
 
 def _calibrate(
-    sightings: Sightings, frames: list[int], board: Board, lens: Lens
+    sightings: Sightings, frames: list[int], board: Board, lens: Lens, flags: int | None = None
 ) -> tuple[Intrinsics, Floats]:
-    """The lens by some frames, and each frame's error (n,) in pixels."""
+    """The lens by some frames, and each frame's error (n,) in pixels.
+
+    flags: OpenCV's, of a model simpler than the lens. Raises CalibrationError.
+    """
     views = [sightings.by_frame[frame] for frame in frames]
     corners = [board.corners_m[view.corners][:, None] for view in views]
     points = [view.points_px[:, None] for view in views]
     fit = _fit_fisheye if lens == "fisheye" else _fit
     try:
-        K, distortion, errors_px = fit(corners, points, sightings.size_px, _FLAGS[lens])
+        K, distortion, errors_px = fit(
+            corners, points, sightings.size_px, _FLAGS[lens] if flags is None else flags
+        )
     except cv2.error:
         raise CalibrationError(
             f"{sightings.camera}: its views of the board do not determine the lens: show the board slanted, "

@@ -1,4 +1,7 @@
-"""Finds cameras with mirrored pictures of a chessboard, which itself looks the same in a mirror.
+"""Finds cameras with mirrored pictures.
+
+A ChArUco board reads in a mirror only, but also from behind if it is printed on both sides: then the camera
+fits the others. A chessboard itself looks the same in a mirror.
 
 Alone such a camera fits as well as any other; together with others it does not fit until its views are
 flipped.
@@ -23,7 +26,16 @@ def check_mirroring(
 ) -> None:
     """Raise CalibrationError if the cameras fit together only with one camera's pictures flipped."""
     bad = [link for link in links if link.agreeing < LEAST_AGREEING]
-    if board.kind != "chessboard" or not bad:
+    if board.kind == "charuco":
+        for c in {c for link in bad for c in (link.first, link.second)}:
+            if seen[c].is_behind and all(link in bad for link in links if c in (link.first, link.second)):
+                raise CalibrationError(
+                    f"{seen[c].camera}: is mirrored, its markers read only in the mirror, and it does not "
+                    "fit the others as if it saw the back of the board: switch mirroring off in the camera, "
+                    "or flip its clips"
+                )
+        return
+    if not bad:
         return
     counts = np.bincount([c for link in bad for c in (link.first, link.second)], minlength=len(seen))
     worst = int(counts.argmax())

@@ -74,9 +74,12 @@ def remarks_on_views(solution: Solution) -> list[str]:
                 f"{camera.name}: corners are off by {errors_px[c]:.1f} px on average: check its focus, "
                 "motion blur, and whether another --lens suits it"
             )
-        if (share := covered_share(solution, c)) < _LITTLE_COVERED:
+        share, lens = covered_share(solution, c), solution.lenses[c]
+        if share < _LITTLE_COVERED and not lens.is_held:
+            simple = " (a simple lens model was chosen)" if lens.is_simple else ""
             remarks.append(
                 f"{camera.name}: the board was seen in {100 * share:.0f}% of the picture only: its lens is "
-                "not known elsewhere: move the board through the whole picture"
+                f"not known elsewhere{simple}: move the board through the whole picture, record it close up "
+                "(intrinsics/), or give a known lens (--lens FILE)"
             )
     return remarks

@@ -1,6 +1,6 @@
 """Calibrates all cameras in one world: each lens alone, pairs chained, then everything adjusted at once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,8 @@ _MOST_PER_CAMERA, _MOST_PER_PAIR = 40, 25
 _WRONG_PX, _WRONG_RATIO = 1.5, 5.0
 """A corner that is off by more than both, in pixels and against its camera's median, is wrong."""
 _ROUNDS = 3
+_STEEP = 0.9
+"""Cosine to the vertical beyond which a board's rows give no horizontal direction."""
 
 Show = Callable[[str, float], None]
 """Called with the current stage, in words, and the progress, 0 to 1."""
@@ -42,6 +44,7 @@ class Solution:
     n_bad_views: tuple[int, ...]
     """Per camera: number of sightings left out because they do not fit the others."""
     links: tuple[Link, ...]
+    lenses: tuple[Intrinsics, ...]
 
     def error_px(self, camera: int) -> float:
         """Mean reprojection error of a camera: the mean distance of its corners."""
@@ -57,13 +60,26 @@ class Solution:
         return float(np.sqrt(np.mean(off**2)))
 
 
-def solve_rig(seen: list[Sightings], board: Board, lens: Lens, show: Show) -> Solution:
-    """Calibrate cameras by their sightings, among them one of moment ORIGIN_FRAME in one of them or more.
+def solve_rig(
+    seen: list[Sightings],
+    board: Board,
+    lens: Lens,
+    show: Show,
+    known: Mapping[str, Intrinsics] | None = None,
+    level: str | None = None,
+) -> Solution:
+    """Calibrate cameras by their sightings.
 
-    Raises CalibrationError where the sightings do not determine the cameras.
+    known: lenses by camera, which are held. level: the camera whose pictures are upright and level, which
+    matters if no camera has a sighting of moment ORIGIN_FRAME. Raises CalibrationError where the sightings do
+    not determine the cameras.
     """
     show("lens by lens", 0.0)
-    lenses, spoiled = zip(*[estimate_intrinsics(s, board, lens) for s in seen], strict=True)
+    given = known or {}
+    lenses, spoiled = zip(
+        *[(given[s.camera], []) if s.camera in given else estimate_intrinsics(s, board, lens) for s in seen],
+        strict=True,
+    )
     kept = [
         replace(s, by_frame={frame: view for frame, view in s.by_frame.items() if frame not in bad})
         for s, bad in zip(seen, spoiled, strict=True)
@@ -77,12 +93,12 @@ def solve_rig(seen: list[Sightings], board: Board, lens: Lens, show: Show) -> So
     boards = [_board_in_rig(frame, sights, cameras, board) for frame in frames]
     show("all cameras together", 0.4)
     estimate, corners = _adjusted(Estimate(list(lenses), cameras, frames, boards), kept, board, show)
-    return _solution(seen, estimate, corners, kept, links)
+    return _solution(seen, estimate, corners, kept, links, level)
 
 
 def _chosen_moments(seen: list[Sightings], links: list[Link]) -> list[int]:
     """Moments that show each camera, and each pair of cameras, the board in as many ways as possible."""
-    chosen = {ORIGIN_FRAME}
+    chosen = {ORIGIN_FRAME} if any(ORIGIN_FRAME in sightings.by_frame for sightings in seen) else set()
     for link in links:
         first, second = seen[link.first].by_frame, seen[link.second].by_frame
         shared = sorted(frame for frame in first.keys() & second.keys() if frame >= 0)
@@ -144,9 +160,14 @@ def _believable(corners: Corners, off_px: Floats) -> Mask:
 
 
 def _solution(
-    seen: list[Sightings], estimate: Estimate, corners: Corners, kept: list[Sightings], links: list[Link]
+    seen: list[Sightings],
+    estimate: Estimate,
+    corners: Corners,
+    kept: list[Sightings],
+    links: list[Link],
+    level: str | None,
 ) -> Solution:
-    T_rig_world = estimate.boards[estimate.frames.index(ORIGIN_FRAME)]
+    T_rig_world = _world(estimate, [s.camera for s in seen], corners, level)
     chosen = set(estimate.frames)
     n_views, n_bad = [], []
     for c, sightings in enumerate(seen):
@@ -159,7 +180,28 @@ def _solution(
         for s, lens, T_camera_rig in zip(seen, estimate.lenses, estimate.cameras, strict=True)
     ]
     off_px = residuals_px(estimate, corners)
-    return Solution(tuple(cameras), corners, off_px, tuple(n_views), tuple(n_bad), tuple(links))
+    return Solution(
+        tuple(cameras), corners, off_px, tuple(n_views), tuple(n_bad), tuple(links), tuple(estimate.lenses)
+    )
+
+
+def _world(estimate: Estimate, names: list[str], corners: Corners, level: str | None) -> RigidTransform:
+    """T_rig_world: of the board at the origin, or else of the first board that most cameras saw.
+
+    Then up is up in the pictures of the camera `level`, or of all on average, and x leads along the board's
+    rows.
+    """
+    if ORIGIN_FRAME in estimate.frames:
+        return estimate.boards[estimate.frames.index(ORIGIN_FRAME)]
+    views = np.unique(np.stack([corners.frame, corners.camera]), axis=1)
+    first = estimate.boards[int(np.bincount(views[0]).argmax())]
+    chosen = range(len(names)) if level is None else [names.index(level)]
+    up = -np.mean([estimate.cameras[c].R[1] for c in chosen], axis=0)
+    z = up / np.linalg.norm(up)
+    along = first.R[:, 0] if abs(first.R[:, 0] @ z) < _STEEP else first.R[:, 1]
+    x = along - (along @ z) * z
+    x /= np.linalg.norm(x)
+    return RigidTransform(np.stack([x, np.cross(z, x), z], axis=1), first.t_m)
 
 
 def camera_of(name: str, lens: Intrinsics, T_camera_world: RigidTransform) -> Camera:

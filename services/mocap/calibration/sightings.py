@@ -29,6 +29,8 @@ class Sighting:
     """(n,) their numbers on the board, increasing."""
     points_px: Floats
     """(n, 2) where they are in the raw picture, pixel centres at whole coordinates."""
+    is_behind: bool = False
+    """Seen on the back of a board that is printed on both sides, whose print is the front's mirror image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,11 @@ class Sightings:
     """Pictures of one number show one moment in all cameras; negative numbers are this camera's alone."""
     n_looked_at: int
     """The number of pictures in which the board was searched."""
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether it only ever sees a board's back, or its pictures are mirrored."""
+        return bool(self.by_frame) and all(view.is_behind for view in self.by_frame.values())
 
 
 def is_usable(sighting: Sighting, board: Board) -> bool:
@@ -61,7 +68,9 @@ def is_usable(sighting: Sighting, board: Board) -> bool:
     size_px = float(np.ptp(sighting.points_px, axis=0).max())
     # the print can be read, and not its mirror image: y runs up on the board and down in the picture
     readable = np.linalg.det(H[:2, :2] - np.outer(mapped.mean(axis=0), H[2, :2])) < 0
-    return bool(readable and np.sqrt((off_px**2).mean()) < max(_BENT_PX, _BENT_SHARE * size_px))
+    return bool(
+        readable != sighting.is_behind and np.sqrt((off_px**2).mean()) < max(_BENT_PX, _BENT_SHARE * size_px)
+    )
 
 
 def spread_out(sightings: Mapping[int, Sighting], frames: list[int], most: int) -> list[int]:
@@ -95,15 +104,24 @@ class Detector:
 
     def find(self, picture: Bytes) -> Sighting | None:
         """The corners in a picture (H, W, 3) or (H, W); None if too little of the board is visible."""
-        grey, found = grey_of(picture), None
+        grey = upright_print(picture, self.board)
         if self._charuco is None:
             found = self._chessboard(grey)
-        else:
-            points, corners, _, _ = self._charuco.detectBoard(grey)
-            if corners is not None and points is not None:
-                points_px = np.asarray(points, np.float64).reshape(-1, 2)
-                found = Sighting(np.ravel(corners).astype(np.int32), points_px)
-        return found if found is not None and is_usable(found, self.board) else None
+            return found if found is not None and is_usable(found, self.board) else None
+        return self._found(self._charuco, grey, is_behind=False) or self._found(
+            self._charuco, np.ascontiguousarray(grey[:, ::-1]), is_behind=True
+        )
+
+    def _found(self, charuco: cv2.aruco.CharucoDetector, grey: Bytes, *, is_behind: bool) -> Sighting | None:
+        """A ChArUco board in a picture (H, W); is_behind: if the picture was flipped left to right."""
+        points, corners, _, _ = charuco.detectBoard(grey)
+        if corners is None or points is None:
+            return None
+        points_px = np.asarray(points, np.float64).reshape(-1, 2)
+        if is_behind:
+            points_px = points_px * (-1, 1) + (grey.shape[1] - 1, 0)
+        found = Sighting(np.ravel(corners).astype(np.int32), points_px, is_behind)
+        return found if is_usable(found, self.board) else None
 
     def _chessboard(self, grey: Bytes) -> Sighting | None:
         columns, rows = self.board.columns - 1, self.board.rows - 1
@@ -136,6 +154,12 @@ def _in_order(grey: Bytes, grid: Floats) -> Floats:
 def grey_of(picture: Bytes) -> Bytes:
     """A picture (H, W, 3) or (H, W) in grey (H, W)."""
     return picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def upright_print(picture: Bytes, board: Board) -> Bytes:
+    """A picture in grey (H, W), as its negative if the board is printed white on black."""
+    grey = grey_of(picture)
+    return 255 - grey if board.inverted else grey
 
 
 def look_through(camera: str, pictures: Iterable[tuple[int, Bytes]], detector: Detector) -> Sightings:

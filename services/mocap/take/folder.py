@@ -5,33 +5,22 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
-from services.mocap.camera.calibration import read_calibration
+from services.mocap.camera.calibration import Up, read_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import ColourCorrection, read_colours
-from services.mocap.errors import TakeError, UserError, nearest
+from services.mocap.camera.formats import read_any
+from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
-from services.mocap.take.pictures import (
-    TrimapReader,
-    check_png,
-    check_size,
-    read_picture,
-    read_trimap,
-)
-from services.mocap.take.settings import TakeSettings, read_settings
+from services.mocap.take.pictures import TrimapReader, check_png, read_picture, read_trimap
+from services.mocap.take.recordings import check_names, files_of, find_videos, match_by_name
+from services.mocap.take.settings import TakeFile, TakeSettings, read_take_file
 from services.mocap.take.tables import read_joints_csv
-from services.mocap.take.video import VideoIndex, VideoReader, index_video
-from services.mocap.types import Bytes, Floats
+from services.mocap.take.video import VideoReader
+from services.mocap.take.video_checks import check_decodes, check_plate, check_video, cut_remark, rate_of
+from services.mocap.take.video_index import VideoIndex, index_video
+from services.mocap.types import Bytes
 
 Source = Literal["videos", "silhouettes"]
-
-_LARGEST_RATE_ERROR = 0.01
-_LARGEST_GAP = 1.5
-"""In median frame intervals: with a larger gap, frame numbers no longer give the time."""
-_QUICK_TO_DECODE_PX = 200 * 320 * 240
-"""Videos of up to this many pixels, 200 frames of 320x240, are decoded completely, which takes over a second
-for eight; longer ones only at their end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +36,12 @@ class Take:
 
     colours: Mapping[str, ColourCorrection] = field(default_factory=dict)
     """The colour corrections of the cameras that have one."""
+    videos: Mapping[str, Path] = field(default_factory=dict)
+    """The recordings of the cameras that have one."""
+    plates: Mapping[str, Path] = field(default_factory=dict)
+    """The clean plates of the cameras that have one: videos or PNG pictures."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about the recording that its user should know."""
 
     def video(
         self, camera: Camera, start: int = 0, stop: int | None = None, index: VideoIndex | None = None
@@ -55,14 +50,14 @@ class Take:
 
         They are raw except for colour correction. index: of the camera's video, if it is known already.
         """
-        video = layout.video_path(self.folder, camera.name) if index is None else index
+        video = self.videos[camera.name] if index is None else index
         ahead, colour = self.settings.offset(camera.name), self.colours.get(camera.name)
         end = self.settings.frames if stop is None else stop
         return VideoReader(video, start + ahead, end + ahead, colour)
 
     def has_video(self, camera: Camera) -> bool:
         """False for a camera with silhouettes only."""
-        return layout.video_path(self.folder, camera.name).exists()
+        return camera.name in self.videos
 
     def has_background(self, camera: Camera) -> bool:
         """False for a camera without a clean plate."""
@@ -70,9 +65,7 @@ class Take:
 
     def plate(self, camera: Camera) -> Path | None:
         """The file of a camera's clean plate: a video, or else a single picture; None where there is none."""
-        video = layout.background_video_path(self.folder, camera.name)
-        picture = layout.background_picture_path(self.folder, camera.name)
-        return next((path for path in (video, picture) if path.exists()), None)
+        return self.plates.get(camera.name)
 
     def trimaps(self, camera: Camera, start: int = 0, stop: int | None = None) -> TrimapReader:
         """A camera's raw silhouettes of frames `start` up to but not including `stop` (default: the take's
@@ -115,16 +108,13 @@ class Take:
 
         from_videos: whether silhouettes are made from videos; otherwise they are the take's own.
         """
-        folders: set[Path] = set()
-        for camera in self.cameras:
-            if from_videos:
-                folders.add(layout.video_path(self.folder, camera.name).parent)
-                folders.add(layout.background_video_path(self.folder, camera.name).parent)
-            else:
-                folders.add(layout.silhouette_folder(self.folder, camera.name))
-        files = [path for folder in sorted(folders) for path in sorted(folder.glob("*")) if path.is_file()]
-        if from_videos and (self.folder / layout.COLOURS).exists():
-            files.append(self.folder / layout.COLOURS)
+        if from_videos:
+            files = sorted({*self.videos.values(), *self.plates.values()})
+            if (self.folder / layout.COLOURS).exists():
+                files.append(self.folder / layout.COLOURS)
+        else:
+            folders = {layout.silhouette_folder(self.folder, camera.name) for camera in self.cameras}
+            files = [path for folder in sorted(folders) for path in sorted(folder.glob("*"))]
         return [self.folder / layout.CALIBRATION, *files]
 
     def background(self, camera: Camera) -> Iterator[Bytes]:
@@ -151,26 +141,65 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
     """
     if not folder.is_dir():
         raise TakeError(f"{folder}: is not a folder: expected a take folder with {layout.SETTINGS} in it")
-    settings = read_settings(folder / layout.SETTINGS)
-    cameras = read_calibration(folder / layout.CALIBRATION, settings.up)
+    said = read_take_file(folder / layout.SETTINGS)
+    cameras = _cameras(folder / layout.CALIBRATION, said.up)
+    names = [camera.name for camera in cameras]
+    check_names(folder, "offsets", said.offsets, names)
     source: Source = "silhouettes" if (folder / layout.SILHOUETTES).is_dir() else "videos"
-    colours = read_colours(folder / layout.COLOURS, [camera.name for camera in cameras])
-    take = Take(folder, settings, cameras, source, colours)
-    for name in settings.offsets:
-        if name not in (known := [camera.name for camera in cameras]):
-            raise TakeError(
-                f"{folder / layout.SETTINGS}: offsets: {name}: is no camera of {layout.CALIBRATION}: "
-                f"{nearest(name, known)}"
-            )
+    videos, plates = find_videos(folder, names, said.videos), _find_plates(folder, names)
+    if source == "videos":
+        for camera in cameras:
+            _check_is_recorded(folder, camera, videos, plates, decoded)
+    indices = {name: index_video(videos[name]) for name in names if name in videos}
+    settings = _completed(folder, said, names, source, indices)
+    colours = read_colours(folder / layout.COLOURS, names)
+    take = Take(folder, settings, cameras, source, colours, videos, plates)
     for camera in cameras:
         if source == "silhouettes":
             _check_silhouettes(take, camera)
-        else:
-            _check_is_recorded(take, camera, decoded)
-    _check_videos(take, in_step, decoded)
+        if camera.name in indices:
+            check_video(indices[camera.name], camera, settings, said)
+    remark = cut_remark(indices, settings) if in_step else None
+    for name, index in indices.items() if decoded else ():
+        check_decodes(index, settings.frames + settings.offset(name))
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():
         read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
-    return take
+    return replace(take, remarks=() if remark is None else (remark,))
+
+
+def _cameras(path: Path, up: Up) -> tuple[Camera, ...]:
+    """The calibration; raises CalibrationError, which says how to convert a file of another tool."""
+    try:
+        return read_calibration(path, up)
+    except CalibrationError as problem:
+        try:
+            read_any(path, "toml", size_px=None, units="auto", scale=1.0, up=up)
+        except CalibrationError:
+            raise problem from None
+        raise CalibrationError(
+            f"{problem}; if another tool wrote this file, rename it and type: xormocap calibrate --import "
+            f"{path.with_name('other.toml')} --out {path}"
+        ) from None
+
+
+def _find_plates(folder: Path, names: list[str]) -> dict[str, Path]:
+    """The clean plates: videos, or single pictures of cameras without one."""
+    plates = layout.background_video_path(folder, "any").parent
+    videos = match_by_name(names, files_of(plates))
+    left = [name for name in names if name not in videos]
+    return videos | match_by_name(left, files_of(plates, (".png",)))
+
+
+def _completed(
+    folder: Path, said: TakeFile, names: list[str], source: Source, indices: Mapping[str, VideoIndex]
+) -> TakeSettings:
+    """The settings, with the frame rate and the shortest recording's length where take.toml states none."""
+    lengths = {name: index.n_frames for name, index in indices.items()}
+    if source == "silhouettes":
+        lengths = {name: len(files_of(layout.silhouette_folder(folder, name), (".png",))) for name in names}
+    frames = min(length - said.offset(name) for name, length in lengths.items())
+    fps = said.fps or rate_of(list(indices.values()), folder / layout.SETTINGS)
+    return said.completed(folder / layout.SETTINGS, fps, max(1, frames))
 
 
 def _check_silhouettes(take: Take, camera: Camera) -> None:
@@ -181,31 +210,35 @@ def _check_silhouettes(take: Take, camera: Camera) -> None:
             f"{layout.SILHOUETTES} at all"
         )
     ahead = take.settings.offset(camera.name)
+    begin = f" from frame {ahead} on, the camera's offset" if ahead else ""
     for frame in range(ahead, ahead + take.settings.frames):
         path = layout.silhouette_path(folder, frame)
         if not path.exists():
             raise TakeError(
                 f"{path}: is missing: expected a silhouette for each of the frames = {take.settings.frames} "
-                f"of {layout.SETTINGS}{_from(ahead)}"
+                f"of {layout.SETTINGS}{begin}"
             )
         check_png(path, camera)
     read_trimap(layout.silhouette_path(folder, ahead), take.settings.unsure)
 
 
-def _check_is_recorded(take: Take, camera: Camera, decoded: bool) -> None:
+def _check_is_recorded(
+    folder: Path, camera: Camera, videos: Mapping[str, Path], plates: Mapping[str, Path], decoded: bool
+) -> None:
     """Every camera has a video, and a clean plate unless no camera has one; then it is estimated from the
     take."""
-    video = layout.video_path(take.folder, camera.name)
-    if not video.exists():
+    video = layout.video_path(folder, camera.name)
+    if camera.name not in videos:
+        free = [path.name for path in files_of(video.parent) if path not in videos.values()]
         raise TakeError(
             f"{video}: is missing: expected the video of [{camera.name}] in {layout.CALIBRATION}, or "
-            f"silhouettes in {layout.SILHOUETTES}/{camera.name}"
+            f"silhouettes in {layout.SILHOUETTES}/{camera.name}{_or_stated(camera.name, free)}"
         )
-    plate = take.plate(camera)
+    plate = plates.get(camera.name)
     if plate is not None:
         check_plate(plate, camera, decoded=decoded)
         return
-    expected = layout.background_video_path(take.folder, camera.name)
+    expected = layout.background_video_path(folder, camera.name)
     if expected.parent.is_dir():
         raise TakeError(
             f"{expected}: is missing: expected the clean plate of {camera.name} (the empty stage), as this "
@@ -213,75 +246,11 @@ def _check_is_recorded(take: Take, camera: Camera, decoded: bool) -> None:
         )
 
 
-def check_plate(path: Path, camera: Camera, *, decoded: bool) -> None:
-    """Raises TakeError for a clean plate of another size than the camera's, or a damaged one.
-
-    decoded: whether a video is decoded to find that.
-    """
-    if path.suffix == ".png":
-        check_png(path, camera)
-        return
-    index = index_video(path)
-    check_size(path, index.width_px, index.height_px, camera)
-    if decoded:
-        _check_decodes(index, index.n_frames)
-
-
-def _check_videos(take: Take, in_step: bool, decoded: bool) -> None:
-    """Every video has the take's frames, rate and size, and all have the same length.
-
-    Their lengths may differ if take.toml has offsets, or in_step is false.
-    """
-    indices: list[VideoIndex] = []
-    for camera in take.cameras:
-        if take.has_video(camera):
-            indices.append(index_video(layout.video_path(take.folder, camera.name)))
-            _check_video(take, camera, indices[-1])
-    for index in indices[1:]:
-        if index.n_frames != indices[0].n_frames and in_step and not take.settings.offsets:
-            raise TakeError(
-                f"{index.path}: has {index.n_frames} frames, but {indices[0].path.name} has "
-                f"{indices[0].n_frames}: cut all videos to the same moments, or run xormocap sync"
-            )
-    for index in indices if decoded else ():
-        _check_decodes(index, take.settings.frames + take.settings.offset(index.path.stem))
-
-
-def _check_video(take: Take, camera: Camera, index: VideoIndex) -> None:
-    check_size(index.path, index.width_px, index.height_px, camera)
-    ahead, fps = take.settings.offset(camera.name), take.settings.fps
-    frames = take.settings.frames + ahead
-    if index.n_frames < frames:
-        raise TakeError(
-            f"{index.path}: has {index.n_frames} frames, but {layout.SETTINGS} says frames = "
-            f"{take.settings.frames}{_from(ahead)}: lower that number or record the camera again"
-        )
-    if frames > 1:
-        _check_rate(index.path, np.diff(index.times_s[:frames]), fps)
-
-
-def _from(ahead: int) -> str:
-    return f" from frame {ahead} on, the camera's offset" if ahead else ""
-
-
-def _check_rate(path: Path, gaps_s: Floats, fps: float) -> None:
-    """gaps_s: (N,) from each frame to the next; they are even, and those of fps."""
-    late = np.flatnonzero(gaps_s > _LARGEST_GAP * np.median(gaps_s))
-    if late.size:
-        raise TakeError(
-            f"{path}: lacks frames between its frames {late[0]} and {late[0] + 1}, which are "
-            f"{gaps_s[late[0]]:.3f} s apart: convert it to a constant frame rate"
-        )
-    video_fps = 1 / gaps_s.mean()
-    if abs(video_fps / fps - 1) > _LARGEST_RATE_ERROR:
-        raise TakeError(
-            f"{path}: runs at {video_fps:.4g} frames per second, but {layout.SETTINGS} says fps = {fps:g}: "
-            "correct that number or convert the video"
-        )
-
-
-def _check_decodes(index: VideoIndex, frames: int) -> None:
-    quick = frames * index.width_px * index.height_px <= _QUICK_TO_DECODE_PX
-    start = 0 if quick else index.keyframe_before(frames - 1)[0]
-    with VideoReader(index, start, frames) as reader:
-        reader.check()
+def _or_stated(camera: str, free: list[str]) -> str:
+    """The remedy if there are videos that belong to no camera."""
+    if not free:
+        return ""
+    return (
+        f"; {', '.join(free)} can be given to cameras by a table [videos] in {layout.SETTINGS}, such as "
+        f'{camera} = "videos/{free[0]}"'
+    )

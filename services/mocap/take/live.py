@@ -11,10 +11,11 @@ from services.mocap.camera.calibration import read_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import read_colours
 from services.mocap.errors import TakeError, load_toml, nearest, validated
-from services.mocap.take.folder import Take, check_plate, open_take
+from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import COLOURS
 from services.mocap.take.live_settings import LiveCamera, LiveSettings
 from services.mocap.take.settings import TakeSettings
+from services.mocap.take.video_checks import check_plate
 
 OPEN_END = 2**31 - 1
 """The number of frames of live input, whose end is open."""

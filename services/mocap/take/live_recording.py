@@ -9,7 +9,7 @@ from services.mocap.take import layout
 from services.mocap.take.actor_file import take_actor, write_actor
 from services.mocap.take.live import LiveTake
 from services.mocap.take.settings import TakeSettings, write_settings
-from services.mocap.take.video import index_video
+from services.mocap.take.video_index import index_video
 
 
 def part_of(folder: Path) -> Path:

@@ -16,7 +16,7 @@ from services.mocap.types import UNSURE, Floats
 _DOF_OF_COLUMN = {dof.column: (i, dof) for i, dof in enumerate(DOFS)}
 
 
-class TakeSettings(BaseModel):
+class TakeFile(BaseModel):
     """The fields of take.toml; a description states a field's valid values."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
@@ -24,10 +24,17 @@ class TakeSettings(BaseModel):
     name: str = Field(
         min_length=1, max_length=200, description="the take's name in quotes, 200 letters at most"
     )
-    fps: float = Field(gt=0, lt=10000, description="a positive number of frames per second")
+    fps: float | None = Field(
+        default=None, gt=0, lt=10000, description="a positive number of frames per second"
+    )
     units: Literal["m"] = Field(description='"m", since all lengths are in metres')
     up: Up = Field(description='"y" or "z", the axis of the calibrated world that points up')
-    frames: int = Field(ge=1, description="a whole number of frames, 1 or more")
+    frames: int | None = Field(default=None, ge=1, description="a whole number of frames, 1 or more")
+    videos: dict[str, str] = Field(
+        default={},
+        description="a table of video files by camera, as paths from the take folder, such as "
+        'cam01 = "videos/left.mov"',
+    )
     actor_height: float | None = Field(
         default=None, ge=0.5, le=2.5, description="the actor's height in metres, 0.5 to 2.5"
     )
@@ -91,6 +98,25 @@ class TakeSettings(BaseModel):
                 )
         return initial_pose
 
+    def offset(self, camera: str) -> int:
+        """How many frames a camera is ahead: frame n + offset of its files shows the take's frame n."""
+        return self.offsets.get(camera, 0)
+
+    def completed(self, path: Path, fps: float, frames: int) -> "TakeSettings":
+        """With the frame rate and the number of frames of the recordings, where none is stated.
+
+        path: of this file. Raises TakeError where other fields do not fit the number of frames.
+        """
+        known = {"fps": self.fps or fps, "frames": self.frames or frames}
+        return validated(TakeSettings, self.model_dump() | known, f"{path}: ", TakeError)
+
+
+class TakeSettings(TakeFile):
+    """The settings of a take, of which the frame rate and the number of frames are known."""
+
+    fps: float = Field(gt=0, lt=10000, description="a positive number of frames per second")
+    frames: int = Field(ge=1, description="a whole number of frames, 1 or more")
+
     @model_validator(mode="after")
     def _init_within_frames(self) -> "TakeSettings":
         if self.init_frames is not None and self.init_frames > self.frames:
@@ -104,10 +130,6 @@ class TakeSettings(BaseModel):
         """The root's heading in the first frame, if it is given."""
         return None if self.facing is None else math.radians(self.facing)
 
-    def offset(self, camera: str) -> int:
-        """How many frames a camera is ahead: frame n + offset of its files shows the take's frame n."""
-        return self.offsets.get(camera, 0)
-
     def beginning_at(self, frame: int) -> "TakeSettings":
         """The hints for tracking from a frame on: hints about the first pose apply only to frame 0."""
         return self.model_copy(update={"facing": None, "initial_pose": {}}) if frame else self
@@ -120,8 +142,13 @@ class TakeSettings(BaseModel):
         return pose
 
 
-def read_settings(path: Path) -> TakeSettings:
+def read_take_file(path: Path) -> TakeFile:
     """Raises TakeError, which names the file and the field."""
+    return validated(TakeFile, load_toml(path, TakeError), f"{path}: ", TakeError)
+
+
+def read_settings(path: Path) -> TakeSettings:
+    """Of a take.toml that states the frame rate and the number of frames; raises as read_take_file does."""
     return validated(TakeSettings, load_toml(path, TakeError), f"{path}: ", TakeError)
 
 
@@ -130,7 +157,7 @@ def write_settings(path: Path, settings: TakeSettings) -> None:
     fields = settings.model_dump(exclude_none=True)
     if settings.unsure == [UNSURE, UNSURE]:
         del fields["unsure"]
-    for table in ("offsets", "initial_pose"):
+    for table in ("videos", "offsets", "initial_pose"):
         if not fields[table]:
             del fields[table]
     with atomic_file(path) as part:

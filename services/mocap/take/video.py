@@ -1,102 +1,26 @@
-"""Reads videos: the index of a file, found by reading all its packets, and its frames in order.
+"""Reads the frames of a video in order. A damaged frame raises an error; none is left out."""
 
-A frame's number is its position in presentation order, found from time stamps, so that it is exact even if
-reading starts in the middle of a file. A missing or damaged frame raises an error; none is skipped.
-"""
-
-from bisect import bisect_left
 from collections.abc import Iterator
-from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Self
 
 import av
-import numpy as np
-from av.container import InputContainer
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
-from av.video.stream import VideoStream
 
 from services.mocap.camera.colour import ColourCorrection
 from services.mocap.errors import TakeError
-from services.mocap.types import Bytes, Floats
-
-COPY_AGAIN = "copy or record it again"
-
-
-@dataclass(frozen=True)
-class VideoIndex:
-    """The index of a video file."""
-
-    path: Path
-    width_px: int
-    height_px: int
-    """Size of the upright pictures."""
-    times_s: Floats
-    """(N,) presentation time of every frame, increasing."""
-    stamps: tuple[int, ...]
-    """The same times in the file's own units."""
-    keyframes: tuple[tuple[int, int], ...]
-    """(frame number, decoding stamp) of the frames at which decoding can start."""
-
-    @property
-    def n_frames(self) -> int:
-        """Number of frames in the file."""
-        return len(self.stamps)
-
-    def keyframe_before(self, frame: int) -> tuple[int, int]:
-        """The last keyframe (its number, its decoding stamp) at or before a frame."""
-        return max((key for key in self.keyframes if key[0] <= frame), default=(0, 0))
-
-
-def index_video(path: Path) -> VideoIndex:
-    """Reads all packets and decodes one picture.
-
-    Raises TakeError if the file is missing, contains no video or is cut off.
-    """
-    packets, declared, unit_s = _demuxed(path)
-    if (
-        len(packets) < declared
-    ):  # cut off, or an edit list hides frames; only counting all packets shows which
-        packets_in_file, *_ = _demuxed(path, {"ignore_editlist": "1"})
-    else:
-        packets_in_file = packets
-    whole = sum(packet.is_whole for packet in packets_in_file)
-    if whole < max(declared, len(packets_in_file), 1):
-        raise TakeError(f"{path}: cut off after {whole} of {max(declared, whole)} frames: {COPY_AGAIN}")
-    stamps = sorted(packet.shown for packet in packets if not packet.is_hidden)
-    keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in packets if p.is_key)
-    height, width = _first_picture(path).shape[:2]
-    return VideoIndex(path, width, height, np.array(stamps) * unit_s, tuple(stamps), tuple(keyframes))
-
-
-class _Packet(NamedTuple):
-    """The parts of a packet for the index, without its data."""
-
-    shown: int
-    decoded: int
-    is_key: bool
-    is_whole: bool
-    is_hidden: bool
-    """Decoded only because other frames need it, according to the file's edit list."""
-
-    @classmethod
-    def of(cls, packet: "av.Packet[VideoStream]") -> "_Packet":
-        decoded = packet.dts or 0
-        shown = decoded if packet.pts is None else packet.pts
-        return cls(shown, decoded, packet.is_keyframe, not packet.is_corrupt, packet.is_discard)
-
-
-def _demuxed(path: Path, options: dict[str, str] | None = None) -> tuple[list[_Packet], int, float]:
-    """All packets of the video, their number declared by the file, and the time stamps' unit in seconds."""
-    with opened_video(path, options) as container:
-        stream = video_stream(container, path)
-        try:
-            packets = [_Packet.of(packet) for packet in container.demux(stream) if packet.size]
-        except av.error.FFmpegError:
-            raise TakeError(f"{path}: is damaged: {COPY_AGAIN}") from None
-        return packets, stream.frames, float(stream.time_base or 0)
+from services.mocap.take.video_index import (
+    COPY_AGAIN,
+    VideoIndex,
+    bgr_picture,
+    index_video,
+    opened_video,
+    video_stream,
+)
+from services.mocap.types import Bytes
 
 
 class VideoReader:
@@ -155,26 +79,48 @@ class VideoReader:
     def _frames(self) -> Iterator[VideoFrame]:
         if self.start == self.stop:
             return
-        stamps = self.index.stamps
-        keyframe, decoding_stamp = self.index.keyframe_before(self.start)
-        decoder, frame = self._begun(stamps[keyframe])
-        if frame is None or frame.pts != stamps[self.start]:
-            decoder, frame = self._begun(decoding_stamp)  # some formats seek by decoding time
-        for expected in range(self.start, self.stop):
-            if expected > self.start:
+        index, first = self.index, self.start
+        while first in index.repeats and first > 0:
+            first -= 1
+        decoder, frame = self._begun(first)
+        shown: VideoFrame | None = None
+        for expected in range(first, self.stop):
+            if frame is not None and (index.is_counted or frame.pts == index.stamps[expected]):
+                shown, frame = frame, None
+            elif expected not in index.repeats:
+                shown = None
+            if shown is None or shown.is_corrupt:
+                raise TakeError(f"{index.path}: frame {expected} cannot be decoded: {COPY_AGAIN}")
+            if expected >= self.start:
+                yield shown
+            if frame is None and expected + 1 < self.stop:
                 frame = _next_of(decoder)
-            if frame is None or frame.pts != stamps[expected] or frame.is_corrupt:
-                raise TakeError(f"{self.index.path}: frame {expected} cannot be decoded: {COPY_AGAIN}")
-            yield frame
 
-    def _begun(self, begin_at: int) -> tuple[Iterator[VideoFrame], VideoFrame | None]:
-        """A decoder from the keyframe at a stamp, and the first frame not before the start."""
+    def _begun(self, first: int) -> tuple[Iterator[VideoFrame], VideoFrame | None]:
+        """A decoder, and the first frame that it gave at or after the number `first`."""
+        keyframe, decoding_stamp = self.index.keyframe_before(first)
+        if self.index.is_counted:
+            decoder = self._decoder(decoding_stamp)
+            return decoder, next(islice(_to_the_end(decoder), first - keyframe, None), None)
+        for begin_at in (self.index.stamps[keyframe], decoding_stamp):  # some formats seek by decoding time
+            decoder = self._decoder(begin_at)
+            at_or_after = (
+                f for f in _to_the_end(decoder) if f.pts is None or f.pts >= self.index.stamps[first]
+            )
+            frame = next(at_or_after, None)
+            if frame is not None and frame.pts == self.index.stamps[first]:
+                break
+        return decoder, frame
+
+    def _decoder(self, begin_at: int) -> Iterator[VideoFrame]:
         self._container.seek(begin_at, stream=self._stream)
-        decoder = self._container.decode(self._stream)
-        while True:
-            frame = _next_of(decoder)
-            if frame is None or frame.pts is None or frame.pts >= self.index.stamps[self.start]:
-                return decoder, frame
+        return self._container.decode(self._stream)
+
+
+def _to_the_end(decoder: Iterator[VideoFrame]) -> Iterator[VideoFrame]:
+    """Frames until the end, or until nothing can be decoded."""
+    while (frame := _next_of(decoder)) is not None:
+        yield frame
 
 
 def _next_of(decoder: Iterator[VideoFrame]) -> VideoFrame | None:
@@ -183,44 +129,3 @@ def _next_of(decoder: Iterator[VideoFrame]) -> VideoFrame | None:
         return next(decoder, None)
     except av.error.FFmpegError:
         return None
-
-
-def opened_video(path: Path, options: dict[str, str] | None = None) -> InputContainer:
-    """Open a video file; raises TakeError if it is missing or cannot be read."""
-    try:
-        return av.open(str(path), "r", options=options)
-    except FileNotFoundError:
-        raise TakeError(f"{path}: is missing: expected a video") from None
-    except (av.error.FFmpegError, OSError):
-        raise TakeError(
-            f"{path}: cannot be read as a video (empty, cut off before its index, no video): {COPY_AGAIN}"
-        ) from None
-
-
-def video_stream(container: InputContainer, path: Path) -> VideoStream:
-    """The first video stream, decoded on one thread; raises TakeError if there is none."""
-    if not container.streams.video:
-        raise TakeError(f"{path}: contains no video stream: expected a video")
-    stream = container.streams.video[0]
-    stream.thread_type = "NONE"  # the services share the cores: more threads would only compete for them
-    return stream
-
-
-def _first_picture(path: Path) -> Bytes:
-    """The first picture that can be decoded, upright."""
-    with opened_video(path) as container:
-        try:
-            frame = next(container.decode(video_stream(container, path)), None)
-        except av.error.FFmpegError:
-            frame = None
-        if frame is None:
-            raise TakeError(f"{path}: frame 0 cannot be decoded: {COPY_AGAIN}")
-        return bgr_picture(frame, VideoReformatter())
-
-
-def bgr_picture(frame: VideoFrame, converter: VideoReformatter) -> Bytes:
-    """A decoded frame as BGR (H, W, 3), rotated by the file's metadata: cameras held upright store rotated
-    pictures."""
-    bgr: Bytes = np.asarray(converter.reformat(frame, format="bgr24", threads=1).to_ndarray(), np.uint8)
-    quarter_turns = round(frame.rotation / 90) % 4
-    return np.ascontiguousarray(np.rot90(bgr, quarter_turns)) if quarter_turns else bgr

@@ -12,7 +12,8 @@ from av.video.stream import VideoStream
 
 from services.mocap.camera.colour import ColourCorrection
 from services.mocap.errors import TakeError
-from services.mocap.take.video import COPY_AGAIN, VideoIndex, bgr_picture, opened_video, video_stream
+from services.mocap.take.video import VideoReader
+from services.mocap.take.video_index import COPY_AGAIN, VideoIndex, bgr_picture, opened_video, video_stream
 from services.mocap.types import Bytes
 
 
@@ -33,7 +34,12 @@ class PicturePicker:
         """A frame's picture, BGR (H, W, 3); raises TakeError where it cannot be decoded."""
         if not 0 <= frame < self._index.n_frames:
             raise TakeError(f"{self._index.path}: has no frame {frame}, but {self._index.n_frames} frames")
+        while frame in self._index.repeats and frame > 0:
+            frame -= 1
         keyframe, decoding_stamp = self._index.keyframe_before(frame)
+        if self._index.is_counted:
+            with VideoReader(self._index, frame, frame + 1, self._colour) as reader:
+                return next(iter(reader))
         if self._next is not None and keyframe <= self._next <= frame:
             found = self._find(frame)
         else:  # some formats seek by presentation time, others by decoding time

@@ -17,7 +17,8 @@ from av.video.reformatter import VideoReformatter
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take.live_settings import LiveCamera
-from services.mocap.take.video import VideoIndex, VideoReader, bgr_picture, index_video
+from services.mocap.take.video import VideoReader
+from services.mocap.take.video_index import VideoIndex, bgr_picture, index_video
 from services.mocap.types import Bytes
 
 _OPEN_S, _READ_S = 5.0, 1.5

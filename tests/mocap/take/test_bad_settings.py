@@ -28,7 +28,7 @@ def test_missing_settings_and_calibration(small_take: SmallTake, refusal: Refusa
         (
             "fps = 10.0",
             "fsp = 10.0",
-            "take.toml: fps: is missing: expected a positive number of frames per second",
+            "take.toml: fsp: unknown field: did you mean fps",
         ),
         (
             "units = ",

@@ -51,12 +51,16 @@ def rewrite_video(path: Path, n_frames: int, fps: float = 10.0, size_px: tuple[i
 
 def test_videos_of_different_lengths(small_take: SmallTake, refusal: Refusal) -> None:
     folder = small_take()
-    rewrite_video(folder / "videos/cam02.mp4", 5)
+    rewrite_video(folder / "videos/cam02.mp4", 7)
     assert refusal(folder) == (
-        "videos/cam02.mp4: has 5 frames, but cam01.mp4 has 4: cut all videos to the same moments, "
+        "videos/cam02.mp4: has 7 frames, but cam01.mp4 has 4: cut all videos to the same moments, "
         "or run xormocap sync"
     )
     assert open_take(folder, in_step=False).settings.frames == 4
+    rewrite_video(folder / "videos/cam02.mp4", 6)  # cameras that were stopped one after the other
+    (remark,) = open_take(folder).remarks
+    assert "cam01.mp4: has 4 frames, but cam02.mp4 has 6" in remark
+    assert "xormocap sync" in remark
 
 
 def test_a_video_shorter_than_the_take(small_take: SmallTake, refusal: Refusal) -> None:

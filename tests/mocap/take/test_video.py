@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.mocap.errors import TakeError
-from services.mocap.take.video import VideoReader, index_video
+from services.mocap.take.video import VideoReader
+from services.mocap.take.video_index import index_video
+from services.mocap.take.video_picker import PicturePicker
 from services.mocap.take.writer import video_writer, write_picture
 from services.mocap.types import Bytes
 
@@ -184,3 +186,62 @@ def test_pictures_come_back_exactly(tmp_path: Path) -> None:
     picture = np.random.default_rng(0).integers(0, 256, (48, 64, 3)).astype(np.uint8)
     write_picture(tmp_path / "a" / "x.png", picture)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a" / "x.png")), picture)
+
+
+def encode(path: Path, codec: str, not_coded: frozenset[int] = frozenset()) -> None:
+    """30 numbered pictures; packets of MPEG-4 frames in `not_coded` say only "as before"."""
+    written, reorders = 0, codec != "mjpeg" and not not_coded
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=Fraction(10), options={"bf": "2"} if reorders else {})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        stream.codec_context.gop_size = 12
+        frames = [av.VideoFrame.from_ndarray(numbered(i), format="bgr24") for i in range(30)]
+        for i, frame in enumerate(frames):
+            frame.pts, frame.time_base = i, Fraction(1, 10)
+        for frame in (*frames, None):
+            for coded in stream.encode(frame):
+                packet = coded
+                if written in not_coded:
+                    # type P, no whole second, marker, time in 10ths, marker, not coded; stuffing
+                    bits = int(f"0101{written % 10:04b}100" + "1" * 5, 2)
+                    packet = av.Packet(b"\x00\x00\x01\xb6" + bits.to_bytes(2, "big"))
+                    packet.pts, packet.dts, packet.stream = coded.pts, coded.dts, stream
+                    packet.time_base, packet.duration = coded.time_base, coded.duration
+                container.mux(packet)
+                written += 1
+
+
+@pytest.mark.parametrize(
+    ("name", "codec"),
+    [
+        ("x.avi", "libx264"),  # AVI holds no presentation times: those of frames out of order are lost
+        ("x.avi", "mpeg4"),
+        ("x.avi", "mjpeg"),
+        ("x.mov", "libx264"),
+        ("x.mkv", "libx264"),
+        ("x.ts", "mpeg2video"),
+    ],
+)
+def test_frames_of_other_containers_are_numbered_exactly(tmp_path: Path, name: str, codec: str) -> None:
+    encode(tmp_path / name, codec)
+    index = index_video(tmp_path / name)
+    np.testing.assert_allclose(np.diff(index.times_s), 0.1, atol=1e-3)
+    for start, stop in ((0, 30), (17, 23), (29, 30)):
+        with VideoReader(index, start, stop) as reader:
+            assert [number_of(picture) for picture in reader] == list(range(start, stop))
+    picker = PicturePicker(index)
+    for frame in (20, 3, 4, 29):
+        assert number_of(picker.read(frame)) == frame
+
+
+@pytest.mark.parametrize("name", ["x.avi", "x.mp4"])
+def test_a_frame_that_is_not_coded_shows_the_picture_before(tmp_path: Path, name: str) -> None:
+    encode(tmp_path / name, "mpeg4", frozenset({5, 6, 29}))
+    index = index_video(tmp_path / name)
+    shown = [4 if frame in (5, 6) else 28 if frame == 29 else frame for frame in range(30)]
+    for start, stop in ((0, 30), (6, 8), (29, 30)):
+        with VideoReader(index, start, stop) as reader:
+            assert [number_of(picture) for picture in reader] == shown[start:stop]
+    picker = PicturePicker(index)
+    for frame in (29, 6, 7, 5):
+        assert number_of(picker.read(frame)) == shown[frame]

@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypeAlias
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,6 +13,7 @@ from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
 _NEAR_ROTATION = 0.01
+Axis: TypeAlias = Literal["z", "y", "-y", "-z"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +41,8 @@ class Loose:
     metres: float | None
     """The format's unit of length; None if the format does not define it."""
     remarks: tuple[str, ...] = ()
+    up: Axis = "z"
+    """The axis that points up in the format's world, if the user does not say another."""
 
 
 def array_of(value: object, shape: tuple[int, ...], where: str) -> Floats:
@@ -71,3 +77,22 @@ def text_of(path: Path) -> str:
         raise CalibrationError(f"{path}: is missing: expected a calibration file") from None
     except (OSError, UnicodeDecodeError):
         raise CalibrationError(f"{path}: cannot be read: expected a calibration in text") from None
+
+
+def xml_root(path: Path, tool: str) -> Element:
+    """The root element of the file of a tool; a document type is refused, so that there are no entities."""
+    builder, parser = TreeBuilder(), ParserCreate()
+
+    def refuse(*_: object) -> None:
+        raise CalibrationError(
+            f"{path}: declares a document type (<!DOCTYPE>): expected the calibration that {tool} exports, "
+            "which has none"
+        )
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    try:
+        parser.Parse(text_of(path), True)
+    except ExpatError:
+        raise CalibrationError(f"{path}: is not XML: expected the calibration that {tool} exports") from None
+    return builder.close()

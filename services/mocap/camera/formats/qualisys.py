@@ -6,12 +6,11 @@ corner, and fov_video says which part of the sensor the picture is.
 """
 
 from pathlib import Path
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers.expat import ExpatError, ParserCreate
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from services.mocap.camera.formats.loose import Loose, LooseCamera, rotation_of, text_of
+from services.mocap.camera.formats.loose import Loose, LooseCamera, rotation_of, xml_root
 from services.mocap.errors import CalibrationError
 
 _PER_PIXEL = 64.0
@@ -21,7 +20,7 @@ _R_OPENCV_QUALISYS = np.diag([1.0, -1.0, -1.0])
 
 def read_qualisys(path: Path) -> Loose:
     """The video cameras of the file, by serial number; marker cameras are ignored."""
-    cameras = [tag for tag in _root(path).iter("camera") if tag.find("intrinsic") is not None]
+    cameras = [tag for tag in xml_root(path, "Qualisys").iter("camera") if tag.find("intrinsic") is not None]
     video = [tag for tag in cameras if "video" in tag.get("model", "video").lower()]
     remarks = []
     if 0 < len(video) < len(cameras):
@@ -37,27 +36,6 @@ def read_qualisys(path: Path) -> Loose:
     return Loose(
         [_camera(path, number, tag) for number, tag in enumerate(video or cameras)], 1.0, tuple(remarks)
     )
-
-
-def _root(path: Path) -> Element:
-    """The file's root element; a document type is refused, so that there are no entities."""
-    builder, parser = TreeBuilder(), ParserCreate()
-
-    def refuse(*_: object) -> None:
-        raise CalibrationError(
-            f"{path}: declares a document type (<!DOCTYPE>): expected the calibration that Qualisys exports, "
-            "which has none"
-        )
-
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
-    try:
-        parser.Parse(text_of(path), True)
-    except ExpatError:
-        raise CalibrationError(
-            f"{path}: is not XML: expected the calibration that Qualisys exports"
-        ) from None
-    return builder.close()
 
 
 def _camera(path: Path, number: int, tag: Element) -> LooseCamera:

@@ -7,27 +7,38 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
-from services.mocap.camera.formats import colmap, storage
+from services.mocap.camera.formats import colmap
+from services.mocap.camera.formats.biocv import biocv_files, read_biocv
 from services.mocap.camera.formats.colmap import read_colmap
-from services.mocap.camera.formats.loose import Loose, LooseCamera
+from services.mocap.camera.formats.loose import Axis, Loose, LooseCamera
+from services.mocap.camera.formats.opencap import opencap_files, read_opencap
 from services.mocap.camera.formats.qualisys import read_qualisys
-from services.mocap.camera.formats.storage import STORAGE_SUFFIXES, read_easymocap, read_opencv
+from services.mocap.camera.formats.storage import (
+    STORAGE_SUFFIXES,
+    easymocap_pair,
+    read_easymocap,
+    read_opencv,
+)
 from services.mocap.camera.formats.toml_tables import read_toml
+from services.mocap.camera.formats.vicon import read_vicon
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
-Format: TypeAlias = Literal["toml", "opencv", "qualisys", "easymocap", "colmap"]
+Format: TypeAlias = Literal["toml", "opencv", "qualisys", "vicon", "easymocap", "colmap", "opencap", "biocv"]
 """toml: Pose2Sim, anipose, FreeMoCap, caliscope."""
 Units: TypeAlias = Literal["auto", "m", "cm", "mm"]
-Axis: TypeAlias = Literal["z", "y", "-y", "-z"]
 
-_READERS: dict[Format, Callable[[Path], Loose]] = {
-    "toml": read_toml,
-    "opencv": read_opencv,
-    "qualisys": read_qualisys,
-    "easymocap": read_easymocap,
-    "colmap": read_colmap,
+_FORMATS: dict[Format, tuple[Callable[[Path], Loose], Callable[[Path], bool]]] = {
+    "toml": (read_toml, lambda path: path.suffix.lower() == ".toml"),
+    "qualisys": (read_qualisys, lambda path: path.name.lower().endswith((".qca.txt", ".qca"))),
+    "vicon": (read_vicon, lambda path: path.suffix.lower() == ".xcp"),
+    "easymocap": (read_easymocap, lambda path: easymocap_pair(path) is not None),
+    "colmap": (read_colmap, lambda path: (path / colmap.IMAGES).exists()),
+    "opencap": (read_opencap, lambda path: any(f.suffix == ".pickle" for f in opencap_files(path))),
+    "biocv": (read_biocv, lambda path: any(f.suffix == ".calib" for f in biocv_files(path))),
+    "opencv": (read_opencv, lambda path: any(f.suffix.lower() in STORAGE_SUFFIXES for f in files_in(path))),
 }
+"""Each format's reader, and how a file or a folder of it is recognised, in this order."""
 _METRES: dict[Units, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _SURELY_MM = 50.0
 """Cameras farther apart than this, in the file's unit, are in millimetres: no studio is 50 m wide."""
@@ -42,16 +53,20 @@ _LENGTHS = (4, 5, 8)
 
 
 def read_any(
-    path: Path, kind: Format | None, size_px: tuple[int, int] | None, units: Units, scale: float, up: Axis
+    path: Path,
+    kind: Format | None,
+    size_px: tuple[int, int] | None,
+    units: Units,
+    scale: float,
+    up: Axis | None,
 ) -> tuple[tuple[Camera, ...], list[str]]:
     """Cameras in the internal z-up world, and remarks for the user.
 
     kind: None to detect it. size_px: picture size, if the file does not contain it. units: of its lengths,
-    which are also multiplied by scale. up: the axis that points up in it. Raises CalibrationError.
+    which are also multiplied by scale. up: the axis that points up in it; None for that of the
+    format. Raises CalibrationError.
     """
-    loose = _READERS[kind or format_of(path)](path)
-    if not loose.cameras:
-        raise CalibrationError(f"{path}: contains no camera that is calibrated: expected one or more")
+    loose = read_loose(path, kind)
     remarks = list(loose.remarks)
     metres = _METRES[units] if units != "auto" else loose.metres
     if metres is None:
@@ -63,7 +78,7 @@ def read_any(
                 f"{path}: its lengths are assumed to be millimetres, by their size: --units overrides this"
             )
     cameras = tuple(
-        _camera(path, camera, size_px, metres * scale).with_world_turned(_R_ZUP[up])
+        _camera(path, camera, size_px, metres * scale).with_world_turned(_R_ZUP[up or loose.up])
         for camera in loose.cameras
     )
     if not _look_together(cameras):
@@ -74,26 +89,34 @@ def read_any(
     return cameras, remarks
 
 
+def read_loose(path: Path, kind: Format | None = None, *, needs_pose: bool = True) -> Loose:
+    """The cameras as the file has them; raises CalibrationError if it has none.
+
+    kind: None to detect it. needs_pose: False to read lenses whose cameras have no pose, of TOML files.
+    """
+    kind = kind or format_of(path)
+    lenses_only = kind == "toml" and not needs_pose
+    loose = read_toml(path, needs_pose=False) if lenses_only else _FORMATS[kind][0](path)
+    if not loose.cameras:
+        raise CalibrationError(f"{path}: contains no camera that is calibrated: expected one or more")
+    return loose
+
+
 def format_of(path: Path) -> Format:
     """Detect the format by name and content; raises CalibrationError for an unknown one."""
-    if path.is_dir():
-        if (path / storage.INTRI).exists():
-            return "easymocap"
-        if (path / colmap.IMAGES).exists():
-            return "colmap"
-        if any(file.suffix.lower() in STORAGE_SUFFIXES for file in path.iterdir()):
-            return "opencv"
-    elif path.name.lower().endswith((".qca.txt", ".qca")):
-        return "qualisys"
-    elif path.suffix.lower() == ".toml":
-        return "toml"
-    elif path.suffix.lower() in STORAGE_SUFFIXES:
-        return "opencv"
+    for kind, (_, is_of_it) in _FORMATS.items():
+        if is_of_it(path):
+            return kind
     raise CalibrationError(
-        f"{path}: is not a known calibration format: expected a .toml, .qca.txt, .xml or .yml "
-        f"file, or a folder with {storage.INTRI} and {storage.EXTRI}, with COLMAP's {colmap.CAMERAS} and "
-        f"{colmap.IMAGES}, or with one XML or YAML file per camera; or give its format with --from"
+        f"{path}: is not a known calibration format: expected a .toml, .qca.txt, .xcp, .calib, .pickle, .xml "
+        "or .yml file, or a folder with such files of all cameras, with EasyMocap's intri.yml and extri.yml, "
+        f"or with COLMAP's {colmap.CAMERAS} and {colmap.IMAGES}; or give its format with --from"
     )
+
+
+def files_in(path: Path) -> list[Path]:
+    """The path itself, or what is in the folder."""
+    return sorted(path.iterdir()) if path.is_dir() else [path]
 
 
 def _camera(path: Path, camera: LooseCamera, size_px: tuple[int, int] | None, metres: float) -> Camera:

@@ -11,14 +11,30 @@ _LENS = {"matrix", "distortions"}
 _NAMES = ("name", "port", "cam_id")
 
 
-def read_toml(path: Path) -> Loose:
-    """Every table with a matrix and distortions; tables with ignore = true are skipped."""
-    cameras, remarks = [], []
+def read_toml(path: Path, *, needs_pose: bool = True) -> Loose:
+    """Every table with a matrix and distortions; those with ignore = true are left out.
+
+    needs_pose: whether those without a pose are left out, too.
+    """
+    cameras: list[LooseCamera] = []
+    remarks, unposed = [], []
     for key, table in _tables(load_toml(path, CalibrationError), ""):
         if table.get("ignore") is True:
             remarks.append(f"{path}: [{key}]: has ignore = true and is skipped")
+        elif "rotation" not in table and "translation" not in table:
+            if needs_pose:
+                unposed.append(key)
+            else:
+                no_pose = {"rotation": [0.0] * 3, "translation": [0.0] * 3}
+                cameras.append(_camera(f"{path}: [{key}]", key, table | no_pose))
         else:
             cameras.append(_camera(f"{path}: [{key}]", key, table))
+    if unposed and not cameras:
+        raise CalibrationError(
+            f"{path}: [{unposed[0]}] rotation: is missing: the poses of its cameras are not known: calibrate "
+            "their extrinsics there"
+        )
+    remarks += [f"{path}: [{key}]: has no pose (rotation, translation) and is left out" for key in unposed]
     return Loose(cameras, None, tuple(remarks))
 
 

@@ -18,7 +18,8 @@ from services.mocap.result.result import Result
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.fit_record import OVERLAY as FIT_OVERLAY
 from services.mocap.take.pictures import read_picture
-from services.mocap.take.video import VideoReader, index_video
+from services.mocap.take.video import VideoReader
+from services.mocap.take.video_index import index_video
 from services.mocap.types import Bytes, Floats
 from services.mocap.verdict.judging import verdict_of
 from services.mocap.verdict.verdict import IOU_IN_WORDS

@@ -1,0 +1,144 @@
+"""OpenCap's calibrations: a .pickle per camera, in millimetres. They are read without running what they name.
+
+OpenCap's board stands upright, so that its y axis points down.
+"""
+
+import pickle  # noqa: TID251  (of what a file names, nothing is looked up or run)
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from services.mocap.camera.formats.loose import Loose, LooseCamera, array_of, rotation_of
+from services.mocap.errors import CalibrationError
+from services.mocap.types import Floats
+
+_MM = 1e-3
+_NUMBERS = "fiu"
+_COMMON_NAME = "cameraIntrinsicsExtrinsics"
+"""OpenCap's name of every file, each in the folder of its camera."""
+
+
+def opencap_files(path: Path) -> list[Path]:
+    """The files of a session: a file, those in a folder, or those in the folders in it."""
+    if path.is_file():
+        return [path]
+    return sorted(path.glob("*.pickle")) or sorted(path.rglob(f"{_COMMON_NAME}.pickle"))
+
+
+def read_opencap(path: Path) -> Loose:
+    """One camera per file, named like the file, or like its folder."""
+    remark = f"{path}: OpenCap's world is that of its board, whose y axis points down: --its-up -y is assumed"
+    return Loose([_camera(file) for file in opencap_files(path)], 1.0, (remark,), up="-y")
+
+
+def _camera(path: Path) -> LooseCamera:
+    fields = _load(path)
+
+    def numbers(name: str, shape: tuple[int, ...]) -> Floats:
+        if name not in fields:
+            raise CalibrationError(f"{path}: {name}: is missing: expected a calibration of OpenCap")
+        return array_of(fields[name], shape, f"{path}: {name}")
+
+    height, width = numbers("imageSize", (2,))
+    return LooseCamera(
+        name=path.parent.name if path.stem == _COMMON_NAME else path.stem,
+        K=numbers("intrinsicMat", (3, 3)),
+        distortion=numbers("distortion", (-1,)),
+        R=rotation_of(numbers("rotation", (3, 3)), f"{path}: rotation"),
+        t=numbers("translation", (3,)) * _MM,
+        size_px=(round(width), round(height)),
+    )
+
+
+class _Inert:
+    """Stands for an object of NumPy that a pickle describes; keeps what it is told, and does nothing."""
+
+    def __init__(self, *told: Any) -> None:
+        self.told = told
+        self.state: Any = ()
+
+    def __setstate__(self, state: Any) -> None:
+        self.state = state
+
+
+class _Array(_Inert):
+    """Of `_reconstruct`: its state is (version, shape, dtype, is Fortran's order, bytes)."""
+
+
+class _Buffer(_Inert):
+    """Of `_frombuffer`: told are bytes, dtype, shape and order."""
+
+
+class _Scalar(_Inert):
+    """Of `scalar`: told are dtype and bytes."""
+
+
+_NUMPY: dict[str, type[_Inert]] = {
+    "_reconstruct": _Array,
+    "_frombuffer": _Buffer,
+    "scalar": _Scalar,
+    "ndarray": _Inert,
+    "dtype": _Inert,
+}
+
+
+class _Reader(pickle.Unpickler):
+    """Knows arrays and numbers of NumPy, as inert objects, and nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module.partition(".")[0] == "numpy" and name in _NUMPY:
+            return _NUMPY[name]
+        if (module, name) == ("_codecs", "encode"):
+            return _latin  # how older protocols write bytes
+        raise pickle.UnpicklingError(f"names {module}.{name}")
+
+
+def _latin(text: object, encoding: object = "latin1") -> bytes:
+    if not isinstance(text, str) or encoding != "latin1":
+        raise pickle.UnpicklingError("has bytes in an unknown encoding")
+    return text.encode("latin1")
+
+
+def _load(path: Path) -> dict[str, Any]:
+    """The file's fields, with arrays for NumPy's objects; raises CalibrationError."""
+
+    def refuse(why: str) -> NoReturn:
+        raise CalibrationError(f"{path}: {why}: expected a calibration of OpenCap, numbers and arrays only")
+
+    try:
+        content = _Reader(BytesIO(path.read_bytes())).load()
+        if not isinstance(content, dict):
+            refuse("holds no table of fields")
+        return {str(name): _as_numbers(value) for name, value in content.items()}
+    except OSError as problem:
+        refuse(f"cannot be read ({problem.strerror})")
+    except Exception as problem:  # a damaged pickle can raise anything
+        if isinstance(problem, CalibrationError):
+            raise
+        refuse(f"is no such pickle ({str(problem)[:80]})")
+
+
+def _as_numbers(value: Any) -> Any:
+    """An array for an inert object; other values as they are. Raises ValueError for one without numbers."""
+    if isinstance(value, _Array):
+        _, shape, dtype, is_fortran, data = value.state
+        return _array(data, dtype, shape, "F" if is_fortran else "C")
+    if isinstance(value, _Buffer):
+        data, dtype, shape, order = value.told
+        return _array(data, dtype, shape, order)
+    if isinstance(value, _Scalar):
+        dtype, data = value.told
+        return _array(data, dtype, (), "C")
+    return value
+
+
+def _array(data: Any, dtype: _Inert, shape: Any, order: Any) -> Floats:
+    """dtype: told are the code, such as f8, and two flags; the state's second item is the order of bytes."""
+    code, byte_order = dtype.told[0], dtype.state[1] if len(dtype.state) > 1 else "|"
+    if not isinstance(code, str) or code[:1] not in _NUMBERS:
+        raise ValueError(f"has an array of {code}")
+    kind = np.dtype(code).newbyteorder(">" if byte_order == ">" else "<")
+    values = np.frombuffer(bytes(data), kind).astype(np.float64)
+    return np.asarray(values.reshape(shape, order="F" if order == "F" else "C"), np.float64)

@@ -1,0 +1,70 @@
+"""Vicon's calibration, .xcp: XML in millimetres, with OpenCV's camera axes.
+
+ORIENTATION is a quaternion (x, y, z, w) that rotates from the world to the camera, POSITION the camera's
+centre in the world.
+"""
+
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from services.mocap.camera.formats.loose import Loose, LooseCamera, array_of, xml_root
+from services.mocap.errors import CalibrationError
+from services.mocap.types import Floats
+
+_MM = 1e-3
+
+
+def read_vicon(path: Path) -> Loose:
+    """The video cameras of the file, by device number; marker cameras are ignored where there are both."""
+    frames = [(tag, tag.find("KeyFrames/KeyFrame")) for tag in xml_root(path, "Vicon").iter("Camera")]
+    calibrated = [(tag, frame) for tag, frame in frames if frame is not None]
+    video = [(tag, frame) for tag, frame in calibrated if "video" in _kind(tag)]
+    remarks = []
+    if 0 < len(video) < len(calibrated):
+        ignored = len(calibrated) - len(video)
+        remarks.append(f"{path}: {ignored} cameras are not video cameras and are ignored")
+    return Loose([_camera(path, *each) for each in video or calibrated], 1.0, tuple(remarks))
+
+
+def _kind(camera: Element) -> str:
+    return f"{camera.get('TYPE')} {camera.get('DISPLAY_TYPE')}".lower()
+
+
+def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera:
+    where = f"{path}: camera {tag.get('DEVICEID')}"
+
+    def numbers(of: Element, name: str, count: int) -> list[float]:
+        words = of.get(name, "").split()
+        if len(words) != count:
+            raise CalibrationError(f"{where}: {name}: expected {count} numbers, found {' '.join(words)!r}")
+        return list(array_of(words, (count,), f"{where}: {name}"))
+
+    width, height = numbers(tag, "SENSOR_SIZE", 2)
+    (focal_px,) = numbers(frame, "FOCAL_LENGTH", 1)
+    (aspect,) = numbers(tag, "PIXEL_ASPECT_RATIO", 1) if tag.get("PIXEL_ASPECT_RATIO") else (1.0,)
+    cx, cy = numbers(frame, "PRINCIPAL_POINT", 2)
+    quaternion = np.array(numbers(frame, "ORIENTATION", 4))
+    if not np.any(quaternion):
+        raise CalibrationError(f"{where}: ORIENTATION: is zero: expected a camera that Vicon has calibrated")
+    R = np.asarray(Rotation.from_quat(quaternion).as_matrix(), np.float64)
+    return LooseCamera(
+        name=tag.get("DEVICEID", "?"),
+        K=np.array([[focal_px, 0.0, cx], [0.0, focal_px / aspect, cy], [0.0, 0.0, 1.0]]),
+        distortion=_distortion(where, frame),
+        R=R,
+        t=-R @ np.array(numbers(frame, "POSITION", 3)) * _MM,
+        size_px=(round(width), round(height)),
+    )
+
+
+def _distortion(where: str, frame: Element) -> Floats:
+    """(5,) of VICON_RADIAL2 (a word, the middle, k1, k2, k3) or of the older VICON_RADIAL (k1, k2)."""
+    if frame.get("VICON_RADIAL2"):
+        radial = frame.get("VICON_RADIAL2", "").split()[3:6]
+    else:
+        radial = frame.get("VICON_RADIAL", "0 0").split()[:2]
+    k1, k2, k3 = array_of([*radial, 0, 0, 0][:3], (3,), f"{where}: VICON_RADIAL")
+    return np.array([k1, k2, 0.0, 0.0, k3])

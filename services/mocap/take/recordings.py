@@ -1,0 +1,88 @@
+"""Which file of a folder belongs to which camera, by the names that people and tools give to files."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from services.mocap.errors import TakeError, nearest
+from services.mocap.take import layout
+
+VIDEO_SUFFIXES = (
+    ".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".m2ts", ".ts", ".webm", ".wmv",
+    ".mxf", ".flv", ".3gp",
+)  # fmt: skip
+_WORDS = (r"[a-z]+|\d+", r"[a-z]+\d+")
+"""Words and numbers; and words with a number, which tell `walk1_cam1` from `walk1_cam2`."""
+
+
+def files_of(folder: Path, suffixes: tuple[str, ...] = VIDEO_SUFFIXES) -> list[Path]:
+    """The visible files in a folder with one of some suffixes, in order; none if there is no folder."""
+    if not folder.is_dir():
+        return []
+    visible = (path for path in sorted(folder.iterdir()) if not path.name.startswith("."))
+    return [path for path in visible if path.suffix.lower() in suffixes and path.is_file()]
+
+
+def find_videos(folder: Path, cameras: Sequence[str], stated: Mapping[str, str]) -> dict[str, Path]:
+    """The videos of a take folder by camera: those stated in take.toml, the others by their names.
+
+    stated: paths from the take folder. Raises TakeError if one is missing or of no camera.
+    """
+    check_names(folder, "videos", stated, cameras)
+    found = {camera: folder / name for camera, name in stated.items()}
+    for camera, path in found.items():
+        if not path.is_file():
+            raise TakeError(
+                f"{folder / layout.SETTINGS}: videos: {camera}: {path} is missing: expected a path from "
+                f"{folder} to a video"
+            )
+    left = [camera for camera in cameras if camera not in found]
+    in_folder = files_of(layout.video_path(folder, "any").parent)
+    used = {path.resolve() for path in found.values()}
+    return found | match_by_name(left, [path for path in in_folder if path.resolve() not in used])
+
+
+def check_names(folder: Path, table: str, stated: Iterable[str], cameras: Sequence[str]) -> None:
+    """Raise TakeError if a table of take.toml names a camera that is not calibrated."""
+    for camera in stated:
+        if camera not in cameras:
+            raise TakeError(
+                f"{folder / layout.SETTINGS}: {table}: {camera}: is no camera of {layout.CALIBRATION}: "
+                f"{nearest(camera, cameras)}"
+            )
+
+
+def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Path]:
+    """The files of cameras: those named as a camera is, then those that can only be meant for one camera.
+
+    Words and numbers that all names of one kind share (`int_cam01_img`, `take3-cam01`) are ignored, and so
+    are case and leading zeros. A file is matched if its remaining words hold those of just one camera, or
+    the other way round, and no other file is.
+    """
+    exact = {camera: path for path in reversed(files) for camera in cameras if path.stem == camera}
+    other_cameras = [camera for camera in cameras if camera not in exact]
+    other_files = [path for path in files if path not in exact.values()]
+    stems = [path.stem for path in other_files]
+    fits: set[tuple[str, Path]] = set()
+    for pattern in _WORDS:
+        of_files = list(zip(other_files, _own_words(stems, pattern), strict=True))
+        for camera, words in zip(other_cameras, _own_words(other_cameras, pattern), strict=True):
+            fits |= {(camera, path) for path, own in of_files if words and own and _is_part(words, own)}
+    by_words = {
+        camera: path
+        for camera, path in fits
+        if sum(camera == c for c, _ in fits) == 1 and sum(path == p for _, p in fits) == 1
+    }
+    return exact | by_words
+
+
+def _is_part(words: frozenset[str], others: frozenset[str]) -> bool:
+    return words <= others or others <= words
+
+
+def _own_words(names: Iterable[str], pattern: str) -> list[frozenset[str]]:
+    """The words of each name that not all names have; all, of a single name."""
+    plain = [re.sub(r"(?<!\d)0+(?=\d)", "", name.lower()) for name in names]  # without leading zeros
+    each = [frozenset(re.findall(pattern, name)) for name in plain]
+    shared = frozenset.intersection(*each) if len(each) > 1 else frozenset()
+    return [words - shared for words in each]

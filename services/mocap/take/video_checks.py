@@ -1,0 +1,111 @@
+"""What can be wrong with the videos of a take: sizes, lengths, frame rates, damage."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.errors import TakeError
+from services.mocap.take import layout
+from services.mocap.take.pictures import check_png, check_size
+from services.mocap.take.settings import TakeFile, TakeSettings
+from services.mocap.take.video import VideoReader
+from services.mocap.take.video_index import VideoIndex, index_video
+
+_LARGEST_RATE_ERROR = 0.01
+_LARGEST_GAP = 1.5
+"""In median frame intervals: with a larger gap, frame numbers no longer give the time."""
+_QUICK_TO_DECODE_PX = 200 * 320 * 240
+"""Videos of up to this many pixels, 200 frames of 320x240, are decoded completely, which takes over a second
+for eight; longer ones only at their end."""
+_FEW_S = 0.25
+"""Cameras that are started and stopped together differ by no more; the longer videos are cut."""
+_FEWEST_CUT = 2
+
+
+def rate_of(indices: Sequence[VideoIndex], settings: Path) -> float:
+    """The frame rate of videos, where take.toml has none; raises TakeError if there is no video."""
+    index = next((index for index in indices if index.n_frames > 1), None)
+    if index is None:
+        raise TakeError(
+            f"{settings}: fps: is missing: expected a positive number of frames per second, which only "
+            "videos know by themselves"
+        )
+    return round((index.n_frames - 1) / float(index.times_s[-1] - index.times_s[0]), 3)
+
+
+def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said: TakeFile) -> None:
+    """Raise TakeError if a video has another size than the camera, too few frames, gaps or another rate.
+
+    said: take.toml as it is written.
+    """
+    check_size(index.path, index.width_px, index.height_px, camera)
+    ahead = settings.offset(camera.name)
+    frames = settings.frames + ahead
+    if index.n_frames < frames:
+        begin = f" from frame {ahead} on, the camera's offset" if ahead else ""
+        raise TakeError(
+            f"{index.path}: has {index.n_frames} frames, but {layout.SETTINGS} says frames = "
+            f"{settings.frames}{begin}: lower that number or record the camera again"
+        )
+    if frames < 2:
+        return
+    gaps_s = np.diff(index.times_s[:frames])
+    late = np.flatnonzero(gaps_s > _LARGEST_GAP * np.median(gaps_s))
+    if late.size:
+        raise TakeError(
+            f"{index.path}: lacks frames between its frames {late[0]} and {late[0] + 1}, which are "
+            f"{gaps_s[late[0]]:.3f} s apart: convert it to a constant frame rate"
+        )
+    fps = 1 / gaps_s.mean()
+    if abs(fps / settings.fps - 1) > _LARGEST_RATE_ERROR:
+        if said.fps is None:
+            raise TakeError(
+                f"{index.path}: runs at {fps:.4g} frames per second, but the first camera's video at "
+                f"{settings.fps:g}: convert one of them"
+            )
+        raise TakeError(
+            f"{index.path}: runs at {fps:.4g} frames per second, but {layout.SETTINGS} says fps = "
+            f"{settings.fps:g}: correct that number or convert the video"
+        )
+
+
+def cut_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings) -> str | None:
+    """A remark if videos have different lengths, by camera; raises TakeError if the difference is large."""
+    lengths = {name: index.n_frames for name, index in indices.items()}
+    if settings.offsets or len(set(lengths.values())) < 2:
+        return None
+    shortest, longest = min(lengths, key=lambda n: lengths[n]), max(lengths, key=lambda n: lengths[n])
+    short, long = indices[shortest], indices[longest]
+    if long.n_frames - short.n_frames > max(_FEWEST_CUT, _FEW_S * settings.fps):
+        raise TakeError(
+            f"{long.path}: has {long.n_frames} frames, but {short.path.name} has {short.n_frames}: cut all "
+            "videos to the same moments, or run xormocap sync"
+        )
+    return (
+        f"{short.path}: has {short.n_frames} frames, but {long.path.name} has {long.n_frames}: the longer "
+        "videos are cut at their ends; if the cameras did not start together, run xormocap sync"
+    )
+
+
+def check_plate(path: Path, camera: Camera, *, decoded: bool) -> None:
+    """Raises TakeError for a clean plate of another size than the camera's, or a damaged one.
+
+    decoded: whether a video is decoded to find that.
+    """
+    if path.suffix == ".png":
+        check_png(path, camera)
+        return
+    index = index_video(path)
+    check_size(path, index.width_px, index.height_px, camera)
+    if decoded:
+        check_decodes(index, index.n_frames)
+
+
+def check_decodes(index: VideoIndex, frames: int) -> None:
+    """Raises TakeError if a video is damaged: short ones are decoded up to `frames`, others at that end."""
+    quick = frames * index.width_px * index.height_px <= _QUICK_TO_DECODE_PX
+    start = 0 if quick else index.keyframe_before(frames - 1)[0]
+    with VideoReader(index, start, frames) as reader:
+        reader.check()

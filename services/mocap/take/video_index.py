@@ -1,0 +1,172 @@
+"""The index of a video file, found by reading all its packets, and how files and pictures are opened.
+
+A frame's number is its position in presentation order, found from time stamps, so that it is exact even if
+reading starts in the middle of a file.
+"""
+
+from bisect import bisect_left
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import av
+import numpy as np
+from av.container import InputContainer
+from av.video.frame import VideoFrame
+from av.video.reformatter import VideoReformatter
+from av.video.stream import VideoStream
+
+from services.mocap.errors import TakeError
+from services.mocap.types import Bytes, Floats
+
+COPY_AGAIN = "copy or record it again"
+_LONGEST_NOT_CODED = 19
+"""Bytes: FFmpeg takes an MPEG-4 packet up to this long for one that only says "as before"."""
+_CODECS_WITH_NOT_CODED = ("mpeg4",)
+_CODECS_OUT_OF_ORDER = ("h264", "hevc")
+
+
+@dataclass(frozen=True)
+class VideoIndex:
+    """The index of a video file."""
+
+    path: Path
+    width_px: int
+    height_px: int
+    """Size of the upright pictures."""
+    times_s: Floats
+    """(N,) presentation time of every frame, increasing."""
+    stamps: tuple[int, ...]
+    """The same times in the file's own units."""
+    keyframes: tuple[tuple[int, int], ...]
+    """(frame number, decoding stamp) of the frames at which decoding can start."""
+    repeats: frozenset[int] = frozenset()
+    """Frames that the file does not code: the picture before them is shown again."""
+    is_counted: bool = False
+    """Whether frames must be counted from a keyframe, as their time stamps are in decoding order."""
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames in the file."""
+        return len(self.stamps)
+
+    def keyframe_before(self, frame: int) -> tuple[int, int]:
+        """The last keyframe (its number, its decoding stamp) at or before a frame."""
+        return max((key for key in self.keyframes if key[0] <= frame), default=(0, 0))
+
+
+def index_video(path: Path) -> VideoIndex:
+    """Reads all packets and decodes one picture.
+
+    Raises TakeError if the file is missing, contains no video or is cut off.
+    """
+    stream = _demuxed(path)
+    packets, declared = stream.packets, stream.declared
+    if len(packets) < declared:  # cut off, or an edit list hides frames: count all packets to know which
+        packets = _demuxed(path, {"ignore_editlist": "1"}).packets
+    whole = sum(packet.is_whole for packet in packets)
+    if whole < max(declared, len(packets), 1):
+        raise TakeError(f"{path}: cut off after {whole} of {max(declared, whole)} frames: {COPY_AGAIN}")
+    shown = [packet for packet in stream.packets if not packet.is_hidden]
+    stamps = sorted(packet.shown for packet in shown)
+    keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in stream.packets if p.is_key)
+    height, width = _first_picture(path).shape[:2]
+    return VideoIndex(
+        path=path,
+        width_px=width,
+        height_px=height,
+        times_s=np.array(stamps) * stream.unit_s,
+        stamps=tuple(stamps),
+        keyframes=tuple(keyframes),
+        repeats=frozenset(bisect_left(stamps, packet.shown) for packet in shown if packet.is_not_coded),
+        is_counted=stream.container == "avi" and stream.codec in _CODECS_OUT_OF_ORDER,
+    )
+
+
+class _Packet(NamedTuple):
+    """The parts of a packet for the index, without its data."""
+
+    shown: int
+    decoded: int
+    is_key: bool
+    is_whole: bool
+    is_hidden: bool
+    """Decoded only because other frames need it, according to the file's edit list."""
+    is_not_coded: bool
+
+    @classmethod
+    def of(cls, packet: "av.Packet[VideoStream]", codec: str) -> "_Packet":
+        decoded = packet.dts or 0
+        return cls(
+            shown=decoded if packet.pts is None else packet.pts,
+            decoded=decoded,
+            is_key=packet.is_keyframe,
+            is_whole=not packet.is_corrupt,
+            is_hidden=packet.is_discard,
+            is_not_coded=codec in _CODECS_WITH_NOT_CODED and packet.size <= _LONGEST_NOT_CODED,
+        )
+
+
+class _Demuxed(NamedTuple):
+    """A video stream without its data."""
+
+    packets: list[_Packet]
+    declared: int
+    """The number of packets that the file declares."""
+    unit_s: float
+    """Of the time stamps."""
+    container: str
+    codec: str
+
+
+def _demuxed(path: Path, options: dict[str, str] | None = None) -> _Demuxed:
+    with opened_video(path, options) as container:
+        stream = video_stream(container, path)
+        try:
+            codec = stream.codec_context.name
+            packets = [_Packet.of(packet, codec) for packet in container.demux(stream) if packet.size]
+        except av.error.FFmpegError:
+            raise TakeError(f"{path}: is damaged: {COPY_AGAIN}") from None
+        unit_s = float(stream.time_base or 0)
+        return _Demuxed(packets, stream.frames, unit_s, container.format.name, codec)
+
+
+def opened_video(path: Path, options: dict[str, str] | None = None) -> InputContainer:
+    """Open a video file; raises TakeError if it is missing or cannot be read."""
+    try:
+        return av.open(str(path), "r", options=options)
+    except FileNotFoundError:
+        raise TakeError(f"{path}: is missing: expected a video") from None
+    except (av.error.FFmpegError, OSError):
+        raise TakeError(
+            f"{path}: cannot be read as a video (empty, cut off before its index, no video): {COPY_AGAIN}"
+        ) from None
+
+
+def video_stream(container: InputContainer, path: Path) -> VideoStream:
+    """The first video stream, decoded on one thread; raises TakeError if there is none."""
+    if not container.streams.video:
+        raise TakeError(f"{path}: contains no video stream: expected a video")
+    stream = container.streams.video[0]
+    stream.thread_type = "NONE"  # the services share the cores: more threads would only compete for them
+    return stream
+
+
+def _first_picture(path: Path) -> Bytes:
+    """The first picture that can be decoded, upright."""
+    with opened_video(path) as container:
+        try:
+            frame = next(container.decode(video_stream(container, path)), None)
+        except av.error.FFmpegError:
+            frame = None
+        if frame is None:
+            raise TakeError(f"{path}: frame 0 cannot be decoded: {COPY_AGAIN}")
+        return bgr_picture(frame, VideoReformatter())
+
+
+def bgr_picture(frame: VideoFrame, converter: VideoReformatter) -> Bytes:
+    """A decoded frame as BGR (H, W, 3), rotated by the file's metadata: cameras held upright store rotated
+    pictures."""
+    bgr: Bytes = np.asarray(converter.reformat(frame, format="bgr24", threads=1).to_ndarray(), np.uint8)
+    quarter_turns = round(frame.rotation / 90) % 4
+    return np.ascontiguousarray(np.rot90(bgr, quarter_turns)) if quarter_turns else bgr

@@ -1,0 +1,193 @@
+"""OpenCap, Vicon, bioCV, and the names that tools write into EasyMocap's and OpenCV's files.
+
+Each writer makes the layout that the tool documents or that its own converter writes.
+"""
+
+import pickle  # noqa: TID251  (written here, as OpenCap does)
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import tomli_w
+from scipy.spatial.transform import Rotation
+from test_formats import CAMERAS, as_caliscope, as_freemocap, read, same
+
+from services.mocap.errors import CalibrationError
+
+
+def as_opencap(folder: Path, protocol: int = 4) -> Path:
+    """Cam<n>/cameraIntrinsicsExtrinsics.pickle: millimetres, size as height and width, an upright board."""
+    turn = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])  # the board's (x, y, z) is (x, z, -y) in z-up
+    for one in CAMERAS:
+        fields = {
+            "distortion": np.append(one.distortion, 0.0)[None],
+            "intrinsicMat": one.K,
+            "imageSize": np.array([[1080.0], [1920.0]]),
+            "rotation": np.asfortranarray(one.R_camera_world @ turn),
+            "translation": 1000 * one.t_camera_world_m[:, None],
+            "rotation_EulerAngles": np.zeros((3, 1)),
+        }
+        path = folder / "opencap" / one.name / "cameraIntrinsicsExtrinsics.pickle"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(pickle.dumps(fields, protocol))
+    return folder / "opencap"
+
+
+def as_vicon(folder: Path) -> Path:
+    """Quaternion x, y, z, w from world to camera, position in millimetres; a marker camera is among them."""
+    tags = []
+    for one in CAMERAS:
+        (fx, _, cx), (_, fy, cy), _ = one.K
+        k1, k2, *_ = one.distortion
+        fields = {
+            "FOCAL_LENGTH": fx,
+            "PRINCIPAL_POINT": f"{cx} {cy}",
+            "VICON_RADIAL2": f"ViconRadial2 {cx} {cy} {k1} {k2} 0",
+            "ORIENTATION": " ".join(map(str, Rotation.from_matrix(one.R_camera_world).as_quat())),
+            "POSITION": " ".join(map(str, 1000 * one.centre_world_m)),
+            "WORLD_ERROR": 0.1,
+        }
+        frame = "".join(f' {key}="{value}"' for key, value in fields.items())
+        tags.append(
+            f'<Camera DEVICEID="{one.name}" TYPE="VideoInputDevice:Vue" SENSOR_SIZE="1920 1080" '
+            f'PIXEL_ASPECT_RATIO="{fx / fy}"><KeyFrames><KeyFrame{frame}/></KeyFrames></Camera>'
+        )
+    marker = tags[0].replace("VideoInputDevice:Vue", "Vantage").replace(CAMERAS[0].name, "21")
+    path = folder / "session.xcp"
+    path.write_text(f"<Cameras>{marker}{''.join(tags)}</Cameras>")
+    return path
+
+
+def as_biocv(folder: Path) -> Path:
+    """<name>.mp4.calib: size, matrix, transform in millimetres, coefficients, with empty lines between."""
+    made = folder / "biocv"
+    made.mkdir()
+    for one in CAMERAS:
+        transform = np.eye(4)
+        transform[:3] = np.column_stack([one.R_camera_world, 1000 * one.t_camera_world_m])
+        rows = [*one.K, [], *transform, [], [*one.distortion, 0.0]]
+        text = "\n".join(" ".join(f"{value:.17g}" for value in row) for row in rows)
+        (made / f"{one.name}.mp4.calib").write_text(f"1920\n1080\n{text}\n")
+    return made
+
+
+def as_easymocap_by_pose2sim(folder: Path) -> Path:
+    """Fields are counted from 1, whatever the names; coefficients and translations have one dimension."""
+    made = folder / "pose2sim"
+    made.mkdir()
+    intri = cv2.FileStorage(str(made / "Intrinsic.yml"), cv2.FILE_STORAGE_WRITE)
+    extri = cv2.FileStorage(str(made / "Extrinsic.yml"), cv2.FILE_STORAGE_WRITE)
+    for storage in (intri, extri):
+        storage.write("names", [one.name for one in CAMERAS])
+    for i, one in enumerate(CAMERAS, start=1):
+        intri.write(f"K_{i}", one.K)
+        intri.write(f"dist_{i}", np.append(one.distortion, 0.0))
+        extri.write(f"R_{i}", cv2.Rodrigues(one.R_camera_world)[0])
+        extri.write(f"Rot_{i}", one.R_camera_world)
+        extri.write(f"T_{i}", one.t_camera_world_m)
+    intri.release()
+    extri.release()
+    return made
+
+
+def as_openpose(folder: Path) -> Path:
+    """An XML file per camera: CameraMatrix is the pose (3x4), Intrinsics the lens; no size."""
+    made = folder / "openpose"
+    made.mkdir()
+    for one in CAMERAS:
+        storage = cv2.FileStorage(str(made / f"{one.name}.xml"), cv2.FILE_STORAGE_WRITE)
+        storage.write("CameraMatrix", np.column_stack([one.R_camera_world, one.t_camera_world_m]))
+        storage.write("Intrinsics", one.K)
+        storage.write("Distortion", np.pad(one.distortion, (0, 4))[:, None])
+        storage.release()
+    return made
+
+
+def as_opencv_tutorial(folder: Path) -> Path:
+    """The names of OpenCV's tutorial, and those of scripts."""
+    made = folder / "tutorial"
+    made.mkdir()
+    for one in CAMERAS:
+        storage = cv2.FileStorage(str(made / f"{one.name}.yaml"), cv2.FILE_STORAGE_WRITE)
+        storage.write("image_size", np.array([1920, 1080]))
+        storage.write("Camera_Matrix", one.K)
+        storage.write("Distortion_Coefficients", one.distortion[None])
+        storage.write("rotation_vector", cv2.Rodrigues(one.R_camera_world)[0])
+        storage.write("Translation_Vector", one.t_camera_world_m[None])
+        storage.release()
+    return made
+
+
+@pytest.mark.parametrize(
+    "write",
+    [as_opencap, as_vicon, as_biocv, as_easymocap_by_pose2sim, as_openpose, as_opencv_tutorial],
+)
+def test_cameras_of_more_tools_see_what_they_saw(tmp_path: Path, write: Callable[[Path], Path]) -> None:
+    found, remarks = read(write(tmp_path), up=None, size_px=(1920, 1080))
+    assert [one.name for one in found] == [one.name for one in CAMERAS]
+    lens = (1, 1, 0, 0) if write is as_vicon else (1, 1, 1, 1)  # Vicon's has no tangential terms
+    for one, true in zip(found, CAMERAS, strict=True):
+        same(one, replace(true, distortion=true.distortion * lens))
+    assert not any("look away" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize("protocol", [0, 2, 5])
+def test_pickles_of_all_ages_are_read(tmp_path: Path, protocol: int) -> None:
+    found, _ = read(as_opencap(tmp_path, protocol), up=None)
+    for one, true in zip(found, CAMERAS, strict=True):
+        same(one, true)
+
+
+class Bomb:
+    """Creates a file when it is unpickled."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (Path("ran"),)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        pickle.dumps({"intrinsicMat": Bomb()}),
+        pickle.dumps({"intrinsicMat": np.array([Bomb()])}),
+        pickle.dumps([1]),
+        pickle.dumps({"rotation": np.eye(3)}),
+        pickle.dumps({"rotation": np.eye(3)})[:-20],
+        b"no pickle",
+        b"",
+    ],
+)
+def test_a_pickle_is_not_executed(tmp_path: Path, content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "Cam0.pickle").write_bytes(content)
+    with pytest.raises(CalibrationError, match="expected a calibration of OpenCap"):
+        read(tmp_path / "Cam0.pickle")
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_camera_without_a_pose_is_left_out_and_said(tmp_path: Path) -> None:
+    path = as_caliscope(tmp_path)
+    tables = tomllib.loads(path.read_text())
+    for field in ("rotation", "translation"):
+        del tables["cameras"]["1"][field]
+    path.write_text(tomli_w.dumps(tables))
+    found, remarks = read(path)
+    assert [one.name for one in found] == ["cam_0", "cam_2"]
+    assert any("[cameras.1]: has no pose" in remark for remark in remarks)
+
+
+def test_another_tools_file_as_calibration_toml_is_answered_with_the_line_to_type(
+    small_take: Callable[..., Path], refusal: Callable[[Path], str]
+) -> None:
+    folder = small_take()
+    as_freemocap(folder).rename(folder / "calibration.toml")
+    assert refusal(folder).endswith(
+        "; if another tool wrote this file, rename it and type: xormocap calibrate --import "
+        f"{folder}/other.toml --out {folder}/calibration.toml"
+    )
+    as_caliscope(folder).rename(folder / "calibration.toml")
+    assert "xormocap calibrate --import" in refusal(folder)

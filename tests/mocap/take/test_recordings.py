@@ -1,0 +1,126 @@
+"""Videos as people have them: their names, containers, lengths, and what take.toml need not say."""
+
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import TypeAlias
+
+import av
+import numpy as np
+import pytest
+
+from services.mocap.errors import TakeError
+from services.mocap.take.folder import open_take
+from services.mocap.take.recordings import match_by_name
+
+SmallTake: TypeAlias = Callable[..., Path]
+Refusal: TypeAlias = Callable[[Path], str]
+
+
+@pytest.mark.parametrize(
+    ("cameras", "stems", "matched"),
+    [
+        (["cam01", "cam02"], ["cam02", "cam01", "notes"], {"cam01": "cam01", "cam02": "cam02"}),
+        (
+            ["int_cam01_img", "int_cam02_img"],
+            ["cam01", "cam02"],
+            {"int_cam01_img": "cam01", "int_cam02_img": "cam02"},
+        ),
+        (
+            ["cam_0", "cam_1"],
+            ["Camera_001_a", "Camera_000_a"],
+            {"cam_0": "Camera_000_a", "cam_1": "Camera_001_a"},
+        ),
+        (
+            ["left", "right"],
+            ["GX0123_Right", "GX0124_left"],
+            {"left": "GX0124_left", "right": "GX0123_Right"},
+        ),
+        (["cam1", "cam2"], ["walk1_cam1", "walk1_cam2"], {"cam1": "walk1_cam1", "cam2": "walk1_cam2"}),
+        (["cam1", "cam2", "cam3"], ["cam1", "cam3a", "cam3b"], {"cam1": "cam1"}),  # which is the third's?
+        (["cam1", "cam2"], ["a", "b"], {}),
+        (["cam1", "cam12"], ["take_12", "take_1"], {"cam1": "take_1", "cam12": "take_12"}),
+    ],
+)
+def test_files_are_matched_to_cameras_by_what_tells_them_apart(
+    cameras: list[str], stems: list[str], matched: dict[str, str]
+) -> None:
+    found = match_by_name(cameras, [Path(f"{stem}.mov") for stem in stems])
+    assert {camera: path.stem for camera, path in found.items()} == matched
+
+
+def convert(source: Path, target: Path, codec: str) -> None:
+    with av.open(str(source)) as read, av.open(str(target), "w") as write:
+        stream = write.add_stream(codec, rate=Fraction(10))
+        stream.width, stream.height = read.streams.video[0].width, read.streams.video[0].height
+        stream.pix_fmt = "yuv420p"
+        for i, frame in enumerate(read.decode(video=0)):
+            frame.pts, frame.time_base = i, Fraction(1, 10)
+            write.mux(stream.encode(frame))
+        write.mux(stream.encode(None))
+    source.unlink()
+
+
+def test_a_take_whose_videos_have_other_names_and_containers(small_take: SmallTake) -> None:
+    folder = small_take()
+    convert(folder / "videos/cam01.mp4", folder / "videos/walk-Cam1.AVI", "mpeg4")
+    convert(folder / "videos/cam02.mp4", folder / "videos/walk-Cam2.mov", "libx264")
+    (folder / "background/cam01.mp4").rename(folder / "background/empty_1.mp4")
+    convert(folder / "background/cam02.mp4", folder / "background/empty_2.mkv", "libx264")
+    text = (folder / "take.toml").read_text()
+    text = "\n".join(line for line in text.splitlines() if not line.startswith(("fps", "frames")))
+    (folder / "take.toml").write_text(text)
+    take = open_take(folder)
+    assert (take.settings.fps, take.settings.frames) == (10.0, 4)
+    assert [take.videos[camera.name].name for camera in take.cameras] == ["walk-Cam1.AVI", "walk-Cam2.mov"]
+    for camera in take.cameras:
+        with take.video(camera) as video:
+            assert sum(picture.shape == (48, 64, 3) for picture in video) == 4
+        assert len(list(take.background(camera))) >= 1
+    assert {path.name for path in take.inputs(from_videos=True)} == {
+        "calibration.toml", "walk-Cam1.AVI", "walk-Cam2.mov", "empty_1.mp4", "empty_2.mkv"
+    }  # fmt: skip
+
+
+def test_videos_that_take_toml_names(small_take: SmallTake, refusal: Refusal, tmp_path: Path) -> None:
+    folder, settings = small_take(), tmp_path / "small/take.toml"
+    (folder / "videos/cam01.mp4").rename(tmp_path / "GX010002.MP4")
+    (folder / "videos/cam02.mp4").rename(folder / "videos/b.mp4")
+    assert refusal(folder) == (
+        "videos/cam01.mp4: is missing: expected the video of [cam01] in calibration.toml, or silhouettes in "
+        "silhouettes/cam01; b.mp4 can be given to cameras by a table [videos] in take.toml, such as "
+        'cam01 = "videos/b.mp4"'
+    )
+    text = settings.read_text()
+    settings.write_text(f'{text}\n[videos]\ncam01 = "../GX010002.MP4"\ncam02 = "videos/b.mp4"\n')
+    assert open_take(folder).videos["cam01"].samefile(tmp_path / "GX010002.MP4")
+    settings.write_text(f'{text}\n[videos]\ncam1 = "../GX010002.MP4"\n')
+    assert "take.toml: videos: cam1: is no camera of calibration.toml: did you mean cam01" in refusal(folder)
+    settings.write_text(f'{text}\n[videos]\ncam01 = "videos/c.mp4"\n')
+    assert "take.toml: videos: cam01: " in refusal(folder)
+
+
+def test_silhouettes_do_not_know_their_rate_but_their_number(small_take: SmallTake) -> None:
+    folder = small_take(source="silhouettes", frames=3)
+    settings = folder / "take.toml"
+    settings.write_text(settings.read_text().replace("frames = 3\n", ""))
+    assert open_take(folder).settings.frames == 3
+    settings.write_text(settings.read_text().replace("fps = 10.0\n", ""))
+    with pytest.raises(TakeError, match="fps: is missing"):
+        open_take(folder)
+
+
+def test_videos_of_different_rates_where_take_toml_states_none(small_take: SmallTake) -> None:
+    folder = small_take()
+    settings = folder / "take.toml"
+    settings.write_text(settings.read_text().replace("fps = 10.0\n", ""))
+    (folder / "videos/cam02.mp4").unlink()
+    with av.open(str(folder / "videos/cam02.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=Fraction(25))
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for _ in range(4):
+            frame = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="bgr24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    with pytest.raises(TakeError, match="runs at 25 frames per second, but the first camera's video at 10"):
+        open_take(folder)
