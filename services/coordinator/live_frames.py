@@ -9,8 +9,7 @@ import numpy as np
 
 from proto.messages import LivePace, LiveSilhouettes, LiveSources, Silhouettes
 from services.coordinator.incoming import Frame, Incoming, LiveFigures
-from services.coordinator.live_shots import Shots
-from services.coordinator.live_sources import SourceWords
+from services.coordinator.live_shots import Shots, SourceWords
 from services.coordinator.pace import Pace
 from services.mocap.camera.rig import Rig
 from services.mocap.take.live import LiveTake

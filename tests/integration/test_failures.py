@@ -79,7 +79,7 @@ class Run:
                 take=take,
                 out=self.out,
                 frames=range(FRAMES),
-                workers=4,
+                workers=2,
                 overlay=self._overlay,
                 engine=EngineSettings(),
                 search=SLOW,
@@ -244,12 +244,14 @@ def test_two_stops_while_results_are_written_lose_nothing(known_take: Path, tmp_
 @pytest.fixture
 def command(known_take: Path, tmp_path: Path) -> Iterator["subprocess.Popen[str]"]:
     """The command as a process of its own, once its services run."""
-    arguments = ["track", str(known_take), "--search", "plain", "--out", str(tmp_path / "out")]
+    arguments = ["track", str(known_take), "--search", "plain", "--workers", "1"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "services.cli", *arguments], stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "services.cli", *arguments, "--out", str(tmp_path / "out")],
+        stderr=subprocess.PIPE,
+        text=True,
     )
     starter = sys.platform == "linux"  # a process of its own, of which services are copies
-    assert _wait_until(lambda: len(_children(process.pid)) == 7 + starter, 30)
+    assert _wait_until(lambda: len(_children(process.pid)) == 4 + starter, 30)
     yield process
     process.kill()
     process.wait()
