@@ -9,13 +9,12 @@ from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
-import numpy as np
 import pytest
 from busy import BUSY
 
 from services.cli import main
 from services.mocap.body.actor import Actor
-from services.mocap.body.skeleton import DOF_INDEX, DOFS
+from services.mocap.body.skeleton import DOFS
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
@@ -33,17 +32,6 @@ def synthetic_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("synthetic") / "walk"
     write_synthetic_take(folder, n_frames=24, n_cameras=5)
     write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
-    return folder
-
-
-@pytest.fixture(scope="session")
-def quick_take(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with the heading said, so that its first frame is found sooner."""
-    folder = tmp_path_factory.mktemp("quick") / "walk"
-    shutil.copytree(synthetic_take, folder)
-    heading_rad = read_poses_csv(folder / "reference" / "poses.csv").poses[0, DOF_INDEX["root_heading"]]
-    with (folder / "take.toml").open("a") as settings:
-        settings.write(f"facing = {np.degrees(heading_rad):.1f}\n")
     return folder
 
 
