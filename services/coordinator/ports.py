@@ -31,7 +31,7 @@ class Ports:
     """Opens the streams at an endpoint; only `wait` blocks.
 
     With an admission, messages of clients without access are counted and dropped unread, and such clients are
-    sent nothing. Raises OpenBindError or AddressError.
+    sent nothing. Raises AddressError.
     """
 
     def __init__(self, endpoint: str, admission: Admission | None = None, *, is_live: bool = False) -> None:
