@@ -251,7 +251,7 @@ def command(known_take: Path, tmp_path: Path) -> Iterator["subprocess.Popen[str]
         text=True,
     )
     starter = sys.platform == "linux"  # a process of its own, of which services are copies
-    assert _wait_until(lambda: len(_children(process.pid)) == 4 + starter, 30)
+    assert _wait_until(lambda: len(_children(process.pid)) == 4 + starter, 60)
     yield process
     process.kill()
     process.wait()
