@@ -1,5 +1,6 @@
 """Messages to frames and back. Everything that arrives is checked before it is used."""
 
+import math
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
@@ -32,9 +33,14 @@ def encode(message: Message) -> list[bytes | memoryview]:
     header |= {name: getattr(message, name) for name in type(message).model_fields if name not in arrays}
     header["shapes"] = [list(getattr(message, name).shape) for name in arrays]
     _bind_sizes(message.type, arrays, header["shapes"])
-    frames = [
-        _encode_array(f"{message.type}.{name}", spec, getattr(message, name)) for name, spec in arrays.items()
-    ]
+    frames: list[bytes | memoryview] = []
+    for name, spec in arrays.items():
+        where, array = f"{message.type}.{name}", getattr(message, name)
+        if array.dtype != np.dtype(spec.dtype):
+            raise MalformedMessage(f"{where}: expected an array of {spec.dtype}, got {array.dtype}")
+        _check_content(where, array)
+        array = np.ascontiguousarray(array, _wire_dtype(spec))
+        frames.append(array.data.cast("B") if array.size else b"")
     packed = msgpack.packb(header)
     if len(packed) > MAX_HEADER_BYTES:
         raise MalformedMessage(f"{message.type}: a header of {len(packed)} bytes; at most {MAX_HEADER_BYTES}")
@@ -102,19 +108,9 @@ def _bind_sizes(name: str, specs: Mapping[str, Array], shapes: list[Any]) -> Non
                 raise MalformedMessage(f"{name}.{field}: size {size} where {wanted} is {expected}")
 
 
-def _encode_array(name: str, spec: Array, array: NDArray[Any]) -> bytes | memoryview:
-    if array.dtype != np.dtype(spec.dtype):
-        raise MalformedMessage(f"{name}: expected an array of {spec.dtype}, got {array.dtype}")
-    _check_content(name, array)
-    array = np.ascontiguousarray(array, _wire_dtype(spec))
-    return array.data.cast("B") if array.size else b""
-
-
 def _decode_array(name: str, spec: Array, shape: list[int], frame: bytes) -> NDArray[Any]:
     dtype = _wire_dtype(spec)
-    expected = dtype.itemsize
-    for size in shape:
-        expected *= size
+    expected = math.prod(shape, start=dtype.itemsize)
     if expected > MAX_FRAME_BYTES or len(frame) != expected:
         raise MalformedMessage(f"{name}: {len(frame)} bytes where the shape needs {expected}")
     array = np.frombuffer(frame, dtype).reshape(shape)

@@ -119,14 +119,11 @@ def _read(path: Path) -> tuple[bytes, bytes | None]:
         raise KeysError(f"{path}: cannot be read ({reason}): expected a certificate") from None
     except (ValueError, IndexError):
         raise KeysError(f"{path}: contains no public key: expected a certificate") from None
-    for key in (public, secret):
-        if key is not None and not _is_key(key):
+    for key in (public, secret or public):
+        try:
+            is_key = len(key) == _KEY_CHARACTERS and z85.encode(z85.decode(key)) == key
+        except (KeyError, struct.error):  # characters that are not Z85, or a number that is too large
+            is_key = False
+        if not is_key:
             raise KeysError(f"{path}: contains a damaged key: expected {_KEY_CHARACTERS} characters of Z85")
     return public, secret
-
-
-def _is_key(key: bytes) -> bool:
-    try:
-        return len(key) == _KEY_CHARACTERS and z85.encode(z85.decode(key)) == key
-    except (KeyError, struct.error):  # characters that are not Z85, or a number that is too large
-        return False

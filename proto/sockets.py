@@ -1,7 +1,6 @@
 """ZeroMQ sockets with this project's options: small queues, short linger, detection of dead peers, loopback
 by default."""
 
-import ipaddress
 import time
 from dataclasses import dataclass
 from urllib.parse import urlsplit
@@ -12,7 +11,7 @@ from proto.auth import ZAP_DOMAIN
 from proto.framing import MAX_FRAME_BYTES, MAX_HEADER_BYTES, decode, encode
 from proto.keys import ClientKeys, ServerKeys
 from proto.messages import Message
-from proto.streams import AddressError
+from proto.streams import AddressError, is_loopback
 
 QUEUE_MESSAGES = 8
 """High-water mark for sending and for received silhouettes. These messages are large, and a long queue only
@@ -35,14 +34,6 @@ _RECONNECT_MS, _RECONNECT_MAX_MS = 100, 4000
 attempt is cheap."""
 _POLLIN = int(zmq.POLLIN)
 _REBIND_TRIES, _REBIND_S = 200, 0.005
-
-
-class OpenBindError(AddressError):
-    """A socket was asked to listen beyond this machine without keys."""
-
-
-class OpenConnectError(AddressError):
-    """A socket was asked to connect beyond this machine without keys."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +69,7 @@ def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.So
 def bind(socket: "zmq.Socket[bytes]", endpoint: str, keys: ServerKeys | None = None) -> str:
     """Bind to tcp://host:port and return the endpoint with the real port; beyond loopback only with keys.
 
-    With keys, only a Doorkeeper of the context admits clients. Raises OpenBindError, or AddressError if the
+    With keys, only a Doorkeeper of the context admits clients. Raises AddressError, also if the
     address is in use or not on this machine.
     """
     if keys is not None:
@@ -86,8 +77,8 @@ def bind(socket: "zmq.Socket[bytes]", endpoint: str, keys: ServerKeys | None = N
         socket.setsockopt(zmq.CURVE_SECRETKEY, keys.secret)
         socket.setsockopt(zmq.ZAP_DOMAIN, ZAP_DOMAIN)
         socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
-    elif not _is_loopback(endpoint):
-        raise OpenBindError(
+    elif not _is_here(endpoint):
+        raise AddressError(
             f"{endpoint}: listening beyond this machine without keys lets everybody in: make keys with "
             "xormocap keys new DIR and give --keys DIR, or bind to tcp://127.0.0.1:PORT"
         )
@@ -102,16 +93,16 @@ def bind(socket: "zmq.Socket[bytes]", endpoint: str, keys: ServerKeys | None = N
 def connect(socket: "zmq.Socket[bytes]", endpoint: str, keys: ClientKeys | None = None) -> None:
     """Connect to tcp://host:port, now or as soon as a server listens there; beyond loopback only with keys.
 
-    Raises OpenConnectError.
+    Raises AddressError.
     """
-    if _is_loopback(endpoint):
+    if _is_here(endpoint):
         socket.setsockopt(zmq.RECONNECT_IVL_MAX, 0)
     if keys is not None:
         socket.setsockopt(zmq.CURVE_PUBLICKEY, keys.public)
         socket.setsockopt(zmq.CURVE_SECRETKEY, keys.secret)
         socket.setsockopt(zmq.CURVE_SERVERKEY, keys.server)
-    elif not _is_loopback(endpoint):
-        raise OpenConnectError(
+    elif not _is_here(endpoint):
+        raise AddressError(
             f"{endpoint}: connecting beyond this machine needs keys: give --keys DIR, the folder that "
             "xormocap keys made for this service where the coordinator runs"
         )
@@ -140,12 +131,8 @@ def _allow_ipv6(socket: "zmq.Socket[bytes]", endpoint: str) -> None:
     socket.setsockopt(zmq.IPV6, "[" in endpoint)
 
 
-def _is_loopback(endpoint: str) -> bool:
-    host = urlsplit(endpoint.replace("*", "0")).hostname or ""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
+def _is_here(endpoint: str) -> bool:
+    return is_loopback(urlsplit(endpoint.replace("*", "0")).hostname or "")
 
 
 def send(socket: "zmq.Socket[bytes]", message: Message, to: bytes | None = None) -> bool:

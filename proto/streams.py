@@ -4,6 +4,7 @@ Every stream ends at the coordinator, which listens on three ports in a row; the
 three.
 """
 
+import ipaddress
 import math
 import re
 from dataclasses import dataclass
@@ -82,6 +83,14 @@ class AddressError(ValueError):
 
 _ENDPOINT = re.compile(r"tcp://(?P<host>\[[0-9A-Fa-f:.]+\]|[\w.*-]+):(?P<port>[0-9]{1,5})", re.ASCII)
 _LAST_PORT = 65535 - max(stream.port_offset for stream in STREAMS.values())
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host's name or number is this machine's own, which no other reaches."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def stream_endpoint(endpoint: str, stream: StreamName) -> str:

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from types import FrameType
+from typing import Self
 
 from proto.keys import KeysError
 from proto.streams import AddressError
@@ -30,17 +30,27 @@ processes, and a launcher starts each service in its own session."""
 
 
 class StopRequest:
-    """True after a request to stop: SIGINT, SIGTERM or the end of the launcher."""
+    """True after a request to stop: SIGINT, SIGTERM or the end of the launcher.
+
+    As a context manager it gives the signals back to who handled them before.
+    """
 
     def __init__(self) -> None:
         self.count = 0
         """Number of signals so far; the second means stop at once."""
         self._parent = int(os.environ.get(PARENT_VARIABLE, "0"))
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask)
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        self._before = {number: signal.signal(number, self._note) for number in numbers}
 
-    def _ask(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002  (the signature of handlers)
+    def _note(self, *_: object) -> None:
         self.count += 1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def __bool__(self) -> bool:
         return self.count > 0 or (self._parent != 0 and os.getppid() != self._parent)

@@ -16,7 +16,7 @@ from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
 from services.mocap.take.folder import Take, open_take
 from services.mocap.verdict.judging import verdict_of
-from services.runs.local_run import StopSignals
+from services.process import StopRequest
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import Segmenter
@@ -75,7 +75,7 @@ def view(
     from services.viewer.server import PageServer  # viser is needed only for the page
 
     show = finished_show(result, take)
-    with PageServer(port) as server, StopSignals() as stop:
+    with PageServer(port) as server, StopRequest() as stop:
         server.show(show)
         say(f"open http://{LOOPBACK}:{server.port} (Ctrl-C stops the server)")
         while not stop.count:

@@ -10,6 +10,7 @@ import numpy as np
 
 from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message, OfLimbTask
 from proto.streams import FROM_CLIENTS, TO_CLIENTS
+from services.blob_store import keep_latest
 from services.coordinator.deadline import Deadline
 from services.coordinator.metrics import note_turnaround
 from services.mocap.body.skeleton import LOWER, UPPER
@@ -208,7 +209,11 @@ class Dispatcher:
         now = self._now()
         if now - self._probed_s >= PROBE_S:
             self._probed_s = now
-            self._forget_lost(now)
+            for identity, worker in list(self._workers.items()):
+                if not self._send(identity, Beat()):
+                    self._forget(identity, "connection lost")
+                elif worker.task is None and now - worker.heard_s > FROM_CLIENTS.silence_s:
+                    self._forget(identity, "silent")
         for key, opened in self._open.items():
             late = opened.given_to and now - opened.given_s > self.deadline_s
             if late and key not in self._queue:
@@ -221,20 +226,11 @@ class Dispatcher:
         """How long a task may take before another worker gets it too."""
         return self._deadline.seconds
 
-    def _forget_lost(self, now: float) -> None:
-        for identity, worker in list(self._workers.items()):
-            if not self._send(identity, Beat()):
-                self._forget(identity, "connection lost")
-            elif worker.task is None and now - worker.heard_s > FROM_CLIENTS.silence_s:
-                self._forget(identity, "silent")
-
     def _forget(self, identity: Identity, reason: str) -> None:
         worker = self._workers.pop(identity)
         log.warning("forgot %s: %s", worker.name, reason)
         self._release(worker)
-        self._missing[identity] = worker
-        if len(self._missing) > _MOST_MISSING:
-            self._missing.popitem(last=False)
+        keep_latest(self._missing, identity, worker, _MOST_MISSING)
 
     def _release(self, worker: _Worker) -> None:
         """Take a worker's task away; if it is not solved, it goes to another worker."""

@@ -9,8 +9,7 @@ import numpy as np
 
 from proto.messages import LivePace, LiveSilhouettes, LiveSources, Silhouettes
 from services.coordinator.incoming import Frame, Incoming, LiveFigures
-from services.coordinator.live_shots import Shots
-from services.coordinator.live_sources import SourceWords
+from services.coordinator.live_shots import Shots, SourceWords
 from services.coordinator.pace import Pace
 from services.mocap.camera.rig import Rig
 from services.mocap.take.live import LiveTake
@@ -107,14 +106,16 @@ class LiveFrames(Incoming):
             return None
         if self._is_behind:
             return self._hand_out(self._on_the_way(whole))
-        return None if self._is_old_news(whole[-1], now_s) else self._hand_out(whole[-1])
+        period_s = self._take.live.period_s
+        is_old = now_s - self._pace.due_s(whole[-1]) > _FRESH_SHOTS * period_s + _FRESH_S
+        is_draining = now_s - self._returned_s < _DRAIN_SHOTS * period_s
+        return None if is_old and is_draining else self._hand_out(whole[-1])
 
     def catch_up(self) -> None:
         """See Incoming.catch_up."""
         self._is_behind, self._away_s = True, 0.0
-        self._looked_s = (
-            self._now()
-        )  # the search for the actor takes longer than solving, and would distort the stride
+        # The search for the actor takes longer than solving, and would distort the stride.
+        self._looked_s = self._now()
 
     def _on_the_way(self, whole: list[int]) -> int:
         """The complete shot to solve next: near enough to be tracked, far enough to reach the newest in
@@ -131,11 +132,6 @@ class LiveFrames(Incoming):
         live = self._take.live
         there = set(np.flatnonzero(now_s - self._came_s < self._present_s).tolist())
         return self._shots.whole(there, live.least_cameras, now_s - live.grace_s)
-
-    def _is_old_news(self, number: int, now_s: float) -> bool:
-        period_s = self._take.live.period_s
-        is_old = now_s - self._pace.due_s(number) > _FRESH_SHOTS * period_s + _FRESH_S
-        return is_old and now_s - self._returned_s < _DRAIN_SHOTS * period_s
 
     def _hand_out(self, number: int) -> Frame:
         shot = self._shots.take(number)

@@ -10,6 +10,7 @@ from proto.framing import MalformedMessage, decode
 from proto.messages import Message
 from proto.sockets import bind, cut_all, make_socket, send, take, wait
 from proto.streams import STREAMS, StreamName, stream_endpoint
+from services.blob_store import keep_latest
 from services.pose_size import with_whole_poses
 
 log = logging.getLogger(__name__)
@@ -19,6 +20,8 @@ _SENDERS_KEPT = 4096
 _MOST_DROPPED = 64
 _HEARD: tuple[StreamName, ...] = ("silhouettes", "tasks")
 """Streams that receive messages."""
+_QUEUED_POSES = 1000
+"""For each subscriber: poses are small, and a recorder asks again for missed ones."""
 _LIVE_SILHOUETTES = 128
 """For live input: silhouettes queue while the tracker searches for a person for some seconds, and are tracked
 afterwards."""
@@ -28,7 +31,7 @@ class Ports:
     """Opens the streams at an endpoint; only `wait` blocks.
 
     With an admission, messages of clients without access are counted and dropped unread, and such clients are
-    sent nothing. Raises OpenBindError or AddressError.
+    sent nothing. Raises AddressError.
     """
 
     def __init__(self, endpoint: str, admission: Admission | None = None, *, is_live: bool = False) -> None:
@@ -38,9 +41,7 @@ class Ports:
         self._sockets = {
             name: make_socket(self._context, stream.coordinator) for name, stream in STREAMS.items()
         }
-        self._sockets["poses"].set(
-            zmq.SNDHWM, 1000
-        )  # poses are small, and a recorder asks again for missed ones
+        self._sockets["poses"].set(zmq.SNDHWM, _QUEUED_POSES)
         if is_live:
             self._sockets["silhouettes"].set(zmq.RCVHWM, _LIVE_SILHOUETTES)
         self._addresses = self._listen(endpoint)
@@ -109,7 +110,7 @@ class Ports:
             frames = envelope.frames
             identity = frames.pop(0) if stream == "tasks" else b""
             if envelope.key is not None and identity:
-                self._remember(identity, envelope.key)
+                keep_latest(self._keys, identity, envelope.key, _SENDERS_KEPT)
             try:
                 return identity, with_whole_poses(decode(frames))
             except MalformedMessage as error:
@@ -121,12 +122,6 @@ class Ports:
         """Count and drop a message that is not for a coordinator."""
         self._malformed += 1
         log.warning("dropped a message that is not for a coordinator: %s", message.type)
-
-    def _remember(self, identity: bytes, key: bytes) -> None:
-        self._keys[identity] = key
-        self._keys.move_to_end(identity)
-        if len(self._keys) > _SENDERS_KEPT:
-            self._keys.popitem(last=False)
 
     def close(self) -> None:
         """Close the sockets, letting what was sent go out."""

@@ -50,12 +50,7 @@ class Session:
     """Tracks one take; the switchboard owns the sockets, the engine the energy."""
 
     def __init__(
-        self,
-        plan: Plan,
-        engine: Engine,
-        endpoint: str,
-        stop: StopRequest,
-        admission: Admission | None = None,
+        self, plan: Plan, engine: Engine, endpoint: str, stop: StopRequest, admission: Admission | None = None
     ) -> None:
         self._plan, self._engine, self._stop = plan, engine, stop
         self._rig, self._plan_name = Rig.of(plan.take.cameras), plan.name
@@ -258,7 +253,7 @@ class Session:
     def _next_frame(self) -> Frame | None:
         """The next frame; None if a stop was requested or live input has ended."""
         looks, incoming = 0, self._incoming
-        if self._incoming.is_live:
+        if incoming.is_live:
             self._board.pump(0.0)  # messages that have arrived meanwhile are newer
         while not self._stop and not incoming.has_ended:
             beat()
@@ -271,19 +266,16 @@ class Session:
             self._board.pump(_LOOK_S)
             looks += 1
             if looks % _SAY_WAITING_EVERY == 0:
-                self._say_why_waiting()
+                missing = [self._camera_names[c] for c in incoming.waiting_for()]
+                if missing:
+                    log.info("frame %d still lacks %s", incoming.next_frame, ", ".join(missing))
+                elif not self._is_kept_up_with():
+                    log.warning("waiting for recorders, which lack %d frames", self._board.n_unrecorded)
         return None
 
     def _is_kept_up_with(self) -> bool:
         """Whether the expected recorders keep up."""
         return not self._recorders or self._board.n_unrecorded < _UNRECORDED_FRAMES
-
-    def _say_why_waiting(self) -> None:
-        missing = [self._plan.take.cameras[c].name for c in self._incoming.waiting_for()]
-        if missing:
-            log.info("frame %d still lacks %s", self._incoming.next_frame, ", ".join(missing))
-        elif not self._is_kept_up_with():
-            log.warning("waiting for recorders, which lack %d frames", self._board.n_unrecorded)
 
     def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
         """The pool of workers for an actor."""

@@ -34,7 +34,8 @@ class Worker:
 
     def listen(self) -> None:
         """Wait briefly for messages, then handle them until a task is ready."""
-        wait([link.socket for link in self._links], 0.0 if self._is_ready() else _LOOK_S)
+        is_ready = any(not self._solver.blobs.missing(task) for _, task in self._turns)
+        wait([link.socket for link in self._links], 0.0 if is_ready else _LOOK_S)
         for number, link in enumerate(self._links):
             try:
                 for message in islice(iter(link.receive, None), _MOST_AT_ONCE):
@@ -42,9 +43,6 @@ class Worker:
             except MalformedMessage as error:
                 DROPPED.inc()
                 log.warning("dropped a malformed message: %s", error)
-
-    def _is_ready(self) -> bool:
-        return any(not self._solver.blobs.missing(task) for _, task in self._turns)
 
     def _act(self, number: int, message: Message) -> None:
         """Handle one message of a coordinator."""

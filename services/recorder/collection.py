@@ -46,50 +46,37 @@ class Collection:
         dropped.
         """
         if isinstance(message, TakeInfo):
-            if self._run is not None and message.run != self._run:
-                self._begin_anew()
+            if self._run not in (None, message.run):
+                self.info, self._end, self._held_end = None, None, 0
+                self._blobs = BlobStore()
+                self._store.forget()
             self.is_live = True
         if isinstance(message, TakeInfo | Blob):
             if self._describe(message):
                 self._store.keep(message)
         elif self._run not in (None, message.run):
-            self._refuse(message)
+            self.foreign += 1
+            if isinstance(message, TakeEnd) and not self.is_live:  # nobody will continue the journal's run
+                self.info, self._end, self._is_empty = None, message.end_frame, True
         else:
             self._run = message.run
-            self._take_in(message)
-
-    def _begin_anew(self) -> None:
-        self.info, self._end, self._held_end = None, None, 0
-        self._blobs = BlobStore()
-        self._store.forget()
-
-    def _take_in(self, message: Pose | TakeEnd) -> None:
-        if isinstance(message, TakeEnd):
-            self._end, self._is_empty = message.end_frame, message.first_frame == message.end_frame
-        elif message.frame not in self._store:
-            self._store.keep(message)
-
-    def _refuse(self, message: Pose | TakeEnd) -> None:
-        """Drop another run's message; if that run has ended, nobody will continue the run of the journal."""
-        self.foreign += 1
-        if isinstance(message, TakeEnd) and not self.is_live:
-            self.info, self._end, self._is_empty = None, message.end_frame, True
+            if isinstance(message, TakeEnd):
+                self._end, self._is_empty = message.end_frame, message.first_frame == message.end_frame
+            elif message.frame not in self._store:
+                self._store.keep(message)
 
     def _describe(self, message: TakeInfo | Blob) -> bool:
-        """Add a description or content; False if it is known, unwanted or damaged."""
-        if isinstance(message, Blob):
-            return self._add_blob(message)
-        if self.info is not None:
-            return False
-        self.info, self._run, self._held_end = message, message.run, message.first_frame
-        return True
-
-    def _add_blob(self, blob: Blob) -> bool:
-        """Store content that is wanted and undamaged; damaged content is requested again."""
-        if blob.hash not in self.missing_blobs():
+        """Add a description or content; False if it is known, unwanted or damaged (then it is requested
+        again)."""
+        if isinstance(message, TakeInfo):
+            if self.info is not None:
+                return False
+            self.info, self._run, self._held_end = message, message.run, message.first_frame
+            return True
+        if message.hash not in self.missing_blobs():
             return False
         try:
-            self._blobs.add(blob)
+            self._blobs.add(message)
         except UnusableBlobError as error:
             log.warning("unusable content: %s", error)
             return False

@@ -48,6 +48,9 @@ def write_run_json(
     joints_world_m: joints (N, 15, 3) of which the report tells the accuracy, by the name that it has there.
     known: further entries, from who started the run.
     """
+    smoothing: dict[str, Any] = {"smooth": output.smooth}
+    if output.smooth != "none":
+        smoothing |= {"cutoff_hz": output.hz, "smoothed": list(_SMOOTHED)}
     report: dict[str, Any] = {
         "take": {
             "name": info.take,
@@ -65,7 +68,7 @@ def write_run_json(
             **{name: version(name) for name in _LIBRARIES},
         },
         "settings": _settings(info, recorded),
-        "output": _output(output),
+        "output": smoothing,
         "units": {"length": "m", "angle": "rad", "energy": "px", "time": "s", "bvh_length": "m"},
         "actor": actor.model_dump(),
         "speed": _speed(recorded),
@@ -95,13 +98,6 @@ def _settings(info: TakeInfo, recorded: list[Pose]) -> dict[str, Any]:
         "worker_limbs_by_backend": recorded[-1].worker_backends,
         "search": info.search,
     }
-
-
-def _output(output: OutputSettings) -> dict[str, Any]:
-    """The smoothing."""
-    if output.smooth == "none":
-        return {"smooth": output.smooth}
-    return {"smooth": output.smooth, "cutoff_hz": output.hz, "smoothed": list(_SMOOTHED)}
 
 
 def _speed(recorded: list[Pose]) -> dict[str, Any]:

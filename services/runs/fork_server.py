@@ -110,7 +110,7 @@ class ForkServer:
             with self._lock:
                 self._line.send(birth)
                 while not isinstance(said := self._line.recv(), int):
-                    self._note(said)
+                    self._codes.update([said])
         except (EOFError, OSError):
             lines = self._log_path.read_text(errors="replace").splitlines()
             why = lines[-1] if lines else "it said nothing"
@@ -122,14 +122,13 @@ class ForkServer:
         try:
             with self._lock:
                 while pid not in self._codes and self._line.poll():
-                    self._note(self._line.recv())
+                    self._codes.update([self._line.recv()])
         except (EOFError, OSError):  # the server is gone; its services detect this and stop
-            return None if _exists(pid) else self._codes.setdefault(pid, _UNKNOWN)
+            with suppress(ProcessLookupError):
+                os.kill(pid, 0)
+                return None
+            self._codes.setdefault(pid, _UNKNOWN)
         return self._codes.get(pid)
-
-    def _note(self, end: tuple[int, int]) -> None:
-        pid, code = end
-        self._codes[pid] = code
 
     def close(self) -> None:
         """End the server, after all processes that it started."""
@@ -137,14 +136,6 @@ class ForkServer:
         self._process.wait()
         if self._log_path.exists() and not self._log_path.stat().st_size:
             self._log_path.unlink()
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def serve(line: Connection, modules: Iterable[str]) -> None:

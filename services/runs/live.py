@@ -11,12 +11,12 @@ from typing import Any
 from services.mocap.result.layout import partial_of
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import begin_recording, finish_recording
+from services.process import StopRequest
 from services.runs.launcher import Launcher, free_endpoint
 from services.runs.local_run import (
     LOOK_S,
     Job,
     Plan,
-    StopSignals,
     Words,
     completed_report,
     keep_logs,
@@ -97,7 +97,7 @@ def serve_group(job: LiveJob, group: str, endpoint: str) -> None:
     recording = None if job.record is None else begin_recording(job.record)
     with (
         tempfile.TemporaryDirectory(prefix="xormocap-logs-") as logs,
-        StopSignals() as stop,
+        StopRequest() as stop,
         Launcher(Path(logs), ["segmentation"]) as launcher,
     ):
         start_segmentation(launcher, job, job.config, endpoint, _cameras(job, group, recording))

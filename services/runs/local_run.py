@@ -3,14 +3,13 @@
 import json
 import re
 import shutil
-import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from proto.messages import Telemetry
 from services.mocap.atomic import atomic_file
@@ -28,6 +27,7 @@ from services.options import (
     output_arguments,
     search_arguments,
 )  # fmt: skip
+from services.process import StopRequest
 from services.runs import ServiceFailedError
 from services.runs.launcher import SERVICES, Launcher
 from services.runs.progress import Progress, ProgressWatch
@@ -101,25 +101,6 @@ class Ended:
     """The coordinator's last telemetry."""
 
 
-class StopSignals:
-    """Counts SIGINT and SIGTERM inside its block: the first stops a run cleanly, the second at once."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def __enter__(self) -> Self:
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        self._before = {number: signal.signal(number, self._note) for number in numbers}
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _note(self, *_: object) -> None:
-        self.count += 1
-
-
 def run_services(
     job: Job,
     plan: Plan,
@@ -135,7 +116,7 @@ def run_services(
     logs = Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     kinds = [kind for kind in SERVICES if kind != "viewer" or job.page is not None]
     try:
-        with StopSignals() as stop, Launcher(logs, kinds) as launcher:
+        with StopRequest() as stop, Launcher(logs, kinds) as launcher:
             if plan.actor is not None and job.search.detail_px > 0:
                 levels_of(build_body(plan.actor))
             _start(launcher, job, plan)
@@ -184,7 +165,7 @@ def _from_here(endpoint: str) -> str:
 
 
 def _follow(
-    launcher: Launcher, job: Job, plan: Plan, stop: StopSignals, show: Callable[[Progress], None]
+    launcher: Launcher, job: Job, plan: Plan, stop: StopRequest, show: Callable[[Progress], None]
 ) -> Telemetry | None:
     """Watch until all is written, or a second stop is requested; returns the last telemetry."""
     ended_s, keys = dict[str, float](), keys_of_client(job.keys, "viewer")

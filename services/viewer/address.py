@@ -1,6 +1,5 @@
 """The page's address and its token."""
 
-import ipaddress
 import os
 import re
 from dataclasses import dataclass
@@ -9,6 +8,7 @@ from typing import Annotated, Self, TypeAlias
 
 import typer
 
+from proto.streams import is_loopback
 from services.mocap.errors import UserError
 
 LOOPBACK = "127.0.0.1"
@@ -41,14 +41,6 @@ class Address:
             raise UserError(f"--bind {text}: expected HOST:PORT, such as {DEFAULT_ADDRESS}")
         return cls(parts["host"].strip("[]"), int(parts["port"]))
 
-    @property
-    def is_loopback(self) -> bool:
-        """Whether only this machine reaches it."""
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host == "localhost"
-
 
 def token_of(file: Path | None, address: Address) -> str | None:
     """The token that browsers must give, from a file or the environment; None: none is required.
@@ -64,7 +56,7 @@ def token_of(file: Path | None, address: Address) -> str | None:
         except (OSError, UnicodeDecodeError):
             raise UserError(f"{file}: cannot be read: expected the token that browsers must give") from None
     if token is None:
-        if address.is_loopback:
+        if is_loopback(address.host):
             return None
         raise UserError(
             f"--bind {address.host}:{address.port}: everybody could open the page there: give a token that "

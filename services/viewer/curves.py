@@ -21,6 +21,7 @@ _PAST = "rgba(16, 42, 67, 0.07)"
 _COLOURS = ("#486581", "#2f9e44", "#f35e00", "#1e96f0", "#9c36b5", "#a67c00")
 _SHOWN_STAGES = ("torso", "limbs", "head", "frame")
 _MARGIN = 1.02
+_MEDIAN_FRAMES = 9
 _STAGE_WORDS = {"torso": "whole body", "limbs": "limbs", "head": "head", "frame": "frame in all"}
 
 
@@ -145,12 +146,9 @@ def _shown(row: Quantity, known: Stretch) -> Floats:
 
 
 def _frames_per_s(known: Stretch) -> Floats:
-    """(N, 1) tracking speed."""
+    """(N, 1) tracking speed: running medians, robust against single late frames."""
     with np.errstate(divide="ignore"):
-        return _smooth(1.0 / known.of("seconds")[:, STAGES.index("frame")])[:, None]
-
-
-def _smooth(values: Floats, width: int = 9) -> Floats:
-    """Running medians (N,), robust against single late frames."""
-    padded = np.pad(values, width // 2, mode="edge")
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+        values = 1.0 / known.of("seconds")[:, STAGES.index("frame")]
+    padded = np.pad(values, _MEDIAN_FRAMES // 2, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, _MEDIAN_FRAMES)
+    return np.median(windows, axis=1, keepdims=True)

@@ -1,6 +1,5 @@
 """Frames of finished results, as the page shows them."""
 
-import contextlib
 import logging
 from pathlib import Path
 
@@ -48,17 +47,15 @@ class FinishedTake:
     def solved(self, frame: int) -> SolvedFrame | None:
         """A frame; None while there are no results, or if they belong to another take."""
         if self._frames is None and self._folder is not None:
-            with contextlib.suppress(FileNotFoundError):
+            try:
                 written_ns = (self._folder / RUN_JSON).stat().st_mtime_ns
                 if written_ns != self._read_ns:
                     self._read_ns = written_ns
-                    self._read(self._folder)
+                    result = load_result(self._folder)
+                    if result.motion.name == self._take:
+                        self._frames = FinishedFrames(result)
+            except FileNotFoundError:
+                pass  # not written yet
+            except UserError as error:
+                log.warning("%s", error)
         return None if self._frames is None else self._frames.solved(frame)
-
-    def _read(self, folder: Path) -> None:
-        try:
-            result = load_result(folder)
-            if result.motion.name == self._take:
-                self._frames = FinishedFrames(result)
-        except UserError as error:
-            log.warning("%s", error)

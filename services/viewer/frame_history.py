@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from services.blob_store import keep_latest
 from services.mocap.take.marks import DISTRUSTED
 from services.mocap.take.quantities import QUANTITIES
 from services.mocap.types import Floats, Ints, Mask
@@ -129,7 +130,7 @@ class FrameHistory:
             if solved.frame > self.newest - self.capacity:
                 self._latest[solved.frame] = solved
             else:
-                self._keep_fetched(solved)
+                keep_latest(self._fetched, solved.frame, solved, _FETCHED_FRAMES)
 
     def _mark(self, solved: SolvedFrame) -> None:
         while solved.frame not in self.extent:  # twice as many frames, two bins becoming one
@@ -142,11 +143,6 @@ class FrameHistory:
         overview.known[at] = True
         overview.energy_px[at] = max(overview.energy_px[at], solved.energy_px)
         overview.distrusted[at] |= bool(solved.distrusted.any())
-
-    def _keep_fetched(self, solved: SolvedFrame) -> None:
-        self._fetched[solved.frame] = solved
-        if len(self._fetched) > _FETCHED_FRAMES:
-            self._fetched.popitem(last=False)
 
     def solved(self, frame: int) -> SolvedFrame | None:
         """A frame; None where it is not known (yet): one that left memory is asked for by that."""
@@ -164,7 +160,7 @@ class FrameHistory:
             if found is not None:
                 with self._lock:
                     self._mark(found)
-                    self._keep_fetched(found)
+                    keep_latest(self._fetched, frame, found, _FETCHED_FRAMES)
         return found
 
     def _is_past(self, frame: int) -> bool:

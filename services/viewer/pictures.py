@@ -9,6 +9,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from proto.messages import Silhouettes
+from services.blob_store import keep_latest
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes, fit_together, unpack_trimaps
@@ -152,9 +153,7 @@ class LivePictures:
             return trimap
         with self._came:
             if frame not in self._asked and frame not in self._packed:
-                self._asked[frame] = None
-                while len(self._asked) > _KEPT_FRAMES:
-                    self._asked.popitem(last=False)
+                keep_latest(self._asked, frame, None, _KEPT_FRAMES)
                 self._ask(frame)
                 all_here = self._rig.n_cameras
                 self._came.wait_for(lambda: len(self._packed.get(frame, {})) == all_here, _PATIENCE_S)

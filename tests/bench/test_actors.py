@@ -64,7 +64,7 @@ def test_people_go_on_from_where_they_stood(rig: Rig) -> None:
 
 
 def test_a_fit_finds_people() -> None:
-    (row,) = measure(Trial(Variety.POPULATION, 2, 20, seed=0), (2,))
+    (row,) = measure(Trial(Variety.POPULATION, 2, 8, seed=0), (2,))
     assert row.stance is Stance.RELAXED
     assert abs(row.heading_deg) < 10.0
     assert row.motion == "walk"

@@ -1,17 +1,20 @@
 """A synthetic take that all integration tests track, and the `xormocap` command as a user runs it."""
 
+import io
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
-import numpy as np
 import pytest
 from busy import BUSY
 
+from services.cli import main
 from services.mocap.body.actor import Actor
-from services.mocap.body.skeleton import DOF_INDEX, DOFS
+from services.mocap.body.skeleton import DOFS
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
@@ -33,17 +36,6 @@ def synthetic_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def quick_take(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with the heading said, so that its first frame is found sooner."""
-    folder = tmp_path_factory.mktemp("quick") / "walk"
-    shutil.copytree(synthetic_take, folder)
-    heading_rad = read_poses_csv(folder / "reference" / "poses.csv").poses[0, DOF_INDEX["root_heading"]]
-    with (folder / "take.toml").open("a") as settings:
-        settings.write(f"facing = {np.degrees(heading_rad):.1f}\n")
-    return folder
-
-
-@pytest.fixture(scope="session")
 def known_take(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same with its first pose said, so that its first frame takes no longer than another."""
     folder = tmp_path_factory.mktemp("known") / "walk"
@@ -57,19 +49,52 @@ def known_take(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -
 
 @pytest.fixture(scope="session")
 def xormocap() -> Command:
-    """`xormocap(*arguments)` runs the command to its end."""
+    """`xormocap(*arguments)` runs the command to its end, in this process: importing it takes seconds.
 
-    def run(*arguments: object, timeout_s: float = 240) -> "subprocess.CompletedProcess[str]":
-        command = [sys.executable, "-m", "services.cli", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False)
+    The services that it starts are processes of their own, as ever.
+    """
+
+    def run(*arguments: object) -> "subprocess.CompletedProcess[str]":
+        out, err, at_sigterm = io.StringIO(), io.StringIO(), signal.getsignal(signal.SIGTERM)
+        with pytest.MonkeyPatch.context() as patched, redirect_stdout(out), redirect_stderr(err):
+            patched.setattr(sys, "argv", ["xormocap", *map(str, arguments)])
+            with pytest.raises(SystemExit) as ended:
+                main()
+        signal.signal(signal.SIGTERM, at_sigterm)
+        return subprocess.CompletedProcess(arguments, ended.value.code or 0, out.getvalue(), err.getvalue())
 
     return run
 
 
 @pytest.fixture(scope="session")
-def tracked(synthetic_take: Path, xormocap: Command, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results of an undisturbed run with four limb workers."""
+def refused(xormocap: Command) -> Callable[..., str]:
+    """`refused(*arguments)`: what the command prints when it refuses them as a user's error."""
+
+    def run(*arguments: object) -> str:
+        done = xormocap(*arguments)
+        assert done.returncode == 2, done.stderr
+        return done.stderr.strip()
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def tracked(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of an undisturbed run with four limb workers, by a command that is a process."""
     out = tmp_path_factory.mktemp("tracked") / "result"
-    done = xormocap("track", synthetic_take, "--out", out, "--frames", FRAMES, *BUSY)
+    command = [
+        sys.executable,
+        "-m",
+        "services.cli",
+        "track",
+        synthetic_take,
+        "--out",
+        out,
+        "--frames",
+        FRAMES,
+    ]
+    done = subprocess.run(
+        [*command, "--frames", FRAMES, *BUSY], capture_output=True, text=True, timeout=240, check=False
+    )
     assert done.returncode == 0, done.stderr
     return out

@@ -17,6 +17,8 @@ from services.runs.launcher import Launcher, free_endpoint
 pytestmark = pytest.mark.timeout(280)
 
 _SOME = "14:18"
+_BARE = ("--no-overlay", "--no-report")
+_QUICK = ("--frames", "0:1", "--workers", 0, "--no-overlay")
 
 
 class Run:
@@ -39,7 +41,7 @@ class Run:
         expected = ("--frames", frames, "--workers", workers, "--recorders", 1, *BUSY)
         log = self.start("coordinator", *self._take, "--bind", self.endpoint, *expected)
         self.start("segmentation", *self._take, "--connect", self.endpoint)
-        self.start("recorder", *self._take, "--connect", self.endpoint, "--out", self.out, "--no-overlay")
+        self.start("recorder", *self._take, "--connect", self.endpoint, "--out", self.out, *_BARE)
         return log
 
     def start_worker(self, keys: Path | None = None) -> Callable[[], str]:
@@ -237,5 +239,5 @@ def test_the_environment_gives_keys_to_services_and_not_to_track(
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert "nowhere: expected the keys" in done.stderr
-    tracked = xormocap("track", known_take, "--out", tmp_path / "out", "--frames", "0:1", "--no-overlay")
+    tracked = xormocap("track", known_take, "--out", tmp_path / "out", *_QUICK)
     assert tracked.returncode == 0, tracked.stderr

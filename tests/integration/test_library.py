@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from services import library
 from services.library import (
     OutputSettings,
     SearchSettings,
@@ -19,13 +20,21 @@ from services.library import (
 from services.mocap.errors import UserError
 from services.mocap.result.result import load_result
 from services.mocap.take.folder import Take
+from services.runs.fit import TakeFit
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def take(synthetic_take: Path) -> Take:
     return open_take(synthetic_take)
+
+
+@pytest.fixture(scope="module")
+def fitted(take: Take) -> TakeFit:
+    """The actor, fitted to two frames."""
+    settings = take.settings.model_copy(update={"init_frames": 2})
+    return fit(Take(take.folder, settings, take.cameras, take.source))
 
 
 def test_one_process_finds_and_writes_what_the_services_do(tracked: Path, take: Take, tmp_path: Path) -> None:
@@ -55,9 +64,14 @@ def test_a_result_is_replaced_as_a_whole(take: Take, tmp_path: Path) -> None:
 
 
 def test_the_readmes_example(
-    take: Take, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    take: Take,
+    fitted: TakeFit,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """It tracks the first frames of a take, whose actor it fits."""
+    """It tracks the first frames of a take, whose actor has been fitted."""
+    monkeypatch.setattr(library, "fit", lambda asked: fitted if asked.folder.samefile(take.folder) else None)
     (example,) = re.findall(
         r"^## From Python\n\n```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S
     )
@@ -68,8 +82,7 @@ def test_the_readmes_example(
     assert capsys.readouterr().out.startswith("0 [")
 
 
-def test_a_fit_knows_the_first_pose(take: Take) -> None:
-    fitted = fit(take)
+def test_a_fit_knows_the_first_pose(take: Take, fitted: TakeFit) -> None:
     found = next(track(take, fitted, range(1, 2))).solution
     told = next(track(take, fitted.actor, range(1, 2), fitted.fit.poses[1])).solution
     np.testing.assert_array_equal(found.pose, told.pose)

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -56,14 +57,14 @@ def test_a_skinned_character_is_fitted_and_tracked(
     assert (out / MESH_FILE).read_bytes() == (short_take / MESH_FILE).read_bytes()
 
 
-def test_bad_meshes_end_in_one_sentence(short_take: Path, xormocap, tmp_path: Path) -> None:
+def test_bad_meshes_end_in_one_sentence(
+    short_take: Path, refused: Callable[..., str], tmp_path: Path
+) -> None:
     scan = tmp_path / "scan.ply"
     scan.write_text("no mesh at all\n")
     for command in ("fit", "track"):
-        refused = xormocap(command, short_take, "--mesh", scan, "--out", tmp_path / "out")
-        assert refused.returncode == 2
-        assert refused.stderr.strip().splitlines()[-1].startswith(f"{scan}: is damaged or not a mesh")
+        said = refused(command, short_take, "--mesh", scan, "--out", tmp_path / "out")
+        assert said.splitlines()[-1].startswith(f"{scan}: is damaged or not a mesh")
     assert not (tmp_path / "out").exists()
-    both = xormocap("track", short_take, "--mesh", scan, "--no-fit", "--out", tmp_path / "out")
-    assert both.returncode == 2
-    assert "leave out --fitted and --no-fit" in both.stderr
+    said = refused("track", short_take, "--mesh", scan, "--no-fit", "--out", tmp_path / "out")
+    assert "leave out --fitted and --no-fit" in said

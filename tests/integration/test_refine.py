@@ -27,7 +27,7 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
 from services.runs import Interrupted
-from services.runs.fit import TakeFit, fit_take
+from services.runs.fit import TakeFit, fit_take, init_frames
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
@@ -83,18 +83,18 @@ def test_joints_are_found_where_limbs_bend(
     assert f"4 frames from {first} to {last}" in done.stdout
 
 
-def test_results_of_another_take_are_refused(known_take: Path, result: Path, xormocap: Command) -> None:
+def test_results_of_another_take_are_refused(
+    known_take: Path, result: Path, refused: Callable[..., str]
+) -> None:
     run_json = result / "run.json"
     run_json.write_text(run_json.read_text().replace('"name": "walk"', '"name": "another"'))
-    done = xormocap("fit", known_take, "--refine", result)
-    assert done.returncode == 2
-    assert "is of 'another', not of 'walk'" in " ".join(done.stderr.split())
+    said = refused("fit", known_take, "--refine", result)
+    assert "is of 'another', not of 'walk'" in " ".join(said.split())
 
 
-def test_one_frame_is_too_few(known_take: Path, tracked: Path, xormocap: Command) -> None:
-    done = xormocap("fit", known_take, "--refine", tracked, "--frames", 1, "--force")
-    assert done.returncode == 2
-    assert "--frames 1: expected at least 2 with --refine" in " ".join(done.stderr.split())
+def test_one_frame_is_too_few(known_take: Path, tracked: Path, refused: Callable[..., str]) -> None:
+    said = refused("fit", known_take, "--refine", tracked, "--frames", 1, "--force")
+    assert "--frames 1: expected at least 2 with --refine" in " ".join(said.split())
 
 
 def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
@@ -108,7 +108,8 @@ def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
         take / ACTOR, read_actor(take / ACTOR).model_copy(update={"bone_lengths": bones_m}), "nothing"
     )
     given_cm = _lengths_cm(take)
-    done = xormocap("track", take, "--refine", "--frames", "14:20", "--no-overlay", "--out", out)
+    some = ("--frames", "14:20", "--workers", 1, "--no-overlay")
+    done = xormocap("track", take, "--refine", *some, "--out", out)
     assert done.returncode == 0, done.stderr
     assert _lengths_cm(take) == given_cm, "the take is left as it was"
     found_cm = _lengths_cm(out)
@@ -118,10 +119,10 @@ def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
     assert len(read_poses_csv(out / "poses.csv").frames) == 6
 
 
-@pytest.fixture
-def strange_take(known_take: Path, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def strange_take(known_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A take without an actor, whose body is fitted to its first two frames."""
-    take = tmp_path / "strange"
+    take = tmp_path_factory.mktemp("unfitted") / "strange"
     shutil.copytree(known_take, take)
     (take / ACTOR).unlink()
     settings = take / "take.toml"
@@ -130,33 +131,40 @@ def strange_take(known_take: Path, tmp_path: Path) -> Path:
     return take
 
 
+@pytest.fixture(scope="module")
+def first_fit(strange_take: Path) -> TakeFit:
+    """The body that is fitted to them."""
+    take = open_take(strange_take)
+    return fit_take(take, init_frames(take), EngineSettings(), SearchSettings(), lambda *_: None)
+
+
 def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupted_second_run_goes_on(
-    strange_take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    strange_take: Path,
+    first_fit: TakeFit,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """Both fits give the same bodies again; the first run is not repeated."""
+    """The second fit gives the same body again; the first run is not repeated."""
     out, jobs, runs = tmp_path / "out", list[TakeJob](), iter([track_take, _interrupted, track_take])
 
     def counted(job: TakeJob, **watched: Any) -> dict[str, Any]:
         jobs.append(job)
         return next(runs)(job, **watched)
 
+    wrong_m = {bone: first_fit.actor.bone_lengths[bone] + off_m for bone, _, off_m in _WRONG}
+    bones_m = first_fit.actor.bone_lengths | wrong_m
+    badly = replace(first_fit, actor=first_fit.actor.model_copy(update={"bone_lengths": bones_m}))
     monkeypatch.setattr("services.commands.fitted_runs.track_take", counted)
-    monkeypatch.setattr("services.commands.fitted_runs.fit_take", _fitted_badly)
+    monkeypatch.setattr("services.commands.fitted_runs.fit_take", lambda *_, **__: badly)
     with pytest.raises(Interrupted):
-        track(strange_take, out, frames="0:6", overlay=False)
+        track(strange_take, out, workers=1, frames="0:6", overlay=False)
     first = read_actor(out / ACTOR)
-    track(strange_take, out, frames="0:6", overlay=False)
+    track(strange_take, out, workers=1, frames="0:6", overlay=False)
     assert len(jobs) == 3
     assert read_actor(out / ACTOR) != first
     assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == 6
     assert "the body was fitted again, to frames of the whole take; most changed: " in capfd.readouterr().out
-
-
-def _fitted_badly(*asked: Any, **settings: Any) -> TakeFit:
-    found = fit_take(*asked, **settings)
-    bones_m = found.actor.bone_lengths
-    wrong_m = {bone: bones_m[bone] + off_m for bone, _, off_m in _WRONG}
-    return replace(found, actor=found.actor.model_copy(update={"bone_lengths": bones_m | wrong_m}))
 
 
 def _interrupted(job: TakeJob, **_: Any) -> dict[str, Any]:
@@ -166,12 +174,17 @@ def _interrupted(job: TakeJob, **_: Any) -> dict[str, Any]:
 
 
 def test_results_stay_where_no_second_fit_is_possible_or_better(
-    strange_take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    strange_take: Path,
+    first_fit: TakeFit,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.setattr("services.commands.fitted_runs.fit_take", lambda *_, **__: first_fit)
     nothing_to_trust = Mock(side_effect=UserError("expected at least 2 frames without a mark"))
     out = tmp_path / "out"
     monkeypatch.setattr("services.commands.fitted_runs.refine_take", nothing_to_trust)
-    track(strange_take, out, frames="0:6")
+    track(strange_take, out, workers=1, frames="0:6")
     assert "was not fitted again to the whole take: expected at least 2 frames" in capfd.readouterr().err
     assert len(read_poses_csv(out / "poses.csv").frames) == 6
     assert (out / "overlay.mp4").exists()

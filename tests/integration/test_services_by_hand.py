@@ -20,7 +20,7 @@ def test_two_camera_groups_and_late_workers_give_nearly_the_same_poses(
     endpoint = free_endpoint()
     connect = ("--connect", endpoint)
     with Launcher(tmp_path) as launcher:
-        launcher.start("recorder", *take, *connect, "--out", str(out), "--no-overlay")
+        launcher.start("recorder", *take, *connect, "--out", str(out), "--no-overlay", "--no-report")
         launcher.start("segmentation", *take, *connect, "--cameras", "cam04,cam01")
         launcher.start("segmentation", *take, *connect, "--cameras", "cam02,cam03,cam05")
         launcher.start(

@@ -56,7 +56,7 @@ def _off_mm(take: Path, out: Path) -> float:
 
 
 def test_what_is_sure_suffices(doubtful_take: Path, xormocap: Command, tmp_path: Path) -> None:
-    done = xormocap("track", doubtful_take, "--out", tmp_path / "out")
+    done = xormocap("track", doubtful_take, "--out", tmp_path / "out", "--workers", 1, "--no-overlay")
     assert done.returncode == 0, done.stderr
     assert "silhouettes:" not in done.stderr  # no remark on the first frame
     assert _off_mm(doubtful_take, tmp_path / "out") < 15

@@ -14,7 +14,8 @@ from proto.auth import Admission
 from proto.keys import ClientKeys, KeysError, allowed_clients, client_keys, server_keys
 from proto.link import Line, Link
 from proto.messages import Beat, Credit, Hello, Message
-from proto.sockets import OpenConnectError, connect, make_socket, receive, send
+from proto.sockets import connect, make_socket, receive, send
+from proto.streams import AddressError
 from services.coordinator.ports import Ports
 from services.runs.launcher import free_endpoint
 
@@ -270,7 +271,7 @@ def test_junk_at_the_door_changes_nothing(context: Context, folder: Path, coordi
 
 @pytest.mark.parametrize("endpoint", ["tcp://0.0.0.0:5550", "tcp://coordinator:5550", "tcp://192.0.2.7:5550"])
 def test_connecting_beyond_this_machine_needs_keys(context: Context, folder: Path, endpoint: str) -> None:
-    with pytest.raises(OpenConnectError, match="--keys DIR"):
+    with pytest.raises(AddressError, match="--keys DIR"):
         connect(make_socket(context, zmq.DEALER), endpoint)
     if "coordinator" not in endpoint:
         connect(make_socket(context, zmq.DEALER), endpoint, client_keys(folder, "ann"))

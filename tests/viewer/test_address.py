@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from proto import streams
 from services.mocap.errors import UserError
 from services.viewer.address import TOKEN_VARIABLE, Address, token_of
 
@@ -20,7 +21,7 @@ from services.viewer.address import TOKEN_VARIABLE, Address, token_of
 )
 def test_addresses(text: str, host: str, port: int, is_loopback: bool) -> None:
     address = Address.of(text)
-    assert (address.host, address.port, address.is_loopback) == (host, port, is_loopback)
+    assert (address.host, address.port, streams.is_loopback(address.host)) == (host, port, is_loopback)
 
 
 @pytest.mark.parametrize("text", ["8080", ":8080", "host", "host:", "host:65536", "http://host:80", "a b:80"])

@@ -4,7 +4,6 @@ A node for each segment stands where its joint is and carries its mesh; head_top
 are those of motion.bvh: y up, facing +z at heading zero, as glTF has it. Lengths are metres.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from services.mocap.body.skeleton import (
     SEGMENTS,
     TIP_JOINTS,
 )
+from services.mocap.camera.colour import linear_of
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
 from services.mocap.motion.motion import Motion, rotations_to_y_up, to_y_up
 from services.mocap.motion.rest import rest_rotations, turns_from_rest
@@ -72,7 +72,9 @@ class _File:
         """One for the trunk, one for each side, in the order of the colours."""
         for name, bgr in _COLOURS_BGR.items():
             look = gltf.PbrMetallicRoughness(
-                baseColorFactor=[*_linear(bgr), 1.0], metallicFactor=0.0, roughnessFactor=_ROUGHNESS
+                baseColorFactor=[*linear_of(np.array(bgr[::-1]) / 255.0).round(4).tolist(), 1.0],
+                metallicFactor=0.0,
+                roughnessFactor=_ROUGHNESS,
             )
             self._document.materials.append(gltf.Material(name=name, pbrMetallicRoughness=look))
 
@@ -83,9 +85,12 @@ class _File:
                 POSITION=self._vertices(to_y_up(vertices_m)),
                 NORMAL=self._vertices(_normals(vertices_m, faces)),
             )
+            small = int(faces.max()) < np.iinfo(np.uint16).max  # the largest number itself is reserved
+            indices = faces.reshape(-1, 1).astype("<u2" if small else "<u4")
+            kind = gltf.UNSIGNED_SHORT if small else gltf.UNSIGNED_INT
             primitive = gltf.Primitive(
                 attributes=attributes,
-                indices=self._indices(faces),
+                indices=self._put(indices, "SCALAR", kind, target=gltf.ELEMENT_ARRAY_BUFFER),
                 material=list(_COLOURS_BGR).index(segment.side or "centre"),
             )
             self._document.meshes.append(gltf.Mesh(name=segment.name, primitives=[primitive]))
@@ -128,12 +133,6 @@ class _File:
     def _vertices(self, values: Floats) -> int:
         return self._accessor(values, "VEC3", with_range=True, target=gltf.ARRAY_BUFFER)
 
-    def _indices(self, faces: Ints) -> int:
-        small = int(faces.max()) < np.iinfo(np.uint16).max  # the largest number itself is reserved
-        indices = faces.reshape(-1, 1).astype("<u2" if small else "<u4")
-        kind = gltf.UNSIGNED_SHORT if small else gltf.UNSIGNED_INT
-        return self._put(indices, "SCALAR", kind, target=gltf.ELEMENT_ARRAY_BUFFER)
-
     def _accessor(
         self, values: Floats, kind: str, *, with_range: bool = False, target: int | None = None
     ) -> int:
@@ -171,13 +170,6 @@ def _single(values: Floats) -> list[float]:
     """Numbers as 32 bits hold them, as a list."""
     numbers: list[float] = values.astype(np.float32).tolist()
     return numbers
-
-
-def _linear(bgr: Sequence[int]) -> list[float]:
-    """Red, green and blue of light, from 0 to 1, of a colour as screens take it."""
-    srgb = np.array(bgr[::-1]) / 255.0
-    light = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    return [round(value, 4) for value in light.tolist()]
 
 
 def _normals(vertices_m: Floats, faces: Ints) -> Floats:

@@ -1,6 +1,5 @@
 """A result's tables as Parquet files, units in the columns' metadata; needs pyarrow, which is optional."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +34,12 @@ def write_parquet(folder: Path, result: Result) -> None:
     }
     for name, columns in tables.items():
         with atomic_file(folder / name) as part:
-            pyarrow.parquet.write_table(_table(columns), part)
-
-
-def _table(columns: Mapping[str, Column]) -> Any:
-    fields = [
-        pyarrow.field(name, pyarrow.array(values).type, metadata={"unit": unit})
-        for name, (values, unit) in columns.items()
-    ]
-    return pyarrow.table([values for values, _ in columns.values()], schema=pyarrow.schema(fields))
+            fields = [
+                pyarrow.field(name, pyarrow.array(values).type, metadata={"unit": unit})
+                for name, (values, unit) in columns.items()
+            ]
+            values = [values for values, _ in columns.values()]
+            pyarrow.parquet.write_table(pyarrow.table(values, schema=pyarrow.schema(fields)), part)
 
 
 def _poses(result: Result) -> dict[str, Column]:

@@ -55,7 +55,7 @@ def _registers(frames: Frames) -> bool:
         return False
 
 
-def fuzz_sockets(seed: int, messages: int) -> Report:
+def fuzz_sockets(seed: int, messages: int, frames: int = _FRAMES) -> Report:
     """Fire so many messages at a worker and at a coordinator, which tracks a take twice, once in quiet.
 
     Raises BrokenServiceError where the fire shows, and what a Launcher raises where a service dies of it.
@@ -63,7 +63,7 @@ def fuzz_sockets(seed: int, messages: int) -> Report:
     report, began_s = Report(seed), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="xormocap-soak-") as temporary:
         folder = Path(temporary)
-        stage = make_take(folder / "fuzz", _FRAMES, _CAMERAS)
+        stage = make_take(folder / "fuzz", frames, _CAMERAS)
         enemy = Hostile(Dice(seed, 1), "fuzz", _NO_FRAME)
         report.growth_mib["limb_worker"] = fuzz_limb_worker(folder, enemy, seed, messages)
         report.sent["limb_worker"] += messages
@@ -86,7 +86,8 @@ def _track(stage: Path, folder: Path, hostile: Hostile | None, report: Report, m
             _fuzz_coordinator(launcher, endpoint, hostile, report, messages // 2)
         launcher.start("limb_worker", *to)
         launcher.start("segmentation", *source, *to)
-        launcher.start("recorder", *source, *to, "--out", str(folder / "out"), "--no-overlay")
+        bare = ("--no-overlay", "--no-report")
+        launcher.start("recorder", *source, *to, "--out", str(folder / "out"), *bare)
         if hostile is not None:
             _fuzz_coordinator(launcher, endpoint, hostile, report, messages // 2)
         deadline_s = time.monotonic() + PATIENCE_S

@@ -40,7 +40,7 @@ def shank_m(actor: Actor) -> float:
 
 
 def test_unsure_feet_do_not_shorten_a_shank(rig: Rig, a_person: Callable[..., Any]) -> None:
-    person = a_person(2, 2)
+    person = a_person(2, 1)
     feet = about_feet(rig, person)
     known, unsure, cut = (
         shank_m(fit_actor(rig, seen, Actor(height=1.7), person.guess).actor)
