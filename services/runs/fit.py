@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from itertools import islice
 
 import numpy as np
@@ -25,9 +25,7 @@ from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.skirts import in_best_skirt
 from services.mocap.fit.uncertainty import with_uncertainties
-from services.mocap.search.first_frame import FirstFrame, first_guess, tell_facing
-from services.mocap.search.first_pose import FirstPose
-from services.mocap.search.found import FrameSolution
+from services.mocap.search.first_frame import FirstFrame, first_guess
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -40,6 +38,7 @@ from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
+from services.runs.facing import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
 
@@ -47,11 +46,9 @@ log = logging.getLogger(__name__)
 
 DEFAULT_INIT_FRAMES = 10
 DRAWING_FROM = 0.97
-_RIVAL = 1.2
-"""A body is fitted to the opposite first pose too if that has at most this many times the energy."""
 _SKIRT = (
-    """A body is also fitted to the opposite first pose if that has at most so many times the energy."""
-    "estimated from what is visible of them"
+    "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what the legs do in it "
+    "is estimated from what is visible of them"
 )
 _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}
 """Total progress at the end of each stage; drawing follows."""
@@ -119,40 +116,30 @@ def fit_take(
             def fit_from(actor: Actor, pose: Floats, told: Callable[[float], None]) -> Fit:
                 return fitter(rig, seen, actor, pose, told, search.body, height_m)
 
-            pose, fit = fit_best_way_round(guess.first, partial(fit_from, guess.actor), progress)
-            skirt = in_best_skirt(fit.actor, fit.poses, rig, seen).skirt
+            @cache
+            def later() -> list[TriPlanes]:
+                return _later_frames(take, frames, segmenter)
+
+            way = fit_best_way_round(
+                guess.first,
+                partial(fit_from, guess.actor),
+                lambda fit: tracked_px(rig, later(), fit, told),
+                progress,
+            )
+            skirt = in_best_skirt(way.fit.actor, way.fit.poses, rig, seen).skirt
             if skirt is not None:
-                dressed = fit_from(guess.actor.wearing(skirt), pose, lambda _: None)
-                fit = min(fit, dressed, key=_total_px)
-        _check_alone(rig, seen[0], fit, names, is_told=height_m is not None)
-        start = (guess.actor, pose)
-        return concluded(frames, cameras, seen, start, fit, clock.seconds, warnings)
+                dressed = fit_from(guess.actor.wearing(skirt), way.pose, lambda _: None)
+                way = min(way, Way(way.pose, dressed), key=lambda way: way.energy_px)
+        _check_alone(rig, seen[0], way.fit, names, is_told=height_m is not None)
+        start = (guess.actor, way.pose)
+        return concluded(frames, cameras, seen, start, way.fit, clock.seconds, warnings)
 
 
-def fit_best_way_round(
-    first: FirstPose, fit: Callable[[Floats, Callable[[float], None]], Fit], progress: Callable[[float], None]
-) -> tuple[Floats, Fit]:
-    """Fit from a first pose, and from the opposite one if that fits about as well; return the better pair.
-
-    A fitted body and several frames tell front from back better than a generic body does in one frame. fit
-    takes a pose (D,) and a function for its progress, 0 to 1.
-    """
-    pose = first.solution.pose
-    if first.opposite is None or first.opposite.energy_px > _RIVAL * first.solution.energy_px:
-        tell_facing(first)
-        return pose, fit(pose, progress)
-    opposite = first.opposite.pose
-    ways = [
-        (pose, fit(pose, lambda share: progress(0.5 * share))),
-        (opposite, fit(opposite, lambda share: progress(0.5 + 0.5 * share))),
-    ]
-    ways.sort(key=lambda way: _total_px(way[1]))
-    tell_facing(FirstPose(*(FrameSolution(start, _total_px(found)) for start, found in ways)))
-    return ways[0]
-
-
-def _total_px(fit: Fit) -> float:
-    return float(fit.after.energy_px.sum())
+def _later_frames(take: Take, frames: range, segmenter: str) -> list[TriPlanes]:
+    """What is seen (P, H, W) in each of the frames after a fit that tell which way round the actor is."""
+    longer = range(frames.start, min(frames.stop + MOTION_FRAMES, take.settings.frames))
+    _, seen = seen_of(take, longer, segmenter, lambda _: None)
+    return [seen[frame] for frame in range(len(frames), len(longer))]
 
 
 def _check_alone(rig: Rig, seen: TriPlanes, fit: Fit, names: Sequence[str], *, is_told: bool) -> None:

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from services import cli
 from services.commands import fit as fit_command
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.skeleton import DOFS, BodyName, pose_of_body
+from services.mocap.body.skeleton import DOF_INDEX, DOFS, BodyName, pose_of_body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, trimap_of, unpack
@@ -35,7 +35,8 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_settings, write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import Floats, Mask, Trimap
-from services.runs.fit import TakeFit, concluded, fit_best_way_round, fit_take, init_frames
+from services.runs.facing import fit_best_way_round, tracked_px
+from services.runs.fit import TakeFit, concluded, fit_take, init_frames, seen_of
 from services.runs.fit_files import write_fit
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
@@ -106,19 +107,21 @@ def test_the_fit_starts_near_the_actor(found: TakeFit) -> None:
 
 
 @pytest.mark.parametrize(
-    ("opposite_px", "fits_px", "chosen", "is_told"),
+    ("opposite_px", "fits_px", "motions_px", "chosen", "is_told"),
     [
-        (None, {1.0: 50.0}, 1.0, False),
-        (1300.0, {1.0: 50.0}, 1.0, False),
-        (1100.0, {1.0: 50.0, 2.0: 60.0}, 1.0, False),
-        (1100.0, {1.0: 50.0, 2.0: 40.0}, 2.0, False),
-        (1000.0, {1.0: 50.0, 2.0: 49.0}, 2.0, True),
+        (None, {1.0: 50.0}, {}, 1.0, False),
+        (1300.0, {1.0: 50.0}, {}, 1.0, False),
+        (1100.0, {1.0: 50.0, 2.0: 60.0}, {}, 1.0, False),
+        (1100.0, {1.0: 50.0, 2.0: 40.0}, {}, 2.0, False),
+        (1000.0, {1.0: 50.0, 2.0: 49.0}, {1.0: 300.0, 2.0: 290.0}, 2.0, True),
+        (1000.0, {1.0: 50.0, 2.0: 49.0}, {1.0: 200.0, 2.0: 290.0}, 1.0, False),
     ],
 )
 def test_the_fit_decides_between_opposite_first_poses(
     found: TakeFit,
     opposite_px: float | None,
     fits_px: dict[float, float],
+    motions_px: dict[float, float],
     chosen: float,
     is_told: bool,
     caplog: pytest.LogCaptureFixture,
@@ -135,12 +138,24 @@ def test_the_fit_decides_between_opposite_first_poses(
 
     ones = np.ones(len(DOFS))
     opposite = None if opposite_px is None else FrameSolution(2.0 * ones, opposite_px)
-    pose, fitted = fit_best_way_round(FirstPose(FrameSolution(ones, 1000.0), opposite), fit, shares.append)
-    assert pose.tolist() == fitted.poses[0].tolist() == (chosen * ones).tolist()
+    first = FirstPose(FrameSolution(ones, 1000.0), opposite)
+    way = fit_best_way_round(first, fit, lambda fitted: motions_px[fitted.poses[0, 0]], shares.append)
+    assert way.pose.tolist() == way.fit.poses[0].tolist() == (chosen * ones).tolist()
     assert tried == list(fits_px)
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     assert ("the other way fits nearly as well" in caplog.text) is is_told
+
+
+def test_tracking_on_from_the_truth_costs_less_than_from_the_opposite(folder: Path, found: TakeFit) -> None:
+    cameras, seen = seen_of(open_take(folder), range(3), "auto", lambda _: None)
+    turned = found.fit.poses.copy()
+    turned[:, DOF_INDEX["root_heading"]] += np.pi
+    ways = found.fit, replace(found.fit, poses=turned)
+    right_px, wrong_px = (
+        tracked_px(Rig.of(cameras), [seen[f] for f in range(3)], fit, SearchSettings()) for fit in ways
+    )
+    assert right_px < wrong_px
 
 
 def test_warnings_are_kept_for_the_user(found: TakeFit) -> None:
