@@ -146,9 +146,7 @@ def load_result(folder: Path | str) -> Result:
     if not folder.is_dir():
         raise UserError(f"{folder}: is not a folder: expected a results folder of xormocap track")
     if (folder / SETTINGS).exists() and not (folder / POSES).exists():
-        raise UserError(
-            f"{folder}: is a take without results: type xormocap track {folder} --out RESULT first"
-        )
+        raise UserError(f"{folder}: is a take without results: type xormocap track {folder} first")
     tracked = read_poses_csv(folder / POSES)
     _check_frames(folder / POSES, tracked)
     shown = tracked
