@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from services.cli import app
 from services.mocap.errors import UserError
+from services.mocap.result.result import load_result
 from services.mocap.take.folder import open_take
 
 
@@ -59,3 +60,9 @@ def test_what_it_refuses_leaves_nothing(shoot: Path, tmp_path: Path) -> None:
     run(out, shoot)
     with pytest.raises(UserError, match="exists already"):
         run(out, shoot)
+
+
+def test_a_take_is_no_result_and_what_to_do_is_said(small_take: Callable[..., Path]) -> None:
+    take = small_take()
+    with pytest.raises(UserError, match=f"is a take without results: type xormocap track {take}"):
+        load_result(take)

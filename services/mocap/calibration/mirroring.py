@@ -28,7 +28,7 @@ def check_mirroring(
     bad = [link for link in links if link.agreeing < LEAST_AGREEING]
     if board.kind == "charuco":
         for c in {c for link in bad for c in (link.first, link.second)}:
-            if seen[c].is_behind and all(link in bad for link in links if c in (link.first, link.second)):
+            if seen[c].is_behind:
                 raise CalibrationError(
                     f"{seen[c].camera}: is mirrored, its markers read only in the mirror, and it does not "
                     "fit the others as if it saw the back of the board: switch mirroring off in the camera, "

@@ -47,8 +47,8 @@ class Sightings:
 
     @property
     def is_behind(self) -> bool:
-        """Whether it only ever sees a board's back, or its pictures are mirrored."""
-        return bool(self.by_frame) and all(view.is_behind for view in self.by_frame.values())
+        """Whether it mostly sees a board's back, or its pictures are mirrored."""
+        return 2 * sum(view.is_behind for view in self.by_frame.values()) > len(self.by_frame)
 
 
 def is_usable(sighting: Sighting, board: Board) -> bool:

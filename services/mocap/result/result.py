@@ -18,7 +18,7 @@ from services.mocap.motion.motion import Motion
 from services.mocap.result.frame_files import FRAME_FILES, read_frame_file
 from services.mocap.result.layout import JOINTS, POSES, POSES_SMOOTH, RUN_JSON
 from services.mocap.take.actor_file import read_actor
-from services.mocap.take.layout import ACTOR
+from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import DISTRUSTED, PARTS
 from services.mocap.take.quantities import FURTHER, Labelled, Quantity
 from services.mocap.take.tables import (
@@ -146,6 +146,8 @@ def load_result(folder: Path | str) -> Result:
     folder = Path(folder)
     if not folder.is_dir():
         raise UserError(f"{folder}: is not a folder: expected a results folder of xormocap track")
+    if (folder / SETTINGS).exists() and not (folder / POSES).exists():
+        raise UserError(f"{folder}: is a take without results: type xormocap track {folder} first")
     tracked = read_poses_csv(folder / POSES)
     _check_frames(folder / POSES, tracked)
     shown = tracked
