@@ -47,8 +47,8 @@ log = logging.getLogger(__name__)
 DEFAULT_INIT_FRAMES = 10
 DRAWING_FROM = 0.97
 _SKIRT = (
-    "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what the legs do in it "
-    "is estimated from what is visible of them"
+    "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what the legs do in "
+    "it is estimated from what is visible of them"
 )
 _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}
 """Total progress at the end of each stage; drawing follows."""
