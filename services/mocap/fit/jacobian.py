@@ -31,7 +31,9 @@ class ShapeSlopes:
     """(S, J, 3)"""
 
     @classmethod
-    def at(cls, x: Floats, parameters: tuple[int, ...], base: Actor) -> "ShapeSlopes":
+    def at(
+        cls, x: Floats, parameters: tuple[int, ...], base: Actor = shape_space.GENERIC_ACTOR
+    ) -> "ShapeSlopes":
         """By differences from the shape vector x (len(PARAMETERS),), with the mesh and the skirt of base."""
         body = shape_space.body_of(x, base)
         vertices_m = np.vstack(body.vertices_m)

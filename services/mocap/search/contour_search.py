@@ -11,23 +11,22 @@ from services.mocap.energy.bitplanes import count_bits
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned
+from services.mocap.search.alignment.contacts import PRICED
 from services.mocap.search.alignment.matching import SHARES
-from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, LimbName
+from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
 from services.mocap.search.error_by_part import error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import Differences, PartConfidence, confidences, differences
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.stages import solve_head, whole_body_energy
+from services.mocap.search.stages import Solution, solve_head, whole_body_energy
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
 
 _SLACK = 1.05
 """Accept an alignment whose energy is up to 5 % above that of its start: contours locate edges to sub-pixel
 precision, pixel counts cannot."""
-_ARMS: tuple[LimbName, ...] = ("left_arm", "right_arm")
-"""In the order of contact_px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class _Seen:
     aligned: Aligned
     covered: Bytes
     contact_px: Floats
-    """(2,) of each arm, within the energy."""
+    """(4,) of each limb (PRICED), within the energy."""
     energy: float
 
     @property
@@ -67,7 +66,7 @@ class _Search:
         return _Seen(aligned, covered, contact_px, energy_px + contact_px.sum())
 
     def contact_px(self, pose: Floats) -> Floats:
-        """(2,) what each arm costs for being inside the trunk or the head."""
+        """(4,) what each limb (PRICED) costs for being inside the trunk, the head or the other leg."""
         return np.asarray(self.model.aligner(self.settings).contact_px(pose[None], self.settings)[0])
 
     @cached_property
@@ -92,11 +91,11 @@ class _Search:
         return replace(start, aligned=replace(start.aligned, rim_px=aligned.aligned.rim_px))
 
     def differences(self, seen: _Seen) -> Differences:
-        """The differences between a pose and the input; what arms inside the trunk cost is among them."""
+        """The differences between a pose and the input; what limbs inside others cost is among them."""
         found = differences(self.model, self.whole, seen.pose, seen.covered)
-        for arm, px in zip(_ARMS, seen.contact_px, strict=True):
-            found.px[arm] += round(px)
-            found.nearest_px[arm] += round(px)
+        for limb, px in zip(PRICED, seen.contact_px, strict=True):
+            found.px[limb] += round(px)
+            found.nearest_px[limb] += round(px)
         return found
 
     def expecting(self, best: _Seen, expected: _Seen, parts: list[Part]) -> _Seen:
@@ -112,16 +111,29 @@ class _Search:
         self.found.passes += 1
         names = [name for name in LIMBS if name in parts]
         self.limbs.start(limb_jobs(self.model, self.whole, start.pose, settings, names))
-        pose = start.pose
+        solutions = list[Solution]()
         if "head" in parts:
-            head = solve_head(self.model, self.whole, pose, settings)
-            pose, self.found.evaluations = head.applied_to(pose), self.found.evaluations + head.evaluations
+            solutions.append(solve_head(self.model, self.whole, start.pose, settings))
+            self.found.evaluations += solutions[0].evaluations
             self.clock.book("head")
-        for name, limb in self.limbs.finish():
-            pose = limb.applied_to(pose)
-            self.found.note_limb(name, limb)
+        of_limbs = dict(self.limbs.finish())
+        for name in names:
+            solutions.append(of_limbs[name])
+            self.found.note_limb(name, of_limbs[name])
         self.clock.book("limbs")
-        return self.align(self.best_of(np.stack([start.pose, pose])))
+        return self.align(self._one_by_one(start, solutions))
+
+    def _one_by_one(self, start: _Seen, solutions: list[Solution]) -> _Seen:
+        """The start with the solutions that lower its energy, the best first, or with all of them.
+
+        Each was found with everything else at the start, so two limbs may have found the same pixels.
+        """
+        alone = [self.best_of(one.applied_to(start.pose)[None]).energy for one in solutions]
+        best, together = start, start.pose
+        for k in np.argsort(alone, kind="stable"):
+            best = _better(best, self.best_of(solutions[k].applied_to(best.pose)[None]))
+            together = solutions[k].applied_to(together)
+        return _better(best, self.best_of(together[None]))
 
 
 def solve_by_contours(
@@ -149,13 +161,14 @@ def solve_by_contours(
         found = _better(best, search.round(best, parts, settings))
         gained = _gains(found, best, settings)
         best, left = found, search.differences(found)
+        farther = settings.widened().model_copy(update={"windows": False})
         for _ in range(1, settings.max_passes):
             parts = trust.to_search(left)
             if not parts:
                 break
             searched.update(parts)
             begun = search.expecting(best, expected, parts)
-            found = _better(best, search.round(begun, parts, settings.widened()))
+            found = _better(best, search.round(begun, parts, farther))
             is_last = not _gains(found, best, settings)
             best, left, gained = found, search.differences(found), gained or not is_last
             if is_last:

@@ -111,7 +111,7 @@ def _align_limb(
 def _with_contacts(
     model: Model, stage: Stage, pose: Floats, settings: SearchSettings, energy: Energy
 ) -> Energy:
-    """A stage's energy with what arms inside the trunk or the head cost."""
+    """A stage's energy with what limbs inside others cost."""
     aligner = model.aligner(settings)
 
     def priced(values: Floats) -> Floats:

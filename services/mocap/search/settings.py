@@ -50,8 +50,8 @@ class SearchSettings(BaseModel):
     """Prior weight towards the rest pose: hands straight; feet at a right angle and the waist not turned with
     a third of it, limbs without twist and the waist not bent with a tenth; in the unit of steadiness."""
     contact: float = Field(default=6.0, ge=0, le=1000, description="a number from 0 to 1000")
-    """Price of an arm inside the trunk or the head: differing pixels for each camera and centimetre that its
-    axis is inside, in pictures 320 wide."""
+    """Price of an arm inside the trunk or the head, and of a leg inside the other one: differing pixels for
+    each camera and centimetre that its axis is inside, in pictures 320 wide."""
     doubt_px: float = Field(default=30.0, ge=0, le=10000, description="a number from 0 to 10000")
     """A limb is doubtful if about this many more pixels than usual differ near it by more than the rim, in
     pictures 320 wide in eight cameras."""

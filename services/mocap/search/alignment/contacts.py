@@ -1,7 +1,8 @@
-"""Arms inside the trunk or the head: how deep they are there, and what pulls them out.
+"""Arms inside the trunk or the head, and legs inside each other: how deep they are, and what pulls them out.
 
-In silhouettes an arm before the trunk and one inside it look alike. The trunk and the head are taken as
-stacks of ellipses, arms as points on their axes: a point at the surface is an arm half inside.
+In silhouettes an arm before the trunk and one inside it look alike, and so do one leg and two in its place.
+The trunk, the head and the legs are taken as stacks of ellipses, limbs as points on their axes: a point at
+the surface is a limb half inside.
 """
 
 from typing import NamedTuple
@@ -11,16 +12,18 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, N_JOINTS, SEGMENT_JOINTS, place_joints
-from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX
+from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SIDES
 from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY
-from services.mocap.types import Floats, Ints
+from services.mocap.search.chains import LimbName
+from services.mocap.types import Floats, Ints, Mask
 
-SIDES = ("left", "right")
+PRICED: tuple[LimbName, ...] = ("left_arm", "right_arm", "left_leg", "right_leg")
+"""The limbs, in the order of what contacts cost."""
 _ELLIPSES = 24
-_STACKS = ("pelvis", "torso", "head")
+_TRUNK = ("pelvis", "torso", "head")
 _FOREARM_SHARES = (0.25, 0.5, 0.75, 1.0)
 _HAND_SHARES = (0.33, 0.66, 0.9)
-_SHOULDER_CARRIER = int(SEGMENT_JOINTS[SEGMENT_INDEX["torso"]])
+_THIGH_SHARES, _SHANK_SHARES = (0.6, 0.8, 1.0), (0.25, 0.5, 0.75, 1.0)
 _LOWEST_HEIGHTS = -0.06
 """Of what counts, from a segment's joint, in body heights: skirts hang lower and give way."""
 _CENTRAL = 1e-3
@@ -32,35 +35,65 @@ class Contacts(NamedTuple):
     """The shapes whose overlap counts, for compiled code."""
 
     stack_joints: Ints
-    """(K,) the joints in whose frames the ellipses are."""
+    """(K,) the joints in whose frames the ellipses are: of the trunk, the head and the legs."""
     ellipses: Floats
     """(K, E, 4): height, centre in depth, half depth, half width in metres; heights in even steps."""
     point_joints: Ints
-    """(2 P,) the joints in whose frames the points are; the left arm's come first."""
+    """(P,) the joints in whose frames the points are."""
     points_m: Floats
-    """(2 P, 3)"""
+    """(P, 3)"""
+    point_limbs: Ints
+    """(P,) the limb (PRICED) that each point is of."""
+    carriers: Ints
+    """(P,) the joint that carries that limb; what moves it takes none of the cost."""
+    counts: Mask
+    """(P, K) which stacks a point must not be in: the trunk and the head for arms, the other leg for legs."""
 
     @classmethod
     def of(cls, body: Body) -> "Contacts":
         """The shapes of a body."""
-        stacks = [SEGMENT_INDEX[name] for name in _STACKS]
-        joints, points_m = list[int](), list[Floats]()
-        for side in SIDES:
-            forearm, hand = (JOINT_INDEX[f"{side}_{name}"] for name in ("elbow", "wrist"))
-            tip_m = np.zeros(3)
-            across_m = body.vertices_m[SEGMENT_INDEX[f"{side}_hand"]][:, 1]
-            tip_m[1] = across_m[np.argmax(np.abs(across_m))]
-            joints += [forearm] * len(_FOREARM_SHARES) + [hand] * len(_HAND_SHARES)
-            points_m += [share * body.offsets_m[hand] for share in _FOREARM_SHARES]
-            points_m += [share * tip_m for share in _HAND_SHARES]
+        legs = [f"{side}_{bone}" for side in SIDES for bone in ("thigh", "shank")]
+        names = [*_TRUNK, *legs]
+        stacks = [SEGMENT_INDEX[name] for name in names]
+        lowest_m = {"pelvis": _LOWEST_HEIGHTS * body.height_m}
+        points = list[tuple[int, Floats, int, int, list[bool]]]()
+        for limb, name in enumerate(PRICED):
+            side, part = name.split("_")
+            carrier = int(SEGMENT_JOINTS[SEGMENT_INDEX["torso" if part == "arm" else "pelvis"]])
+            other = "right" if side == "left" else "left"
+            counts = [s in _TRUNK if part == "arm" else s.startswith(other) for s in names]
+            points += [(joint, at_m, limb, carrier, counts) for joint, at_m in _axis(body, side, part)]
+        joints, points_m, limbs, carriers, counted = zip(*points, strict=True)
         return cls(
             SEGMENT_JOINTS[stacks],
             np.array(
-                [_stack(body.vertices_m[s], body.faces[s], _LOWEST_HEIGHTS * body.height_m) for s in stacks]
+                [
+                    _stack(body.vertices_m[s], body.faces[s], lowest_m.get(name, -np.inf))
+                    for s, name in zip(stacks, names, strict=True)
+                ]
             ),
             np.array(joints, np.int32),
             np.array(points_m),
+            np.array(limbs, np.int32),
+            np.array(carriers, np.int32),
+            np.array(counted, bool),
         )
+
+
+def _axis(body: Body, side: str, part: str) -> list[tuple[int, Floats]]:
+    """Points on a limb's axis: the joint in whose frame each is, and its place there (3,) in metres."""
+    near, far = (
+        JOINT_INDEX[f"{side}_{name}"] for name in (("elbow", "wrist") if part == "arm" else ("knee", "ankle"))
+    )
+    if part == "leg":
+        hip = JOINT_INDEX[f"{side}_hip"]
+        thigh = [(hip, share * body.offsets_m[near]) for share in _THIGH_SHARES]
+        return thigh + [(near, share * body.offsets_m[far]) for share in _SHANK_SHARES]
+    tip_m = np.zeros(3)
+    across_m = body.vertices_m[SEGMENT_INDEX[f"{side}_hand"]][:, 1]
+    tip_m[1] = across_m[np.argmax(np.abs(across_m))]
+    forearm = [(near, share * body.offsets_m[far]) for share in _FOREARM_SHARES]
+    return forearm + [(far, share * tip_m) for share in _HAND_SHARES]
 
 
 def _stack(vertices_m: Floats, faces: Ints, lowest_m: float) -> Floats:
@@ -79,8 +112,8 @@ def _stack(vertices_m: Floats, faces: Ints, lowest_m: float) -> Floats:
 
 
 def depths_m(contacts: Contacts, offsets_m: Floats, poses: Floats) -> Floats:
-    """(N, 2) how deep the left and the right arm's axis is inside, at its deepest point, in poses (N, D)."""
-    found = np.zeros((len(poses), len(SIDES)))
+    """(N, 4) how deep the axis of each limb (PRICED) is inside, at its deepest point, in poses (N, D)."""
+    found = np.zeros((len(poses), len(PRICED)))
     _depths(contacts, offsets_m, np.ascontiguousarray(poses), _ALL_JOINTS, found)
     return found
 
@@ -88,12 +121,12 @@ def depths_m(contacts: Contacts, offsets_m: Floats, poses: Floats) -> Floats:
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _depths(contacts: Contacts, offsets_m: Floats, poses: Floats, joints: Ints, found: Floats) -> None:
     T_world_joint, out = np.empty((N_JOINTS, 4, 4)), np.empty(3)
-    n_points = len(contacts.points_m) // 2
     for n in range(len(poses)):
         place_joints(poses[n], offsets_m, joints, T_world_joint)
-        for p in range(2 * n_points):
+        for p in range(len(contacts.points_m)):
             depth_m, _ = _deepest(contacts, p, T_world_joint, out)
-            found[n, p // n_points] = max(found[n, p // n_points], depth_m)
+            limb = contacts.point_limbs[p]
+            found[n, limb] = max(found[n, limb], depth_m)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -107,7 +140,8 @@ def add_contacts(
 ) -> float:
     """Add the cost weight x depth² of every point to the normal equations (D, D) and (D,); returns the sum.
 
-    Only the parameters of the arms take it: the trunk stays where the contours put it.
+    Only the parameters of the limb itself take it: the trunk stays where the contours put it, and of two legs
+    each is pulled out of the other.
     """
     out, row, cost = np.empty(3), np.empty(N_DOF), 0.0
     for p in range(len(contacts.points_m)):
@@ -118,7 +152,7 @@ def add_contacts(
         for d in range(N_DOF):
             row[d] = 0.0
             joint = DOF_JOINT[d]
-            if MOVED_BY[joint, contacts.point_joints[p]] and not MOVED_BY[joint, _SHOULDER_CARRIER]:
+            if MOVED_BY[joint, contacts.point_joints[p]] and not MOVED_BY[joint, contacts.carriers[p]]:
                 row[d] = -np.dot(out, np.cross(twists[d, :3], point_m) + twists[d, 3:])
                 slope[d] += weight * row[d] * depth_m
         for d in range(N_DOF):
@@ -142,6 +176,8 @@ def _deepest(contacts: Contacts, p: int, T_world_joint: Floats, out: Floats) -> 
             point_m[i] += T[i, k] * contacts.points_m[p, k]
     local_m = np.empty(3)
     for k in range(len(contacts.stack_joints)):
+        if not contacts.counts[p, k]:
+            continue
         T_stack, rows = T_world_joint[contacts.stack_joints[k]], contacts.ellipses[k]
         for i in range(3):
             local_m[i] = 0.0

@@ -1,4 +1,4 @@
-"""Arms inside the trunk or the head: found, priced, and pulled out; all else is left alone."""
+"""Arms inside the trunk or the head, legs inside each other: found, priced, and pulled out; else nothing."""
 
 from collections.abc import Callable
 
@@ -13,6 +13,8 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.contacts import Contacts, add_contacts, depths_m
 from services.mocap.search.alignment.twists import place_twists
 from services.mocap.search.chains import LIMBS
+from services.mocap.search.frame import solve_frame
+from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats, Ints, Mask
@@ -21,7 +23,7 @@ BODY = build_body(Actor())
 CONTACTS = Contacts.of(BODY)
 FOLDED = {"shoulder_elevation": -80.0, "shoulder_twist": -62.0, "elbow_flexion": 140.0}
 """Hands in the trunk."""
-STEP = 1e-6
+STACKS = ("pelvis", "torso", "head", "left_thigh", "left_shank", "right_thigh", "right_shank")
 
 
 def _random_pose(seed: int) -> Floats:
@@ -38,20 +40,22 @@ def _normal_equations(pose: Floats) -> tuple[float, Floats, Floats]:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
-def test_an_arm_is_inside_where_a_point_of_its_axis_is_in_the_mesh(seed: int) -> None:
+def test_a_limb_is_inside_where_a_point_of_its_axis_is_in_the_mesh(seed: int) -> None:
     pose = _random_pose(seed)
     T_world_segment = segment_transforms(pose[None], BODY.offsets_m)[0]
     T_world_joint = joint_transforms(pose[None], BODY.offsets_m)[0]
     at = T_world_joint[CONTACTS.point_joints]
     points_m = np.einsum("pij,pj->pi", at[:, :3, :3], CONTACTS.points_m) + at[:, :3, 3]
-    deepest_m = np.full(2, -np.inf)
-    for name in ("pelvis", "torso", "head"):
+    deepest_m = np.full(4, -np.inf)
+    for k, name in enumerate(STACKS):
         s = SEGMENT_INDEX[name]
         T = T_world_segment[s]
         vertices_m = BODY.vertices_m[s] @ T[:3, :3].T + T[:3, 3]
         off_m = np.linalg.norm(points_m[:, None] - vertices_m, axis=2).min(axis=1)
         off_m[~_encloses(vertices_m, BODY.faces[s], points_m)] *= -1.0
-        deepest_m = np.maximum(deepest_m, off_m.reshape(2, -1).max(axis=1))
+        for p in np.flatnonzero(CONTACTS.counts[:, k]):
+            limb = CONTACTS.point_limbs[p]
+            deepest_m[limb] = max(deepest_m[limb], off_m[p])
     found_m = depths_m(CONTACTS, BODY.offsets_m, pose[None])[0]
     assert np.all(found_m[deepest_m < -0.03] == 0.0)
     assert np.all(found_m[deepest_m > 0.03] > 0.0)
@@ -79,8 +83,8 @@ def test_the_normal_equations_are_those_of_the_cost(seed: int) -> None:
     inside_m = depths_m(CONTACTS, BODY.offsets_m, pose[None])[0]
     assert (cost > 0) == bool(inside_m.any())
     np.testing.assert_allclose(hessian, hessian.T, atol=1e-12)
-    arms = list(LIMBS["left_arm"].dofs + LIMBS["right_arm"].dofs)
-    assert not np.any(np.delete(slope, arms))
+    limbs = [d for limb in LIMBS.values() for d in limb.dofs]
+    assert not np.any(np.delete(slope, limbs))
     if cost > 1e-4:
         downhill = pose - 1e-4 * slope / np.linalg.norm(slope)
         assert _normal_equations(downhill)[0] < cost
@@ -97,13 +101,29 @@ def test_an_alignment_takes_hands_out_of_the_trunk(
     model: Model, standing: Callable[..., Floats], picture_of: Callable[[Floats], Picture]
 ) -> None:
     inside, contacts = standing(**FOLDED), Contacts.of(model.body)
-    assert depths_m(contacts, model.body.offsets_m, inside[None]).min() > 0.02
+    assert depths_m(contacts, model.body.offsets_m, inside[None])[0, :2].min() > 0.02
     depth_m = {}
     for contact in (0.0, SearchSettings().contact):
         told = SearchSettings(contact=contact)
         found = model.aligner(told).align(picture_of(inside), inside, told)
         depth_m[contact] = depths_m(contacts, model.body.offsets_m, found.pose[None]).max()
     assert depth_m[SearchSettings().contact] < 0.5 * depth_m[0.0]
+
+
+def test_a_leg_in_the_other_ones_place_goes_back_to_its_own(
+    model: Model,
+    standing: Callable[..., Floats],
+    picture_of: Callable[[Floats], Picture],
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    truth = standing(shoulder_elevation=-70, left_hip_flexion=70, left_knee_flexion=60)
+    start = truth.copy()
+    for name, value in (("hip_flexion", 70), ("hip_abduction", -20), ("knee_flexion", 60)):
+        start[DOF_INDEX[f"right_{name}"]] = np.radians(value)
+    assert joint_errors_mm(start, truth).max() > 500
+    assert depths_m(Contacts.of(model.body), model.body.offsets_m, start[None])[0, 2:].min() > 0.01
+    found = solve_frame(model, picture_of(truth), start[None], SearchSettings(), LocalLimbs(model))
+    assert joint_errors_mm(found.pose, truth).max() < 40
 
 
 def test_the_price_is_of_centimetres_and_cameras(model: Model, standing: Callable[..., Floats]) -> None:
