@@ -63,8 +63,8 @@ def test_silhouettes_are_off_by_no_more_than_allowed(
 ) -> None:
     """From far and from near: every pixel of either silhouette has one of the other so close by.
 
-    Four pixels are allowed, in large pictures, beside which what sampling at pixel centres adds is small. Near
-    the picture's edge the other may lie outside.
+    Four pixels are allowed, in large pictures, beside which what sampling at pixel centres adds is small.
+    Near the picture's edge the other may lie outside.
     """
     rig, allowed_px = Rig.of((look(eye_m, focal_px=700.0, width_px=640, height_px=480),)), 4.0
     poses, region, backend = random_poses(n_poses, 7), Region.whole(rig), CpuBackend(real_body, rig)
