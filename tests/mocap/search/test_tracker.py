@@ -59,6 +59,16 @@ def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:
     assert abs(after.pose[0] - moved[0]) < 0.01
 
 
+def test_an_actor_beside_something_large_is_marked_and_followed(model: Model) -> None:
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), _pose(model, 0.0, 0.5)[None])
+    tracker.solve(_drawn(model, _pose(model, 0.0, 0.5)))
+    large = _drawn(model, _pose(model, -0.55, 2.0)).silhouettes
+    for x_m in (0.05, 0.1, 0.15, 0.2):
+        found = tracker.solve(TriPlanes.sure(_drawn(model, _pose(model, x_m, 0.5)).silhouettes | large))
+        assert "torso" in found.distrusted
+        assert abs(found.pose[0] - x_m) < 0.03
+
+
 @pytest.mark.parametrize("ends", range(1, 7))
 def test_another_tracker_goes_on_as_the_one_before_would_have(model: Model, ends: int) -> None:
     """Wherever the first ends: on the way, while the actor is lost, just after they were found again."""
