@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Collection, Mapping
 
-from services.mocap.energy.bitplanes import TriPlanes, unpack
+from services.mocap.energy.bitplanes import TriPlanes, count_bits, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
 from services.mocap.search.first_pose import find_first_pose
@@ -24,6 +24,9 @@ _TRACKER = "tracker"
 """Name of its own numbers in a memory."""
 _LONGEST_WAIT = 16
 """Most frames between two attempts to find a lost actor."""
+_MOST_FOLLOWED = 0.5
+"""A doubtful body is followed while fewer pixels differ than this share of the silhouettes': then part of the
+actor is hidden, or spreads more cloth than usual, but the body is still about there."""
 
 
 class Tracker:
@@ -57,8 +60,8 @@ class Tracker:
     def solve(self, seen: TriPlanes, absent: Collection[int] = ()) -> FrameSolution:
         """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
-        absent: cameras that are not used. While the actor is lost, the pose is the last one found, and all
-        its parts are unreliable.
+        absent: cameras that are not used. While the actor is lost, the torso is unreliable, which stands for
+        the whole body; where the body is not even near the silhouettes, the pose is the last one found.
         """
         rig = self._model.rig
         picture = Picture.whole(rig, seen.silhouettes, seen.unsure).without_cameras(absent)
@@ -68,22 +71,30 @@ class Tracker:
         if is_lost or self._lost_frames:
             self._lost_frames += 1
             if self._lost_frames == 1:
-                log.warning("the actor is lost: poses stay unchanged until a person is in view again")
+                log.warning("the actor is lost: poses are doubtful until a whole person is in view again")
             # An actor who returns may have turned round, which continuing the old pose would not detect.
             again = self._find_again(picture, seen, settings, at_once=not is_lost)
-            found = [one for one in (again, None if is_lost else solution) if one is not None]
-            if not found:
-                solution.pose, solution.distrusted = self._poses[-1].copy(), list(PARTS)
-                solution.confidence = dict.fromkeys(PARTS, 0.0)
-                return solution
+            if again is None and is_lost:
+                return self._kept(solution, count_bits(seen.silhouettes))
             log.info("the actor was found again after %d frames", self._lost_frames)
+            found = [one for one in (again, None if is_lost else solution) if one is not None]
             solution, self._poses = min(found, key=lambda one: one.energy_px), []
         self._poses = [*self._poses[-1:], solution.pose]
         self._lost_frames = self._tries = self._wait = 0
         return solution
 
+    def _kept(self, solution: FrameSolution, silhouette_px: int) -> FrameSolution:
+        """What is known of a lost actor: the doubtful solution while it is near, else the last pose."""
+        if solution.energy_px <= _MOST_FOLLOWED * silhouette_px:
+            self._poses = [*self._poses[-1:], solution.pose]
+            return solution
+        self._poses = self._poses[-1:]
+        solution.pose, solution.distrusted = self._poses[-1].copy(), list(PARTS)
+        solution.confidence = dict.fromkeys(PARTS, 0.0)
+        return solution
+
     def _starts(self) -> Floats:
-        return extrapolated(self._poses[-2:]) if not self._lost_frames else self._poses[-1][None]
+        return extrapolated(self._poses[-2:])
 
     def _find_again(
         self, picture: Picture, seen: TriPlanes, settings: SearchSettings, *, at_once: bool

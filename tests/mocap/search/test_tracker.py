@@ -60,6 +60,16 @@ def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:
     assert abs(after.pose[0] - moved[0]) < 0.01
 
 
+def test_an_actor_beside_something_large_is_marked_and_followed(model: Model) -> None:
+    tracker = Tracker(model, SearchSettings(), LocalLimbs(model), _pose(model, 0.0, 0.5)[None])
+    tracker.solve(_drawn(model, _pose(model, 0.0, 0.5)))
+    large = _drawn(model, _pose(model, -0.55, 2.0)).silhouettes
+    for x_m in (0.05, 0.1, 0.15, 0.2):
+        found = tracker.solve(TriPlanes.sure(_drawn(model, _pose(model, x_m, 0.5)).silhouettes | large))
+        assert "torso" in found.distrusted
+        assert abs(found.pose[0] - x_m) < 0.03
+
+
 Memory = dict[str, list[int]]
 
 
