@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.spatial.distance import pdist
 
 from board_stage import (
     Scene,
@@ -180,9 +181,17 @@ def test_clips_of_two_sizes_are_noticed(own_clips: Path, tmp_path: Path) -> None
     assert "is 600x450 pixels, but the camera's other clip is 1200x900" in said
 
 
-def test_an_origin_is_asked_for(own_clips: Path, tmp_path: Path) -> None:
+def test_without_an_origin_the_cameras_are_right_to_each_other_and_it_is_said(
+    own_clips: Path, charuco: Scene, tmp_path: Path
+) -> None:
     shutil.rmtree(own_clips / "origin")
-    assert "origin: has no clip" in complaint(own_clips, tmp_path, SAID)
+    _, warned = calibrate(own_clips, tmp_path / "calibration.toml", SAID)
+    assert "up is up in the pictures of all cameras on average" in warned
+    centres_m, true_m = (
+        np.array([camera.centre_world_m for camera in cameras])
+        for cameras in (read_calibration(tmp_path / "calibration.toml", "z"), charuco.cameras)
+    )
+    np.testing.assert_allclose(pdist(centres_m), pdist(true_m), rtol=0.02)
 
 
 def test_a_camera_upside_down_is_calibrated_and_said(own_clips: Path, charuco: Scene, tmp_path: Path) -> None:

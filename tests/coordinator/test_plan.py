@@ -1,6 +1,7 @@
 """When a run may go on from another: only where nothing that poses depend on has changed."""
 
 import os
+import shutil
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
@@ -72,8 +73,9 @@ def test_a_plug_in_that_changes_is_another_plan(
 
 def test_videos_count_where_they_are_looked_at_beside_silhouettes(small_take: SmallTake) -> None:
     folder = small_take("both", source="silhouettes")
-    (folder / "videos").mkdir()
+    shutil.copytree(small_take("filmed") / "videos", folder / "videos")
     own, made = name_of(folder), name_of(folder, "mog2")
-    (folder / "videos/notes.txt").write_text("anything")
+    video = next((folder / "videos").glob("*.mp4"))
+    write_anew(video, video.read_bytes())
     assert name_of(folder) == own
     assert name_of(folder, "mog2") != made

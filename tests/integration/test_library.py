@@ -1,6 +1,7 @@
 """Tracking from Python, in one process: the very poses of the services."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ def take(synthetic_take: Path) -> Take:
 def fitted(take: Take) -> TakeFit:
     """The actor, fitted to two frames."""
     settings = take.settings.model_copy(update={"init_frames": 2})
-    return fit(Take(take.folder, settings, take.cameras, take.source))
+    return fit(replace(take, settings=settings))
 
 
 def test_one_process_finds_and_writes_what_the_services_do(tracked: Path, take: Take, tmp_path: Path) -> None:

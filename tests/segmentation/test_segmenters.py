@@ -255,6 +255,7 @@ def test_a_network_that_wants_a_plate_or_something_else(
         make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}")
     monkeypatch.setattr(RedNetwork, "n_inputs", 2)
     shutil.rmtree(folder / "background")
+    take = open_take(folder)
     with pytest.raises(UserError, match=r"its second input is for the clean plate, but .* no background/"):
         make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}")
 
