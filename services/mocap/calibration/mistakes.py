@@ -173,7 +173,9 @@ def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator[Mi
 def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator[Mistake]:
     """The frame from which cameras disagree that agreed before."""
     pairs = [touches.off_px(0.0) for touches in touches_of(cameras, outlines)]
-    off_px = np.nanmedian(np.concatenate(pairs, axis=1), axis=1) if pairs else np.zeros(0)
+    off_px = np.concatenate(pairs, axis=1) if pairs else np.zeros((0, 1))
+    shows_anybody = np.isfinite(off_px).any(axis=1, keepdims=True)
+    off_px = np.nanmedian(np.where(shows_anybody, off_px, 0.0), axis=1)
     disagrees = off_px > agreement_limit_px(cameras)
     n_later = np.arange(len(disagrees), 0, -1)
     wrong_later = np.cumsum(disagrees[::-1])[::-1] / n_later
@@ -191,7 +193,7 @@ def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterato
 
 def _disagreeing(cameras: tuple[Camera, ...], found: Agreement) -> Iterator[Mistake]:
     """Cameras that disagree for a reason that is not known."""
-    names, worst_px = [cameras[c].name for c in found.odd], float(np.nanmax(found.off_px))
+    names = [cameras[c].name for c in found.odd]
     if 2 * len(names) > len(cameras):
         yield Mistake(
             "calibration.toml",
@@ -201,7 +203,7 @@ def _disagreeing(cameras: tuple[Camera, ...], found: Agreement) -> Iterator[Mist
     elif names:
         yield Mistake(
             f"calibration.toml: {', '.join(names)}",
-            f"not in agreement with the other cameras ({worst_px:.0f} px off); "
+            f"not in agreement with the other cameras ({np.nanmax(found.off_px):.0f} px off); "
             "it was moved since the calibration, its silhouettes are wrong, or something hides the actor",
             "look at xormocap calibrate --check",
         )
