@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import warnings
 from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, Any, NoReturn
@@ -11,6 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from services.commands.consoles import stderr
+from services.commands.short_help import shortened
 from services.mocap.errors import UserError
 from services.process import EXIT_STOPPED, EXIT_USER_ERROR
 from services.runs import Interrupted, ServiceFailedError
@@ -26,6 +28,7 @@ _MODULES = {
     "synth": "services.commands.synth",
     "export": "services.commands.export",
     "view": "services.commands.view",
+    "play": "services.commands.play",
     "bridge": "services.bridge.__main__",
     "status": "services.commands.status",
     "doctor": "services.commands.doctor",
@@ -57,7 +60,8 @@ class _SubCommands(TyperGroup):
             return group
         alone = typer.Typer(add_completion=False)
         alone.command(cmd_name)(getattr(module, cmd_name))
-        return get_command(alone)
+        command = get_command(alone)
+        return shortened(command, module.IN_HELP) if hasattr(module, "IN_HELP") else command
 
 
 app = typer.Typer(
@@ -92,6 +96,8 @@ def _fail(sentence: str, code: int) -> NoReturn:
 
 def main() -> None:
     """Run the command; a user's error ends in one sentence and exit code 2."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # those of other libraries; python -W default shows them
     signal.signal(
         signal.SIGTERM, lambda *_: sys.exit(EXIT_STOPPED)
     )  # unwinds the stack, so that nothing incomplete stays

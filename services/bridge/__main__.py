@@ -1,56 +1,21 @@
 """Bridge process: `python -m services.bridge --connect tcp://HOST:5550 --vmc 127.0.0.1:39539`."""
 
 import logging
-from collections.abc import Callable
 from typing import Annotated
-from urllib.parse import urlsplit
 
 import typer
-from pythonosc.osc_bundle import OscBundle
-from pythonosc.udp_client import UDPClient
 
 from proto.streams import DEFAULT_ENDPOINT
 from services.bridge.puppeteer import Puppeteer
+from services.bridge.sender import DEFAULT_LISTENER, address_of, open_sender
 from services.health import beat
-from services.mocap.errors import UserError
 from services.mocap.motion.settings import CUTOFFS_HZ
 from services.options import KeysOption, keys_of_client
 from services.process import StopRequest, run_service
 
-DEFAULT_LISTENER = "127.0.0.1:39539"
-"""Where tools receive VMC by default, on this machine."""
 _LOOK_S = 0.1
 
 log = logging.getLogger(__name__)
-
-
-def address_of(text: str) -> tuple[str, int]:
-    """Parse HOST:PORT; raises UserError if it is malformed."""
-    try:
-        parts = urlsplit(f"//{text}")
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host = port = None
-    if not host or not port or parts.path or parts.username is not None:
-        raise UserError(f"--vmc {text}: expected HOST:PORT, such as {DEFAULT_LISTENER}")
-    return host, port
-
-
-def open_sender(host: str, port: int) -> Callable[[OscBundle], None]:
-    """A function that sends packets there, whether or not a tool receives them; raises UserError for an
-    unknown host."""
-    try:
-        client = UDPClient(host, port)
-    except OSError as error:
-        raise UserError(f"--vmc {host}:{port}: host not found ({error}): expected HOST:PORT") from None
-
-    def send(bundle: OscBundle) -> None:
-        try:
-            client.send(bundle)
-        except OSError as error:  # the network is down or busy: drop this pose, the next one is newer
-            log.debug("a packet was dropped: %s", error)
-
-    return send
 
 
 def bridge(

@@ -1,5 +1,6 @@
 """What commands share: the take as an argument, where they print, and how."""
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,7 +12,16 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 TakeFolder: TypeAlias = Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")]
-stdout, stderr = Console(highlight=False), Console(stderr=True, highlight=False)
+_WHOLE_LINES = 10_000
+"""Width of output that is not a terminal: files and pipes get whole lines."""
+
+
+def _console(*, is_stderr: bool) -> Console:
+    is_terminal = (sys.stderr if is_stderr else sys.stdout).isatty()
+    return Console(stderr=is_stderr, highlight=False, width=None if is_terminal else _WHOLE_LINES)
+
+
+stdout, stderr = _console(is_stderr=False), _console(is_stderr=True)
 
 
 def say(line: str, to: Console = stdout) -> None:

@@ -2,20 +2,18 @@
 
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pythonosc.dispatcher import Dispatcher
-from pythonosc.osc_server import BlockingOSCUDPServer
 from test_humanoid import places_of
+from vmc_tool import Tool
 
 from playback import Playback
-from services.bridge.__main__ import address_of
-from services.bridge.humanoid import BONES, Bone
+from services.bridge.humanoid import BONES
+from services.bridge.sender import address_of
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
@@ -32,50 +30,12 @@ from services.runs.launcher import free_endpoint
 pytestmark = pytest.mark.timeout(120)
 
 
-class Tool:
-    """Listens as an animation tool does; frames as they came, in parts by address."""
-
-    def __init__(self) -> None:
-        self.said: list[tuple[str, tuple[object, ...]]] = []
-        dispatcher = Dispatcher()
-        dispatcher.set_default_handler(lambda address, *values: self.said.append((address, values)))
-        self._server = BlockingOSCUDPServer(("127.0.0.1", 0), dispatcher)
-        self.port = int(self._server.server_address[1])
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
-
-    def close(self) -> None:
-        self._server.shutdown()
-        self._server.server_close()
-
-    def oks(self) -> list[tuple[object, ...]]:
-        return [values for address, values in list(self.said) if address == "/VMC/Ext/OK"]
-
-    def frames(self) -> dict[float, list[Bone]]:
-        """The bones of whole frames by their time."""
-        found: dict[float, list[Bone]] = {}
-        bones: list[Bone] = []
-        for address, values in list(self.said):
-            if address == "/VMC/Ext/T":
-                bones = found.setdefault(round(float(str(values[0])), 3), [])
-            elif address == "/VMC/Ext/Bone/Pos":
-                numbers = tuple(float(str(value)) for value in values[1:])
-                bones.append(Bone(str(values[0]), numbers[:3], numbers[3:]))
-        return {time_s: bones for time_s, bones in found.items() if len(bones) == len(BONES)}
-
-
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Take:
     folder = tmp_path_factory.mktemp("bridge") / "walk"
     write_synthetic_take(folder, n_frames=24, n_cameras=3)
     write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
     return open_take(folder)
-
-
-@pytest.fixture
-def tool() -> Iterator[Tool]:
-    listening = Tool()
-    yield listening
-    listening.close()
 
 
 Bridge = Callable[..., "subprocess.Popen[bytes]"]

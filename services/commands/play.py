@@ -1,0 +1,77 @@
+"""`xormocap play`: sends the poses of finished results to animation tools."""
+
+import time
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pythonosc.osc_bundle import OscBundle
+
+from services.bridge.humanoid import bones_of
+from services.bridge.sender import address_of, open_sender
+from services.bridge.vmc import frame, nothing
+from services.commands.consoles import say
+from services.mocap.result.result import Result, load_result
+from services.process import StopRequest
+
+_LONGEST_SLEEP_S = 0.1
+"""So that Ctrl-C is answered at once."""
+_LATE_S = 0.25
+
+
+def play(
+    result: Annotated[Path, typer.Argument(help="A results folder of xormocap track.", metavar="RESULT")],
+    vmc: Annotated[
+        str, typer.Option("--vmc", metavar="HOST:PORT", help="Where a tool receives the VMC protocol (UDP).")
+    ],
+    speed: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed relative to the recording.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
+) -> None:
+    """Send the poses of results to animation tools that receive the VMC protocol, at the take's own speed."""
+    send, found = open_sender(*address_of(vmc)), load_result(result)
+    with StopRequest() as stop:
+        again = f"every {len(found.frames) / found.fps / speed:.1f} s again, until Ctrl-C" if loop else "once"
+        say(f"sending {len(found.frames)} frames to {vmc}, {again}")
+        frames = play_frames(found, send, speed, loop, stop)
+    say(f"sent {frames} frames")
+
+
+def play_frames(
+    result: Result, send: Callable[[OscBundle], None], speed: float, loop: bool, stop: StopRequest
+) -> int:
+    """Send each frame when it is due, and at the end that nobody is tracked; returns how many were sent.
+
+    speed: relative to the recording. Frames that are late, as after a sleep of the machine, are left out.
+    """
+    began_s, sent = time.monotonic(), 0
+    for row, at_s in _schedule(result, loop):
+        due_s = began_s + at_s / speed
+        if not _wait_until(due_s, stop):
+            break
+        if time.monotonic() < due_s + _LATE_S:
+            bones = bones_of(result.poses[row], result.motion.body.offsets_m)
+            send(frame(at_s, bones, is_trusted=not result.distrusted[row].any()))
+            sent += 1
+    send(nothing())
+    return sent
+
+
+def _schedule(result: Result, loop: bool) -> Iterator[tuple[int, float]]:
+    """Each frame's row, and its time in seconds, which goes on where the take begins again."""
+    times_s = (result.times_s - result.times_s[0]).tolist()
+    length_s = times_s[-1] + 1 / result.fps
+    for rounds in count() if loop else range(1):
+        for row, time_s in enumerate(times_s):
+            yield row, rounds * length_s + time_s
+
+
+def _wait_until(due_s: float, stop: StopRequest) -> bool:
+    """Sleep until a time of time.monotonic; False after a request to stop."""
+    while not stop:
+        rest_s = due_s - time.monotonic()
+        if rest_s <= 0:
+            return True
+        time.sleep(min(rest_s, _LONGEST_SLEEP_S))
+    return False
