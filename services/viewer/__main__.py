@@ -3,8 +3,7 @@
 import logging
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +16,6 @@ from services.mocap.take.live import open_source
 from services.options import KeysOption, MetricsOption, keys_of_client
 from services.process import StopRequest, give_way, run_service
 from services.viewer.address import DEFAULT_ADDRESS, LOOPBACK, Address, TokenOption, token_of
-from services.viewer.auth_proxy import AuthProxy
 from services.viewer.listener import Listener
 from services.viewer.metrics import BROWSERS
 from services.viewer.server import PageServer
@@ -29,19 +27,11 @@ _REST_S = 0.25
 log = logging.getLogger(__name__)
 
 
-@contextmanager
-def _open_page(address: Address, token: str | None) -> Iterator[tuple[PageServer, str]]:
-    """The page's server, and what to type into a browser on this machine; with a token a proxy is before it.
-
-    Raises UserError where the port is taken or the address is not this machine's.
-    """
-    if token is None:
-        with PageServer(address.port) as server:
-            yield server, f"http://{LOOPBACK}:{server.port}"
-        return
-    with PageServer(0) as server, AuthProxy(address, token, server.port) as proxy:
-        host = LOOPBACK if address.host in ("0.0.0.0", "::") else address.host  # noqa: S104  (read, not bound)
-        yield server, f"http://{f'[{host}]' if ':' in host else host}:{proxy.port}/?token={token}"
+def _url(address: Address, port: int, token: str | None) -> str:
+    """What to type into a browser on this machine."""
+    host = LOOPBACK if address.host in ("0.0.0.0", "::") else address.host  # noqa: S104  (read, not bound)
+    query = "" if token is None else f"/?token={token}"
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}{query}"
 
 
 def serve(
@@ -58,12 +48,12 @@ def serve(
     page."""
     folder = None if take is None else open_source(take)
     with (
-        _open_page(address, token) as (server, url),
+        PageServer(address, token) as server,
         closing(Listener(endpoint, keys, folder, server.show, results)) as listener,
     ):
         BROWSERS.set_function(lambda: server.n_browsers)
         preparing = threading.Thread(target=listener.prepare, daemon=True)
-        log.info("coordinator at %s; open %s", endpoint, url)
+        log.info("coordinator at %s; open %s", endpoint, _url(address, server.port, token))
         while not stop:
             beat()
             listener.listen(_LOOK_S)

@@ -87,6 +87,8 @@ def solved_frame_of(message: Pose) -> SolvedFrame:
         time_s=message.time_s,
         pose=message.pose,
         numbers=np.array([number for row in ON_PAGE for number in numbers_of(message, row, row.labels)]),
+        iou=np.array(message.measured.get("iou", ()), np.float64),
+        settled=message.settled,
     )
 
 

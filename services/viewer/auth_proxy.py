@@ -1,7 +1,8 @@
-"""A proxy in front of the page's server: a browser that gives the token gets in, and then has a cookie.
+"""A proxy in front of the page's servers: browsers see one address, and need its token if it has one.
 
-It forwards bytes and reads only the first request of each connection. It makes the server close the
-connection after each answer, so that there is no second request; a websocket may stay open.
+A browser that gives the token gets in, and then has a cookie. The proxy forwards bytes and reads only the
+first request of each connection. It makes the server close the connection after each answer, so that there
+is no second request; a websocket may stay open.
 """
 
 import asyncio
@@ -10,13 +11,14 @@ import hashlib
 import hmac
 import logging
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Self
 from urllib.parse import parse_qs, urlsplit
 
 from services.mocap.errors import UserError
-from services.viewer.address import Address
+from services.viewer.address import LOOPBACK, Address
 
 MOST_HEAD_BYTES = 32768
 
@@ -99,10 +101,13 @@ _FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><title>xormocap<
 class AuthProxy:
     """Listens at an address for browsers, in a thread of its own; a context manager."""
 
-    def __init__(self, address: Address, token: str, server_port: int) -> None:
-        """server_port: the page's server on loopback. Raises UserError if the address cannot be used."""
-        self._token, self._server_port = token, server_port
-        self._pass = hashlib.sha256(b"xormocap page " + token.encode()).hexdigest()
+    def __init__(self, address: Address, token: str | None, port_for: Callable[[Head], int]) -> None:
+        """token: None lets everybody in. port_for: the server on loopback for a request.
+
+        Raises UserError if the address cannot be used.
+        """
+        self._token, self._port_for = token, port_for
+        self._pass = hashlib.sha256(b"xormocap page " + (token or "").encode()).hexdigest()
         """The cookie's value, from which the token cannot be derived."""
         self._connections = 0
         self._loop = asyncio.new_event_loop()
@@ -112,9 +117,7 @@ class AuthProxy:
         except OSError as error:
             self._loop.close()
             where = f"{address.host}:{address.port}"
-            raise UserError(
-                f"--bind {where}: cannot listen there ({error.strerror}): choose another"
-            ) from None
+            raise UserError(f"{where}: cannot listen there ({error.strerror}): choose another port") from None
         self.port: int = self._listener.sockets[0].getsockname()[1]
         self._thread = threading.Thread(target=self._loop.run_forever, name="proxy", daemon=True)
         self._thread.start()
@@ -135,15 +138,15 @@ class AuthProxy:
     async def _admit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         text = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_S)
         head = Head.of(text)
+        if self._token is None:
+            await self._let_in(head, reader, writer)
+            return
         given = parse_qs(urlsplit(head.target).query).get("token", [""])[-1]
         if given and hmac.compare_digest(given.encode(), self._token.encode()):
             cookie = f"Set-Cookie: {self._cookie}={self._pass}; Path=/; HttpOnly; SameSite=Strict\r\n"
             await _answer(writer, "303 See Other", "", f"Location: /\r\n{cookie}")
         elif hmac.compare_digest(head.cookies.get(self._cookie, "").encode(), self._pass.encode()):
-            if head.is_from_elsewhere:
-                await _answer(writer, "403 Forbidden", "")
-            else:
-                await self._pass_on(head.alone(), reader, writer)
+            await self._let_in(head, reader, writer)
         else:
             if given:
                 log.warning("a browser gave a wrong token")
@@ -151,16 +154,22 @@ class AuthProxy:
             words = "This token is wrong." if given else "Enter the token; it is in the viewer's log."
             await _answer(writer, "401 Unauthorized", _FORM.format(words=words))
 
+    async def _let_in(self, head: Head, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if head.is_from_elsewhere:
+            await _answer(writer, "403 Forbidden", "")
+        else:
+            await self._pass_on(head, reader, writer)
+
     @property
     def _cookie(self) -> str:
         """The cookie's name, with the port: browsers share cookies between ports."""
         return f"xormocap-{self.port}"
 
-    async def _pass_on(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _pass_on(self, head: Head, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Connect a browser with the server until one of them closes the connection."""
-        from_server, to_server = await asyncio.open_connection("127.0.0.1", self._server_port)
+        from_server, to_server = await asyncio.open_connection(LOOPBACK, self._port_for(head))
         try:
-            to_server.write(head)
+            to_server.write(head.alone())
             ways = [_copy(reader, to_server), _copy(from_server, writer)]
             tasks = [asyncio.ensure_future(way) for way in ways]
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -23,6 +23,9 @@ class FinishedFrames:
         unknown = np.full(len(self.frames), np.nan)
         columns = [known.get(row.name, {}).get(label, unknown) for row in ON_PAGE for label in row.labels]
         self._numbers = np.column_stack(columns).astype(np.float64)
+        iou = list(known.get("iou", {}).values())
+        self._iou = np.array(iou, np.float64).reshape(len(iou), len(self.frames)).T
+        """(N, C)"""
 
     def solved(self, frame: int) -> SolvedFrame | None:
         """A frame; None for one that was not tracked."""
@@ -30,7 +33,11 @@ class FinishedFrames:
             return None
         row = frame - self.frames.start
         return SolvedFrame(
-            frame, float(self._tracked.times_s[row]), self._tracked.poses[row], self._numbers[row]
+            frame=frame,
+            time_s=float(self._tracked.times_s[row]),
+            pose=self._tracked.poses[row],
+            numbers=self._numbers[row],
+            iou=self._iou[row],
         )
 
 

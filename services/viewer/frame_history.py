@@ -2,13 +2,14 @@
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
 
 import numpy as np
 
 from services.blob_store import keep_latest
-from services.mocap.take.marks import DISTRUSTED
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.take.marks import DISTRUSTED, PARTS
 from services.mocap.take.quantities import QUANTITIES
 from services.mocap.types import Floats, Ints, Mask
 from services.viewer.metrics import FRAMES
@@ -36,6 +37,10 @@ class SolvedFrame:
     """(K,) of each label of each quantity ON_PAGE, in their order; NaN where it is not known."""
     arrived_s: float = np.nan
     """When the viewer received it (time.monotonic); NaN for finished takes."""
+    settled: bool = False
+    """Whether it was solved again with the frames after it, and replaces an earlier solution."""
+    iou: Floats = field(default_factory=lambda: np.zeros(0))
+    """(C,) intersection over union of body and silhouette by camera; empty where it is not known."""
 
     def of(self, quantity: str) -> Floats:
         """A quantity's numbers (k,), one for each of its labels."""
@@ -59,6 +64,8 @@ class Stretch:
     frames: Ints
     numbers: Floats
     """(N, K) as SolvedFrame has them."""
+    poses: Floats
+    """(N, D) as SolvedFrame has them."""
 
     def of(self, quantity: str) -> Floats:
         """A quantity (N, k), a column for each of its labels."""
@@ -74,7 +81,7 @@ class Overview:
     energy_px: Floats
     """(B,) the largest energy; 0 if unknown."""
     distrusted: Mask
-    """(B,) bins with a frame that has an unreliable part."""
+    """(B, 6) bins with a frame in which a part is unreliable, by part."""
 
 
 class Older(Protocol):
@@ -108,7 +115,11 @@ class FrameHistory:
         self._latest: dict[int, SolvedFrame] = {}
         self._fetched: OrderedDict[int, SolvedFrame] = OrderedDict()
         bins = min(_MOST_BINS, max(len(self.extent), 1))
-        self._overview = Overview(np.zeros(bins, bool), np.zeros(bins), np.zeros(bins, bool))
+        self._overview = Overview(np.zeros(bins, bool), np.zeros(bins), np.zeros((bins, len(PARTS)), bool))
+        self._doubtful: Mask = np.zeros(len(frames), bool)
+        """Of each frame of the range, also of those that have left memory: one byte a frame."""
+        self.version = 0
+        """Incremented by every frame that is learnt of."""
         self._lock = threading.Lock()
         self.newest: int | None = None
         """The last solved frame."""
@@ -136,13 +147,33 @@ class FrameHistory:
         while solved.frame not in self.extent:  # twice as many frames, two bins becoming one
             self.extent = range(self.extent.start, self.extent.start + 2 * len(self.extent))
             for bins in vars(self._overview).values():
-                half = bins.reshape(-1, 2).max(axis=1)
+                half = bins.reshape(-1, 2, *bins.shape[1:]).max(axis=1)
                 bins[: len(half)], bins[len(half) :] = half, 0
         overview = self._overview
-        at = (solved.frame - self.extent.start) * len(overview.known) // len(self.extent)
+        at, before = (
+            (frame - self.extent.start) * len(overview.known) // len(self.extent)
+            for frame in (solved.frame, solved.frame - 1)
+        )
+        if solved.settled and at != before:  # settled frames come in order, and replace the first ones
+            overview.energy_px[at], overview.distrusted[at] = 0.0, False
         overview.known[at] = True
         overview.energy_px[at] = max(overview.energy_px[at], solved.energy_px)
-        overview.distrusted[at] |= bool(solved.distrusted.any())
+        overview.distrusted[at] |= solved.distrusted
+        self._doubtful[solved.frame - self.frames.start] = solved.distrusted.any()
+        self.version += 1
+
+    def doubtful_beside(self, frame: int, way: Literal[-1, 1], by_stretch: bool = False) -> int | None:
+        """The next (1) or previous (-1) doubtful frame; None if there is none.
+
+        by_stretch: the first frame of the next or previous stretch of doubtful frames.
+        """
+        with self._lock:
+            wanted = self._doubtful.copy()
+        if by_stretch:
+            wanted[1:] &= ~self._doubtful[:-1]
+        found = np.flatnonzero(wanted) + self.frames.start
+        beside = found[found > frame][:1] if way > 0 else found[found < frame][-1:]
+        return int(beside[0]) if len(beside) else None
 
     def solved(self, frame: int) -> SolvedFrame | None:
         """A frame; None where it is not known (yet): one that left memory is asked for by that."""
@@ -185,12 +216,14 @@ class FrameHistory:
             first -= 1
         return range(first, end) if first < end else None
 
-    def stretch(self, start: int, stop: int) -> Stretch:
-        """The available frames from start up to but not including stop."""
-        frames = range(max(start, self.frames.start), min(stop, self.frames.stop))
-        known = [solved for solved in map(self._at_hand, frames) if solved is not None]
+    def sampled(self, most: int) -> Stretch:
+        """Frames in memory, at equal distances over the extent, at most this many."""
+        step = -(-len(self.extent) // most)
+        with self._lock:
+            known = [self._latest[frame] for frame in self.extent[::step] if frame in self._latest]
         numbers = np.array([solved.numbers for solved in known]).reshape(len(known), len(_COLUMNS))
-        return Stretch(np.array([solved.frame for solved in known], np.int32), numbers)
+        poses = np.array([solved.pose for solved in known]).reshape(len(known), N_DOF)
+        return Stretch(np.array([solved.frame for solved in known], np.int32), numbers, poses)
 
     def overview(self) -> Overview:
         """The whole take, in at most 600 bins."""

@@ -3,13 +3,13 @@
 import time
 from dataclasses import replace
 
-import viser
+import numpy as np
 
+from services.viewer.channel import Channel
 from services.viewer.controls import Controls
 from services.viewer.frame_history import SolvedFrame
-from services.viewer.markup import camera_grid, notice
 from services.viewer.show import Show
-from services.viewer.tiles import Look
+from services.viewer.tiles import Look, Tile
 
 _SMOOTH = 0.5
 """Weight of the last answer in the running estimate of a connection."""
@@ -64,7 +64,6 @@ class Connection:
         return None if self._seconds_per_byte is None else n_bytes * self._seconds_per_byte
 
 
-_PANEL_WIDTH_PX = 540
 _WIDTHS = (1.0, 0.75, 0.5, 0.375)
 """Smallest tile size for slow connections, relative to the wanted size."""
 _FIRST_WIDTH = 0.5
@@ -75,8 +74,8 @@ _ANSWER_S = 0.25
 class CameraGrid:
     """One browser's; `draw` sends it, in the thread of its page."""
 
-    def __init__(self, gui: viser.GuiApi, show: Show, pacing: SendPacing) -> None:
-        self._show, self.pacing = show, pacing
+    def __init__(self, channel: Channel, show: Show, pacing: SendPacing) -> None:
+        self._channel, self._show, self.pacing = channel, show, pacing
         self.connection = Connection()
         self.sent_bytes = 0
         """The state of the last sent grid."""
@@ -84,20 +83,6 @@ class CameraGrid:
         self._drawn: tuple[int, Look] | None = None
         self._told = -1
         """The user's choices when it was last drawn."""
-        self._html = self._panel(gui)
-
-    def _panel(self, gui: viser.GuiApi) -> viser.GuiHtmlHandle | None:
-        show = self._show
-        if show.artist is None and not show.remark:
-            return None
-        panel = gui.add_panel()
-        with panel.add_tab("Cameras", viser.Icon.CAMERA):
-            html = gui.add_html(notice(show.remark) if show.remark else "")
-            if show.artist is None:
-                return None
-        panel.dock_left()
-        panel.set_width(_PANEL_WIDTH_PX)
-        return html
 
     @property
     def frame(self) -> int | None:
@@ -109,7 +94,7 @@ class CameraGrid:
         look = controls.look
         stands = self._drawn == (solved.frame, look)
         is_followed = controls.player.is_live and not self._show.history.is_over  # another frame comes soon
-        if self._show.artist is None or self._html is None:
+        if self._show.artist is None:
             return False
         if stands and (self._share == 1.0 or is_followed):
             return False
@@ -124,7 +109,7 @@ class CameraGrid:
     def draw(self, solved: SolvedFrame, controls: Controls) -> bool:
         """Send it, if it is due; True when it was."""
         artist, look = self._show.artist, controls.look
-        if artist is None or self._html is None or not self.is_due(solved, controls):
+        if artist is None or not self.is_due(solved, controls):
             return False
         stands = self._drawn == (solved.frame, look)
         likely_s = self.connection.seconds_for(self._whole_bytes)
@@ -137,8 +122,22 @@ class CameraGrid:
         tiles = artist.draw(solved, replace(look, tile_width_px=round(self._share * look.tile_width_px)))
         self.sent_bytes = sum(len(tile.jpeg) for tile in tiles)
         self._whole_bytes = round(self.sent_bytes / self._share**2)
-        self._html.content = camera_grid(
-            tiles, self._show.camera_names, solved.frame, square=look.part is not None
+        self._channel.send(
+            "grid",
+            [tile.jpeg for tile in tiles],
+            frame=solved.frame,
+            tiles=[self._words(tile, solved) for tile in tiles],
         )
         self._drawn, self._told = (solved.frame, look), controls.version
         return True
+
+    def _words(self, tile: Tile, solved: SolvedFrame) -> dict[str, object]:
+        """What stands on a tile."""
+        iou = solved.iou[tile.camera] if tile.camera < len(solved.iou) else np.nan
+        return {
+            "camera": tile.camera,
+            "name": self._show.camera_names[tile.camera],
+            "differing_px": tile.differing_px,
+            "is_known": tile.is_known,
+            "iou": float(iou) if np.isfinite(iou) else None,
+        }

@@ -35,7 +35,7 @@ def proxy(monkeypatch: pytest.MonkeyPatch) -> Iterator[AuthProxy]:
     monkeypatch.setattr(auth_proxy, "_WRONG_S", 0.05)
     with ThreadingHTTPServer(("127.0.0.1", 0), _Page) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        with AuthProxy(Address.of("127.0.0.1:0"), TOKEN, server.server_port) as running:
+        with AuthProxy(Address.of("127.0.0.1:0"), TOKEN, lambda _: server.server_port) as running:
             yield running
         server.shutdown()
 
@@ -80,6 +80,16 @@ def test_the_cookie_opens_and_stays_outside(proxy: AuthProxy) -> None:
     assert _get(proxy, "/", Cookie="")[0] == 401
 
 
+def test_without_a_token_everybody_gets_in_but_other_sites_websockets() -> None:
+    with ThreadingHTTPServer(("127.0.0.1", 0), _Page) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        with AuthProxy(Address.of("127.0.0.1:0"), None, lambda _: server.server_port) as proxy:
+            assert _get(proxy, "/a")[:2] == (200, "/a cookie=None")
+            asks = {"Upgrade": "websocket", "Connection": "Upgrade", "Origin": "http://evil.example"}
+            assert _get(proxy, "/a", **asks)[0] == 403
+        server.shutdown()
+
+
 def test_every_request_is_looked_at(proxy: AuthProxy) -> None:
     """A second request on a connection that was let in gets no answer: there is one a connection."""
     request = f"GET /{{}} HTTP/1.1\r\nHost: here\r\nCookie: {_cookie(proxy)}\r\n\r\n"
@@ -118,7 +128,7 @@ def test_endless_heads_are_refused(proxy: AuthProxy) -> None:
 
 def test_a_port_that_is_taken_is_said(proxy: AuthProxy) -> None:
     with pytest.raises(UserError, match="cannot listen there"):
-        AuthProxy(Address("127.0.0.1", proxy.port), TOKEN, 1)
+        AuthProxy(Address("127.0.0.1", proxy.port), TOKEN, lambda _: 1)
 
 
 def test_a_head_is_passed_on_as_it_came() -> None:

@@ -1,63 +1,74 @@
-"""The player: live, playing, standing."""
+"""What a user does changes what is shown."""
 
+import queue
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
-from services.viewer.controls import Player
-from services.viewer.frame_history import FrameHistory, SolvedFrame
+from services.commands.view import finished_show
+from services.viewer.actions import ACTIONS, Action
+from services.viewer.controls import Controls
 
 
 @pytest.fixture
-def history(solved: Callable[..., SolvedFrame]) -> FrameHistory:
-    history = FrameHistory(range(5, 100))
-    for frame in range(5, 30):
-        history.put(solved(frame))
-    return history
+def act(result: Path) -> Callable[[str], Controls]:
+    """`act('{"do": "step", "frames": 1}')`: the controls after an action as a browser sends it."""
+    actions: queue.Queue[Action] = queue.Queue()
+    controls = Controls(actions, finished_show(result, None))
+
+    def do(text: str) -> Controls:
+        actions.put(ACTIONS.validate_json(text))
+        controls.perform(0.0)
+        return controls
+
+    return do
 
 
-def test_live_shows_the_newest(history: FrameHistory, solved: Callable[..., SolvedFrame]) -> None:
-    player = Player(history, 25, 5, is_live=True)
-    assert player.advance(0.01) == 29
-    history.put(solved(33))
-    assert player.advance(0.01) == 33
+def test_transport(act: Callable[[str], Controls]) -> None:
+    assert act('{"do": "seek", "frame": 7}').player.frame == 7
+    assert act('{"do": "seek", "frame": 700}').player.frame == 23
+    assert act('{"do": "seek", "frame": -1}').player.frame == 0
+    assert act('{"do": "play"}').player.is_playing is False, "finished results play at first"
+    assert act('{"do": "play"}').player.is_playing is True
+    assert act('{"do": "step", "frames": 3}').player.frame == 3
+    assert act('{"do": "speed", "factor": 0.25}').player.speed == 0.25
 
 
-def test_playing_goes_at_the_recordings_pace(history: FrameHistory) -> None:
-    player = Player(history, 25, 5, is_live=False, is_playing=True)
-    frames = [player.advance(0.03) for _ in range(20)]  # 0.6 s, 15 frames
-    assert frames[-1] == 5 + 15 or frames[-1] == 5 + 14
-    assert frames == sorted(frames)
+def test_tiles(act: Callable[[str], Controls]) -> None:
+    look = act('{"do": "show", "content": "difference", "part": "head", "cameras": [5, 1, 99]}').look
+    assert (look.content, look.part, look.cameras) == ("difference", "head", (1, 5))
+    large = act('{"do": "enlarge", "camera": 6}').look
+    assert large.cameras == (6,) and large.tile_width_px > look.tile_width_px
+    assert act('{"do": "enlarge", "camera": 99}').look.cameras == (1, 5)
+    act('{"do": "enlarge", "camera": 6}')
+    assert act('{"do": "enlarge", "camera": null}').look == look
 
 
-@pytest.mark.parametrize(("speed", "frame"), [(0.25, 7), (0.5, 10), (2.0, 25), (4.0, 29)])
-def test_speed(history: FrameHistory, speed: float, frame: int) -> None:
-    player = Player(history, 25, 5, is_live=False, is_playing=True, speed=speed)
-    assert player.advance(0.4 + 1e-9) == frame
+def test_room_and_charts(act: Callable[[str], Controls]) -> None:
+    controls = act('{"do": "room", "frusta": false, "trails": true, "follow": true}')
+    assert (controls.room.frusta, controls.room.trails, controls.room.follow) == (False, True, True)
+    controls.framing = None
+    framing = act('{"do": "frame", "what": "actor"}').framing
+    assert framing is not None and framing.what == "actor"
+    assert act('{"do": "charts", "titles": ["Confidence"]}').charts == ("Confidence",)
 
 
-def test_playing_waits_for_frames_to_come_and_begins_anew_when_all_is_over(history: FrameHistory) -> None:
-    player = Player(history, 25, 28, is_live=False, is_playing=True)
-    assert player.advance(1) == 29
-    history.is_over = True
-    assert player.advance(1) == 5
-
-
-def test_whoever_scrubs_is_not_live_any_more(history: FrameHistory) -> None:
-    player = Player(history, 25, 5, is_live=True)
-    player.seek(12)
-    assert player.advance(1) == 12
-    player.step(-1)
-    assert player.advance(1) == 11
-    player.step(-100)
-    assert player.advance(1) == 5
-    player.step(100)
-    assert player.advance(1) == 29
-    player.seek(12)
-    player.go_live()
-    assert player.advance(0) == 29
-
-
-def test_nothing_is_known_yet() -> None:
-    player = Player(FrameHistory(range(10)), 25, 0, is_live=True)
-    assert player.advance(1) == 0
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"do": "explode"}',
+        '{"do": "seek", "frame": 1.5}',
+        '{"do": "speed", "factor": 0}',
+        '{"do": "speed", "factor": 1e999}',
+        '{"do": "show", "content": "secrets", "part": null, "cameras": []}',
+        '{"do": "charts", "titles": ["a", "b", "c"]}',
+        '{"do": "play", "on": true, "else": 1}',
+    ],
+)
+def test_what_no_page_sends_is_refused(text: str) -> None:
+    with pytest.raises(ValidationError):
+        ACTIONS.validate_json(text)

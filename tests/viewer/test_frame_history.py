@@ -1,9 +1,11 @@
 """The history: a ring that does not grow, gaps, what has left it, and the whole take at a glance."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from services.mocap.take.marks import PARTS
 from services.viewer.frame_history import FrameHistory, SolvedFrame
 
 Make = Callable[..., SolvedFrame]
@@ -72,12 +74,14 @@ def test_older_frames_may_be_at_hand(solved: Make) -> None:
     for frame in range(20, 50):
         history.put(solved(frame))
     assert not history.overview().known[1] and not history.overview().distrusted.any()
-    assert history.stretch(2, 8).frames.tolist() == [3, 4]
-    assert shelf.asked == [], "curves do not ask for what is not at hand"
+    assert history.sampled(1000).frames.tolist() == list(range(40, 50))
+    assert shelf.asked == [], "curves do not ask for what is not in memory"
     found = history.solved(3)
     assert found is not None and found.energy_px == 103
-    assert history.overview().known[1] and history.overview().distrusted[2]
-    assert history.stretch(38, 42).frames.tolist() == [40, 41]
+    assert history.overview().known[1] and history.doubtful_beside(0, 1) is None
+    assert history.solved(4) is not None
+    assert history.overview().distrusted[2].tolist() == [False, True, False, False, False, False]
+    assert history.doubtful_beside(0, 1) == 4
 
 
 def test_why_a_frame_is_missing_is_said(solved: Make) -> None:
@@ -108,14 +112,17 @@ def test_gaps_are_found_the_latest_first(solved: Make) -> None:
     assert history.last_gap() == range(50, 99)  # no more than the ring could hold
 
 
-def test_a_stretch_has_known_frames_only(solved: Make) -> None:
+def test_curves_have_known_frames_only_and_no_more_than_they_want(solved: Make) -> None:
     history = FrameHistory(range(10, 100))
-    for frame in (10, 11, 14):
+    for frame in (10, 11, 14, 16):
         history.put(solved(frame))
-    stretch = history.stretch(-5, 50)
-    assert stretch.frames.tolist() == [10, 11, 14]
-    assert stretch.of("energy_px")[:, 0].tolist() == [110, 111, 114]
-    assert history.stretch(80, 20).frames.size == 0
+    known = history.sampled(90)
+    assert known.frames.tolist() == [10, 11, 14, 16]
+    assert known.of("energy_px")[:, 0].tolist() == [110, 111, 114, 116]
+    np.testing.assert_allclose(known.poses[:, 0], [0.010, 0.011, 0.014, 0.016])
+    assert history.sampled(30).frames.tolist() == [10, 16], "every third"
+    empty = FrameHistory(range(10)).sampled(5)
+    assert empty.frames.size == 0 and empty.of("energy_px").shape == (0, 1)
 
 
 def test_the_overview_tells_of_the_whole_take_in_bins(solved: Make) -> None:
@@ -125,8 +132,19 @@ def test_the_overview_tells_of_the_whole_take_in_bins(solved: Make) -> None:
     overview = history.overview()
     assert len(overview.known) == 600
     assert overview.known.sum() == 300
-    assert np.flatnonzero(overview.distrusted).tolist() == [123]
+    assert np.argwhere(overview.distrusted).tolist() == [[123, 1]]
     assert overview.energy_px[123] == 100 + 1239
+
+
+def test_settled_frames_replace_what_the_overview_tells_of_the_first_ones(solved: Make) -> None:
+    history = FrameHistory(range(1200))
+    for frame in range(8):
+        history.put(solved(frame, distrusted=("left_arm",)))
+    for frame in range(6):
+        history.put(replace(solved(frame, distrusted=("right_leg",) if frame == 2 else ()), settled=True))
+    overview = history.overview()
+    assert np.argwhere(overview.distrusted).tolist() == [[1, PARTS.index("right_leg")], [3, 2]]
+    assert [history.doubtful_beside(frame, 1) for frame in (0, 2, 6)] == [2, 6, 7]
 
 
 def test_the_timeline_of_an_open_take_grows_with_it(solved: Make) -> None:

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, Request, ViewportSize
+from playwright.sync_api import Browser, FloatRect, Page, Request, ViewportSize
 
 from playback import Playback
 from services.mocap.take.folder import Take
@@ -55,15 +55,23 @@ def _frames(page: Page) -> list[int]:
 
 
 def _body(page: Page) -> Bytes:
-    """What the 3D scene shows."""
-    png = page.screenshot(clip={"x": 550, "y": 200, "width": 320, "height": 500})  # between the panels
+    """What the 3D scene shows in its middle."""
+    box = page.locator("#scene").bounding_box()
+    assert box is not None
+    x, y, width, height = box["x"], box["y"], box["width"], box["height"]
+    middle: FloatRect = {"x": x + width / 4, "y": y + height / 5, "width": width / 2, "height": 0.6 * height}
+    png = page.screenshot(clip=middle)
     return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), np.uint8)
 
 
-def _cursor(page: Page) -> float:
-    """Where the timeline's cursor stands, 0 to 1."""
-    bins = float(str(page.locator("#timeline").get_attribute("viewBox")).split()[2])
-    return float(str(page.locator("#timeline line").get_attribute("x1"))) / bins
+def _frame(page: Page) -> int:
+    """The shown frame, as the timeline says it."""
+    return int(page.locator("#timeline").get_attribute("aria-valuenow") or -1)
+
+
+def _moved(page: Page, before: Bytes) -> int:
+    """How many pixels of the 3D scene have changed."""
+    return int((np.abs(_body(page).astype(int) - before) > 30).any(axis=2).sum())
 
 
 def _until(condition: Callable[[], bool], what: str, timeout_s: float = 40) -> None:
@@ -71,12 +79,6 @@ def _until(condition: Callable[[], bool], what: str, timeout_s: float = 40) -> N
     while not condition():
         assert time.monotonic() < deadline_s, what
         time.sleep(0.2)
-
-
-def _choose(page: Page, now: str, then: str) -> None:
-    """Choose an option of a dropdown by the one that it shows."""
-    page.locator(f"input[value='{now}']").first.click()
-    page.get_by_role("option", name=then, exact=True).click()
 
 
 def test_live(
@@ -98,13 +100,14 @@ def test_live(
     _until(lambda: min(_frames(page)) > began[0], "the pictures stand still")
     are_drawn = "images => images.length == 8 && images.every(i => i.naturalWidth >= 120)"
     _until(lambda: bool(page.eval_on_selector_all("#cameras img", are_drawn)), "some picture is not drawn")
-    _until(lambda: (np.abs(_body(page).astype(int) - body) > 30).sum() > 200, "the body stands still")
+    _until(lambda: _moved(page, body) > 60, "the body stands still")
     assert page.get_by_text("frames per second").count() > 0
+    assert page.locator("#live").is_checked()
     page.screenshot(path=screenshots / "live.png")
     other = chromium.new_page(viewport=_SIZE)
     _open(other, free_port)
     other.bring_to_front()
-    other.get_by_role("slider").first.press("Home")
+    other.keyboard.press("Home")
     _until(lambda: _frames(other) == [0] * 8, "another browser cannot go back")
     _until(lambda: min(_frames(page)) > began[0] + 10, "the first browser went along with the other")
     other.close()
@@ -115,31 +118,126 @@ def test_live(
     _until(lambda: len(seen := _frames(page)) == 8 and min(seen) > before, "the page does not come back", 90)
 
 
-def test_results(result: Path, start_viewer: Start, free_port: int, page: Page, screenshots: Path) -> None:
-    """Scrubbing moves all views together; differences are counted; windows are cut out."""
-    start_viewer(result, "--port", free_port, module=("services.cli", "view"))
+@pytest.fixture
+def doubtful(result: Path) -> Path:
+    """Results in which the left arm is doubtful in frames 5 to 7, the head in 15; cam03 is the worst."""
+    table = result / "poses.csv"
+    rows = [line.split(",") for line in table.read_text().splitlines()]
+    marks = {5: "left_arm", 6: "left_arm", 7: "left_arm", 15: "head"}
+    parts = ("torso", "head", "left_arm", "right_arm", "left_leg", "right_leg")
+    rows[0] += ["distrusted", *(f"confidence_{part}" for part in parts)]
+    for n, row in enumerate(rows[1:]):
+        row += [marks.get(n, ""), *("0.1" if marks.get(n) == part else "0.99" for part in parts)]
+    table.write_text("\n".join(",".join(row) for row in rows) + "\n")
+    ious = [f"iou_cam{c:02}" for c in range(1, 9)]
+    energies = ["frame," + ",".join([*(f"energy_{part}_px" for part in parts), *ious])]
+    for n in range(24):
+        values = [0.6 if name == "iou_cam03" else 0.93 for name in ious]
+        energies.append(",".join(map(str, [n, *[100] * 6, *values])))
+    (result / "energies.csv").write_text("\n".join(energies) + "\n")
+    return result
+
+
+def test_results(doubtful: Path, start_viewer: Start, free_port: int, page: Page, screenshots: Path) -> None:
+    """Keys and clicks move all views together; doubts are named; tiles are judged, counted and enlarged."""
+    start_viewer(doubtful, "--port", free_port, module=("services.cli", "view"))
     _open(page, free_port)
+    assert page.title() == "walk · xormocap"
+    assert page.locator("#doubts").inner_text().startswith("Doubtful: head in 1 (frames 15); left arm in 3")
     page.get_by_role("button", name="pause", exact=True).click()
-    slider = page.get_by_role("slider").first
-    seen: list[tuple[Bytes, float]] = []
-    for key, frame in (("Home", 0), ("End", 23)):
-        slider.press(key)
-        words = page.get_by_text(re.compile(rf"^{frame} of 23,"))
+    body: dict[int, Bytes] = {}
+    for key, frame in (("Home", 0), ("ArrowRight", 1), ("End", 23), ("ArrowLeft", 22)):
+        page.keyboard.press(key)
+        words = page.get_by_text(re.compile(rf"^frame {frame} of 23,"))
         _until(lambda: _frames(page) == [frame] * 8, f"the pictures do not show frame {frame}")  # noqa: B023
         _until(lambda: words.count() == 1, f"the words do not say {frame}")  # noqa: B023
         time.sleep(1.0)  # the 3D scene is drawn when the browser likes
-        seen.append((_body(page), _cursor(page)))
-        page.screenshot(path=screenshots / f"scrubbed-{frame}.png")
-    (before, at_begin), (after, at_end) = seen
-    assert (at_begin, at_end) == (pytest.approx(0.5 / 24, abs=0.01), pytest.approx(23.5 / 24, abs=0.01))
-    assert (np.abs(before.astype(int) - after) > 30).sum() > 500
-    _choose(page, "pictures", "difference")
+        body[frame] = _body(page)
+        page.screenshot(path=screenshots / f"frame-{frame}.png")
+    assert (np.abs(body[0].astype(int) - body[23]) > 30).any(axis=2).sum() > 100
+    page.keyboard.press("Home")
+    for key, frame in (("n", 5), ("n", 6), ("Shift+N", 15), ("p", 7), ("Shift+P", 5)):
+        page.keyboard.press(key)
+        _until(lambda: _frame(page) == frame, f"{key} does not lead to frame {frame}")  # noqa: B023
+        _until(lambda: _is_named_doubtful(page, frame), f"frame {frame} is not named")  # noqa: B023
+    assert page.locator("#timeline").get_attribute("data-doubtful") == "head, left arm"
+    assert page.locator(".chart canvas").first.get_attribute("data-shaded") == "4"
+    worst = page.locator(".tile.worst")
+    assert worst.count() == 1 and worst.locator(".iou").inner_text() == "worst IoU 0.60"
+    _check_tiles(page, screenshots)
+
+
+def _is_named_doubtful(page: Page, frame: int) -> bool:
+    return page.locator("#frame-verdict").inner_text() == f"doubtful: {'head' if frame == 15 else 'left arm'}"
+
+
+def _check_tiles(page: Page, screenshots: Path) -> None:
+    """Enlarging by double click, counting differences, cutting out windows."""
+    page.locator(".tile").nth(4).dblclick()
+    _until(lambda: page.locator(".tile img").count() == 1, "the tile is not enlarged")
+    assert page.locator(".tile img").get_attribute("alt") == "cam05"
+    large = "images => images[0].naturalWidth >= 500 && images[0].clientWidth >= 400"
+    _until(lambda: bool(page.eval_on_selector_all("#cameras img", large)), "the enlarged tile is small")
+    page.screenshot(path=screenshots / "enlarged.png")
+    page.locator(".tile").dblclick()
+    _until(lambda: len(_frames(page)) == 8, "the enlarged tile does not go back")
+    page.locator("#content").select_option("difference")
     _until(lambda: page.get_by_text(re.compile(r"cam01 · \d+ px")).count() == 1, "no differences are counted")
-    page.screenshot(path=screenshots / "difference.png")
-    _choose(page, "whole pictures", "left arm's window")
+    assert page.get_by_text("model without actor").is_visible()
+    page.locator("#part").select_option("left_arm")
     square = "images => images.every(i => i.naturalWidth == i.naturalHeight)"
     _until(lambda: bool(page.eval_on_selector_all("#cameras img", square)), "no windows are shown")
     page.screenshot(path=screenshots / "windows.png")
+
+
+@pytest.mark.parametrize(("width", "height"), [(1600, 900), (1024, 700)])
+def test_the_3d_view_has_room_and_clicks_on_time_axes_choose_frames(
+    doubtful: Path,
+    start_viewer: Start,
+    free_port: int,
+    page: Page,
+    width: int,
+    height: int,
+) -> None:
+    page.set_viewport_size({"width": width, "height": height})
+    start_viewer(doubtful, "--port", free_port, module=("services.cli", "view"))
+    _open(page, free_port)
+    room, last = page.locator("#room").bounding_box(), page.locator(".chart").first.bounding_box()
+    assert room is not None and room["width"] > 0.5 * width and room["height"] > 0.45 * height
+    assert last is not None and last["width"] == width and last["y"] + last["height"] <= height
+    page.keyboard.press("Space")
+    for axis in ("#timeline", ".chart canvas >> nth=0"):
+        for frame in (15, 3):
+            _click_at(page, axis, frame)
+            _until(lambda: _frame(page) == frame, f"a click on {axis} does not lead to {frame}")  # noqa: B023
+    time.sleep(1.0)
+    all_in_view = _body(page)
+    page.get_by_role("button", name="frame actor").click()
+    _until(lambda: _moved(page, all_in_view) > 2000, "the actor does not fill the view")
+    page.get_by_label("follow actor").check()
+    time.sleep(2.0)
+    page.keyboard.press("End")
+    _until(lambda: _frames(page) == [23] * 8, "no last frame")
+    time.sleep(2.0)
+    assert _red_or_blue_share(page) > 0.5, "the actor has left the middle of the view"
+
+
+def _click_at(page: Page, selector: str, frame: int) -> None:
+    box = page.locator(selector).bounding_box()
+    assert box is not None
+    at = 84 + (frame + 0.5) / 24 * (box["width"] - 94)
+    page.mouse.click(box["x"] + at, box["y"] + box["height"] - 8)
+
+
+def _red_or_blue_share(page: Page) -> float:
+    """The share of the body's coloured pixels in the view's middle half among those of the whole view."""
+    box = page.locator("#scene").bounding_box()
+    assert box is not None
+    png = page.screenshot(clip={name: box[name] for name in ("x", "y", "width", "height")})  # type: ignore[misc]
+    picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    coloured = np.ptp(picture, axis=2) > 60
+    quarter = coloured.shape[1] // 4
+    return float(coloured[:, quarter:-quarter].sum() / max(coloured.sum(), 1))
 
 
 def test_beyond_this_machine_the_token_opens(

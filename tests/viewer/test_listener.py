@@ -80,7 +80,7 @@ def test_what_nobody_but_the_recorder_has_comes_from_its_journal_with_its_pictur
         solved = show.history.solved(20)
         assert solved is not None and show.artist is not None
         np.testing.assert_array_equal(solved.pose, playback.pose(20).pose)
-        assert show.history.stretch(0, 100).frames.tolist() == list(range(100))
+        assert all(show.history.solved(frame) is not None for frame in range(100))
         (tile,) = show.artist.draw(solved, Look("pictures", (3,), None))
         assert cv2.imdecode(np.frombuffer(tile.jpeg, np.uint8), cv2.IMREAD_COLOR).std() > 10
         store.close(remove=True)

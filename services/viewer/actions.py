@@ -1,0 +1,110 @@
+"""What a user does on the page, as the browser sends it."""
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+from services.mocap.take.marks import Part
+from services.viewer.tiles import Content
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Seen(_Frozen):
+    """The browser has taken in all messages up to a number."""
+
+    do: Literal["seen"]
+    number: int
+
+
+class Seek(_Frozen):
+    """Show a frame."""
+
+    do: Literal["seek"]
+    frame: int
+
+
+class Step(_Frozen):
+    """Go some frames on, or back."""
+
+    do: Literal["step"]
+    frames: int = Field(ge=-1000, le=1000)
+
+
+class SeekDoubtful(_Frozen):
+    """Go to the next or previous doubtful frame, or stretch of such frames."""
+
+    do: Literal["doubtful"]
+    way: Literal[-1, 1]
+    by_stretch: bool
+
+
+class Play(_Frozen):
+    """Play, or stay; without a value the other of the two."""
+
+    do: Literal["play"]
+    on: bool | None = None
+
+
+class Live(_Frozen):
+    """Follow the newest frame, or stay."""
+
+    do: Literal["live"]
+    on: bool
+
+
+class Speed(_Frozen):
+    """Play at another speed, relative to the recording."""
+
+    do: Literal["speed"]
+    factor: float = Field(gt=0, le=16)
+
+
+class Show(_Frozen):
+    """What the cameras' tiles show."""
+
+    do: Literal["show"]
+    content: Content
+    part: Part | None
+    """The part whose window is shown; None: whole pictures."""
+    cameras: tuple[int, ...]
+
+
+class Enlarge(_Frozen):
+    """Show one camera alone; None: all of those that were chosen."""
+
+    do: Literal["enlarge"]
+    camera: int | None
+
+
+class Room(_Frozen):
+    """What the 3D view shows besides the body."""
+
+    do: Literal["room"]
+    frusta: bool
+    trails: bool
+    follow: bool
+    """Whether the viewpoint moves with the actor."""
+
+
+class Frame(_Frozen):
+    """Put the viewpoint where the actor, or the actor and all cameras, fill the view."""
+
+    do: Literal["frame"]
+    what: Literal["actor", "all"]
+
+
+class Choose(_Frozen):
+    """The charts that are shown."""
+
+    do: Literal["charts"]
+    titles: tuple[str, ...] = Field(max_length=2)
+
+
+Action: TypeAlias = Annotated[
+    Seen | Seek | Step | SeekDoubtful | Play | Live | Speed | Show | Enlarge | Room | Frame | Choose,
+    Field(discriminator="do"),
+]
+ACTIONS: TypeAdapter[Action] = TypeAdapter(Action)

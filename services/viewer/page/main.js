@@ -1,0 +1,161 @@
+// The page: shows the server's messages, and tells it what the user does.
+
+import { drawCharts, offerCharts, setChart } from "./charts.js";
+import { bindKeys } from "./keys.js";
+import { connect, send } from "./link.js";
+import { enlarge, setTiles } from "./tiles.js";
+import { state } from "./time.js";
+import { drawTimeline, setOverview } from "./timeline.js";
+
+const by = (id) => document.getElementById(id);
+const LEVELS = { good: "good", "usable with gaps": "usable", "not usable": "unusable" };
+
+function notice(words) {
+  by("notice").textContent = words;
+  by("notice").hidden = !words;
+}
+
+function showTake(show) {
+  document.title = `${show.take} · xormocap`;
+  by("loading").hidden = true;
+  notice(show.remark);
+  showVerdict(show.verdict);
+  by("side").hidden = !show.has_tiles;
+  by("frusta-label").hidden = !show.has_tiles;
+  by("live-label").hidden = !show.is_live;
+  enlarge(null);
+  offer(by("content"), show.contents.map((name) => [name, name]), show.content);
+  const windows = show.parts.filter(({ name }) => name !== "torso");
+  offer(by("part"), [["", "whole pictures"], ...windows.map(({ name, words }) => [name, `${words}'s window`])], "");
+  by("camera-list").replaceChildren(...show.cameras.map(cameraBox));
+  by("legend").replaceChildren(...show.legend.map(legendItem));
+  by("differences").replaceChildren(...show.differences.map(legendItem));
+  by("differences").hidden = show.content !== "difference";
+  by("frusta").checked = true;
+  by("trails").checked = by("follow").checked = false;
+  by("speed").value = "1";
+  offerCharts(show.charts, show.chosen);
+}
+
+function showVerdict(verdict) {
+  by("verdict").hidden = verdict === null;
+  if (verdict === null) return;
+  by("verdict").className = LEVELS[verdict.level];
+  by("headline").textContent = verdict.headline;
+  by("doubts").textContent = verdict.doubts ? `Doubtful: ${verdict.doubts}.` : "";
+  by("causes").replaceChildren(...verdict.causes.map((words) => {
+    const item = document.createElement("li");
+    item.textContent = words;
+    return item;
+  }));
+  const [first = "", ...others] = verdict.causes;
+  by("first-cause").textContent = others.length ? `${first} (and ${others.length} more: click)` : first;
+}
+
+function offer(select, options, chosen) {
+  select.replaceChildren(...options.map(([value, words]) => new Option(words, value, false, value === chosen)));
+}
+
+function cameraBox(name, camera) {
+  const label = document.createElement("label");
+  const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
+  box.dataset.camera = camera;
+  box.onchange = sendTiles;
+  label.append(box, ` ${name}`);
+  return label;
+}
+
+function legendItem([rgb, words]) {
+  const item = document.createElement("span");
+  const dot = document.createElement("i");
+  dot.style.background = `rgb(${rgb})`;
+  item.append(dot, words);
+  return item;
+}
+
+function showFrame(fields) {
+  const isPlaying = fields.state === "playing";
+  state.shown = fields.frame;
+  notice("");
+  by("words").textContent =
+    `frame ${fields.frame}${fields.last === null ? "" : ` of ${fields.last}`}, ${fields.time_s.toFixed(2)} s, ${fields.state}`;
+  by("frame-verdict").textContent = fields.verdict ?? "";
+  by("frame-verdict").classList.toggle("doubtful", fields.distrusted.some(Boolean));
+  by("numbers").textContent = numbers(fields).join(" · ");
+  by("play").textContent = isPlaying ? "pause" : "play";
+  by("live").checked = fields.state === "live";
+  drawSoon();
+}
+
+let isDue = false;
+
+/** Draw everything with a time axis once before the browser next paints. */
+function drawSoon() {
+  if (isDue) return;
+  isDue = true;
+  requestAnimationFrame(() => {
+    isDue = false;
+    drawTimeline();
+    drawCharts();
+  });
+}
+
+function numbers({ energy_px, frames_per_s, behind_s }) {
+  const found = [];
+  if (energy_px !== null) found.push(`energy ${Math.round(energy_px)} px`);
+  if (frames_per_s !== null) found.push(`${frames_per_s.toFixed(1)} frames per second`);
+  if (behind_s !== null) found.push(`page ${behind_s.toFixed(2)} s behind`);
+  return found;
+}
+
+function sendTiles() {
+  const chosen = [...by("camera-list").querySelectorAll("input:checked")];
+  const cameras = chosen.map((box) => Number(box.dataset.camera));
+  by("differences").hidden = by("content").value !== "difference";
+  send({ do: "show", content: by("content").value, part: by("part").value || null, cameras });
+}
+
+function sendRoom() {
+  send({ do: "room", frusta: by("frusta").checked, trails: by("trails").checked, follow: by("follow").checked });
+}
+
+function fold() {
+  const isFolded = by("side").toggleAttribute("hidden");
+  by("unfold").hidden = !isFolded;
+}
+
+const actions = {
+  back: () => send({ do: "step", frames: -1 }),
+  on: () => send({ do: "step", frames: 1 }),
+  play: () => send({ do: "play" }),
+  "next-doubtful": (event) => send({ do: "doubtful", way: 1, by_stretch: event.shiftKey }),
+  "previous-doubtful": (event) => send({ do: "doubtful", way: -1, by_stretch: event.shiftKey }),
+  "frame-actor": () => send({ do: "frame", what: "actor" }),
+  "frame-all": () => send({ do: "frame", what: "all" }),
+  help: () => by("keys").showModal(),
+  fold,
+  unfold: fold,
+};
+for (const [id, act] of Object.entries(actions)) {
+  by(id).onclick = (event) => {
+    act(event);
+    by(id).blur(); // so that space does not press it again
+  };
+}
+for (const id of ["content", "part"]) by(id).onchange = () => { sendTiles(); by(id).blur(); };
+for (const id of ["frusta", "trails", "follow"]) by(id).onchange = () => { sendRoom(); by(id).blur(); };
+by("speed").onchange = () => { send({ do: "speed", factor: Number(by("speed").value) }); by("speed").blur(); };
+by("live").onchange = () => { send({ do: "live", on: by("live").checked }); by("live").blur(); };
+bindKeys(actions);
+addEventListener("resize", drawSoon);
+
+connect({
+  show: showTake,
+  frame: showFrame,
+  timeline: (fields, blobs) => { setOverview(fields, blobs); drawSoon(); },
+  chart: (fields, blobs) => { setChart(fields, blobs); drawSoon(); },
+  grid: setTiles,
+  missing: ({ words }) => notice(words),
+  notice: ({ words }) => { by("loading").hidden = true; notice(words); },
+  closed: () => notice("The connection to the viewer is interrupted; the page goes on once it answers again."),
+});

@@ -1,0 +1,96 @@
+"""What the page is told, in the fields of messages; numbers that are not known are null."""
+
+from typing import Any
+
+import numpy as np
+
+from services.mocap.export.tiles import BEYOND_BGR, MISSED_BGR
+from services.mocap.take.marks import PARTS
+from services.mocap.take.quantities import STAGES
+from services.mocap.verdict.verdict import frame_in_words, part_in_words
+from services.viewer.charts import Drawn
+from services.viewer.controls import Controls
+from services.viewer.frame_history import FrameHistory, SolvedFrame
+from services.viewer.player import Player
+from services.viewer.show import Show
+from services.viewer.stage import DISTRUSTED_RGB, rgb_of
+
+Message = tuple[list[bytes], dict[str, Any]]
+"""Blobs and fields."""
+
+
+def show_words(show: Show, charts: tuple[str, ...], controls: Controls) -> dict[str, Any]:
+    """A take, and what a user can choose."""
+    verdict, look = show.verdict, controls.look
+    return {
+        "take": show.take,
+        "fps": show.fps,
+        "is_live": show.is_live,
+        "remark": show.remark,
+        "cameras": list(show.camera_names),
+        "has_tiles": show.artist is not None,
+        "contents": ["pictures"] * show.has_pictures + ["silhouettes", "difference"],
+        "content": look.content,
+        "parts": [{"name": part, "words": part_in_words(part)} for part in PARTS],
+        "charts": list(charts),
+        "chosen": list(controls.charts),
+        "legend": [
+            (rgb_of("left_hand"), "left"),
+            (rgb_of("right_hand"), "right"),
+            (DISTRUSTED_RGB, "doubtful"),
+        ],
+        "differences": [
+            (MISSED_BGR[::-1], "actor without model"),
+            (BEYOND_BGR[::-1], "model without actor"),
+        ],
+        "verdict": None
+        if verdict is None
+        else {
+            "level": verdict.level,
+            "headline": verdict.headline,
+            "doubts": verdict.doubts_in_words,
+            "causes": [str(cause) for cause in verdict.causes],
+        },
+    }
+
+
+def frame_words(solved: SolvedFrame, player: Player, behind_s: float | None) -> dict[str, Any]:
+    """The shown frame."""
+    frames, extent = player.history.frames, player.history.extent
+    seconds = float(solved.of("seconds")[STAGES.index("frame")])
+    is_judged = not np.isnan(solved.of("confidence")).all() or solved.distrusted.any()
+    return {
+        "frame": solved.frame,
+        "last": extent[-1] if extent == frames else None,  # None: nobody knows how many will come
+        "time_s": solved.time_s,
+        "state": "live" if player.is_live else "playing" if player.is_playing else "standing",
+        "energy_px": _number(solved.energy_px),
+        "verdict": frame_in_words(solved.distrusted.tolist()) if is_judged else None,
+        "distrusted": solved.distrusted.tolist(),
+        "frames_per_s": 1 / seconds if np.isfinite(seconds) and seconds > 0 else None,
+        "behind_s": behind_s,
+    }
+
+
+def timeline_message(history: FrameHistory) -> Message:
+    """The whole take in B bins: known (B) and distrusted (B, 6) as bytes, the energy (B) as float32."""
+    overview, extent = history.overview(), history.extent
+    known, distrusted = overview.known.astype(np.uint8), overview.distrusted.astype(np.uint8)
+    blobs = [known.tobytes(), distrusted.tobytes(), overview.energy_px.astype("<f4").tobytes()]
+    return blobs, {"first": extent.start, "frames": len(extent)}
+
+
+def chart_message(drawn: Drawn) -> Message:
+    """Frames (N) as int32, doubtful (N) as bytes, and a blob of float32 (N) for each curve."""
+    curves = [column.astype("<f4").tobytes() for column in drawn.values.T]
+    blobs = [drawn.frames.astype("<i4").tobytes(), drawn.doubtful.astype(np.uint8).tobytes(), *curves]
+    most = float(drawn.chart.most)
+    return blobs, {
+        "title": drawn.chart.title,
+        "names": list(drawn.chart.names),
+        "most": most if np.isfinite(most) else None,
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
