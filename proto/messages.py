@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 9
+PROTOCOL_VERSION = 10
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
 MAX_TOLD = 200
@@ -34,6 +34,9 @@ _Number: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 _Text: TypeAlias = Annotated[str, Field(max_length=200)]
 Limb: TypeAlias = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 Part: TypeAlias = Literal["torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"]
+CoordinatorStage: TypeAlias = Literal[
+    "waiting for clients", "first frame", "tracking", "tracking back", "settling", "ended"
+]
 Share: TypeAlias = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Setting: TypeAlias = bool | _Whole | _Number | _Text | list[_Whole] | list[_Number]
 Memory: TypeAlias = Annotated[
@@ -287,6 +290,8 @@ class Pose(OfRun, type="pose"):
     """Live: time from the shutter to this message; else 0."""
     absent: Annotated[list[Count], Field(max_length=MAX_CAMERAS)] = Field(default_factory=list)
     """Live: cameras without a picture of this shot, which were not used, by their position from 0."""
+    settled: bool = False
+    """Whether the frame was solved again with the frames after it; replaces the frame's earlier pose."""
     pose: Annotated[NDArray[np.float64], Array("float64", ("D",))]
     """The body's D parameters, in metres and radians, in the z-up world."""
     steady: Annotated[NDArray[np.float64], Array("float64", ("k", "D"))] = Field(
@@ -296,7 +301,7 @@ class Pose(OfRun, type="pose"):
 
 
 class PoseRequest(Message, type="pose_request"):
-    """A recorder missed frames: send them again."""
+    """Send poses: a recorder has missed some, or a restarted coordinator needs those that a recorder has."""
 
     run: Run
     """The run whose frames these are."""
@@ -304,6 +309,8 @@ class PoseRequest(Message, type="pose_request"):
     """The first frame that is missing."""
     end_frame: Count
     """One past the last frame that is missing."""
+    settled: bool = False
+    """Whether the settled poses of these frames are missing, or the first ones."""
 
 
 class SilhouettesRequest(Message, type="silhouettes_request"):
@@ -324,6 +331,8 @@ class Recording(OfTake, type="recording"):
     """As in take_info; 1 if there is no run."""
     end_frame: Count
     """One past the last frame up to which it has all frames."""
+    settled_end: Count = 0
+    """One past the last frame up to which it has all settled poses as well."""
     retries: Count
     """As in the last of these poses; 0 if there are none."""
     worker_backends: Annotated[dict[Name, Count], Field(max_length=MAX_BACKENDS)]
@@ -341,12 +350,13 @@ class Telemetry(OfTake, type="telemetry"):
 
     run: Annotated[str, Field(pattern=r"^([0-9a-f]{32})?$")]
     """The run; empty while the coordinator waits for clients."""
-    stage: Literal["waiting for clients", "first frame", "tracking", "ended"]
+    stage: CoordinatorStage
     """What the coordinator is doing."""
     first_frame: Count
     """The first frame that is tracked."""
     next_frame: Count
-    """One past the last frame that was solved."""
+    """One past the last frame that was solved; settling: that was settled; tracking back: the frame that is
+    being solved."""
     end_frame: Count
     """As in take_info."""
     frames_ready: Count
@@ -387,6 +397,8 @@ class TakeEnd(OfRun, type="take_end"):
     """One past the last frame that was solved; equal to first_frame if there is none."""
     end_shot: Count = 0
     """Live: one past the last shot that belongs to a recording of the cameras; else 0."""
+    settled: bool = False
+    """Whether all these frames have a settled pose as well."""
 
 
 class LiveSilhouettes(OfRun, type="live_silhouettes"):

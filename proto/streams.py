@@ -49,14 +49,16 @@ class Stream:
 FROM_CLIENTS = Flow(
     (
         *("hello", "beat", "limb_result", "limb_refusal", "blob_request", "pose_request"),
-        *("silhouettes_request", "recording", "recorded"),
+        *("silhouettes_request", "recording", "recorded", "pose"),
     ),
     every_s=1.0,
     silence_s=10.0,
 )
 """An idle worker that is silent gets no task until it is heard again."""
 TO_CLIENTS = Flow(
-    ("beat", "limb_task", "blob", "take_info", "pose", "silhouettes", "take_end"), every_s=0.2, silence_s=60.0
+    ("beat", "limb_task", "blob", "take_info", "pose", "pose_request", "silhouettes", "take_end"),
+    every_s=0.2,
+    silence_s=60.0,
 )
 """The silence outlasts the coordinator's longest step between two looks, also with the slowest search on a
 busy machine. One that died, was stopped or is cut off libzmq's pings notice."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from services.mocap.body.actor import Actor as Actor
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import check_cost, open_engine
 from services.mocap.energy.settings import EngineSettings as EngineSettings
 from services.mocap.errors import UserError
@@ -23,12 +24,14 @@ from services.mocap.motion.settings import OutputSettings as OutputSettings
 from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result, write_tracked
+from services.mocap.search.both_ways import solve_both_ways
 from services.mocap.search.chains import values_to_bridge
-from services.mocap.search.first_frame import solve_first_frame
+from services.mocap.search.first_frame import FirstFrame, solve_first_frame
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.overrides import check_weights
 from services.mocap.search.settings import SearchSettings as SearchSettings
+from services.mocap.search.silhouette_spool import SilhouetteSpool
 from services.mocap.search.tracker import Tracker
 from services.mocap.take.actor_file import take_actor as take_actor
 from services.mocap.take.folder import Take
@@ -100,6 +103,9 @@ def track(
 ) -> Iterator[TrackedFrame]:
     """Find an actor's pose in each frame, in order; by default in all frames.
 
+    Frames come once all are solved, since they are tracked both ways; with SearchSettings(both_ways=False)
+    each comes as soon as it is solved.
+
     first_pose: (D,) of the first of these frames, where it is known; a fit knows those of its own frames.
     Raises UserError for frames that the take does not have, and settings or a segmenter that do not suit it
     or cannot run here. The first frame raises TakeError where nobody is to be seen in it.
@@ -135,15 +141,38 @@ def _tracked(
     trimaps_of_frames = segmenter.trimaps(numbers.start, numbers.stop)
     seen = (packed(trimaps, width_px, height_px) for trimaps in trimaps_of_frames)
     with open_engine(engine) as opened:
+        begun = next(seen)
         first = solve_first_frame(
-            next(seen), rig, actor, hints, lambda model, _: LocalLimbs(model), opened, search, first_pose,
+            begun, rig, actor, hints, lambda model, _: LocalLimbs(model), opened, search, first_pose,
             names,
         )  # fmt: skip
         with closing(first.model.backend):
-            yield TrackedFrame(numbers.start, numbers.start / fps, first.solution)
-            tracker = Tracker(first.model, search, LocalLimbs(first.model), first.solution.pose[None])
-            for number, planes in zip(numbers[1:], seen, strict=True):
-                yield TrackedFrame(number, number / fps, tracker.solve(planes))
+            if search.goes_both_ways:
+                solved = _both_ways(first, begun, seen, search)
+            else:
+                solved = _one_way(first, seen, search)
+            for number, solution in zip(numbers, solved, strict=True):
+                yield TrackedFrame(number, number / fps, solution)
+
+
+def _one_way(first: FirstFrame, seen: Iterable[TriPlanes], search: SearchSettings) -> Iterator[FrameSolution]:
+    """The solutions of the first frame and of those that follow, whose silhouettes are `seen` (P, H, W)."""
+    yield first.solution
+    tracker = Tracker(first.model, search, LocalLimbs(first.model), first.solution.pose[None])
+    yield from map(tracker.solve, seen)
+
+
+def _both_ways(
+    first: FirstFrame, begun: TriPlanes, seen: Iterable[TriPlanes], search: SearchSettings
+) -> Iterator[FrameSolution]:
+    """The same after a way back; begun: the silhouettes of the first frame."""
+    with closing(SilhouetteSpool()) as spool:
+        spool.append(begun)
+        forward = list(_one_way(first, map(spool.kept, seen), search))
+        poses = np.array([solution.pose for solution in forward])
+        for step in solve_both_ways(first.model, search, LocalLimbs(first.model), spool, poses):
+            if step.solution is not None:
+                yield step.solution
 
 
 def write_result(

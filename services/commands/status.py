@@ -1,5 +1,6 @@
 """`xormocap status`: the state of a run's services, from the coordinator's telemetry."""
 
+import socket
 import sys
 import time
 from collections import deque
@@ -15,16 +16,18 @@ from rich.text import Text
 from proto.framing import MalformedMessage
 from proto.keys import ClientKeys, KeysError
 from proto.messages import OPEN_END, Message, Pose, TakeEnd, Telemetry
-from proto.streams import DEFAULT_ENDPOINT, PUBLISHED, AddressError
+from proto.streams import DEFAULT_ENDPOINT, PUBLISHED, AddressError, stream_endpoint
 from services.commands.consoles import stdout
 from services.listener import PosesListener
 from services.mocap.errors import UserError
 from services.options import KeysOption, keys_of_client
 
 _LOOK_S = 0.25
+_REACHED_S = 1.5
+"""How long it waits for somebody who listens at the address."""
 _PATIENCE_S = 30.0
-"""How long --once waits for telemetry; while a coordinator finds the first pose, it sends none for some
-seconds."""
+"""How long it waits for telemetry once somebody listens there; while a coordinator finds the first pose, it
+sends none for some seconds."""
 _RATE_FRAMES = 30
 _IN_MS = "{:.1f}".format
 
@@ -127,12 +130,7 @@ def status(
     """Show the state of a run's services in a live table, until the run ends."""
     try:
         with closing(Watch(connect, keys_of_client(keys, "viewer"))) as watch:
-            deadline_s = time.monotonic() + _PATIENCE_S
-            while (told := watch.latest) is None:
-                if time.monotonic() > deadline_s:
-                    sentence = "no telemetry: is a coordinator running there, and is this its address?"
-                    raise UserError(f"{connect}: {sentence}")
-                watch.listen(_LOOK_S)
+            told = _first_told(watch, connect)
             if in_json:
                 sys.stdout.write(told.model_dump_json() + "\n")
             elif once:
@@ -141,6 +139,33 @@ def status(
                 _follow(watch, told)
     except (AddressError, KeysError) as error:
         raise UserError(str(error)) from None
+
+
+def _first_told(watch: Watch, endpoint: str) -> Telemetry:
+    """The coordinator's first telemetry; raises UserError where nobody listens or nothing is told."""
+    began_s, is_reached = time.monotonic(), False
+    while watch.latest is None:
+        waited_s = time.monotonic() - began_s
+        is_reached = is_reached or _listens(endpoint)
+        if not is_reached and waited_s > _REACHED_S:
+            raise UserError(
+                f"{endpoint}: no run answers there: start one by xormocap track TAKE --endpoint {endpoint}, "
+                "or give the address of another by --connect"
+            )
+        if waited_s > _PATIENCE_S:
+            raise UserError(f"{endpoint}: no telemetry: is this the address of a coordinator?")
+        watch.listen(_LOOK_S)
+    return watch.latest
+
+
+def _listens(endpoint: str) -> bool:
+    """Whether somebody listens where a coordinator publishes its poses."""
+    host, _, port = stream_endpoint(endpoint, "poses").removeprefix("tcp://").rpartition(":")
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=_LOOK_S):
+            return True
+    except OSError:
+        return False
 
 
 def _follow(watch: Watch, told: Telemetry) -> None:

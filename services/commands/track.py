@@ -12,6 +12,7 @@ from services.commands.checks import CheckOption, look_before
 from services.commands.consoles import TakeFolder, stdout, warn
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
+from services.commands.short_help import HelpAllOption
 from services.commands.verdicts import StrictOption, exit_if_not_usable, tell_verdict
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
 from services.mocap.energy.engine import check_cost
@@ -42,6 +43,8 @@ from services.runs.fit import init_frames
 from services.runs.track import TakeJob
 from services.segmentation.segmenters import chosen_segmenter
 
+IN_HELP = ("out", "frames", "refine", "watch", "port", "strict")
+"""The options that --help shows."""
 _WORTH_REFINING = 3
 """Frames tracked over frames that the body was fitted to from which more of them are worth a second run."""
 
@@ -91,6 +94,7 @@ def track(
         str | None,
         typer.Option(help="Address of the coordinator, for xormocap status; free ports by default."),
     ] = None,
+    _help_all: HelpAllOption = False,
 ) -> None:
     """Track a recorded take: write poses, joints, motion files and an overlay video."""
     if mesh is not None and (fitted is not None or not fit_first):
@@ -141,6 +145,10 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
         "frames per second",
         f"{speed['frames_per_s']:.2f}, after {speed['first_frame_s']:.1f} s for the first",
     )
+    corrected = report.get("corrected_frames_by_part", {})
+    if corrected:
+        told = ", ".join(f"{part.replace('_', ' ')} in {n} frames" for part, n in corrected.items())
+        table.add_row("corrected on the way back", told)
     table.add_row("evaluations per frame", f"{speed['evaluations_per_frame']:.0f}")
     if "accuracy" in report:
         table.add_row("joint error", accuracy_in_words(report["accuracy"]))

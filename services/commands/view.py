@@ -20,7 +20,7 @@ from services.process import StopRequest
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import Segmenter
-from services.viewer.address import LOOPBACK
+from services.viewer.address import LOOPBACK, Address
 from services.viewer.finished import FinishedFrames
 from services.viewer.frame_history import FrameHistory
 from services.viewer.pictures import TakePictures
@@ -75,7 +75,7 @@ def view(
     from services.viewer.server import PageServer  # viser is needed only for the page
 
     show = finished_show(result, take)
-    with PageServer(port) as server, StopRequest() as stop:
+    with PageServer(Address(LOOPBACK, port)) as server, StopRequest() as stop:
         server.show(show)
         say(f"open http://{LOOPBACK}:{server.port} (Ctrl-C stops the server)")
         while not stop.count:

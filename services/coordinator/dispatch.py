@@ -25,6 +25,8 @@ Key: TypeAlias = tuple[str | int, ...]
 PROBE_S = TO_CLIENTS.every_s
 """Interval of beats to workers, which check their connections; libzmq reports a lost connection at once."""
 _MOST_MISSING = 64
+_PASSES_PER_SWEEP = 10_000
+"""Numbers of passes that each sweep through the take has to itself."""
 
 
 def key_of(message: OfLimbTask) -> Key:
@@ -81,8 +83,8 @@ class Dispatcher:
         self._queue: deque[Key] = deque()
         self._results: list[LimbResult] = []
         self._probed_s = 0.0
-        self._latest = (-1, 0)
-        """Frame and number of the last pass."""
+        self._latest = ((0, -1), 0)
+        """Sweep and frame of the last pass, and its number."""
         self._deadline = Deadline()
         self.retries = 0
         self.dropped = 0
@@ -116,13 +118,13 @@ class Dispatcher:
         """Whether a submitted task still lacks its result."""
         return bool(self._open)
 
-    def next_pass(self, frame: int) -> int:
-        """The number of the next pass over a frame, from 0 on; frames must not go back.
+    def next_pass(self, frame: int, sweep: int = 0) -> int:
+        """The number of the next pass over a frame; every sweep through the take visits a frame once.
 
         A coordinator that solves a frame again, after another one's death, numbers its passes the same way.
         """
-        last_frame, number = self._latest
-        self._latest = (frame, number + 1 if frame == last_frame else 0)
+        last, number = self._latest
+        self._latest = ((sweep, frame), number + 1 if (sweep, frame) == last else sweep * _PASSES_PER_SWEEP)
         return self._latest[1]
 
     def submit(self, tasks: list[LimbTask]) -> None:

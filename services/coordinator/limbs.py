@@ -46,6 +46,8 @@ class RemoteLimbs:
         self._overhead = overhead or Overhead()
         self.frame = 0
         """The frame that jobs belong to."""
+        self.sweep = 0
+        """The sweep through the take that they belong to: 0 forwards, 1 back, 2 settling."""
 
     def start(self, jobs: list[LimbJob]) -> None:
         """See LimbPool.start."""
@@ -54,7 +56,7 @@ class RemoteLimbs:
             self._jobs = {job.limb: job for job in jobs}
             settings = {id(job.settings): job.settings for job in jobs}  # mostly one for all
             wishes = {which: chosen.to_wire() for which, chosen in settings.items()}
-            number = self._dispatcher.next_pass(self.frame)
+            number = self._dispatcher.next_pass(self.frame, self.sweep)
             self._dispatcher.submit(
                 [
                     self._task(job, number, k, wishes[id(job.settings)])

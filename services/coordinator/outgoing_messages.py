@@ -5,7 +5,7 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from proto.messages import MAX_TOLD, Blob, Pose, Silhouettes, TakeInfo, Telemetry
+from proto.messages import MAX_TOLD, Blob, CoordinatorStage, Pose, Silhouettes, TakeInfo, Telemetry
 from services.coordinator.dispatch import Dispatcher
 from services.coordinator.incoming import Frame, Incoming
 from services.coordinator.plan import Plan
@@ -60,7 +60,7 @@ class OutgoingMessages:
 
     def telemetry(
         self,
-        stage: Literal["waiting for clients", "first frame", "tracking", "ended"],
+        stage: CoordinatorStage,
         next_frame: int,
         board: Switchboard,
         incoming: Incoming,

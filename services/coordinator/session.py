@@ -4,10 +4,9 @@ import logging
 import secrets
 import time
 from collections.abc import Callable
-from typing import Literal
 
 from proto.auth import Admission
-from proto.messages import Recording, TakeEnd, Telemetry
+from proto.messages import CoordinatorStage, Recording, TakeEnd, Telemetry
 from services.coordinator.incoming import Frame, Incoming, RecordedFrames
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.live_frames import LiveFrames
@@ -15,12 +14,14 @@ from services.coordinator.metrics import Gauges, note_pose
 from services.coordinator.outgoing_messages import OutgoingMessages
 from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
+from services.coordinator.settling import Settling
 from services.coordinator.switchboard import LostFramesError, Switchboard
 from services.coordinator.unsure import UnsureParts
 from services.health import beat
 from services.logs import about
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import Engine
 from services.mocap.errors import TakeError, UserError
 from services.mocap.search.chains import LIMBS
@@ -62,21 +63,22 @@ class Session:
             told = plan.take.settings
             self._incoming = RecordedFrames(told.name, self._rig, plan.frames, told.fps)
         self._board = Switchboard(endpoint, self._incoming, admission)
-        self._stage: Literal["waiting for clients", "first frame", "tracking", "ended"] = (
-            "waiting for clients"
-        )
+        self._stage: CoordinatorStage = "waiting for clients"
         self._published_s = time.perf_counter()
-        self._solved_end = plan.frames.start
+        self._solved_end = self._told_frame = plan.frames.start
         self._recorders, self._shards = 0, 1
         self._told = ""
         self._made: Model | None = None
         self._unsure: UnsureParts | None = None
+        settles = plan.settings.goes_both_ways and not self._incoming.is_live
+        self._settling = Settling(plan.frames.start) if settles else None
+        self._is_settled = False
         self._gauges, self._overhead = Gauges(), Overhead()
         self._board.telemetry = self._telemetry
         about(take=self._outgoing.take)
 
     def _telemetry(self) -> Telemetry:
-        told = self._outgoing.telemetry(self._stage, self._solved_end, self._board, self._incoming)
+        told = self._outgoing.telemetry(self._stage, self._told_frame, self._board, self._incoming)
         self._gauges.latest = told
         return told
 
@@ -91,7 +93,7 @@ class Session:
         """
         held = self._await_clients(workers, recorders, timeout_s)
         self._outgoing.run = held.run if held else secrets.token_hex(16)
-        self._solved_end = held.end_frame if held else self._plan.frames.start
+        self._solved_end = self._told_frame = held.end_frame if held else self._plan.frames.start
         self._board.begin(self._outgoing.run, self._solved_end, recorders)
         try:
             self._track(held)
@@ -102,6 +104,8 @@ class Session:
             self._end()
         finally:
             self._board.close()
+            if self._settling is not None:
+                self._settling.close()
 
     def _await_clients(self, workers: int, recorders: int, timeout_s: float) -> Recording | None:
         """Wait for clients; returns what the recorders hold of this plan, if all of them hold some of it.
@@ -144,6 +148,7 @@ class Session:
                 first_frame=self._plan.frames.start,
                 end_frame=self._solved_end,
                 end_shot=self._incoming.end_shot,
+                settled=self._is_settled,
             )
         )
         while not self._board.recorded_up_to(self._solved_end, self._recorders):
@@ -173,9 +178,10 @@ class Session:
         if self._incoming.is_live:
             self._rehearse()
         self._stage = "first frame" if held is None else "tracking"
-        self._incoming.begin(self._outgoing.run, self._solved_end)
+        begun = self._solved_end if self._settling is None else self._plan.frames.start
+        self._incoming.begin(self._outgoing.run, begun)
         tracker = self._open() if held is None else self._go_on(held)
-        if tracker is None:
+        if tracker is None or not self._caught_up():
             return
         self._published_s = time.perf_counter()
         self._overhead.begin()
@@ -192,6 +198,43 @@ class Session:
                 self._incoming.catch_up()
             solution.seconds["overhead"] = self._overhead.of_frame()
             self._publish(frame, found, solution, tracker)
+        if self._settling is not None:
+            self._is_settled = self._settle(self._settling)
+
+    def _caught_up(self) -> bool:
+        """Take in the silhouettes of frames that an earlier coordinator has solved, if they are needed again;
+        False if a stop was requested before they came."""
+        while self._settling is not None and self._settling.next_frame < self._solved_end:
+            found = self._next_frame()
+            if found is None:
+                return False
+            self._settling.note(found.seen, None)
+        return True
+
+    def _settle(self, settling: Settling) -> bool:
+        """Solve all frames both ways and publish them again; False if a stop was requested meanwhile."""
+
+        def look(timeout_s: float) -> bool:
+            beat()
+            self._board.pump(timeout_s)
+            return not self._stop
+
+        def begin(stage: CoordinatorStage, frame: int) -> bool:
+            self._stage, self._told_frame = stage, frame
+            about(frame=frame)
+            return look(0.0)
+
+        def publish(frame: int, seen: TriPlanes, solution: FrameSolution) -> None:
+            now_s = time.perf_counter()
+            whole_s, self._published_s = now_s - self._published_s, now_s
+            fps = self._plan.take.settings.fps
+            found = Frame(seen, frame / fps, frame)
+            pose = self._outgoing.pose(frame, found, solution, self._board.dispatcher, whole_s, {}, 0.0)
+            self._board.publish_settled(pose.model_copy(update={"settled": True}))
+
+        if not settling.fetch(self._board, lambda: look(_LOOK_S)):
+            return False
+        return settling.settle(self._model, self._plan.settings, self._limbs, begin, publish)
 
     def _open(self) -> Tracker | None:
         """Find the actor in the first frame; None if a stop was requested before it came."""
@@ -245,7 +288,7 @@ class Session:
 
     def _tracker(self, model: Model, actor: Actor, poses: Floats) -> Tracker:
         """The tracker of the actor; also announces the take to recorders and viewers."""
-        self._limbs = self._pool(model, actor)
+        self._model, self._limbs = model, self._pool(model, actor)
         self._unsure = UnsureParts(model, self._camera_names)
         self._board.announce(self._outgoing.take_info(actor, self._shards))
         return Tracker(model, self._plan.settings, self._limbs, poses)
@@ -299,4 +342,7 @@ class Session:
         if self._unsure is not None and not tracker.is_lost:
             self._unsure.note(frame.seen, solution.pose)
         note_pose(pose)
-        self._solved_end, self._stage = number + 1, "tracking"
+        self._solved_end = self._told_frame = number + 1
+        self._stage = "tracking"
+        if self._settling is not None:
+            self._settling.note(frame.seen, solution.pose)

@@ -69,9 +69,12 @@ class Switchboard:
         self._blobs: dict[str, Blob] = {}
         self._recorders: dict[Identity, _Recorder] = {}
         self._run, self._expected = "", 0
-        self._forgotten_end = self._recorded_end = 0
+        self._forgotten_end = self._forgotten_settled_end = self._recorded_end = 0
         self._take_info: TakeInfo | None = None
         self._poses: dict[int, Pose] = {}
+        self._settled: dict[int, Pose] = {}
+        self._returned: dict[int, Pose] = {}
+        self._asked_back = range(0)
         self._seen: OrderedDict[int, dict[tuple[int, ...], Silhouettes]] = OrderedDict()
         self._end: TakeEnd | None = None
         self._credit: Credit | None = None
@@ -178,6 +181,30 @@ class Switchboard:
             del self._poses[oldest]
             self._forgotten_end = oldest + 1
 
+    def publish_settled(self, pose: Pose) -> None:
+        """Publish a settled frame, and keep it until all recorders have it on disk."""
+        self._settled[pose.frame] = pose
+        self._ports.publish(pose)
+        held = [one.settled_end if one.run == self._run else 0 for one in self._recordings()]
+        while len(self._settled) > _KEPT_POSES and len(held) >= max(1, self._expected):
+            oldest = next(iter(self._settled))
+            if oldest >= min(held):
+                break
+            del self._settled[oldest]
+            self._forgotten_settled_end = oldest + 1
+
+    def ask_recorders(self, first_frame: int, end_frame: int) -> None:
+        """Request the first poses of frames of this run from all recorders, see `take_returned`."""
+        self._asked_back = range(first_frame, end_frame)
+        for identity in self._recorders:
+            request = PoseRequest(run=self._run, first_frame=first_frame, end_frame=end_frame)
+            self._ports.send(identity, request)
+
+    def take_returned(self) -> dict[int, Pose]:
+        """The requested poses that have come since the last call, by frame."""
+        returned, self._returned = self._returned, {}
+        return returned
+
     def end(self, message: TakeEnd) -> None:
         """Announce that no pose will follow."""
         self._end, self.recorders_heard_s = message, time.monotonic()
@@ -242,12 +269,18 @@ class Switchboard:
             self._send_content(identity, message)
         elif isinstance(message, Recording | PoseRequest | Recorded):
             self._hear_recorder(identity, message)
+        elif isinstance(message, Pose) and self._is_asked_for(identity, message):
+            self._returned[message.frame] = message
         elif isinstance(message, LiveSources):
             answer = self._incoming.answer(message)
             if answer is not None:
                 self._ports.send(identity, answer)
         else:
             self._ports.drop(message)
+
+    def _is_asked_for(self, identity: Identity, pose: Pose) -> bool:
+        is_first = pose.run == self._run and not pose.settled
+        return is_first and identity in self._recorders and pose.frame in self._asked_back
 
     def _hear_recorder(self, identity: Identity, message: Recording | PoseRequest | Recorded) -> None:
         """Handle a message of a recorder, or a viewer's request for poses; for other runs only what is
@@ -296,14 +329,17 @@ class Switchboard:
             log.warning("a client asked for unknown content %s", request.hash[:8])
 
     def _send_poses(self, identity: Identity, request: PoseRequest) -> None:
-        if request.first_frame < self._forgotten_end:
+        kept, forgotten_end = self._poses, self._forgotten_end
+        if request.settled:
+            kept, forgotten_end = self._settled, self._forgotten_settled_end
+        if request.first_frame < forgotten_end:
             name = self._recorders[identity].name if identity in self._recorders else "a recorder"
             problem = f"{name} lacks frame {request.first_frame}, which is no longer kept"
             if self._expected and identity in self._recorders:  # a viewer may miss some
                 raise LostFramesError(f"{problem}: a restarted coordinator solves it again")
             log.info("%s", problem)
         for frame in range(request.first_frame, min(request.end_frame, request.first_frame + _MOST_AT_ONCE)):
-            if frame in self._poses and not self._ports.send(identity, self._poses[frame]):
+            if frame in kept and not self._ports.send(identity, kept[frame]):
                 break  # its queue is full; it asks again
 
     def close(self) -> None:

@@ -62,7 +62,7 @@ class Listener(PosesListener):
         )
         self.lines.append(self._link)
         self._asked_s = self._told_s = 0.0
-        self._told_end = 0
+        self._told_end = (0, 0)
 
     def listen(self, timeout_s: float) -> None:
         """Wait briefly for messages, store them, and request what is missing."""
@@ -80,6 +80,9 @@ class Listener(PosesListener):
         mine = isinstance(message, Blob) or getattr(message, "take", None) == self._take
         if mine and isinstance(message, TakeInfo | Pose | TakeEnd | Blob):
             self.collection.add(message)
+        elif isinstance(message, PoseRequest):
+            for pose in self.collection.sent_back(message):
+                self._link.send(pose)
 
     def _ask(self) -> None:
         if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
@@ -87,14 +90,17 @@ class Listener(PosesListener):
         self._asked_s = time.monotonic()
         for content in self.collection.missing_blobs():
             self._link.send(BlobRequest(hash=content))
-        info, gap = self.collection.info, self.collection.missing_frames()
-        if info is not None and gap is not None:
-            ASKED.inc()
-            self._link.send(PoseRequest(run=info.run, first_frame=gap[0], end_frame=gap[1]))
+        info, first = self.collection.info, self.collection.missing_frames()
+        unsettled = self.collection.missing_settled()
+        for gap, settled in ((first, False), (unsettled, True)):
+            if info is not None and gap is not None:
+                ASKED.inc()
+                request = PoseRequest(run=info.run, first_frame=gap[0], end_frame=gap[1], settled=settled)
+                self._link.send(request)
 
     def _tell(self) -> None:
         """Report from time to time what is on disk, so that the coordinator need not keep it."""
-        now, end = time.monotonic(), self.collection.held_end
+        now, end = time.monotonic(), (self.collection.held_end, self.collection.settled_end)
         if end != self._told_end and now - self._told_s > _TELL_AGAIN_S:
             self._told_s, self._told_end = now, end
             self._link.send(self.collection.recording(self._take))

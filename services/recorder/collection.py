@@ -1,19 +1,24 @@
 """Collects the poses of one take, without a socket, and knows which are missing."""
 
 import logging
+from collections.abc import Iterator
 
 import numpy as np
 
-from proto.messages import Blob, Pose, Recording, TakeEnd, TakeInfo
+from proto.messages import Blob, Pose, PoseRequest, Recording, TakeEnd, TakeInfo
 from services.blob_store import BlobStore, UnusableBlobError
 from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
+from services.mocap.search.settings import SearchSettings
+from services.mocap.types import Floats
 from services.recorder.store import Store
 
 log = logging.getLogger(__name__)
 
 _REMEMBERED = 2
 """Number of poses that a tracker needs to continue."""
+_SETTLED = ("energy_px", "confidence", "distrusted", "measured", "pose")
+"""What a settled pose replaces; times and effort stay those of the first one."""
 
 
 class Collection:
@@ -24,9 +29,9 @@ class Collection:
         self._store = store
         self.info: TakeInfo | None = None
         self._end: int | None = None
-        self._is_empty = False
+        self._is_empty = self._is_settled = False
         self._run: str | None = None
-        self._held_end = 0
+        self._held_end = self._settled_end = 0
         self.is_live = False
         """Whether a coordinator has described this run, and not only the journal of an earlier recorder."""
         self._blobs = BlobStore()
@@ -37,7 +42,9 @@ class Collection:
         if store.frames:
             self._run = store.pose(store.frames[0]).run
         if self.info is not None and self.held_end == self.info.end_frame:
-            self._end = self.info.end_frame  # nothing can follow
+            self._is_settled = SearchSettings.from_wire(self.info.search).goes_both_ways
+            if not self._is_settled or self.missing_settled() is None:  # else more is to follow
+                self._end = self.info.end_frame
 
     def add(self, message: TakeInfo | Pose | TakeEnd | Blob) -> None:
         """Add a message; repeated, foreign and damaged ones change nothing.
@@ -47,7 +54,7 @@ class Collection:
         """
         if isinstance(message, TakeInfo):
             if self._run not in (None, message.run):
-                self.info, self._end, self._held_end = None, None, 0
+                self.info, self._end, self._held_end, self._settled_end = None, None, 0, 0
                 self._blobs = BlobStore()
                 self._store.forget()
             self.is_live = True
@@ -62,7 +69,8 @@ class Collection:
             self._run = message.run
             if isinstance(message, TakeEnd):
                 self._end, self._is_empty = message.end_frame, message.first_frame == message.end_frame
-            elif message.frame not in self._store:
+                self._is_settled = message.settled
+            elif not self._store.holds(message):
                 self._store.keep(message)
 
     def _describe(self, message: TakeInfo | Blob) -> bool:
@@ -71,7 +79,8 @@ class Collection:
         if isinstance(message, TakeInfo):
             if self.info is not None:
                 return False
-            self.info, self._run, self._held_end = message, message.run, message.first_frame
+            self.info, self._run = message, message.run
+            self._held_end = self._settled_end = message.first_frame
             return True
         if message.hash not in self.missing_blobs():
             return False
@@ -103,6 +112,20 @@ class Collection:
             return None
         return first, next((f for f in range(first, end) if f in self._store), end)
 
+    def missing_settled(self) -> tuple[int, int] | None:
+        """The first gap in the settled poses, as a range, of a run that has them for all frames."""
+        if self.info is None or not self._is_settled:
+            return None
+        has, first, end = self._store.has_settled, self.settled_end, self.held_end
+        return (first, next((f for f in range(first, end) if has(f)), end)) if first < end else None
+
+    @property
+    def settled_end(self) -> int:
+        """One past the last frame up to which all settled poses are here."""
+        while self.info is not None and self._store.has_settled(self._settled_end):
+            self._settled_end += 1
+        return self._settled_end
+
     @property
     def held_end(self) -> int:
         """One past the last frame up to which all frames are here."""
@@ -116,9 +139,27 @@ class Collection:
         return 0 if self.info is None else self.held_end - self.info.first_frame
 
     def recorded(self) -> list[Pose]:
-        """The poses from the first frame up to the first missing one."""
-        end = self.held_end
-        return [self._store.pose(frame) for frame in range(end - self.n_recorded, end)]
+        """The poses from the first frame up to the first missing one, settled if all of them are."""
+        frames = range(self.held_end - self.n_recorded, self.held_end)
+        if self.settled_end < self.held_end:
+            return [self._store.pose(frame) for frame in frames]
+        return [self._settled(frame) for frame in frames]
+
+    def first_poses(self) -> Floats:
+        """(N, D) the poses of the same frames as the way forwards found them."""
+        frames = range(self.held_end - self.n_recorded, self.held_end)
+        return np.array([self._store.pose(frame).pose for frame in frames])
+
+    def _settled(self, frame: int) -> Pose:
+        settled = self._store.settled(frame)
+        changed = {name: getattr(settled, name) for name in (*_SETTLED, "settled")}
+        return self._store.pose(frame).model_copy(update=changed)
+
+    def sent_back(self, request: PoseRequest) -> Iterator[Pose]:
+        """The first poses that a restarted coordinator requests, as far as they are here."""
+        if request.run == self._run:
+            asked = range(request.first_frame, request.end_frame)
+            yield from (self._store.pose(frame) for frame in asked if frame in self._store)
 
     def recording(self, take: str) -> Recording:
         """What is here, for a coordinator that may have to continue from it."""
@@ -133,6 +174,7 @@ class Collection:
             plan=info.plan if info else "",
             shards=info.shards if info else 1,
             end_frame=end,
+            settled_end=self.settled_end,
             retries=last.retries if last else 0,
             worker_backends=last.worker_backends if last else {},
             memory=last.memory if last else {},
@@ -147,7 +189,8 @@ class Collection:
             return False
         if self.info is None:
             return self._is_empty
-        return self.missing_frames() is None and not self.missing_blobs()
+        whole = self.missing_frames() is None and self.missing_settled() is None
+        return whole and not self.missing_blobs()
 
     @property
     def end_frame(self) -> int:

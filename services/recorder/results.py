@@ -16,6 +16,7 @@ from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.frame_files import write_frame_files
 from services.mocap.result.layout import OVERLAY, RUN_JSON
 from services.mocap.result.result import add_to_run, load_result, write_tracked
+from services.mocap.search.best_path import corrected_frames
 from services.mocap.search.chains import values_to_bridge
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import Marks
@@ -62,6 +63,11 @@ def write_results(
     energies_px = np.array([message.energy_px for message in recorded])
     poses = np.array([message.pose for message in recorded])
     marks = Marks.of(recorded)
+    known = dict(known or {})
+    if recorded[-1].settled:
+        known |= {
+            "corrected_frames_by_part": corrected_frames(collection.first_poses(), poses, body.offsets_m)
+        }
     live = is_live(info)
     times_s = increasing(times_s)
     shown = smoothed(poses, info.fps, output, values_to_bridge(marks), times_s if live else None)
@@ -75,9 +81,7 @@ def write_results(
             joints_world_m["accuracy_before_smoothing"] = reference_joints(poses, body.offsets_m)
         stages = sorted({stage for message in recorded for stage in message.seconds})
         write_frame_files(part, frames, recorded, stages, [camera.name for camera in take.cameras])
-        write_run_json(
-            part / RUN_JSON, take, info, actor, recorded, marks, output, joints_world_m, known or {}
-        )
+        write_run_json(part / RUN_JSON, take, info, actor, recorded, marks, output, joints_world_m, known)
         result = load_result(part)
         verdict = verdict_of(result)
         add_to_run(part, verdict=verdict.model_dump())

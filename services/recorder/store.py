@@ -18,6 +18,7 @@ class Store:
         """Take in what the journal in a folder holds, or begin one; raises UserError or TakeError."""
         self._journal = journal = Journal(folder / JOURNAL)
         self._poses: dict[int, int] = {}
+        self._settled: dict[int, int] = {}
         self.described: list[TakeInfo | Blob] = []
         """The take's description and content, in order of arrival."""
         try:
@@ -31,7 +32,7 @@ class Store:
 
     def _note(self, message: Message, offset: int) -> None:
         if isinstance(message, Pose):
-            self._poses[message.frame] = offset
+            (self._settled if message.settled else self._poses)[message.frame] = offset
         elif isinstance(message, TakeInfo | Blob):
             self.described.append(message)
 
@@ -48,9 +49,21 @@ class Store:
     def __contains__(self, frame: int) -> bool:
         return frame in self._poses
 
+    def holds(self, pose: Pose) -> bool:
+        """Whether a pose of the same frame and kind is here."""
+        return pose.frame in (self._settled if pose.settled else self._poses)
+
+    def has_settled(self, frame: int) -> bool:
+        """Whether the settled pose of a frame is here."""
+        return frame in self._settled
+
     def pose(self, frame: int) -> Pose:
-        """The pose of a frame that is here."""
+        """The first pose of a frame that is here."""
         return cast(Pose, decode(self._journal.at(self._poses[frame])))
+
+    def settled(self, frame: int) -> Pose:
+        """The settled pose of a frame that has one here."""
+        return cast(Pose, decode(self._journal.at(self._settled[frame])))
 
     def keep(self, message: TakeInfo | Blob | Pose) -> None:
         """Store a message; it is safely on disk after `sync`."""
@@ -63,7 +76,7 @@ class Store:
     def forget(self) -> None:
         """Delete everything."""
         self._journal.clear()
-        self._poses, self.described = {}, []
+        self._poses, self._settled, self.described = {}, {}, []
 
     def close(self, *, remove: bool) -> None:
         """Close the journal, or remove it because the results are complete."""

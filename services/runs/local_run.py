@@ -185,7 +185,7 @@ def _follow(
             if "coordinator" in ended_s:
                 alone_s = time.monotonic() - ended_s["coordinator"]
                 alone_s = min(alone_s, launcher.up_s("recorder") - _STARTING_S)
-                if alone_s > plan.alone_s or (stop.count and not progress.frames_done):
+                if alone_s > plan.alone_s or (stop.count and not progress.has_poses):
                     launcher.tell_to_stop("recorder")  # it writes what it has
             elif "recorder" in ended_s and time.monotonic() - ended_s["recorder"] > _LEAVE_S:
                 break

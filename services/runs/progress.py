@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from dataclasses import dataclass
+from typing import Literal
 
 from proto.keys import ClientKeys
 from proto.messages import Message, Pose, Telemetry
@@ -14,6 +15,9 @@ class Progress:
     """The progress of a run."""
 
     frames_done: int
+    """In the present stage."""
+    has_poses: bool
+    """Whether any frame was solved."""
     frames_per_s: float
     energy_px: float
     stage: str
@@ -32,27 +36,46 @@ class ProgressWatch(PosesListener):
         self._rate_s = rate_s
         self._came_s: deque[float] = deque()
         self._energy_px = 0.0
+        self._sweep: Literal["tracking back", "settling"] | None = None
+        """What is done with all frames after the last one was solved."""
+        self._swept = 0
+        """How many frames it has done."""
         self.told: Telemetry | None = None
 
     def take_in(self, message: Message) -> None:
-        """Count poses; those that a coordinator finds again after a restart are no further ones."""
+        """Count frames; those that a coordinator finds again after a restart are no further ones."""
         if isinstance(message, Telemetry):
             self.told = message
+            if message.stage == "tracking back":
+                self._note_sweep(message.stage, message.end_frame - message.next_frame)
         elif isinstance(message, Pose):
             self._energy_px = message.energy_px
-            if message.frame >= self._end:
+            if message.settled:
+                self._note_sweep("settling", message.frame + 1 - self._start)
+            elif message.frame >= self._end:
                 self._end = message.frame + 1
                 self._came_s.append(time.monotonic())
+
+    def _note_sweep(self, stage: Literal["tracking back", "settling"], done: int) -> None:
+        """So many frames are done in a sweep after the first one."""
+        if stage != self._sweep:
+            self._sweep, self._swept = stage, 0
+            self._came_s.clear()
+        self._came_s.extend([time.monotonic()] * max(done - self._swept, 0))
+        self._swept = done
 
     def progress(self, has_ended: bool) -> Progress:
         """The state of things; has_ended: whether the coordinator has."""
         now_s, came_s = time.monotonic(), self._came_s
         while came_s and now_s - came_s[0] > self._rate_s:
             came_s.popleft()
-        frames_per_s = (len(came_s) - 1) / (now_s - came_s[0]) if len(came_s) > 1 else 0.0
+        lasted_s = now_s - came_s[0] if came_s else 0.0
+        frames_per_s = (len(came_s) - 1) / lasted_s if lasted_s > 0 else 0.0
         done = self._end - self._start
         stage = "writing results" if has_ended else "tracking" if done else "finding the first pose"
-        return Progress(done, frames_per_s, self._energy_px, stage, self.told)
+        if self._sweep is not None and not has_ended:
+            done, stage = self._swept, self._sweep
+        return Progress(done, self._end > self._start, frames_per_s, self._energy_px, stage, self.told)
 
 
 def live_in_words(progress: Progress) -> str:

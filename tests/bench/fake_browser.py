@@ -1,11 +1,16 @@
-"""A browser's side of the page's websocket: it answers as a browser does, and draws nothing."""
+"""A browser's side of the page's two websockets: it answers as a browser does, and draws nothing."""
 
+import json
+import re
+import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib.metadata import version
 from typing import Any, TypeAlias
 
 import msgpack
 import zstandard  # as websockets, it comes with viser
+from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
@@ -23,13 +28,27 @@ def watch(port: int) -> Iterator[Messages]:
     WebSocketException where somebody else listens, or at the end.
     """
     protocols = [Subprotocol(f"viser-v{version('viser')}")]
-    where = f"ws://{LOOPBACK}:{port}"
+    where = f"ws://{LOOPBACK}:{port}/scene"
     with connect(where, subprotocols=protocols, max_size=None, compression=None) as connection:
         connection.send(_camera())
         while True:
             messages = _messages(connection.recv(timeout=_SILENCE_S))
             _answer(connection, messages)
+            for key in re.findall(r'data-key="([\w-]+)"', str(messages)):
+                threading.Thread(target=_follow, args=(port, key), daemon=True).start()
             yield messages
+
+
+def _follow(port: int, key: str) -> None:
+    """Take in all that the channel sends, until it is closed."""
+    with (
+        suppress(OSError, WebSocketException),
+        connect(f"ws://{LOOPBACK}:{port}/channel?key={key}", max_size=None) as channel,
+    ):
+        for message in channel:
+            data = message if isinstance(message, bytes) else message.encode()
+            header = json.loads(data[4 : 4 + int.from_bytes(data[:4], "little")])
+            channel.send(json.dumps({"do": "seen", "number": header["number"]}))
 
 
 def _answer(connection: Connection, messages: Messages) -> None:

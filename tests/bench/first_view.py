@@ -35,7 +35,8 @@ _FEWEST_INDICES = 300
 _WATCH = """
 (() => {
   const seen = window.firstSeen = {}, segments = new Set();
-  const note = (sight) => { seen[sight] ??= performance.now() / 1000; };
+  const began = window.top.performance.timeOrigin;  // the 3D scene is in a frame of its own
+  const note = (sight) => { seen[sight] ??= (performance.timeOrigin + performance.now() - began) / 1000; };
   const gl = WebGL2RenderingContext.prototype, draw = gl.drawElements, bind = gl.bindVertexArray;
   let shape = null;
   gl.bindVertexArray = function (array) { shape = array; return bind.call(this, array); };
@@ -45,10 +46,10 @@ _WATCH = """
     return draw.call(this, mode, count, ...rest);
   };
   setInterval(() => {
-    if (document.querySelector("canvas")) note("page");
+    if (document.querySelector("#timeline")) note("page");
     const images = [...document.querySelectorAll("#cameras img")];
     if (images.length && images.every((i) => i.complete && i.naturalWidth > 0)) note("pictures");
-    if (document.querySelector(".uplot canvas")) note("curves");
+    if (document.querySelector(".chart canvas")?.dataset.points > 0) note("curves");
   }, 50);
 })();
 """.replace("FEWEST", str(_FEWEST_INDICES)).replace("SEGMENTS", str(_SEGMENTS))
@@ -129,7 +130,8 @@ def _first_seen(browser: "Browser", port: int, screenshot: Path | None) -> tuple
             missing = ", ".join(sight for sight in SIGHTS if sight not in seen)
             raise UserError(f"the page did not show within {_PATIENCE_S:.0f} s: {missing}")
         tab.wait_for_timeout(1e3 * _LOOK_S)
-        seen = tab.evaluate("window.firstSeen")
+        for frame in tab.frames:
+            seen |= frame.evaluate("window.firstSeen")
     if screenshot is not None:
         tab.screenshot(path=screenshot)
     return offered_s, {sight: seen[sight] for sight in SIGHTS}

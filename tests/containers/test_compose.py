@@ -42,7 +42,7 @@ def see_the_page(stack: Stack) -> None:
         urllib.request.urlopen(f"http://127.0.0.1:{stack.page_port}/", timeout=20)
     browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     with browser.open(address[0], timeout=20) as page:
-        assert b"viser" in page.read().lower()
+        assert b"xormocap" in page.read().lower()
 
 
 def test_eight_workers(take: Path, tmp_path: Path, local_poses_of_eight: str) -> None:

@@ -9,9 +9,10 @@ import pytest
 import zmq
 
 from proto.link import Link
-from proto.messages import Hello, Recorded
+from proto.messages import Hello, Message, Pose, PoseRequest, Recorded, Recording
 from services.coordinator.incoming import RecordedFrames
-from services.coordinator.switchboard import Switchboard
+from services.coordinator.switchboard import LostFramesError, Switchboard
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.runs.launcher import free_endpoint
 
@@ -70,3 +71,37 @@ def test_a_recorder_that_leaves_without_a_word_is_lost(
     with caplog.at_level(logging.WARNING):
         assert not board.recorded_up_to(END_FRAME, recorders=1)
     assert "lost recorder@test:1" in caplog.text
+
+
+def told(endpoint_of: Switchboard, message: Message, recorder: Link) -> list[Message]:
+    """What a recorder hears in answer to a message."""
+    recorder.send(message)
+    heard: list[Message] = []
+    for _ in range(30):
+        endpoint_of.pump(0.01)
+        while (answer := recorder.receive()) is not None:
+            heard.append(answer)
+    return heard
+
+
+def test_settled_poses_are_kept_until_recorders_have_them(board: Switchboard, recorder: Link) -> None:
+    """More than a thousand are kept only as long as a recorder lacks them."""
+    holds = Recording(
+        take="walk", run=RUN, plan="0" * 64, shards=1, end_frame=1300, retries=0,
+        worker_backends={}, memory={}, poses=np.zeros((0, N_DOF)), actor=np.zeros(0, np.uint8),
+    )  # fmt: skip
+    settled = Pose(
+        take="walk", run=RUN, frame=0, time_s=0.0, energy_px=1.0, passes=1, evaluations=1, workers=0,
+        retries=0, backend="cpu", worker_backends={}, seconds={}, settled=True, pose=np.zeros(N_DOF),
+    )  # fmt: skip
+    first = PoseRequest(run=RUN, first_frame=0, end_frame=2, settled=True)
+    told(board, holds, recorder)
+    for frame in range(1200):
+        board.publish_settled(settled.model_copy(update={"frame": frame}))
+    assert [(pose.frame, pose.settled) for pose in told(board, first, recorder)] == [(0, True), (1, True)]
+    told(board, holds.model_copy(update={"settled_end": 150}), recorder)
+    board.publish_settled(settled.model_copy(update={"frame": 1200}))
+    last = first.model_copy(update={"first_frame": 150, "end_frame": 152})
+    assert [pose.frame for pose in told(board, last, recorder)] == [150, 151]
+    with pytest.raises(LostFramesError, match="lacks frame 0, which is no longer kept"):
+        told(board, first, recorder)

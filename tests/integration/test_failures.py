@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.settings import PRESETS
+from services.mocap.search.settings import PRESETS, SearchSettings
 from services.mocap.take.folder import open_take
 from services.mocap.take.tables import read_poses_csv
 from services.recorder.store import Store
@@ -27,6 +27,7 @@ pytestmark = pytest.mark.timeout(280)
 FRAMES = 9
 SLOW = PRESETS["paper"]
 """Every frame has work for every worker, and takes long enough to do something before the last."""
+BOTH_WAYS = SearchSettings(search_limbs="always")
 Deed = Callable[[Launcher], None]
 
 
@@ -53,8 +54,10 @@ def _wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
 class Run:
     """A run in this process's name, in which deeds are done once so many frames are solved."""
 
-    def __init__(self, take: Path, out: Path, *, overlay: bool = False) -> None:
-        self._take, self.out, self._overlay = take, out, overlay
+    def __init__(
+        self, take: Path, out: Path, *, overlay: bool = False, search: SearchSettings = SLOW
+    ) -> None:
+        self._take, self.out, self._overlay, self._search = take, out, overlay, search
         self._launchers: list[Launcher] = []
         self._pids: list[int] = []
         self._deeds: list[tuple[Callable[[Progress], bool], Deed]] = []
@@ -82,7 +85,7 @@ class Run:
                 workers=2,
                 overlay=self._overlay,
                 engine=EngineSettings(),
-                search=SLOW,
+                search=self._search,
             )
             return track(job, show=self._show, started=self._started, warn=warn)
         finally:
@@ -104,6 +107,11 @@ def kill(name: str, number: signal.Signals) -> Deed:
             os.kill(launcher.pids(name)[0], number)
 
     return deed
+
+
+def kill_all_that_know_poses(launcher: Launcher) -> None:
+    kill("coordinator", signal.SIGKILL)(launcher)
+    kill("recorder", signal.SIGKILL)(launcher)
 
 
 def ask_to_stop(_: Launcher) -> None:
@@ -148,15 +156,39 @@ def test_a_coordinator_that_dies_alone_or_with_the_recorder_goes_on_as_if_nothin
 ) -> None:
     said: list[str] = []
 
-    def both(launcher: Launcher) -> None:  # all that knew the poses
-        kill("coordinator", signal.SIGKILL)(launcher)
-        kill("recorder", signal.SIGKILL)(launcher)
-
     run.when(after(1), kill("coordinator", signal.SIGKILL))
     run.when(after(3), kill("coordinator", signal.SIGKILL))
-    run.when(after(5), both).go(warn=said.append)
+    run.when(after(5), kill_all_that_know_poses).go(warn=said.append)
     assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
     assert any("continuing run" in sentence for sentence in said)
+
+
+def test_deaths_on_the_way_back_and_while_poses_are_settled_change_nothing(
+    known_take: Path, tmp_path: Path
+) -> None:
+    quiet = Run(known_take, tmp_path / "quiet" / "out", search=BOTH_WAYS)
+    quiet.go()
+    run = Run(known_take, tmp_path / "disturbed" / "out", search=BOTH_WAYS)
+
+    def in_stage(stage: str, done: int) -> Callable[[Progress], bool]:
+        return lambda progress: progress.stage == stage and progress.frames_done >= done
+
+    run.when(in_stage("tracking back", 1), kill("coordinator", signal.SIGKILL))
+    run.when(in_stage("settling", 1), kill("recorder", signal.SIGKILL))
+    run.when(in_stage("settling", 3), kill("limb_worker", signal.SIGKILL))
+    report = run.when(in_stage("settling", 5), kill_all_that_know_poses).go()
+    assert report["take"]["frames"] == FRAMES
+    assert (run.out / "poses.csv").read_text() == (quiet.out / "poses.csv").read_text()
+    assert [path.name for path in run.out.parent.iterdir()] == ["out"]
+
+
+def test_a_stop_on_the_way_back_leaves_the_first_poses(known_take: Path, tmp_path: Path) -> None:
+    run = Run(known_take, tmp_path / "out", search=BOTH_WAYS)
+    report = run.when(lambda progress: progress.stage == "tracking back", ask_to_stop).go()
+    assert report["take"]["frames"] == FRAMES
+    one_way = Run(known_take, tmp_path / "one-way", search=BOTH_WAYS.model_copy(update={"both_ways": False}))
+    one_way.go()
+    assert (run.out / "poses.csv").read_text() == (one_way.out / "poses.csv").read_text()
 
 
 def test_a_recorder_that_dies_while_it_writes_results_writes_them_after_all(

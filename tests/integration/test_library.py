@@ -84,10 +84,11 @@ def test_the_readmes_example(
 
 
 def test_a_fit_knows_the_first_pose(take: Take, fitted: TakeFit) -> None:
-    found = next(track(take, fitted, range(1, 2))).solution
-    told = next(track(take, fitted.actor, range(1, 2), fitted.fit.poses[1])).solution
+    one_way = SearchSettings(both_ways=False)  # a second solution takes as long wherever the first began
+    found = next(track(take, fitted, range(1, 2), search=one_way)).solution
+    told = next(track(take, fitted.actor, range(1, 2), fitted.fit.poses[1], search=one_way)).solution
     np.testing.assert_array_equal(found.pose, told.pose)
-    searched = next(track(take, fitted.actor, range(1, 2))).solution
+    searched = next(track(take, fitted.actor, range(1, 2), search=one_way)).solution
     assert found.evaluations < searched.evaluations
 
 

@@ -71,16 +71,16 @@ def test_joints_are_found_where_limbs_bend(
     take, out = tmp_path / "exact", tmp_path / "out"
     shutil.copytree(synthetic_take, take)
     (take / "reference" / "silhouettes").rename(take / "silhouettes")
-    done = xormocap("fit", take, "--refine", result, "--frames", 4, "--out", out)
+    done = xormocap("fit", take, "--refine", result, "--frames", 6, "--out", out)
     assert done.returncode == 0, done.stderr
     true, found = _lengths_cm(tracked), _lengths_cm(out)
     for _, word, off_m in _WRONG:
         assert found[word] == pytest.approx(true[word], abs=100 * abs(off_m) / 4), word
     first, *_, last = _trusted_frames(tracked)
     frames = read_poses_csv(out / "poses.csv").frames
-    assert len(frames) == 4
+    assert len(frames) == 6
     assert frames[[0, -1]].tolist() == [first, last]
-    assert f"4 frames from {first} to {last}" in done.stdout
+    assert f"6 frames from {first} to {last}" in done.stdout
 
 
 def test_results_of_another_take_are_refused(

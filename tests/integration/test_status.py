@@ -14,6 +14,7 @@ from urllib.request import urlopen
 import pytest
 
 from bench.soak.latency import Stopwatch
+from services.commands.status import _listens
 from services.runs.launcher import Launcher, free_endpoint
 
 pytestmark = pytest.mark.timeout(280)
@@ -42,6 +43,7 @@ def test_a_run_from_its_beginning_to_its_end(known_take: Path, xormocap: Command
         options = ("--search", "plain", *clients, "--metrics", str(port))
         launcher.start("coordinator", *take, "--bind", endpoint, *options)
         launcher.start("limb_worker", *connect)
+        until(lambda: _listens(endpoint))
         before = told(xormocap, endpoint)
         assert (before["take"], before["stage"], before["run"]) == ("walk", "waiting for clients", "")
         assert (before["next_frame"], before["end_frame"], before["recorders"]) == (0, 24, {})
@@ -92,7 +94,7 @@ def test_a_run_from_its_beginning_to_its_end(known_take: Path, xormocap: Command
 
 def test_nobody_is_there(refused: Callable[..., str]) -> None:
     said = refused("status", "--connect", free_endpoint(), "--once")
-    assert "no telemetry: is a coordinator running there" in said.replace("\n", " ")
+    assert "no run answers there: start one by xormocap track TAKE --endpoint" in said
 
 
 @pytest.mark.parametrize(

@@ -80,12 +80,12 @@ def test_without_workers_the_poses_are_the_same(
 ) -> None:
     out = tmp_path / "alone"
     done = xormocap(
-        "track", synthetic_take, "--out", out, "--frames", "14:17", "--workers", 0, "--no-overlay", *BUSY
+        "track", synthetic_take, "--out", out, "--frames", "14:20", "--workers", 0, "--no-overlay", *BUSY
     )
     assert done.returncode == 0, done.stderr
     assert not (out / "overlay.mp4").exists()
     with (out / "poses.csv").open() as alone, (tracked / "poses.csv").open() as together:
-        assert list(csv.reader(alone)) == list(csv.reader(together))[:4]
+        assert list(csv.reader(alone)) == list(csv.reader(together))
 
 
 def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_path: Path) -> None:

@@ -11,13 +11,15 @@ from hypothesis import strategies as st
 from wire_model import messages
 
 from proto.framing import MAX_FRAME_BYTES, MAX_HEADER_BYTES, MalformedMessage, decode, encode
-from proto.messages import MESSAGES, Credit, Message, Pose, Silhouettes
+from proto.messages import MESSAGES, PROTOCOL_VERSION, Credit, Message, Pose, Silhouettes
 
 Header = dict[str, Any]
 _LONGEST_REASON = 300
 _D = 30
 """Parameters of a pose; the wire takes any number."""
 _POSE_BYTES = 8 * _D
+_V = PROTOCOL_VERSION
+_OTHER_VERSION = f"protocol version is not {_V}"
 _CROWDED = "header holds a list or map of more than 1000 entries"
 _NONE = [0, 2, 3]
 """The shape of unsure planes that there are none of."""
@@ -72,23 +74,23 @@ def silhouettes_with(**changed: Any) -> list[bytes]:
         ([b"\x81\xa1v\x91" + b"\x91" * 5000 + b"\x01"], "header is not msgpack"),
         ([b"\x81\xa1v\xdb\xff\xff\xff\xff"], "header is not msgpack"),
         ([b"\x81\xa1v\xdd\xff\xff\xff\xff"], _CROWDED),
-        ([msgpack.packb({"v": 9, "x": [0] * 1001})], _CROWDED),
+        ([msgpack.packb({"v": _V, "x": [0] * 1001})], _CROWDED),
         ([msgpack.packb({str(k): 0 for k in range(1001)})], _CROWDED),
-        ([msgpack.packb({"v": 9, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
+        ([msgpack.packb({"v": _V, "x": [[{str(k): 0 for k in range(1001)}]]})], _CROWDED),
         ([b"\x81\xa1v\xd5\xff\x00\x00"], "header is not msgpack"),
         ([b"\x81\xa1v\xa1\xff"], "header is not msgpack"),
-        ([msgpack.packb({"v": 9, "x": "y" * MAX_HEADER_BYTES})], "the header is missing or too long"),
-        ([msgpack.packb({})], "protocol version is not 9"),
-        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], "protocol version is not 9"),
-        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], "protocol version is not 9"),
-        ([msgpack.packb({"v": 9.0, "type": "beat", "shapes": []})], "protocol version is not 9"),
-        ([msgpack.packb({"v": 9, "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 9, "type": "dance", "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 9, "type": ["beat"], "shapes": []})], "unknown message type"),
-        ([msgpack.packb({"v": 9, "type": "beat"})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 9, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 9, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
-        ([msgpack.packb({"v": 9, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": _V, "x": "y" * MAX_HEADER_BYTES})], "the header is missing or too long"),
+        ([msgpack.packb({})], _OTHER_VERSION),
+        ([msgpack.packb({"v": 1, "type": "beat", "shapes": []})], _OTHER_VERSION),
+        ([msgpack.packb({"v": True, "type": "beat", "shapes": []})], _OTHER_VERSION),
+        ([msgpack.packb({"v": float(_V), "type": "beat", "shapes": []})], _OTHER_VERSION),
+        ([msgpack.packb({"v": _V, "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": _V, "type": "dance", "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": _V, "type": ["beat"], "shapes": []})], "unknown message type"),
+        ([msgpack.packb({"v": _V, "type": "beat"})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": _V, "type": "beat", "shapes": [[1]]})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": _V, "type": "beat", "shapes": {}})], "beat: expected 0 arrays"),
+        ([msgpack.packb({"v": _V, "type": "beat", "shapes": []}), b""], "beat: expected 0 arrays"),
     ],
 )  # fmt: skip
 def test_bad_headers(frames: list[bytes], reason: str) -> None:

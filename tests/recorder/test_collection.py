@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from proto.framing import encode
-from proto.messages import Blob, Pose, TakeEnd, TakeInfo
+from proto.messages import Blob, Pose, PoseRequest, TakeEnd, TakeInfo
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.take.journal import JOURNAL, Journal
@@ -50,8 +50,14 @@ def blob(text: str, kind: Any = "actor", name: str | None = None) -> Blob:
     return Blob(hash=name or hash_of(text), kind=kind, content=np.frombuffer(text.encode(), np.uint8))
 
 
-def end(frame: int, run: str = RUN) -> TakeEnd:
-    return TakeEnd(take="walk", run=run, first_frame=0, end_frame=frame)
+def settled(frame: int) -> Pose:
+    """Another pose and energy, of the second way; what was measured of the work differs too."""
+    changed = {"settled": True, "passes": 9, "seconds": {"frame": 9.0}, "pose": np.full(N_DOF, -frame / 7)}
+    return pose(frame, 7.0).model_copy(update=changed)
+
+
+def end(frame: int, run: str = RUN, *, settled: bool = False) -> TakeEnd:
+    return TakeEnd(take="walk", run=run, first_frame=0, end_frame=frame, settled=settled)
 
 
 def store(folder: Path | None = None) -> Store:
@@ -258,11 +264,55 @@ def test_another_recorder_goes_on_with_the_journal(tmp_path: Path) -> None:
 def test_a_journal_of_the_whole_take_is_complete(tmp_path: Path) -> None:
     first = store(tmp_path)
     one = Collection(first)
-    for message in (info(0, 2), blob(_ACTOR), blob(_RIG, "rig"), pose(1), pose(0)):
+    one_way = info(0, 2, search={"both_ways": False})
+    for message in (one_way, blob(_ACTOR), blob(_RIG, "rig"), pose(1), pose(0)):
         one.add(message)
     assert not one.complete
     first.close(remove=False)
     assert Collection(store(tmp_path)).complete
+
+
+def test_settled_poses_replace_the_first_ones_once_all_are_here(tmp_path: Path) -> None:
+    first = store(tmp_path)
+    one = Collection(first)
+    for message in (info(0, 2), blob(_ACTOR), blob(_RIG, "rig"), pose(0), pose(1), settled(1)):
+        one.add(message)
+    assert one.missing_settled() is None  # nobody has said that the take has them
+    one.add(end(2, settled=True))
+    assert one.missing_frames() is None
+    assert one.missing_settled() == (0, 1)
+    assert not one.complete
+    assert [message.settled for message in one.recorded()] == [False, False]
+    first.close(remove=False)
+    again = Collection(store(tmp_path))
+    assert again.missing_settled() == (0, 1)
+    assert not again.complete
+    again.add(settled(0))
+    assert again.missing_settled() is None
+    for found, at in zip(again.recorded(), (0, 1), strict=True):
+        changed = {"settled": True, "energy_px": 7.0, "pose": found.pose}
+        assert encode(found) == encode(pose(at).model_copy(update=changed))
+        assert (found.pose == settled(at).pose).all()
+    journal = store(tmp_path / "other")
+    for message in (info(0, 2), blob(_ACTOR), blob(_RIG, "rig"), pose(0), pose(1), settled(0), settled(1)):
+        journal.keep(message)
+    journal.close(remove=False)
+    assert Collection(store(tmp_path / "other")).complete
+
+
+def test_a_run_that_was_stopped_has_its_first_poses(tmp_path: Path) -> None:
+    one = Collection(store(tmp_path))
+    for message in (info(0, 2), blob(_ACTOR), blob(_RIG, "rig"), pose(0), pose(1), settled(0), end(2)):
+        one.add(message)
+    assert one.complete
+    assert [message.energy_px for message in one.recorded()] == [1.0, 1.0]
+
+
+def test_first_poses_are_sent_back() -> None:
+    one = collection(info(), pose(0), pose(1), pose(3), settled(1))
+    asked = PoseRequest(run=RUN, first_frame=1, end_frame=9)
+    assert [(back.frame, back.settled) for back in one.sent_back(asked)] == [(1, False), (3, False)]
+    assert list(one.sent_back(asked.model_copy(update={"run": OTHER}))) == []
 
 
 def test_a_journal_that_nobody_goes_on_with_is_left_alone(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from services.mocap.types import Floats, Ints, Mask
 
 REFERENCE_WIDTH_PX = 320
 """Windows are as large as skeleton_table.py says at this picture width, and scale with it."""
+_REFERENCE_CAMERAS = 8
 
 ALL_SEGMENTS: tuple[int, ...] = tuple(range(len(SEGMENTS)))
 LimbName = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
@@ -76,6 +77,11 @@ def _stages(part: str) -> list[Stage]:
 (TORSO,) = _stages("torso")
 (HEAD,) = _stages("head")
 LIMBS: dict[LimbName, Limb] = {name: Limb(*_stages(name)) for name in get_args(LimbName)}
+
+
+def pixel_scale(rig: Rig) -> float:
+    """How many pixels of a rig's pictures stand for one pixel of eight pictures of REFERENCE_WIDTH_PX."""
+    return (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2 * rig.n_cameras / _REFERENCE_CAMERAS
 
 
 def window_size_px(stage: Stage, rig: Rig) -> int:

@@ -143,25 +143,28 @@ def solve_by_contours(
     settings: SearchSettings,
     limbs: LimbPool,
     trust: PartConfidence,
+    *,
+    thorough: bool = False,
 ) -> FrameSolution:
     """Find the pose of one frame, beginning at the best of the start poses (N, D) within the limits.
 
     The whole body is aligned with the contours. Then limbs (and the head) that something differs near by more
     than the rim are searched by XOR, as in the paper's passes, and all is aligned again: what an alignment
     cannot do is to jump. A first round searches about the alignment; further rounds, as long as they help,
-    farther about where the limbs were expected.
+    farther about where the limbs were expected. thorough: all limbs are searched far, doubtful or not.
     """
     search = _Search(model, settings.cost.priced(whole), settings, limbs)
     expected = search.best_of(starts)
     best = search.align(expected)
     left, gained = search.differences(best), False
-    parts = list[Part](LIMBS) if settings.search_limbs == "always" else trust.to_search(left)
+    farther = settings.widened().model_copy(update={"windows": False})
+    everything = thorough or settings.search_limbs == "always"
+    parts = list[Part](LIMBS) if everything else trust.to_search(left)
     searched = set(parts)
     if parts:
-        found = _better(best, search.round(best, parts, settings))
+        found = _better(best, search.round(best, parts, farther if thorough else settings))
         gained = _gains(found, best, settings)
         best, left = found, search.differences(found)
-        farther = settings.widened().model_copy(update={"windows": False})
         for _ in range(1, settings.max_passes):
             parts = trust.to_search(left)
             if not parts:

@@ -15,18 +15,18 @@ from services.mocap.energy.bitplanes import camera_bit, count_bits
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.chains import (
-    REFERENCE_WIDTH_PX,
     Stage,
+    pixel_scale,
     window_origins_px,
     window_size_px,
 )
 from services.mocap.search.error_by_part import PART_SEGMENTS, PART_STAGES, pixels_by_part
+from services.mocap.search.found import FrameSolution
 from services.mocap.search.lost_probability import evidence_of, lost_probabilities
 from services.mocap.search.model import Model
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats
 
-_REFERENCE_CAMERAS = 8
 _REMEMBERED = 15
 """Frames from which the usual difference is estimated."""
 _OVER_USUAL = 1.5
@@ -92,8 +92,7 @@ class PartConfidence:
 
     def __init__(self, rig: Rig, doubt_px: float) -> None:
         """doubt_px: allowed pixels beyond the usual difference, in pictures 320 wide in eight cameras."""
-        scale = (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2 * rig.n_cameras / _REFERENCE_CAMERAS
-        self._doubt_px = doubt_px * scale
+        self._doubt_px = doubt_px * pixel_scale(rig)
         self._usual: dict[Part, deque[int]] = {}
         """Of limbs and head, pixels; of the torso, thousandths of the input's pixels."""
         self._fruitless: dict[Part, int] = {}
@@ -165,6 +164,16 @@ class PartConfidence:
             self._rest[part] = max(self._rest.get(part, 0) - 1, 0)
             if part not in self._usual or found.px[part] <= _LEARNT * self._allowed_px(part):
                 self._usual.setdefault(part, deque(maxlen=_REMEMBERED)).append(found.px[part])
+
+
+def doubt_rivals(solution: FrameSolution, lost: Floats) -> None:
+    """Lower the confidence in limbs and head by the probability (6,) that each is elsewhere, and mark what is
+    then too low."""
+    for part, probability in zip(PARTS, lost, strict=True):
+        if part in PART_STAGES and part in solution.confidence:
+            solution.confidence[part] *= 1.0 - float(probability)
+            if solution.confidence[part] < 1.0 - _MARKED_FROM and part not in solution.distrusted:
+                solution.distrusted.append(part)
 
 
 def confidences(evidence: Floats, rim_px: Floats) -> dict[Part, float]:

@@ -35,6 +35,9 @@ class SearchSettings(BaseModel):
     body: BodyName = Field(default="anatomical", description='"anatomical" or "paper"')
     """Which pose parameters vary: all, or those of the published body, whose trunk is rigid; the others are
     zero."""
+    both_ways: bool = Field(default=True, description="true or false")
+    """With method contours, recorded takes are also tracked from the last frame back, and every frame is
+    solved again from the best combination of both ways. If false, they are tracked only forwards."""
     search_limbs: Literal["in doubt", "always"] = Field(
         default="in doubt", description='"in doubt" or "always"'
     )
@@ -108,6 +111,11 @@ class SearchSettings(BaseModel):
         if weights and not any(weights):
             raise ValueError("expected at least one camera that counts, found only zeros")
         return weights
+
+    @property
+    def goes_both_ways(self) -> bool:
+        """Whether a recorded take is tracked both ways."""
+        return self.both_ways and self.method == "contours"
 
     @property
     def cost(self) -> Cost:

@@ -9,7 +9,7 @@ from services.mocap.errors import TakeError
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import extrapolated, solve_frame
-from services.mocap.search.hull import carve
+from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence
@@ -57,16 +57,28 @@ class Tracker:
         self._poses = self._poses[-n_poses:]
         self._trust.recall(memory)
 
-    def solve(self, seen: TriPlanes, absent: Collection[int] = ()) -> FrameSolution:
+    def solve(
+        self,
+        seen: TriPlanes,
+        absent: Collection[int] = (),
+        *,
+        start: Floats | None = None,
+        thorough: bool = False,
+    ) -> FrameSolution:
         """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
-        absent: cameras that are not used. While the actor is lost, the torso is unreliable, which stands for
-        the whole body; where the body is not even near the silhouettes, the pose is the last one found.
+        absent: cameras that are not used. start: a pose (D,) to begin with, instead of what the last poses
+        predict. thorough: as in solve_by_contours. While the actor is lost, the torso is unreliable, which
+        stands for the whole body; where the body is not even near the silhouettes, the pose is the last one
+        found.
         """
         rig = self._model.rig
         picture = Picture.whole(rig, seen.silhouettes, seen.unsure).without_cameras(absent)
         settings = self._settings.without_cameras(absent, rig.n_cameras)
-        solution = solve_frame(self._model, picture, self._starts(), settings, self._limbs, trust=self._trust)
+        starts = extrapolated(self._poses[-2:]) if start is None else start[None]
+        solution = solve_frame(
+            self._model, picture, starts, settings, self._limbs, self._trust, thorough=thorough
+        )
         is_lost = "torso" in solution.distrusted
         if is_lost or self._lost_frames:
             self._lost_frames += 1
@@ -93,9 +105,6 @@ class Tracker:
         solution.confidence = dict.fromkeys(PARTS, 0.0)
         return solution
 
-    def _starts(self) -> Floats:
-        return extrapolated(self._poses[-2:])
-
     def _find_again(
         self, picture: Picture, seen: TriPlanes, settings: SearchSettings, *, at_once: bool
     ) -> FrameSolution | None:
@@ -103,15 +112,21 @@ class Tracker:
         if self._wait and not at_once:
             self._wait -= 1
             return None
-        model, rig = self._model, self._model.rig
-        masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
-        try:
-            hull = carve(rig, look_first(rig, masks, possible=possible).believed(masks), possible)
-        except TakeError:  # nobody, more than one person, or a person at the pictures' edges: quick to detect
-            return None
-        if not hull.suits(model.body.height_m):
+        hull = whole_person(self._model, seen)
+        if hull is None:
             return None
         self._tries += 1
         self._wait = min(2**self._tries, _LONGEST_WAIT)
-        first = find_first_pose(model, picture, hull, self._limbs, settings)
+        first = find_first_pose(self._model, picture, hull, self._limbs, settings)
         return None if "torso" in first.solution.distrusted else first.solution
+
+
+def whole_person(model: Model, seen: TriPlanes) -> Hull | None:
+    """The visual hull of silhouettes (P, H, W) if one whole person of the model's height is to be seen."""
+    rig = model.rig
+    masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
+    try:
+        hull = carve(rig, look_first(rig, masks, possible=possible).believed(masks), possible)
+    except TakeError:  # nobody, more than one person, or a person at the pictures' edges: quick to detect
+        return None
+    return hull if hull.suits(model.body.height_m) else None

@@ -1,0 +1,93 @@
+"""Solves a recorded take again, both ways, once its last frame is solved."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from services.coordinator.limbs import RemoteLimbs
+from services.coordinator.switchboard import LostFramesError, Switchboard
+from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.search.both_ways import Sweep, solve_both_ways
+from services.mocap.search.found import FrameSolution
+from services.mocap.search.model import Model
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.silhouette_spool import SilhouetteSpool
+from services.mocap.types import Floats
+
+_ASK_FRAMES, _ASK_AGAIN_S = 500, 1.0
+"""Poses are requested from recorders in as many at once, and again after this time."""
+_PATIENCE_S = 30.0
+"""How long recorders may send nothing before this coordinator gives up."""
+_SWEEPS: dict[Sweep, int] = {"tracking back": 1, "settling": 2}
+"""Their numbers for RemoteLimbs."""
+
+
+class Settling:
+    """Keeps the silhouettes and the first poses of all frames, and settles them at the end."""
+
+    def __init__(self, first_frame: int) -> None:
+        self._first_frame = first_frame
+        self._seen = SilhouetteSpool()
+        self._poses: dict[int, Floats] = {}
+
+    @property
+    def next_frame(self) -> int:
+        """The frame whose silhouettes come next."""
+        return self._first_frame + len(self._seen)
+
+    def note(self, seen: TriPlanes, pose: Floats | None) -> None:
+        """Add the next frame, with its pose (D,); None: a recorder has it, see `fetch`."""
+        if pose is not None:
+            self._poses[self.next_frame] = pose
+        self._seen.append(seen)
+
+    def fetch(self, board: Switchboard, look: Callable[[], bool]) -> bool:
+        """Get the poses that are missing, from recorders; False if a stop was requested meanwhile.
+
+        look: handles messages; returns False once a stop was requested. Raises LostFramesError if recorders
+        do not answer.
+        """
+        heard_s, asked_s = time.monotonic(), 0.0
+        frames = range(self._first_frame, self.next_frame)
+        while missing := [frame for frame in frames if frame not in self._poses]:
+            now_s = time.monotonic()
+            if returned := board.take_returned():
+                self._poses |= {frame: message.pose for frame, message in returned.items()}
+                heard_s = now_s
+            if now_s - heard_s > _PATIENCE_S:
+                raise LostFramesError(f"no recorder sends frame {missing[0]} back, which was solved before")
+            if now_s - asked_s > _ASK_AGAIN_S:
+                asked_s = now_s
+                board.ask_recorders(missing[0], min(missing[0] + _ASK_FRAMES, missing[-1] + 1))
+            if not look():
+                return False
+        return True
+
+    def settle(
+        self,
+        model: Model,
+        settings: SearchSettings,
+        limbs: RemoteLimbs,
+        begin: Callable[[Sweep, int], bool],
+        publish: Callable[[int, TriPlanes, FrameSolution], None],
+    ) -> bool:
+        """Solve all frames both ways; False if a stop was requested meanwhile.
+
+        begin: called before a frame is solved; returns False once a stop was requested. publish: takes a
+        frame's number, its silhouettes (P, H, W) and its final solution.
+        """
+        frames = range(self._first_frame, self.next_frame)
+        forward = np.array([self._poses[frame] for frame in frames])
+        for step in solve_both_ways(model, settings, limbs, self._seen, forward):
+            number = frames[step.frame]
+            if step.solution is not None:
+                publish(number, self._seen[step.frame], step.solution)
+            elif not begin(step.sweep, number):
+                return False
+            limbs.frame, limbs.sweep = number, _SWEEPS[step.sweep]
+        return True
+
+    def close(self) -> None:
+        """Delete the silhouettes."""
+        self._seen.close()

@@ -1,0 +1,89 @@
+"""Solves a recorded take a second time, with what a track from its last frame back adds to the first one.
+
+A tracker loses a limb where it disappears, before the trunk say, and finds it again where it shows: a limb
+that one way has lost the other way often has. Each frame is solved again from the best path through both
+tracks.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeAlias
+
+from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.energy.picture import Picture
+from services.mocap.search.best_path import PathSearch
+from services.mocap.search.first_pose import find_first_pose
+from services.mocap.search.found import FrameSolution
+from services.mocap.search.jobs import LimbPool
+from services.mocap.search.lost_probability import rival_probabilities
+from services.mocap.search.model import Model
+from services.mocap.search.part_confidence import doubt_rivals
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.tracker import Tracker, whole_person
+from services.mocap.types import Floats
+
+_THOROUGH_EVERY = 5
+"""On the way back all limbs are searched far in every fifth frame."""
+
+Sweep: TypeAlias = Literal["tracking back", "settling"]
+"""What is done to all frames in turn: track them back; solve each again from the best path."""
+
+
+class SeenFrames(Protocol):
+    """The silhouettes of a take's frames."""
+
+    def __getitem__(self, frame: int, /) -> TriPlanes:
+        """(P, H, W) of a frame, from 0."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step: the frame that is solved next, or its solution."""
+
+    sweep: Sweep
+    frame: int
+    """From 0."""
+    solution: FrameSolution | None = None
+    """None: it is about to be solved; of the way back there is none."""
+
+
+def solve_both_ways(
+    model: Model, settings: SearchSettings, limbs: LimbPool, seen: SeenFrames, forward: Floats
+) -> Iterator[Step]:
+    """Solve all frames of a take again, given the poses (N, D) of a track from its first frame on.
+
+    Yields a step before a frame is solved, so that the caller can do other work or end it, and one with the
+    frame's final solution: from the last frame to the first one tracking back, then from the first to the
+    last.
+    """
+    last, path = len(forward) - 1, PathSearch(model, settings)
+    yield Step("tracking back", last)
+    start = found_anew(model, settings, limbs, seen[last], forward[last])
+    tracker = Tracker(model, settings, limbs, start[None])
+    for frame in range(last, -1, -1):
+        if frame != last:
+            yield Step("tracking back", frame)
+        # Differences that last become usual, and are then no reason to search a limb.
+        back = tracker.solve(seen[frame], thorough=frame % _THOROUGH_EVERY == 0)
+        path.add(seen[frame], forward[frame], back.pose)
+    best = path.best()[::-1]
+    tracker = Tracker(model, settings, limbs, best[0].pose[None])
+    for frame, chosen in enumerate(best):
+        yield Step("settling", frame)
+        solution = tracker.solve(seen[frame], start=chosen.pose)
+        doubt_rivals(solution, rival_probabilities(chosen.apart_m, chosen.margin_px))
+        yield Step("settling", frame, solution)
+
+
+def found_anew(
+    model: Model, settings: SearchSettings, limbs: LimbPool, seen: TriPlanes, pose: Floats
+) -> Floats:
+    """Search the pose (D,) of a frame with silhouettes `seen` (P, H, W) like a first pose, with the heading
+    of a known pose; returns the known pose if no whole person is visible."""
+    hull, picture = whole_person(model, seen), Picture.whole(model.rig, seen.silhouettes, seen.unsure)
+    if hull is None:
+        return pose
+    facing_rad = float(pose[DOF_INDEX["root_heading"]])
+    return find_first_pose(model, picture, hull, limbs, settings, facing_rad).solution.pose

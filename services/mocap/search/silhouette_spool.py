@@ -1,0 +1,45 @@
+"""Keeps the silhouettes of all frames of a take, compressed, in a temporary file."""
+
+import tempfile
+import zlib
+
+import numpy as np
+
+from services.mocap.energy.bitplanes import TriPlanes
+
+_FAST = 1
+"""zlib's level: silhouettes shrink to a fiftieth with any."""
+
+
+class SilhouetteSpool:
+    """Silhouettes by frame; frames are added in order and read in any order."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile(prefix="xormocap-silhouettes-")  # noqa: SIM115  (closed by close)
+        self._ends = [0]
+        self._shape: tuple[int, ...] = ()
+
+    def append(self, seen: TriPlanes) -> None:
+        """Add the next frame's silhouettes (P, H, W)."""
+        planes = np.stack([seen.silhouettes, seen.unsure])
+        self._shape = planes.shape
+        self._file.seek(self._ends[-1])
+        self._ends.append(self._ends[-1] + self._file.write(zlib.compress(planes.tobytes(), _FAST)))
+
+    def kept(self, seen: TriPlanes) -> TriPlanes:
+        """Add the next frame's silhouettes, and return them."""
+        self.append(seen)
+        return seen
+
+    def __len__(self) -> int:
+        return len(self._ends) - 1
+
+    def __getitem__(self, frame: int) -> TriPlanes:
+        """The silhouettes (P, H, W) of a frame, from 0."""
+        self._file.seek(self._ends[frame])
+        content = zlib.decompress(self._file.read(self._ends[frame + 1] - self._ends[frame]))
+        return TriPlanes(*np.frombuffer(content, np.uint8).reshape(self._shape).copy())
+
+    def close(self) -> None:
+        """Delete everything."""
+        self._file.close()

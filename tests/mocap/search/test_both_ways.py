@@ -1,0 +1,161 @@
+"""Of two tracks each limb comes from the one that has it, and every frame is solved from there."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from services.mocap.body.kinematics import joint_positions
+from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.energy.picture import Picture
+from services.mocap.search.best_path import PathSearch, apart_m, corrected_frames
+from services.mocap.search.both_ways import Step, solve_both_ways
+from services.mocap.search.chains import LIMBS, LimbName
+from services.mocap.search.contour_search import solve_by_contours
+from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.model import Model
+from services.mocap.search.part_confidence import PartConfidence
+from services.mocap.search.settings import SearchSettings
+from services.mocap.search.tracker import Tracker
+from services.mocap.take.marks import PARTS
+from services.mocap.types import Bytes, Floats
+
+SETTINGS = SearchSettings()
+N = 6
+
+
+@pytest.fixture(scope="module")
+def truth(standing: Callable[..., Floats]) -> Floats:
+    """(N, D): both arms sink slowly from the side, and the actor walks on."""
+    poses = np.array([standing(shoulder_elevation=-10.0 - 6.0 * k, elbow_flexion=40.0) for k in range(N)])
+    poses[:, 0] += 0.03 * np.arange(N)
+    return poses
+
+
+@pytest.fixture(scope="module")
+def seen(truth: Floats, silhouettes_of: Callable[[Floats], Bytes]) -> list[TriPlanes]:
+    return [TriPlanes.sure(silhouettes_of(pose)) for pose in truth]
+
+
+def without(poses: Floats, limb: LimbName, frames: slice, standing: Callable[..., Floats]) -> Floats:
+    """The poses (N, D) with a limb hanging down, where it is not, in some frames."""
+    lost, dofs = poses.copy(), list(LIMBS[limb].dofs)
+    lost[frames, dofs[0] : dofs[-1] + 1] = standing(shoulder_elevation=-80.0, hip_flexion=60.0)[dofs]
+    return lost
+
+
+def best_of(model: Model, seen: list[TriPlanes], one: Floats, other: Floats) -> Floats:
+    search = PathSearch(model, SETTINGS)
+    for planes, pose, rival in zip(seen, one, other, strict=True):
+        search.add(planes, pose, rival)
+    return np.array([chosen.pose for chosen in search.best()])
+
+
+def test_each_limb_comes_from_the_track_that_has_it(
+    model: Model, truth: Floats, seen: list[TriPlanes], standing: Callable[..., Floats]
+) -> None:
+    """In the middle frames one track lacks the left arm and the other one the right arm and a leg."""
+    forward = without(truth, "left_arm", slice(2, None), standing)
+    back = without(truth, "right_arm", slice(None, 4), standing)
+    back = without(back, "right_leg", slice(1, 4), standing)
+    np.testing.assert_array_equal(best_of(model, seen, forward, back), truth)
+    np.testing.assert_array_equal(best_of(model, seen[::-1], back[::-1], forward[::-1])[::-1], truth)
+
+
+def test_of_two_equal_energies_the_steadier_path_is_taken(
+    model: Model, truth: Floats, seen: list[TriPlanes], standing: Callable[..., Floats]
+) -> None:
+    """Nothing is seen of a frame, so that movement alone decides."""
+    hidden = list(seen)
+    hidden[3] = TriPlanes(np.zeros_like(seen[3].silhouettes), np.full_like(seen[3].silhouettes, 255))
+    forward = without(truth, "left_arm", slice(3, 4), standing)
+    np.testing.assert_array_equal(best_of(model, hidden, forward, truth), truth)
+    np.testing.assert_array_equal(best_of(model, hidden, truth, forward), truth)
+
+
+def test_a_whole_track_that_is_better_is_taken_whole(
+    model: Model, truth: Floats, seen: list[TriPlanes]
+) -> None:
+    astray = truth.copy()
+    astray[:, 1] += 0.3
+    np.testing.assert_array_equal(best_of(model, seen, astray, truth), truth)
+
+
+def test_how_far_apart_two_poses_are(model: Model, truth: Floats) -> None:
+    other = truth[0].copy()
+    other[LIMBS["left_arm"].dofs[0]] += 0.5
+    found = apart_m(truth[0], other, model.body.offsets_m)
+    joints_m = joint_positions(np.stack([truth[0], other]), model.body.offsets_m)
+    assert [part for part, m in zip(PARTS, found, strict=True) if m > 0] == ["left_arm"]
+    assert 0.1 < found.max() <= np.linalg.norm(joints_m[1] - joints_m[0], axis=-1).max()
+
+
+def test_what_was_corrected_is_counted_by_part(
+    model: Model, truth: Floats, standing: Callable[..., Floats]
+) -> None:
+    lost = without(without(truth, "left_arm", slice(1, 4), standing), "right_leg", slice(4, 5), standing)
+    assert corrected_frames(lost, truth, model.body.offsets_m) == {"left_arm": 3, "right_leg": 1}
+
+
+def test_a_limb_that_the_first_way_lost_is_found(
+    model: Model,
+    truth: Floats,
+    seen: list[TriPlanes],
+    standing: Callable[..., Floats],
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    forward = without(truth, "left_arm", slice(1, N - 1), standing)
+    steps = list(solve_both_ways(model, SETTINGS, LocalLimbs(model), seen, forward))
+    solved = [(step.frame, step.solution) for step in steps if step.solution is not None]
+    assert [frame for frame, _ in solved] == list(range(N))
+    assert [(step.sweep, step.frame) for step in steps if step.solution is None] == [
+        *(("tracking back", frame) for frame in reversed(range(N))),
+        *(("settling", frame) for frame in range(N)),
+    ]
+    assert all(isinstance(step, Step) for step in steps)
+    for frame, solution in solved:
+        assert joint_errors_mm(solution.pose, truth[frame]).max() < 25
+        assert solution.distrusted == []
+
+
+def test_a_limb_that_was_lost_for_long_is_found_by_a_thorough_search(
+    model: Model,
+    truth: Floats,
+    seen: list[TriPlanes],
+    standing: Callable[..., Floats],
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    """What differed in the last frames is usual, and no reason to search the arm."""
+    lost = without(truth, "left_arm", slice(0, 1), standing)[:1]
+    picture = Picture.whole(model.rig, seen[0].silhouettes)
+    errors_mm = []
+    for thorough in (False, True):
+        trust = PartConfidence(model.rig, SETTINGS.doubt_px)
+        trust.recall({f"usual.{part}": [3000] * 15 for part in PARTS})
+        limbs = LocalLimbs(model)
+        found = solve_by_contours(model, picture, lost, SETTINGS, limbs, trust, thorough=thorough)
+        errors_mm.append(joint_errors_mm(found.pose, truth[0]).max())
+    assert errors_mm[0] > 150
+    assert errors_mm[1] < 25
+
+
+def test_an_actor_who_leaves_is_missed_in_both_ways(
+    model: Model,
+    truth: Floats,
+    seen: list[TriPlanes],
+    joint_errors_mm: Callable[[Floats, Floats], Floats],
+) -> None:
+    nobody = TriPlanes.sure(np.zeros_like(seen[0].silhouettes))
+    gone = {2, 3}
+    left = [nobody if frame in gone else planes for frame, planes in enumerate(seen)]
+    tracker = Tracker(model, SETTINGS, LocalLimbs(model), truth[:1])
+    forward = np.array([tracker.solve(planes).pose for planes in left])
+    for step in solve_both_ways(model, SETTINGS, LocalLimbs(model), left, forward):
+        if step.solution is None:
+            continue
+        if step.frame in gone:
+            assert step.solution.distrusted == list(PARTS)
+            assert set(step.solution.confidence.values()) == {0.0}
+        else:
+            assert "torso" not in step.solution.distrusted
+            assert joint_errors_mm(step.solution.pose, truth[step.frame]).max() < 25

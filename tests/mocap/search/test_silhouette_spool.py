@@ -1,0 +1,25 @@
+"""What was put in comes out again, in any order."""
+
+import numpy as np
+from numpy.random import default_rng
+
+from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.search.silhouette_spool import SilhouetteSpool
+
+
+def test_silhouettes_come_out_as_they_went_in() -> None:
+    random = default_rng(5)
+    frames = [
+        TriPlanes(*(random.integers(0, 256, (2, 7, 9), np.uint8) * np.uint8(k % 2) for k in (1, frame)))
+        for frame in range(5)
+    ]
+    spool = SilhouetteSpool()
+    for k, frame in enumerate(frames):
+        spool.append(frame)
+        assert len(spool) == k + 1
+        for j in (k, 0, k // 2):
+            found = spool[j]
+            np.testing.assert_array_equal(found.silhouettes, frames[j].silhouettes)
+            np.testing.assert_array_equal(found.unsure, frames[j].unsure)
+            assert found.silhouettes.flags.writeable  # compiled code takes no others
+    spool.close()
