@@ -16,6 +16,7 @@ from services.mocap.camera.formats import read_any
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.recordings import VIDEO_SUFFIXES, files_of, match_by_name
+from services.mocap.take.video_checks import check_video_size
 from services.mocap.take.video_index import VideoIndex, index_video
 
 
@@ -53,6 +54,8 @@ def new(
             f"{' among ' + ', '.join(left) if left else ''}: name the videos like the cameras"
         )
     indices = {name: index_video(path) for name, path in found.items()}
+    for camera in cameras:
+        check_video_size(indices[camera.name], camera)
     folder.mkdir(parents=True, exist_ok=True)
     if cameras and not (folder / layout.CALIBRATION).exists():
         write_calibration(folder / layout.CALIBRATION, cameras, up)
