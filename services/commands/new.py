@@ -106,4 +106,5 @@ def _tell(settings: Path, indices: dict[str, VideoIndex], *, has_cameras: bool) 
     background = layout.background_video_path(folder, "<camera>")
     if not background.parent.is_dir():
         say(f"next: record the empty stage as {background}; without it, it is estimated")
+    say(f"next: xormocap sync {folder}, if the cameras have no common trigger")
     say(f"next: xormocap track {folder}")
