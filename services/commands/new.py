@@ -16,6 +16,7 @@ from services.mocap.camera.formats import read_any
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.recordings import VIDEO_SUFFIXES, files_of, match_by_name
+from services.mocap.take.video_checks import check_video_size
 from services.mocap.take.video_index import VideoIndex, index_video
 
 
@@ -53,6 +54,8 @@ def new(
             f"{' among ' + ', '.join(left) if left else ''}: name the videos like the cameras"
         )
     indices = {name: index_video(path) for name, path in found.items()}
+    for camera in cameras:
+        check_video_size(indices[camera.name], camera)
     folder.mkdir(parents=True, exist_ok=True)
     if cameras and not (folder / layout.CALIBRATION).exists():
         write_calibration(folder / layout.CALIBRATION, cameras, up)
@@ -103,4 +106,5 @@ def _tell(settings: Path, indices: dict[str, VideoIndex], *, has_cameras: bool) 
     background = layout.background_video_path(folder, "<camera>")
     if not background.parent.is_dir():
         say(f"next: record the empty stage as {background}; without it, it is estimated")
+    say(f"next: xormocap sync {folder}, if the cameras have no common trigger")
     say(f"next: xormocap track {folder}")

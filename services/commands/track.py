@@ -147,7 +147,9 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
     )
     corrected = report.get("corrected_frames_by_part", {})
     if corrected:
-        told = ", ".join(f"{part.replace('_', ' ')} in {n} frames" for part, n in corrected.items())
+        told = ", ".join(
+            f"{part.replace('_', ' ')} in {n} frame{'' if n == 1 else 's'}" for part, n in corrected.items()
+        )
         table.add_row("corrected on the way back", told)
     table.add_row("evaluations per frame", f"{speed['evaluations_per_frame']:.0f}")
     if "accuracy" in report:

@@ -219,7 +219,11 @@ class Dispatcher:
         for key, opened in self._open.items():
             late = opened.given_to and now - opened.given_s > self.deadline_s
             if late and key not in self._queue:
-                log.warning("%s is late after %.1f s", in_words(opened.task), now - opened.given_s)
+                log.warning(
+                    "%s is late after %.1f s: another worker gets it too",
+                    in_words(opened.task),
+                    now - opened.given_s,
+                )
                 self._again(key)
         self._assign()
 

@@ -33,6 +33,7 @@ def shoot(small_take: Callable[..., Path], tmp_path: Path) -> Path:
 def test_videos_and_a_calibration_become_a_take(shoot: Path, tmp_path: Path) -> None:
     printed = run(tmp_path / "take", shoot, "--calibration", shoot / "calibration.toml")
     assert "64x48" in printed
+    assert f"xormocap sync {tmp_path / 'take'}" in printed.replace("\n", "")
     assert f"xormocap track {tmp_path / 'take'}" in printed.replace("\n", "")
     take = open_take(tmp_path / "take")
     assert (take.settings.name, take.settings.fps, take.settings.frames) == ("take", 10.0, 4)

@@ -143,7 +143,7 @@ def test_results(doubtful: Path, start_viewer: Start, free_port: int, page: Page
     start_viewer(doubtful, "--port", free_port, module=("services.cli", "view"))
     _open(page, free_port)
     assert page.title() == "walk · xormocap"
-    assert page.locator("#doubts").inner_text().startswith("Doubtful: head in 1 (frames 15); left arm in 3")
+    assert page.locator("#doubts").inner_text().startswith("Doubtful: head in 1 (frame 15); left arm in 3")
     page.get_by_role("button", name="pause", exact=True).click()
     body: dict[int, Bytes] = {}
     for key, frame in (("Home", 0), ("ArrowRight", 1), ("End", 23), ("ArrowLeft", 22)):

@@ -33,6 +33,16 @@ class Clip:
         """The number of pictures; raises TakeError if the clip cannot be read."""
         return index_video(self.path).n_frames if self.is_video else len(self._files())
 
+    def size_px(self) -> tuple[int, int] | None:
+        """Width and height of the first picture, None if there is none; raises TakeError."""
+        if self.is_video:
+            index = index_video(self.path)
+            return index.width_px, index.height_px
+        for file in self._files()[:1]:
+            height, width = read_picture(file).shape[:2]
+            return width, height
+        return None
+
     @property
     def is_video(self) -> bool:
         """False for pictures."""
@@ -81,3 +91,17 @@ def find_clips(folder: Path) -> list[Clip]:
         if is_clip:
             clips[camera] = Clip(camera, path)
     return sorted(clips.values(), key=lambda clip: clip.camera)
+
+
+def check_sizes(folder: Path) -> None:
+    """Raise CalibrationError if a camera's clips in a folder and its sub-folders have different sizes."""
+    first = {clip.camera: clip.size_px() for clip in find_clips(folder)}
+    for other in (clip for kind in (INTRINSICS, ORIGIN) for clip in find_clips(folder / kind)):
+        size, found = first.get(other.camera), other.size_px()
+        if size is None or found is None or size == found:
+            continue
+        turned = ", and hold it the same way" if found == size[::-1] else ""
+        raise CalibrationError(
+            f"{other.path}: is {found[0]}x{found[1]} pixels, but the camera's other clip is "
+            f"{size[0]}x{size[1]}: record all clips of a camera with the same settings{turned}"
+        )

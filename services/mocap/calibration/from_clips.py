@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.calibration.board import Board
-from services.mocap.calibration.clips import INTRINSICS, ORIGIN, Clip, find_clips
+from services.mocap.calibration.clips import INTRINSICS, ORIGIN, Clip, check_sizes, find_clips
 from services.mocap.calibration.diagnosis import check_prints, check_same_pictures
 from services.mocap.calibration.lens import Intrinsics, Lens
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Show, Solution, solve_rig
@@ -47,6 +47,7 @@ def calibrate_clips(
     names = [clip.camera for clip in clips]
     if level is not None and level not in names:
         raise CalibrationError(f"--level {level}: is no camera of {folder}: {nearest(level, names)}")
+    check_sizes(folder)
     remarks = []
     if board.inverted is None:
         board = _with_polarity(board, clips)
@@ -94,12 +95,6 @@ def _sightings(clip: Clip, folder: Path, detector: Detector) -> Sightings:
     for kind, most in ((INTRINSICS, _MOST_LOOKED_AT), (ORIGIN, _MOST_OF_ORIGIN)):
         for other in (other for other in find_clips(folder / kind) if other.camera == clip.camera):
             found = look(other, most)
-            if found.n_looked_at and seen.n_looked_at and found.size_px != seen.size_px:
-                (width, height), (first_width, first_height) = found.size_px, seen.size_px
-                raise CalibrationError(
-                    f"{other.path}: is {width}x{height} pixels, but the camera's other clip is "
-                    f"{first_width}x{first_height}: record all clips of a camera with the same settings"
-                )
             if kind == INTRINSICS:
                 by_frame.update({-1 - frame: sighting for frame, sighting in found.by_frame.items()})
             elif (origin := _at_rest(other, list(found.by_frame.values()), detector.board)) is not None:

@@ -93,8 +93,8 @@ def _remarks(
     ]
     remarks += [
         unsure.before(
-            f"calibration.toml: the silhouette of {names[c]} does not meet in space with those of the others "
-            f"see{_LEFT_OUT}; check its calibration, its synchronisation and its silhouette",
+            f"calibration.toml: the silhouette of {names[c]} does not meet in space with those of the "
+            f"others{_LEFT_OUT}; check its calibration, its synchronisation and its silhouette",
             [c],
         )
         for c in agreement.odd

@@ -34,13 +34,40 @@ def check_png(path: Path, camera: Camera) -> None:
     check_size(path, width_px, height_px, camera)
 
 
-def check_size(path: Path, width_px: int, height_px: int, camera: Camera) -> None:
-    """Raises TakeError when the picture's size is not the calibrated one."""
-    if (width_px, height_px) != (camera.width_px, camera.height_px):
-        raise TakeError(
-            f"{path}: is {width_px}x{height_px} pixels, but [{camera.name}] size in {CALIBRATION} is "
-            f"{camera.width_px}x{camera.height_px}: both must be the same"
+def check_size(path: Path, width_px: int, height_px: int, camera: Camera, *, is_turned: bool = False) -> None:
+    """Raises TakeError when the picture's size is not the calibrated one.
+
+    is_turned: whether a rotation tag in the file turned the picture by a quarter turn.
+    """
+    if (width_px, height_px) == (camera.width_px, camera.height_px):
+        return
+    tag = ", turned by a quarter turn as its rotation tag says" if is_turned else ""
+    raise TakeError(
+        f"{path}: is {width_px}x{height_px} pixels{tag}, but [{camera.name}] size in {CALIBRATION} is "
+        f"{camera.width_px}x{camera.height_px}: {_size_remedy(width_px, height_px, camera, is_turned)}"
+    )
+
+
+def _size_remedy(width_px: int, height_px: int, camera: Camera, is_turned: bool) -> str:
+    """What to do about pictures of another size than the calibrated one."""
+    size_px = camera.width_px, camera.height_px
+    is_across = (height_px, width_px) == size_px
+    if is_across and is_turned:
+        return (
+            "remove the tag (ffmpeg -display_rotation 0 -i IN -c copy OUT), or calibrate with clips that "
+            "have the same tag"
         )
+    if is_across:
+        return (
+            "turn the pictures by a quarter turn (ffmpeg -i IN -vf transpose=1 OUT; transpose=2 if they are "
+            "then upside down), or calibrate with pictures as these"
+        )
+    if width_px * size_px[1] == height_px * size_px[0]:
+        return (
+            f"scale the pictures (ffmpeg -i IN -vf scale={size_px[0]}:{size_px[1]} OUT), or calibrate with "
+            "pictures of this size"
+        )
+    return "record the take with the settings of the calibration, or calibrate with pictures of this size"
 
 
 def read_trimap(path: Path, unsure: Sequence[int] = (UNSURE, UNSURE)) -> Trimap:

@@ -35,12 +35,17 @@ def rate_of(indices: Sequence[VideoIndex], settings: Path) -> float:
     return round((index.n_frames - 1) / float(index.times_s[-1] - index.times_s[0]), 3)
 
 
+def check_video_size(index: VideoIndex, camera: Camera) -> None:
+    """Raise TakeError if a video has another size than the camera, with what to do about it."""
+    check_size(index.path, index.width_px, index.height_px, camera, is_turned=index.is_turned)
+
+
 def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said: TakeFile) -> None:
     """Raise TakeError if a video has another size than the camera, too few frames, gaps or another rate.
 
     said: take.toml as it is written.
     """
-    check_size(index.path, index.width_px, index.height_px, camera)
+    check_video_size(index, camera)
     ahead = settings.offset(camera.name)
     frames = settings.frames + ahead
     if index.n_frames < frames:
@@ -98,7 +103,7 @@ def check_plate(path: Path, camera: Camera, *, decoded: bool) -> None:
         check_png(path, camera)
         return
     index = index_video(path)
-    check_size(path, index.width_px, index.height_px, camera)
+    check_video_size(index, camera)
     if decoded:
         check_decodes(index, index.n_frames)
 

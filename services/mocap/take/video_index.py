@@ -42,6 +42,8 @@ class VideoIndex:
     """(frame number, decoding stamp) of the frames at which decoding can start."""
     repeats: frozenset[int] = frozenset()
     """Frames that the file does not code: the picture before them is shown again."""
+    is_turned: bool = False
+    """Whether the file's rotation tag turns its stored pictures by a quarter turn."""
     is_counted: bool = False
     """Whether frames must be counted from a keyframe, as their time stamps are in decoding order."""
 
@@ -70,7 +72,8 @@ def index_video(path: Path) -> VideoIndex:
     shown = [packet for packet in stream.packets if not packet.is_hidden]
     stamps = sorted(packet.shown for packet in shown)
     keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in stream.packets if p.is_key)
-    height, width = _first_picture(path).shape[:2]
+    picture, quarter_turns = _first_picture(path)
+    height, width = picture.shape[:2]
     return VideoIndex(
         path=path,
         width_px=width,
@@ -79,6 +82,7 @@ def index_video(path: Path) -> VideoIndex:
         stamps=tuple(stamps),
         keyframes=tuple(keyframes),
         repeats=frozenset(bisect_left(stamps, packet.shown) for packet in shown if packet.is_not_coded),
+        is_turned=quarter_turns % 2 == 1,
         is_counted=stream.container == "avi" and stream.codec in _CODECS_OUT_OF_ORDER,
     )
 
@@ -152,8 +156,8 @@ def video_stream(container: InputContainer, path: Path) -> VideoStream:
     return stream
 
 
-def _first_picture(path: Path) -> Bytes:
-    """The first picture that can be decoded, upright."""
+def _first_picture(path: Path) -> tuple[Bytes, int]:
+    """The first picture that can be decoded, upright, and by how many quarter turns it was turned."""
     with opened_video(path) as container:
         try:
             frame = next(container.decode(video_stream(container, path)), None)
@@ -161,12 +165,17 @@ def _first_picture(path: Path) -> Bytes:
             frame = None
         if frame is None:
             raise TakeError(f"{path}: frame 0 cannot be decoded: {COPY_AGAIN}")
-        return bgr_picture(frame, VideoReformatter())
+        return bgr_picture(frame, VideoReformatter()), _quarter_turns(frame)
 
 
 def bgr_picture(frame: VideoFrame, converter: VideoReformatter) -> Bytes:
     """A decoded frame as BGR (H, W, 3), rotated by the file's metadata: cameras held upright store rotated
     pictures."""
     bgr: Bytes = np.asarray(converter.reformat(frame, format="bgr24", threads=1).to_ndarray(), np.uint8)
-    quarter_turns = round(frame.rotation / 90) % 4
+    quarter_turns = _quarter_turns(frame)
     return np.ascontiguousarray(np.rot90(bgr, quarter_turns)) if quarter_turns else bgr
+
+
+def _quarter_turns(frame: VideoFrame) -> int:
+    """By how many quarter turns, counter-clockwise, the file's rotation tag turns a stored picture."""
+    return round(frame.rotation / 90) % 4

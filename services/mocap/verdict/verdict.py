@@ -83,7 +83,8 @@ class Verdict(_Frozen):
         """The level, and how many frames are doubtful."""
         if not self.doubtful_frames:
             return f"{self.level}: no part is doubtful in any of {self.frames} frames"
-        return f"{self.level}: {self.doubtful_frames} of {self.frames} frames have doubtful parts"
+        have = "has" if self.doubtful_frames == 1 else "have"
+        return f"{self.level}: {self.doubtful_frames} of {self.frames} frames {have} doubtful parts"
 
     @property
     def doubts_in_words(self) -> str:
@@ -115,8 +116,11 @@ def spans_of(chosen: Mask, first: int = 0) -> tuple[tuple[int, int], ...]:
 
 
 def spans_in_words(spans: tuple[tuple[int, int], ...]) -> str:
-    """`frames 4 to 9, 30, and 3 more stretches`; the longest are listed."""
+    """`frame 4`, or `frames 4 to 9, 30, and 3 more stretches`; the longest are listed."""
     longest = sorted(spans, key=lambda span: span[0] - span[1])[:_MOST_SPANS]
     listed = ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in sorted(longest))
     more = len(spans) - len(longest)
-    return f"frames {listed}" + (f", and {more} more stretch{'es' if more > 1 else ''}" if more else "")
+    one = len(spans) == 1 and spans[0][0] == spans[0][1]
+    return f"frame{'' if one else 's'} {listed}" + (
+        f", and {more} more stretch{'es' if more > 1 else ''}" if more else ""
+    )

@@ -72,8 +72,8 @@ def test_with_poses_and_actor_alone(folder: Path) -> None:
     assert "img" not in read.seen
     assert "<b>" not in page
     assert "&lt;b&gt;mine" in page
-    assert "usable with gaps: 1 of 16 frames have doubtful parts" in page
-    assert "Doubtful: left arm in 1 (frames 103)." in page
+    assert "usable with gaps: 1 of 16 frames has doubtful parts" in page
+    assert "Doubtful: left arm in 1 (frame 103)." in page
     assert "16, from 100 to 115" in page
 
 

@@ -52,7 +52,9 @@ def _no_png(path: Path) -> None:
         (
             _other_size,
             2,
-            "is 48x64 pixels, but [cam02] size in calibration.toml is 64x48: both must be the same",
+            "is 48x64 pixels, but [cam02] size in calibration.toml is 64x48: turn the pictures by a quarter "
+            "turn (ffmpeg -i IN -vf transpose=1 OUT; transpose=2 if they are then upside down), or calibrate "
+            "with pictures as these",
         ),
     ],
 )

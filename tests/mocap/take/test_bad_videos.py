@@ -113,7 +113,8 @@ def test_a_video_of_another_size(small_take: SmallTake, refusal: Refusal, part: 
     rewrite_video(folder / part / "cam02.mp4", 4, size_px=(48, 64))
     assert refusal(folder) == (
         f"{part}/cam02.mp4: is 48x64 pixels, but [cam02] size in calibration.toml is 64x48: "
-        "both must be the same"
+        "turn the pictures by a quarter turn (ffmpeg -i IN -vf transpose=1 OUT; transpose=2 if they are then "
+        "upside down), or calibrate with pictures as these"
     )
 
 

@@ -1,3 +1,4 @@
+import shutil
 from fractions import Fraction
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rotation_tag import tag_a_quarter_turn
 from services.mocap.errors import TakeError
 from services.mocap.take.video import VideoReader
 from services.mocap.take.video_index import index_video
@@ -80,18 +82,13 @@ def test_colours_come_back(tmp_path: Path, bgr: tuple[int, int, int]) -> None:
 
 
 def test_pictures_stored_lying_are_turned_upright_as_opencv_does(video: Path, tmp_path: Path) -> None:
-    data = bytearray(video.read_bytes())
-    matrix = data.index(b"tkhd") + 4 + 40  # version 0: the display matrix is 40 bytes into the box
-    assert data[matrix : matrix + 4] == (1 << 16).to_bytes(4, "big")
-    a_quarter = [0, 1 << 16, 0, -(1 << 16), 0, 0, 48 << 16, 0, 1 << 30]
-    data[matrix : matrix + 36] = b"".join(value.to_bytes(4, "big", signed=True) for value in a_quarter)
-    turned = tmp_path / "turned.mp4"
-    turned.write_bytes(data)
+    turned = Path(shutil.copy(video, tmp_path / "turned.mp4"))
+    tag_a_quarter_turn(turned, height_px=48)
     with VideoReader(turned, 0, 1) as reader:
         (picture,) = reader
     ok, seen = cv2.VideoCapture(str(turned)).read()
     assert ok
-    assert (reader.index.width_px, reader.index.height_px) == (48, 64)
+    assert (reader.index.width_px, reader.index.height_px, reader.index.is_turned) == (48, 64, True)
     assert picture.shape == seen.shape == (64, 48, 3)
     assert np.abs(picture.astype(int) - seen).max() <= 3
 

@@ -36,8 +36,8 @@ def judged(folder: Path, iou: dict[str, np.ndarray] | None = None, **run: Any) -
 
 def test_doubtful_parts_and_their_frames_are_named(folder: Path) -> None:
     verdict = judged(folder)
-    assert verdict.headline == "usable with gaps: 1 of 16 frames have doubtful parts"
-    assert verdict.doubts_in_words == "left arm in 1 (frames 103)"
+    assert verdict.headline == "usable with gaps: 1 of 16 frames has doubtful parts"
+    assert verdict.doubts_in_words == "left arm in 1 (frame 103)"
     assert (verdict.doubtful_frames, verdict.lost_frames, verdict.causes) == (1, 0, ())
     assert verdict.typical_iou == pytest.approx(0.9)
 
