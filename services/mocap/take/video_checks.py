@@ -22,6 +22,7 @@ for eight; longer ones only at their end."""
 _FEW_S = 0.25
 """Cameras that are started and stopped together differ by no more; the longer videos are cut."""
 _FEWEST_CUT = 2
+_CONVERSION = "ffmpeg -i IN -vf fps={:g} OUT"
 
 
 def rate_of(indices: Sequence[VideoIndex], settings: Path) -> float:
@@ -61,14 +62,15 @@ def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said:
     if late.size:
         raise TakeError(
             f"{index.path}: lacks frames between its frames {late[0]} and {late[0] + 1}, which are "
-            f"{gaps_s[late[0]]:.3f} s apart: convert it to a constant frame rate"
+            f"{gaps_s[late[0]]:.3f} s apart: convert it to a constant frame rate "
+            f"({_CONVERSION.format(settings.fps)})"
         )
     fps = 1 / gaps_s.mean()
     if abs(fps / settings.fps - 1) > _LARGEST_RATE_ERROR:
         if said.fps is None:
             raise TakeError(
                 f"{index.path}: runs at {fps:.4g} frames per second, but the first camera's video at "
-                f"{settings.fps:g}: convert one of them"
+                f"{settings.fps:g}: convert one of them ({_CONVERSION.format(settings.fps)})"
             )
         raise TakeError(
             f"{index.path}: runs at {fps:.4g} frames per second, but {layout.SETTINGS} says fps = "

@@ -104,7 +104,7 @@ def test_a_video_with_lost_frames(small_take: SmallTake, refusal: Refusal) -> No
     assert sentence.startswith("videos/cam02.mp4: lacks frames between its frames 6 and 7, which are 0."), (
         sentence
     )
-    assert sentence.endswith("convert it to a constant frame rate")
+    assert sentence.endswith("convert it to a constant frame rate (ffmpeg -i IN -vf fps=10 OUT)")
 
 
 @pytest.mark.parametrize("part", ["videos", "background"])
