@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from services.mocap.calibration.board import Board
+from services.mocap.calibration.board_print import drawn
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME
 from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.calibration.sightings import Sighting, Sightings
@@ -155,9 +156,9 @@ def picture(
         T_camera_board = RigidTransform(camera.R_camera_world, camera.t_camera_world_m) @ pose
         to_board = np.linalg.inv(np.column_stack([T_camera_board.R[:, :2], T_camera_board.t_m]))
         plane = _rays(camera) @ to_board.T
-        print_ = cv2.GaussianBlur(board.draw(_SQUARE_PX), (0, 0), 0.7)
+        print_ = cv2.GaussianBlur(drawn(board, _SQUARE_PX), (0, 0), 0.7)
         centre = (np.array(print_.shape[::-1]) - 1) / 2
-        at_px = plane[:, :2] / plane[:, 2:] * (1, -1) / board.square_m * _SQUARE_PX + centre
+        at_px = plane[:, :2] / plane[:, 2:] * (1, -1) / board.pitch_m * _SQUARE_PX + centre
         x, y = at_px.astype(np.float32).T.reshape(2, *level.shape)
         level = 20 + 0.8 * cv2.remap(print_, x, y, cv2.INTER_LINEAR, borderValue=90).astype(np.float32)
     grey = level + noise * rng.standard_normal(level.shape, np.float32)

@@ -22,8 +22,8 @@ from board_stage import (
 )
 from services.commands.calibrate.board import COVERAGE, RECORD, calibrate_by_board, draw_board
 from services.mocap.calibration.board import Board
+from services.mocap.calibration.detection import Detector
 from services.mocap.calibration.lens import Lens
-from services.mocap.calibration.sightings import Detector
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes

@@ -12,6 +12,7 @@ from rich.table import Table
 from services.commands.consoles import progress_bar, say, table_of, warn
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.board import Board
+from services.mocap.calibration.board_print import drawn
 from services.mocap.calibration.clips import find_clips
 from services.mocap.calibration.coverage import covered_share, draw_coverage
 from services.mocap.calibration.from_clips import calibrate_clips
@@ -66,36 +67,59 @@ def calibrate_by_board(
 def board_of(said: dict[str, Any], clips: Path | None) -> Board:
     """The board of the folder's board.toml and the command line, which overrides it.
 
-    said: fields of Board, and squares ("7x10") for columns and rows; None for options that were not given.
+    said: fields of Board, and squares or markers ("7x10") for columns and rows; None for options that were
+    not given.
     """
     path = None if clips is None else clips / BOARD_FILE
     fields = load_toml(path, CalibrationError) if path is not None and path.exists() else {}
     where = "board: " if not fields else f"{path}: "
-    given = {name: value for name, value in said.items() if value is not None}
-    squares = given.pop("squares", None)
-    if squares is not None:
-        columns, cross, rows = squares.lower().partition("x")
+    fields |= {name: value for name, value in said.items() if value is not None}
+    squares, markers = fields.pop("squares", None), fields.pop("markers", None)
+    if markers is not None:
+        fields.setdefault("kind", "aruco")
+    is_sheet = fields.get("kind") == "aruco"
+    option, size = ("--markers", markers) if is_sheet else ("--squares", squares)
+    other, unfit = ("--squares", squares) if is_sheet else ("--markers", markers)
+    if unfit is not None:
+        what = "a sheet of ArUco markers" if is_sheet else f"a {fields.get('kind', 'charuco')} board"
+        raise UserError(f"{other} {unfit}: {what} is described by {option} CxR")
+    if size is not None:
+        columns, cross, rows = size.lower().partition("x")
         if not (cross and columns.isdecimal() and rows.isdecimal()):
-            raise UserError(f"--squares {squares}: expected squares in a row and rows, such as 7x10")
-        given |= {"columns": int(columns), "rows": int(rows)}
-    fields |= given
-    if not {"columns", "rows", "square_m"} <= fields.keys():
-        raise UserError(
-            "board: expected --squares CxR (squares in a row and rows, not the corners between them) and "
-            f"--square METRES, or a file {BOARD_FILE} with columns, rows and square_m among the clips"
-        )
+            what = "markers" if is_sheet else "squares"
+            raise UserError(f"{option} {size}: expected {what} in a row and rows, such as 7x10")
+        fields |= {"columns": int(columns), "rows": int(rows)}
+    _check_complete(fields, is_sheet)
     return validated(Board, fields, where, CalibrationError)
+
+
+def _check_complete(fields: dict[str, Any], is_sheet: bool) -> None:
+    """Raise UserError if a board's size is not known."""
+    lengths = ("marker_m", "gap_m") if is_sheet else ("square_m",)
+    if {"columns", "rows", *lengths} <= fields.keys():
+        return
+    options = (
+        "--markers CxR (markers in a row and rows), --marker METRES and --gap METRES"
+        if is_sheet
+        else "--squares CxR (squares in a row and rows, not the corners between them) and --square METRES"
+    )
+    raise UserError(
+        f"board: expected {options}, or a file {BOARD_FILE} with columns, rows and {' and '.join(lengths)} "
+        "among the clips"
+    )
 
 
 def draw_board(path: Path, said: dict[str, Any], clips: Path | None, console: Console) -> None:
     """Write the board as a PNG of 300 dots per inch."""
     board = board_of(said, clips)
-    square_px = round(board.square_m * _PRINT_DOTS_PER_M)
-    square_px = min(square_px, _LARGEST_PRINT_PX // (max(board.columns, board.rows) + 1))
-    write_picture(path, board.draw(square_px))
+    pitch_px = round(board.pitch_m * _PRINT_DOTS_PER_M)
+    pitch_px = min(pitch_px, _LARGEST_PRINT_PX // (max(board.columns, board.rows) + 1))
+    write_picture(path, drawn(board, pitch_px))
+    what, side_m = ("square", board.pitch_m) if board.square_m else ("marker", board.marker_side_m)
+    measured = "squares" if board.square_m else "markers and the gaps between them"
     say(
-        f"{path}: print it so that a square is {1e3 * board.square_m:g} mm wide, glue it on something "
-        "flat, and measure the squares: all lengths are derived from them",
+        f"{path}: print it so that a {what} is {1e3 * side_m:g} mm wide, glue it on something flat, and "
+        f"measure the {measured}: all lengths are derived from them",
         console,
     )
 
@@ -123,7 +147,7 @@ def _table(solution: Solution) -> Table:
 def _write_record(path: Path, solution: Solution, board: Board, remarks: list[str]) -> None:
     names = [camera.name for camera in solution.cameras]
     record = {
-        "board": board.model_dump(),
+        "board": board.model_dump(exclude_none=True),
         "cameras": {
             name: {
                 "error_px": round(solution.error_px(c), 4),

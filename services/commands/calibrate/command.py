@@ -13,6 +13,7 @@ from services.commands.calibrate.colour import calibrate_colour
 from services.commands.consoles import say, warn
 from services.commands.consoles import stderr as _err
 from services.commands.consoles import stdout as _out
+from services.mocap.calibration.board import BoardKind
 from services.mocap.calibration.lens import N_COEFFICIENTS, Lens
 from services.mocap.calibration.remarks import remarks_on
 from services.mocap.camera.calibration import Up
@@ -32,8 +33,11 @@ def calibrate(
         Path | None, typer.Option(help="The file to write; CLIPS/calibration.toml by default.")
     ] = None,
     board: Annotated[
-        Literal["charuco", "chessboard"] | None,
-        typer.Option(help="The kind of board; charuco by default.", rich_help_panel=_BOARD),
+        BoardKind | None,
+        typer.Option(
+            help="The kind of board: charuco (default), aruco (a sheet of markers with gaps) or chessboard.",
+            rich_help_panel=_BOARD,
+        ),
     ] = None,
     squares: Annotated[
         str | None,
@@ -50,6 +54,26 @@ def calibrate(
         float | None,
         typer.Option(
             help="Side length of a marker in metres; by default 3/4 of a square's.", rich_help_panel=_BOARD
+        ),
+    ] = None,
+    markers: Annotated[
+        str | None,
+        typer.Option(
+            help="Of a sheet of ArUco markers: markers per row, and rows, such as 5x7.",
+            metavar="CxR",
+            rich_help_panel=_BOARD,
+        ),
+    ] = None,
+    gap: Annotated[
+        float | None,
+        typer.Option(
+            help="Of a sheet of ArUco markers: the gap between two in metres.", rich_help_panel=_BOARD
+        ),
+    ] = None,
+    first_id: Annotated[
+        int | None,
+        typer.Option(
+            help="Of a sheet of ArUco markers: number of the first; 0 by default.", rich_help_panel=_BOARD
         ),
     ] = None,
     dictionary: Annotated[
@@ -158,7 +182,8 @@ def calibrate(
         say(f"{out}")
     else:
         said: dict[str, Any] = {"kind": board, "squares": squares, "square_m": square, "marker_m": marker}
-        said |= {"dictionary": dictionary, "legacy": legacy, "inverted": inverted}
+        said |= {"markers": markers, "gap_m": gap, "first_id": first_id, "dictionary": dictionary}
+        said |= {"legacy": legacy, "inverted": inverted}
         if draw is not None:
             draw_board(draw, said, clips, _out)
         elif clips is not None:

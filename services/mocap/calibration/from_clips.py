@@ -8,10 +8,11 @@ import numpy as np
 
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.clips import INTRINSICS, ORIGIN, Clip, check_sizes, find_clips
+from services.mocap.calibration.detection import Detector, look_through
 from services.mocap.calibration.diagnosis import check_prints, check_same_pictures
 from services.mocap.calibration.lens import Intrinsics, Lens
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Show, Solution, solve_rig
-from services.mocap.calibration.sightings import Detector, Sighting, Sightings, is_usable, look_through
+from services.mocap.calibration.sightings import Sighting, Sightings, is_usable
 from services.mocap.errors import CalibrationError, nearest
 
 _MOST_LOOKED_AT = 300
@@ -75,7 +76,7 @@ def calibrate_clips(
 def _with_polarity(board: Board, clips: list[Clip]) -> Board:
     """The board, inverted if only its negative is found in samples of all clips."""
     inverted = board.model_copy(update={"inverted": True})
-    for clip in clips if board.kind == "charuco" else ():
+    for clip in clips if board.has_markers else ():
         samples = [picture for _, picture in clip.pictures(-(-clip.n_frames() // _POLARITY_SAMPLES))]
         if any(Detector(board).find(picture) for picture in samples):
             break

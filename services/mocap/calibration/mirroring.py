@@ -1,7 +1,7 @@
 """Finds cameras with mirrored pictures.
 
-A ChArUco board reads in a mirror only, but also from behind if it is printed on both sides: then the camera
-fits the others. A chessboard itself looks the same in a mirror.
+A board with markers reads in a mirror only, but also from behind if it is printed on both sides: then the
+camera fits the others. A chessboard itself looks the same in a mirror.
 
 Alone such a camera fits as well as any other; together with others it does not fit until its views are
 flipped.
@@ -26,7 +26,7 @@ def check_mirroring(
 ) -> None:
     """Raise CalibrationError if the cameras fit together only with one camera's pictures flipped."""
     bad = [link for link in links if link.agreeing < LEAST_AGREEING]
-    if board.kind == "charuco":
+    if board.has_markers:
         for c in {c for link in bad for c in (link.first, link.second)}:
             if seen[c].is_behind:
                 raise CalibrationError(

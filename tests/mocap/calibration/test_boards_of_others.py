@@ -7,11 +7,12 @@ import pytest
 
 from board_stage import FLAT, picture, ring, shown_to_neighbours, sightings_of
 from services.mocap.calibration.board import Board
+from services.mocap.calibration.board_print import drawn
 from services.mocap.calibration.clips import find_clips
+from services.mocap.calibration.detection import Detector, look_through
 from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.calibration.remarks import remarks_on_views
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Solution, solve_rig
-from services.mocap.calibration.sightings import Detector, look_through
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.formats import read_any
@@ -43,7 +44,7 @@ def test_a_board_that_is_white_on_black_has_its_corners_in_the_same_places(
     assert found is not None
     np.testing.assert_array_equal(found.corners, plain.corners)
     np.testing.assert_allclose(found.points_px, plain.points_px, atol=0.1)
-    np.testing.assert_array_equal(inverted.board.draw(8), 255 - BOARD.draw(8))
+    np.testing.assert_array_equal(drawn(inverted.board, 8), 255 - drawn(BOARD, 8))
 
 
 def test_the_back_of_a_board_has_the_corners_of_its_front(shown: tuple[Camera, Bytes]) -> None:

@@ -15,9 +15,10 @@ from board_stage import (
     with_fisheye,
 )
 from services.mocap.calibration.board import Board
+from services.mocap.calibration.detection import Detector
 from services.mocap.calibration.mirroring import flipped
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Solution, solve_rig
-from services.mocap.calibration.sightings import Detector, Sighting, Sightings
+from services.mocap.calibration.sightings import Sighting, Sightings
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import CalibrationError
 
