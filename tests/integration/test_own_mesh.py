@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from busy import BUSY, SHORT
 
 from characters import bind_pose, write_skinned_glb
 from services.mocap.body.actor import MESH_FILE, Actor
@@ -45,7 +46,7 @@ def test_a_skinned_character_is_fitted_and_tracked(
     assert actor.mesh is not None
     assert actor.height == pytest.approx(1.75, abs=0.03)
     out = tmp_path / "out"
-    common = ("--frames", "0:3", "--workers", 1, "--no-overlay", "--set", 'search_limbs="always"')
+    common = ("--frames", "0:3", "--workers", 1, *BUSY, *SHORT)
     done = xormocap("track", short_take, "--out", out, *common)
     assert done.returncode == 0, done.stderr
     report = json.loads((out / "run.json").read_text())

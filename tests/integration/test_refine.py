@@ -12,6 +12,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from busy import ONE_WAY, SHORT
 
 from services.commands.fitted_runs import track_again
 from services.commands.track import track
@@ -108,7 +109,7 @@ def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
         take / ACTOR, read_actor(take / ACTOR).model_copy(update={"bone_lengths": bones_m}), "nothing"
     )
     given_cm = _lengths_cm(take)
-    some = ("--frames", "14:20", "--workers", 1, "--no-overlay")
+    some = ("--frames", "14:20", "--workers", 1, *SHORT)
     done = xormocap("track", take, "--refine", *some, "--out", out)
     assert done.returncode == 0, done.stderr
     assert _lengths_cm(take) == given_cm, "the take is left as it was"
@@ -158,9 +159,9 @@ def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupte
     monkeypatch.setattr("services.commands.fitted_runs.track_take", counted)
     monkeypatch.setattr("services.commands.fitted_runs.fit_take", lambda *_, **__: badly)
     with pytest.raises(Interrupted):
-        track(strange_take, out, workers=1, frames="0:6", overlay=False)
+        track(strange_take, out, workers=1, frames="0:6", changes=[ONE_WAY[1]], check=False, overlay=False)
     first = read_actor(out / ACTOR)
-    track(strange_take, out, workers=1, frames="0:6", overlay=False)
+    track(strange_take, out, workers=1, frames="0:6", changes=[ONE_WAY[1]], check=False, overlay=False)
     assert len(jobs) == 3
     assert read_actor(out / ACTOR) != first
     assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == 6
@@ -184,7 +185,7 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     nothing_to_trust = Mock(side_effect=UserError("expected at least 2 frames without a mark"))
     out = tmp_path / "out"
     monkeypatch.setattr("services.commands.fitted_runs.refine_take", nothing_to_trust)
-    track(strange_take, out, workers=1, frames="0:6")
+    track(strange_take, out, workers=1, frames="0:6", changes=[ONE_WAY[1]], check=False)
     assert "was not fitted again to the whole take: expected at least 2 frames" in capfd.readouterr().err
     assert len(read_poses_csv(out / "poses.csv").frames) == 6
     assert (out / "overlay.mp4").exists()
