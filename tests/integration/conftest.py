@@ -90,6 +90,12 @@ def refused(xormocap: Command) -> Callable[..., str]:
     return run
 
 
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No report, which takes seconds and is written once all processes have ended."""
+    monkeypatch.setattr("services.runs.track.write_defaults", lambda *_: None)
+
+
 @pytest.fixture(scope="session")
 def tracked(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of an undisturbed run both ways with four limb workers, by a command that is a process."""

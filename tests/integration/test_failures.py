@@ -24,7 +24,7 @@ from services.runs.launcher import Launcher
 from services.runs.progress import Progress
 from services.runs.track import TakeJob, track
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = [pytest.mark.timeout(280), pytest.mark.usefixtures("no_report")]
 
 FRAMES = 9
 SLOW = PRESETS["paper"]
@@ -118,14 +118,6 @@ def kill_all_that_know_poses(launcher: Launcher) -> None:
 
 def ask_to_stop(_: Launcher) -> None:
     os.kill(os.getpid(), signal.SIGINT)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def no_report() -> Iterator[None]:
-    """No report, which takes seconds and is written once all processes have ended."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("services.runs.track.write_defaults", lambda *_: None)
-        yield
 
 
 @pytest.fixture

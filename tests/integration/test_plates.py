@@ -6,10 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import pytest
 from busy import ONE_WAY
 
 from services.mocap.take.layout import background_picture_path, background_video_path
 
+pytestmark = pytest.mark.usefixtures("no_report")
 _CAMERAS = ("cam01", "cam05")
 """The first that is looked at, and the last."""
 

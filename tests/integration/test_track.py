@@ -3,6 +3,8 @@
 import csv
 import json
 import os
+import re
+import shutil
 from pathlib import Path
 
 import av
@@ -13,6 +15,8 @@ from busy import BUSY, ONE_WAY, SHORT, SMALL_GRIDS
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.fit_record import read_record
+from services.mocap.take.folder import open_take
+from services.mocap.take.layout import SETTINGS
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
 
 pytestmark = pytest.mark.timeout(280)
@@ -89,6 +93,7 @@ def test_without_workers_the_poses_are_the_same(
         assert list(csv.reader(alone)) == list(csv.reader(together))
 
 
+@pytest.mark.usefixtures("no_report")
 def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_path: Path) -> None:
     out, file = tmp_path / "out", tmp_path / "search.toml"
     file.write_text("max_passes = 1\ndetail_px = 2\ncamera_weights = [1, 1, 1, 1, 0.5]\n")
@@ -124,6 +129,7 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
     assert all("cpu backend: asked for" in text for text in logs)
 
 
+@pytest.mark.usefixtures("no_report")
 def test_the_gpus_way_finds_the_poses_of_the_cpus(exact_take: Path, xormocap, tmp_path: Path) -> None:
     common = ("--workers", "1", "--frames", "0:2", *_EXACT, *BUSY, *SMALL_GRIDS, *SHORT)
     poses = {}
@@ -151,6 +157,7 @@ def test_a_backend_that_cannot_run_here_is_refused_in_one_sentence(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("no_report")
 def test_without_opengl_auto_computes_on_the_cpu(
     exact_take: Path, xormocap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,6 +171,7 @@ def test_without_opengl_auto_computes_on_the_cpu(
     assert settings["worker_limbs_by_backend"] == {}
 
 
+@pytest.mark.usefixtures("no_report")
 def test_older_results_are_replaced_and_other_folders_are_not(
     exact_take: Path, xormocap, tmp_path: Path
 ) -> None:
@@ -193,8 +201,15 @@ def test_the_first_frames_of_a_real_recording(shared_takes: Path, xormocap, tmp_
 
 
 def test_the_first_frames_of_another_body(shared_takes: Path, xormocap, tmp_path: Path) -> None:
-    out = tmp_path / "studio-a"
-    done = xormocap("track", shared_takes / "studio-a", "--out", out, "--frames", "0:3", *SHORT)
+    """Fitted to three frames, too few for a second fit to the whole take."""
+    take, out = tmp_path / "studio-a", tmp_path / "out"
+    shutil.copytree(shared_takes / "studio-a", take, copy_function=os.symlink)
+    settings = (take / SETTINGS).read_text()
+    (take / SETTINGS).unlink()
+    shorter = re.sub(r"(?m)^init_frames = .*$", "init_frames = 3", settings)
+    (take / SETTINGS).write_text(shorter)
+    assert open_take(take).settings.init_frames == 3
+    done = xormocap("track", take, "--out", out, "--frames", "0:3", *SHORT)
     assert done.returncode == 0, done.stderr
     report = _report(out)
     assert report["accuracy"]["mean_mm"] < 30
@@ -205,4 +220,4 @@ def test_the_first_frames_of_another_body(shared_takes: Path, xormocap, tmp_path
     assert "has no actor.toml: fitted one" in done.stderr
     assert "fitted again" not in done.stdout, "three frames are too few"
     assert "fitted along with the actor" in next((out / "logs").glob("coordinator*")).read_text()
-    assert not (shared_takes / "studio-a" / "actor.toml").exists()
+    assert not (take / "actor.toml").exists()

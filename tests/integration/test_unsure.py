@@ -15,6 +15,7 @@ from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
 
+pytestmark = pytest.mark.usefixtures("no_report")
 Command = Callable[..., object]
 _FRAMES = 6
 _GREY = 90
