@@ -12,11 +12,14 @@ from pathlib import Path
 import pytest
 from busy import BUSY
 
+from services import library
 from services.cli import main
 from services.mocap.body.actor import Actor
 from services.mocap.body.skeleton import DOFS
+from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.actor_file import write_actor
+from services.mocap.take.actor_file import take_actor, write_actor
+from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_settings
 from services.mocap.take.tables import read_poses_csv
@@ -44,6 +47,15 @@ def known_take(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -
     said = "".join(f"{dof.column} = {value}\n" for dof, value in zip(DOFS, pose.tolist(), strict=True))
     with (folder / "take.toml").open("a") as settings:
         settings.write(f"[initial_pose]\n{said}")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def exact_take(known_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with exact silhouettes in place of videos, whose background takes seconds to learn."""
+    folder = tmp_path_factory.mktemp("exact") / "walk"
+    shutil.copytree(known_take, folder, ignore=shutil.ignore_patterns("videos", "background"))
+    (folder / "reference" / "silhouettes").rename(folder / "silhouettes")
     return folder
 
 
@@ -78,9 +90,15 @@ def refused(xormocap: Command) -> Callable[..., str]:
     return run
 
 
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No report, which takes seconds and is written once all processes have ended."""
+    monkeypatch.setattr("services.runs.track.write_defaults", lambda *_: None)
+
+
 @pytest.fixture(scope="session")
 def tracked(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results of an undisturbed run with four limb workers, by a command that is a process."""
+    """The results of an undisturbed run both ways with four limb workers, by a command that is a process."""
     out = tmp_path_factory.mktemp("tracked") / "result"
     command = [
         sys.executable,
@@ -90,11 +108,21 @@ def tracked(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> P
         synthetic_take,
         "--out",
         out,
-        "--frames",
-        FRAMES,
     ]
     done = subprocess.run(
         [*command, "--frames", FRAMES, *BUSY], capture_output=True, text=True, timeout=240, check=False
     )
     assert done.returncode == 0, done.stderr
+    return out
+
+
+@pytest.fixture(scope="session")
+def one_way(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of the same frames tracked only forwards, in this process: services find the same."""
+    take, out = open_take(synthetic_take), tmp_path_factory.mktemp("one-way") / "result"
+    actor = take_actor(take)
+    assert actor is not None
+    search = SearchSettings(search_limbs="always", both_ways=False)
+    frames = library.track(take, actor, take.frame_range(FRAMES), search=search)
+    library.write_result(out, take, actor, frames, formats=())
     return out

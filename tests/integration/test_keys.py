@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from busy import BUSY
+from busy import BUSY, ONE_WAY, SHORT
 
 from services.runs.launcher import Launcher, free_endpoint
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.timeout(280)
 
 _SOME = "14:20"
 _BARE = ("--no-overlay", "--no-report")
-_QUICK = ("--frames", "0:1", "--workers", 0, "--no-overlay")
+_QUICK = ("--frames", "0:1", "--workers", 0, *SHORT)
 
 
 class Run:
@@ -38,7 +38,7 @@ class Run:
 
     def start_all(self, workers: int, frames: str = _SOME) -> Callable[[], str]:
         """Coordinator, segmentation and recorder; returns what reads the coordinator's log."""
-        expected = ("--frames", frames, "--workers", workers, "--recorders", 1, *BUSY)
+        expected = ("--frames", frames, "--workers", workers, "--recorders", 1, *BUSY, *ONE_WAY)
         log = self.start("coordinator", *self._take, "--bind", self.endpoint, *expected)
         self.start("segmentation", *self._take, "--connect", self.endpoint)
         self.start("recorder", *self._take, "--connect", self.endpoint, "--out", self.out, *_BARE)
@@ -83,20 +83,20 @@ def other_keys(tmp_path: Path, xormocap) -> Path:
     return tmp_path / "other"
 
 
-def test_a_run_with_keys_finds_what_one_without_finds(run: Run, tracked: Path) -> None:
+def test_a_run_with_keys_finds_what_one_without_finds(run: Run, one_way: Path) -> None:
     log = run.start_all(workers=2)
     for _ in range(2):
         run.start_worker()
     run.finish()
     run.until(lambda: "end: " in log())
-    assert run.poses() == (tracked / "poses.csv").read_text().splitlines()
+    assert run.poses() == (one_way / "poses.csv").read_text().splitlines()
     assert len(run.poses()) == 7
     assert "'unwelcome': 0, 'handshakes_failed': 0" in log()
     assert "Traceback" not in log()
 
 
 def test_who_has_no_right_key_never_gets_in(
-    run: Run, tracked: Path, keys: Path, other_keys: Path, tmp_path: Path
+    run: Run, one_way: Path, keys: Path, other_keys: Path, tmp_path: Path
 ) -> None:
     unknown, misled = tmp_path / "unknown", tmp_path / "misled"
     shutil.copytree(other_keys / "limb_worker", unknown)
@@ -123,12 +123,12 @@ def test_who_has_no_right_key_never_gets_in(
         assert coordinator().count(f"{sentence}") in (1, 2, 3)  # once a stream, or once at all
     assert "'handshakes_failed': 0" not in coordinator()
     assert "'unwelcome': 0" in coordinator()
-    assert run.poses() == (tracked / "poses.csv").read_text().splitlines()
+    assert run.poses() == (one_way / "poses.csv").read_text().splitlines()
     assert len(run.poses()) == 7
 
 
 def test_a_worker_that_is_revoked_in_mid_take_gets_no_further_task(
-    run: Run, tracked: Path, tmp_path: Path
+    run: Run, one_way: Path, tmp_path: Path
 ) -> None:
     own = tmp_path / "second"
     shutil.copytree(tmp_path / "keys" / "second-worker", own)
@@ -148,7 +148,7 @@ def test_a_worker_that_is_revoked_in_mid_take_gets_no_further_task(
     assert f":{pid}: connection lost" in coordinator()[after:]
     assert f":{pid} says hello" not in coordinator()[after:]
     assert "Traceback" not in coordinator() + revoked()
-    assert run.poses() == (tracked / "poses.csv").read_text().splitlines()
+    assert run.poses() == (one_way / "poses.csv").read_text().splitlines()
 
 
 @pytest.fixture
@@ -232,12 +232,12 @@ def test_keys_that_are_missing_are_one_sentence(synthetic_take: Path, tmp_path: 
 
 
 def test_the_environment_gives_keys_to_services_and_not_to_track(
-    known_take: Path, tmp_path: Path, xormocap, monkeypatch: pytest.MonkeyPatch
+    exact_take: Path, tmp_path: Path, xormocap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XORMOCAP_KEYS", str(tmp_path / "nowhere"))
     command = [sys.executable, "-m", "services.limb_worker"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert "nowhere: expected the keys" in done.stderr
-    tracked = xormocap("track", known_take, "--out", tmp_path / "out", *_QUICK)
+    tracked = xormocap("track", exact_take, "--out", tmp_path / "out", *_QUICK)
     assert tracked.returncode == 0, tracked.stderr

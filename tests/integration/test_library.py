@@ -23,6 +23,7 @@ from services.mocap.result.result import load_result
 from services.mocap.take.folder import Take
 from services.runs.fit import TakeFit
 
+_ONE_WAY = SearchSettings(both_ways=False)
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -52,7 +53,7 @@ def test_one_process_finds_and_writes_what_the_services_do(tracked: Path, take: 
 def test_a_result_is_replaced_as_a_whole(take: Take, tmp_path: Path) -> None:
     actor = take_actor(take)
     assert actor is not None
-    frames = list(track(take, actor, range(14, 17)))
+    frames = list(track(take, actor, range(14, 17), search=_ONE_WAY))
     write_result(tmp_path / "result", take, actor, frames)
     assert (tmp_path / "result" / "report.html").exists()
     write_result(tmp_path / "result", take, actor, frames[1:], ("bvh",), OutputSettings(smooth="none"))
@@ -84,11 +85,10 @@ def test_the_readmes_example(
 
 
 def test_a_fit_knows_the_first_pose(take: Take, fitted: TakeFit) -> None:
-    one_way = SearchSettings(both_ways=False)  # a second solution takes as long wherever the first began
-    found = next(track(take, fitted, range(1, 2), search=one_way)).solution
-    told = next(track(take, fitted.actor, range(1, 2), fitted.fit.poses[1], search=one_way)).solution
+    found = next(track(take, fitted, range(1, 2), search=_ONE_WAY)).solution
+    told = next(track(take, fitted.actor, range(1, 2), fitted.fit.poses[1], search=_ONE_WAY)).solution
     np.testing.assert_array_equal(found.pose, told.pose)
-    searched = next(track(take, fitted.actor, range(1, 2), search=one_way)).solution
+    searched = next(track(take, fitted.actor, range(1, 2), search=_ONE_WAY)).solution
     assert found.evaluations < searched.evaluations
 
 

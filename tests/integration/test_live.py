@@ -105,12 +105,22 @@ def test_every_pose_is_that_of_the_shot_that_it_names(stage: Path, unplugged: Ru
     shots = poses.extra["shot"].astype(int)
     assert np.array_equal(poses.frames, np.arange(len(shots)))
     assert np.all(np.diff(shots) > 0)
-    assert len(shots) > 12
     np.testing.assert_allclose(poses.times_s, shots * _SLOWER / 15, atol=0.02)
     report = json.loads((out / "run.json").read_text())
     assert report["accuracy"]["frames"] == len(shots)
     assert report["accuracy"]["p95_mm"] < 40
     assert len(truth.frames) == 24
+
+
+def test_every_picture_is_in_a_pose_or_told_as_dropped(unplugged: Run) -> None:
+    """How many are dropped depends on how busy the machine is."""
+    out, _, _ = unplugged
+    absent = read_poses_csv(out / "poses.csv").extra["cameras_absent"]
+    live = json.loads((out / "run.json").read_text())["live"]
+    assert len(absent) >= 6, "before the cut, meanwhile and afterwards"
+    for camera, counts in live["drops"].items():
+        unseen = absent.sum() if camera == _CUT else 0
+        assert len(absent) - unseen + sum(counts.values()) == 24, camera
 
 
 def test_an_unplugged_camera_is_missed_and_comes_back(unplugged: Run) -> None:

@@ -7,13 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from busy import BUSY, SHORT
 
 from characters import bind_pose, write_skinned_glb
 from services.mocap.body.actor import MESH_FILE, Actor
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = [pytest.mark.timeout(280), pytest.mark.usefixtures("no_report")]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def test_a_skinned_character_is_fitted_and_tracked(
     assert actor.mesh is not None
     assert actor.height == pytest.approx(1.75, abs=0.03)
     out = tmp_path / "out"
-    common = ("--frames", "0:3", "--workers", 1, "--no-overlay", "--set", 'search_limbs="always"')
+    common = ("--frames", "0:3", "--workers", 1, *BUSY, *SHORT)
     done = xormocap("track", short_take, "--out", out, *common)
     assert done.returncode == 0, done.stderr
     report = json.loads((out / "run.json").read_text())
@@ -63,7 +64,7 @@ def test_bad_meshes_end_in_one_sentence(
     scan = tmp_path / "scan.ply"
     scan.write_text("no mesh at all\n")
     for command in ("fit", "track"):
-        said = refused(command, short_take, "--mesh", scan, "--out", tmp_path / "out")
+        said = refused(command, short_take, "--no-check", "--mesh", scan, "--out", tmp_path / "out")
         assert said.splitlines()[-1].startswith(f"{scan}: is damaged or not a mesh")
     assert not (tmp_path / "out").exists()
     said = refused("track", short_take, "--mesh", scan, "--no-fit", "--out", tmp_path / "out")

@@ -12,6 +12,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from busy import ONE_WAY, SHORT
 
 from services.commands.fitted_runs import track_again
 from services.commands.track import track
@@ -31,6 +32,7 @@ from services.runs.fit import TakeFit, fit_take, init_frames
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
+pytestmark = pytest.mark.usefixtures("no_report")
 Command = Callable[..., object]
 _OFF_M = 0.02
 _WRONG = (
@@ -98,17 +100,17 @@ def test_one_frame_is_too_few(known_take: Path, tracked: Path, refused: Callable
 
 
 def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
-    synthetic_take: Path, xormocap: Command, tmp_path: Path
+    exact_take: Path, xormocap: Command, tmp_path: Path
 ) -> None:
     take, out = tmp_path / "walk", tmp_path / "out"
-    shutil.copytree(synthetic_take, take)
+    shutil.copytree(exact_take, take)
     true_cm = _lengths_cm(take)
     bones_m = {bone: (true_cm[word] + 100 * off_m) / 100 for bone, word, off_m in _WRONG}
     write_actor(
         take / ACTOR, read_actor(take / ACTOR).model_copy(update={"bone_lengths": bones_m}), "nothing"
     )
     given_cm = _lengths_cm(take)
-    some = ("--frames", "14:20", "--workers", 1, "--no-overlay")
+    some = ("--frames", "14:20", "--workers", 1, *SHORT)
     done = xormocap("track", take, "--refine", *some, "--out", out)
     assert done.returncode == 0, done.stderr
     assert _lengths_cm(take) == given_cm, "the take is left as it was"
@@ -120,20 +122,20 @@ def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
 
 
 @pytest.fixture(scope="module")
-def strange_take(known_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A take without an actor, whose body is fitted to its first two frames."""
+def strange_take(exact_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A take without an actor, whose body is fitted to one frame: three suffice to fit it again."""
     take = tmp_path_factory.mktemp("unfitted") / "strange"
-    shutil.copytree(known_take, take)
+    shutil.copytree(exact_take, take)
     (take / ACTOR).unlink()
     settings = take / "take.toml"
-    settings.write_text(re.sub(r"(?m)^init_frames = .*$", "init_frames = 2", settings.read_text()))
-    assert open_take(take).settings.init_frames == 2
+    settings.write_text(re.sub(r"(?m)^init_frames = .*$", "init_frames = 1", settings.read_text()))
+    assert open_take(take).settings.init_frames == 1
     return take
 
 
 @pytest.fixture(scope="module")
 def first_fit(strange_take: Path) -> TakeFit:
-    """The body that is fitted to them."""
+    """The body that is fitted to it."""
     take = open_take(strange_take)
     return fit_take(take, init_frames(take), EngineSettings(), SearchSettings(), lambda *_: None)
 
@@ -158,12 +160,12 @@ def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupte
     monkeypatch.setattr("services.commands.fitted_runs.track_take", counted)
     monkeypatch.setattr("services.commands.fitted_runs.fit_take", lambda *_, **__: badly)
     with pytest.raises(Interrupted):
-        track(strange_take, out, workers=1, frames="0:6", overlay=False)
+        track(strange_take, out, workers=1, frames="0:3", changes=[ONE_WAY[1]], check=False, overlay=False)
     first = read_actor(out / ACTOR)
-    track(strange_take, out, workers=1, frames="0:6", overlay=False)
+    track(strange_take, out, workers=1, frames="0:3", changes=[ONE_WAY[1]], check=False, overlay=False)
     assert len(jobs) == 3
     assert read_actor(out / ACTOR) != first
-    assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == 6
+    assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == 3
     assert "the body was fitted again, to frames of the whole take; most changed: " in capfd.readouterr().out
 
 
@@ -184,14 +186,14 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     nothing_to_trust = Mock(side_effect=UserError("expected at least 2 frames without a mark"))
     out = tmp_path / "out"
     monkeypatch.setattr("services.commands.fitted_runs.refine_take", nothing_to_trust)
-    track(strange_take, out, workers=1, frames="0:6")
+    track(strange_take, out, workers=1, frames="0:3", changes=[ONE_WAY[1]], check=False)
     assert "was not fitted again to the whole take: expected at least 2 frames" in capfd.readouterr().err
-    assert len(read_poses_csv(out / "poses.csv").frames) == 6
+    assert len(read_poses_csv(out / "poses.csv").frames) == 3
     assert (out / "overlay.mp4").exists()
 
     job = TakeJob(
         out=out, workers=0, engine=EngineSettings(), search=SearchSettings(), take=open_take(strange_take),
-        frames=range(6), overlay=False,
+        frames=range(3), overlay=False,
     )  # fmt: skip
     report, known = {"speed": {}}, load_result(out)
     with pytest.raises(UserError, match="expected at least 2 frames without a mark"):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from busy import BUSY
+from busy import BUSY, ONE_WAY
 
 from bench.soak.latency import Stopwatch
 from services.mocap.body.actor import Actor
@@ -25,14 +25,14 @@ _FRAMES = 20
 
 
 @pytest.fixture(scope="module")
-def takes(known_take: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def takes(exact_take: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Two takes of the same name and pictures, tracked with bodies of different heights."""
     other = tmp_path_factory.mktemp("other") / "walk"
-    shutil.copytree(known_take, other)
+    shutil.copytree(exact_take, other)
     height_m = read_settings(other / SETTINGS).actor_height
     assert height_m is not None
     write_actor(other / ACTOR, Actor(height=0.97 * height_m), "a worse one")
-    return known_take, other
+    return exact_take, other
 
 
 class Takes:
@@ -41,7 +41,7 @@ class Takes:
     def __init__(self, launcher: Launcher, folder: Path, takes: tuple[Path, ...]) -> None:
         self.launcher, self._folder = launcher, folder
         self.endpoints = [free_endpoint() for _ in takes]
-        some = ("--frames", f"0:{_FRAMES}", *BUSY)
+        some = ("--frames", f"0:{_FRAMES}", *BUSY, *ONE_WAY)
         for number, (take, endpoint) in enumerate(zip(takes, self.endpoints, strict=True)):
             source, to, out = ("--take", str(take)), ("--connect", endpoint), str(folder / f"out-{number}")
             launcher.start(
@@ -101,7 +101,7 @@ def test_two_takes_at_once_are_tracked_as_each_alone_though_one_coordinator_dies
 
 
 def test_one_key_opens_two_coordinators_with_keys_of_their_own(
-    known_take: Path, xormocap: Callable[..., "subprocess.CompletedProcess[str]"], tmp_path: Path
+    exact_take: Path, xormocap: Callable[..., "subprocess.CompletedProcess[str]"], tmp_path: Path
 ) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     for folder in (first, second):
@@ -114,7 +114,7 @@ def test_one_key_opens_two_coordinators_with_keys_of_their_own(
     pool = [word for endpoint in endpoints for word in ("--connect", endpoint)]
     with Launcher(tmp_path) as launcher:
         for keys, endpoint in zip((first, second), endpoints, strict=True):
-            launcher.start("coordinator", "--take", str(known_take), "--bind", endpoint, "--keys", str(keys))
+            launcher.start("coordinator", "--take", str(exact_take), "--bind", endpoint, "--keys", str(keys))
         launcher.start("limb_worker", *pool, "--keys", str(mine), "--keys", str(theirs))
         logs = sorted(tmp_path.glob("coordinator-*.log"))
         deadline_s = time.monotonic() + 60

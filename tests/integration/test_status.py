@@ -35,12 +35,12 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-def test_a_run_from_its_beginning_to_its_end(known_take: Path, xormocap: Command, tmp_path: Path) -> None:
-    take, out, endpoint = ("--take", str(known_take)), tmp_path / "out", free_endpoint()
+def test_a_run_from_its_beginning_to_its_end(exact_take: Path, xormocap: Command, tmp_path: Path) -> None:
+    take, out, endpoint = ("--take", str(exact_take)), tmp_path / "out", free_endpoint()
     connect, clients = ("--connect", endpoint), ("--workers", "1", "--recorders", "1")
     with Launcher(tmp_path) as launcher:
         port = int(endpoint.rpartition(":")[2]) + 3
-        options = ("--search", "plain", *clients, "--metrics", str(port))
+        options = ("--search", "paper", *clients, "--metrics", str(port))
         launcher.start("coordinator", *take, "--bind", endpoint, *options)
         launcher.start("limb_worker", *connect)
         until(lambda: _listens(endpoint))

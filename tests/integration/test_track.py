@@ -3,20 +3,25 @@
 import csv
 import json
 import os
+import re
+import shutil
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
-from busy import BUSY
+from busy import BUSY, ONE_WAY, SHORT, SMALL_GRIDS
 
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.fit_record import read_record
+from services.mocap.take.folder import open_take
+from services.mocap.take.layout import SETTINGS
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
 
 pytestmark = pytest.mark.timeout(280)
 
+_EXACT = ("--set", "detail_px=0")
 RESULTS = {
     *("poses.csv", "poses_smooth.csv", "joints.csv", "angles.csv"),
     *("timings.csv", "energies.csv", "report.html"),
@@ -88,6 +93,7 @@ def test_without_workers_the_poses_are_the_same(
         assert list(csv.reader(alone)) == list(csv.reader(together))
 
 
+@pytest.mark.usefixtures("no_report")
 def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_path: Path) -> None:
     out, file = tmp_path / "out", tmp_path / "search.toml"
     file.write_text("max_passes = 1\ndetail_px = 2\ncamera_weights = [1, 1, 1, 1, 0.5]\n")
@@ -102,7 +108,7 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
         "--set",
         "arm_grid=[3, 3, 1, 3]",
     )
-    common = ("--workers", "1", "--frames", "0:1", "--no-overlay")
+    common = ("--workers", "1", "--frames", "0:1", "--no-overlay", "--no-check")
     smoothing = ("--smooth", "one-euro", "--cutoff-hz", "2.5")
     done = xormocap("track", known_take, "--out", out, *common, *energy, *search, *smoothing)
     assert done.returncode == 0, done.stderr
@@ -123,12 +129,13 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
     assert all("cpu backend: asked for" in text for text in logs)
 
 
-def test_the_gpus_way_finds_the_poses_of_the_cpus(known_take: Path, xormocap, tmp_path: Path) -> None:
-    common = ("--workers", "1", "--frames", "0:2", "--no-overlay", "--set", "detail_px=0", *BUSY)
+@pytest.mark.usefixtures("no_report")
+def test_the_gpus_way_finds_the_poses_of_the_cpus(exact_take: Path, xormocap, tmp_path: Path) -> None:
+    common = ("--workers", "1", "--frames", "0:2", *_EXACT, *BUSY, *SMALL_GRIDS, *SHORT)
     poses = {}
     for backend in ("cpu", "gl"):
         out = tmp_path / backend
-        done = xormocap("track", known_take, "--out", out, "--backend", backend, *common)
+        done = xormocap("track", exact_take, "--out", out, "--backend", backend, *common)
         if "cannot be opened" in done.stderr and os.environ.get("XORMOCAP_REQUIRE_GL") != "1":
             pytest.skip(done.stderr)
         assert done.returncode == 0, done.stderr
@@ -143,19 +150,20 @@ def test_a_backend_that_cannot_run_here_is_refused_in_one_sentence(
     synthetic_take: Path, xormocap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: str
 ) -> None:
     monkeypatch.setenv("GLCONTEXT_LINUX_LIBEGL", "libEGL-that-is-not-here.so")
-    refused = xormocap("track", synthetic_take, "--out", tmp_path / "out", "--backend", backend)
+    refused = xormocap("track", synthetic_take, "--out", tmp_path / "out", "--backend", backend, *SHORT)
     assert refused.returncode == 2
     (sentence,) = (line for line in refused.stderr.splitlines() if "--backend" in line)
     assert sentence.startswith(f"--backend {backend}: OpenGL 4.3 on EGL cannot be opened: ")
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("no_report")
 def test_without_opengl_auto_computes_on_the_cpu(
-    known_take: Path, xormocap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    exact_take: Path, xormocap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("GLCONTEXT_LINUX_LIBEGL", "libEGL-that-is-not-here.so")
-    arguments = ("--workers", 0, "--frames", "0:1", "--no-overlay", "--out", tmp_path / "out")
-    done = xormocap("track", known_take, *arguments)
+    arguments = ("--workers", 0, "--frames", "0:1", *SHORT, "--out", tmp_path / "out")
+    done = xormocap("track", exact_take, *arguments)
     assert done.returncode == 0, done.stderr
     settings = _report(tmp_path / "out")["settings"]
     assert settings["backend"] == "cpu"
@@ -163,10 +171,11 @@ def test_without_opengl_auto_computes_on_the_cpu(
     assert settings["worker_limbs_by_backend"] == {}
 
 
+@pytest.mark.usefixtures("no_report")
 def test_older_results_are_replaced_and_other_folders_are_not(
-    synthetic_take: Path, xormocap, tmp_path: Path
+    exact_take: Path, xormocap, tmp_path: Path
 ) -> None:
-    arguments = ("track", synthetic_take, "--frames", "0:1", "--workers", 0, "--no-overlay", "--out")
+    arguments = ("track", exact_take, "--frames", "0:1", "--workers", 0, *SHORT, "--out")
     assert xormocap(*arguments, tmp_path / "out").returncode == 0
     assert xormocap(*arguments, tmp_path / "out").returncode == 0
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
@@ -180,7 +189,7 @@ def test_older_results_are_replaced_and_other_folders_are_not(
 
 def test_the_first_frames_of_a_real_recording(shared_takes: Path, xormocap, tmp_path: Path) -> None:
     out = tmp_path / "balance"
-    done = xormocap("track", shared_takes / "balance", "--out", out, "--frames", "0:3", "--no-fit")
+    done = xormocap("track", shared_takes / "balance", "--out", out, "--frames", "0:3", "--no-fit", *ONE_WAY)
     assert done.returncode == 0, done.stderr
     energies_px = read_poses_csv(out / "poses.csv").energies_px
     assert energies_px.max() < 0.2 * 132263  # pixels of the actor in the first frame, over all cameras
@@ -192,8 +201,15 @@ def test_the_first_frames_of_a_real_recording(shared_takes: Path, xormocap, tmp_
 
 
 def test_the_first_frames_of_another_body(shared_takes: Path, xormocap, tmp_path: Path) -> None:
-    out = tmp_path / "studio-a"
-    done = xormocap("track", shared_takes / "studio-a", "--out", out, "--frames", "0:3", "--no-overlay")
+    """Fitted to three frames, too few for a second fit to the whole take."""
+    take, out = tmp_path / "studio-a", tmp_path / "out"
+    shutil.copytree(shared_takes / "studio-a", take, copy_function=os.symlink)
+    settings = (take / SETTINGS).read_text()
+    (take / SETTINGS).unlink()
+    shorter = re.sub(r"(?m)^init_frames = .*$", "init_frames = 3", settings)
+    (take / SETTINGS).write_text(shorter)
+    assert open_take(take).settings.init_frames == 3
+    done = xormocap("track", take, "--out", out, "--frames", "0:3", *SHORT)
     assert done.returncode == 0, done.stderr
     report = _report(out)
     assert report["accuracy"]["mean_mm"] < 30
@@ -204,4 +220,4 @@ def test_the_first_frames_of_another_body(shared_takes: Path, xormocap, tmp_path
     assert "has no actor.toml: fitted one" in done.stderr
     assert "fitted again" not in done.stdout, "three frames are too few"
     assert "fitted along with the actor" in next((out / "logs").glob("coordinator*")).read_text()
-    assert not (shared_takes / "studio-a" / "actor.toml").exists()
+    assert not (take / "actor.toml").exists()

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from busy import ONE_WAY
 
 from services.mocap.body.actor import build_body
 from services.mocap.body.kinematics import joint_positions
@@ -14,6 +15,7 @@ from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
 
+pytestmark = pytest.mark.usefixtures("no_report")
 Command = Callable[..., object]
 _FRAMES = 6
 _GREY = 90
@@ -56,7 +58,9 @@ def _off_mm(take: Path, out: Path) -> float:
 
 
 def test_what_is_sure_suffices(doubtful_take: Path, xormocap: Command, tmp_path: Path) -> None:
-    done = xormocap("track", doubtful_take, "--out", tmp_path / "out", "--workers", 1, "--no-overlay")
+    done = xormocap(
+        "track", doubtful_take, "--out", tmp_path / "out", "--workers", 1, "--no-overlay", *ONE_WAY
+    )
     assert done.returncode == 0, done.stderr
     assert "silhouettes:" not in done.stderr  # no remark on the first frame
     assert _off_mm(doubtful_take, tmp_path / "out") < 15

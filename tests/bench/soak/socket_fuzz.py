@@ -81,7 +81,8 @@ def _track(stage: Path, folder: Path, hostile: Hostile | None, report: Report, m
     endpoint = free_endpoint()
     source, to = ("--take", str(stage)), ("--connect", endpoint)
     with Launcher(folder) as launcher:
-        launcher.start("coordinator", *source, "--bind", endpoint, "--workers", "1", "--recorders", "1")
+        expected = ("--workers", "1", "--recorders", "1", "--set", "both_ways=false")
+        launcher.start("coordinator", *source, "--bind", endpoint, *expected)
         if hostile is not None:
             _fuzz_coordinator(launcher, endpoint, hostile, report, messages // 2)
         launcher.start("limb_worker", *to)
