@@ -14,6 +14,7 @@ from scipy.spatial.distance import pdist
 from board_stage import (
     Scene,
     centres_apart_m,
+    distorted_px,
     ring,
     shown_to_neighbours,
     with_fisheye,
@@ -192,6 +193,23 @@ def test_without_an_origin_the_cameras_are_right_to_each_other_and_it_is_said(
         for cameras in (read_calibration(tmp_path / "calibration.toml", "z"), charuco.cameras)
     )
     np.testing.assert_allclose(pdist(centres_m), pdist(true_m), rtol=0.02)
+
+
+def test_measured_points_give_the_world_instead(own_clips: Path, charuco: Scene, tmp_path: Path) -> None:
+    shutil.rmtree(own_clips / "origin")
+    points_m = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, -0.4, 1.2]])
+    rows = [
+        f"{camera.name},{u},{v},{x},{y},{z}"
+        for camera in charuco.cameras
+        for (u, v), (x, y, z) in zip(distorted_px(camera, points_m), points_m, strict=True)
+    ]
+    (tmp_path / "points.csv").write_text("camera,u,v,x,y,z\n" + "\n".join(rows))
+    out, quiet = tmp_path / "calibration.toml", Console(quiet=True)
+    warned = Console(width=500, file=io.StringIO(), record=True)
+    points = tmp_path / "points.csv"
+    calibrate_by_board(own_clips, SAID, "normal", out, "z", quiet, warned, points_file=points)
+    assert "origin" not in warned.export_text()
+    assert centres_apart_m(read_calibration(out, "z"), charuco.cameras).max() < 0.03
 
 
 def test_a_camera_upside_down_is_calibrated_and_said(own_clips: Path, charuco: Scene, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Calibration with a board, for the command: the board's options, the progress bar, the table, the files."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from services.commands.calibrate.points import in_world_of
 from services.commands.consoles import progress_bar, say, table_of, warn
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.board import Board
@@ -20,6 +22,7 @@ from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.calibration.lens import Lens
 from services.mocap.calibration.remarks import remarks_on, remarks_on_views
 from services.mocap.calibration.rig_solving import Solution
+from services.mocap.calibration.scene_points import read_points
 from services.mocap.camera.calibration import Up, write_calibration
 from services.mocap.errors import CalibrationError, UserError, load_toml, validated
 from services.mocap.take.writer import write_picture
@@ -40,21 +43,30 @@ def calibrate_by_board(
     errors: Console,
     lens_file: Path | None = None,
     level: str | None = None,
+    points_file: Path | None = None,
 ) -> None:
     """Calibrate a folder of clips, write calibration.toml and, beside it, coverage.png and calibration.json.
 
     said: the options about the board (see board_of). lens_file: a calibration whose lenses are held.
-    level: the camera whose pictures are level, if there is no picture of the origin. Raises UserError.
+    level: the camera whose pictures are level, if there is no picture of the origin. points_file: measured
+    points of the scene, whose world is taken. Raises UserError.
     """
     if not clips.is_dir():
         raise CalibrationError(
             f"{clips}: is not a folder: expected a folder with a clip <camera>.mp4 for each camera"
         )
     board = board_of(said, clips)
-    known = known_lenses(lens_file, [clip.camera for clip in find_clips(clips)]) if lens_file else None
+    names = [clip.camera for clip in find_clips(clips)]
+    known = known_lenses(lens_file, names) if lens_file else None
+    points = read_points(points_file, names) if points_file else None
     with progress_bar(errors) as show:
-        solution, _, remarks = calibrate_clips(clips, board, lens, show, known, level)
+        solution, _, remarks = calibrate_clips(
+            clips, board, lens, show, known, level, needs_origin=points is None
+        )
         show("calibrated", 1.0)
+    if points is not None:
+        cameras, more = in_world_of(solution.cameras, points, console)
+        solution, remarks = replace(solution, cameras=cameras), [*remarks, *more]
     remarks = [*remarks, *remarks_on_views(solution), *remarks_on(solution.cameras)]
     write_calibration(out, solution.cameras, up)
     write_picture(out.with_name(COVERAGE), draw_coverage(solution))

@@ -1,27 +1,25 @@
 """`xormocap calibrate`: calibrates cameras from clips of a board or other tools' files, or checks them with
 silhouettes."""
 
-import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
 from services.commands.calibrate.board import calibrate_by_board, draw_board
 from services.commands.calibrate.check import check_take
 from services.commands.calibrate.colour import calibrate_colour
-from services.commands.consoles import say, warn
+from services.commands.calibrate.importing import Import, Target, import_calibration
+from services.commands.calibrate.points import place_by_points
 from services.commands.consoles import stderr as _err
 from services.commands.consoles import stdout as _out
 from services.mocap.calibration.board import BoardKind
 from services.mocap.calibration.lens import N_COEFFICIENTS, Lens
-from services.mocap.calibration.remarks import remarks_on
 from services.mocap.camera.calibration import Up
-from services.mocap.camera.formats import Axis, Format, Units, read_any, write_opencv, write_pose2sim
+from services.mocap.camera.formats import Axis, Format, Units
 from services.mocap.errors import UserError
 
 _BOARD, _FILES = "Board", "Files of other tools"
-_SIZE = re.compile(r"(\d{1,5})[xX](\d{1,5})")
 
 
 def calibrate(
@@ -108,6 +106,14 @@ def calibrate(
         bool | None,
         typer.Option(help="The board is white on black; tried by default.", rich_help_panel=_BOARD),
     ] = None,
+    points: Annotated[
+        Path | None,
+        typer.Option(
+            help="Measured points of the scene, a table camera,u,v,x,y,z: gives the world of CLIPS or "
+            "--import, or with --lens FILE the poses of cameras.",
+            metavar="FILE",
+        ),
+    ] = None,
     up: Annotated[Up, typer.Option(help="The axis that points up in the file that is written.")] = "z",
     check: Annotated[
         Path | None, typer.Option(help="Check whether the cameras of this take agree.", metavar="TAKE")
@@ -128,7 +134,7 @@ def calibrate(
         typer.Option("--from", help="Its format; detected by default.", rich_help_panel=_FILES),
     ] = None,
     target: Annotated[
-        Literal["pose2sim", "opencv"],
+        Target,
         typer.Option(
             "--to", help="Format to write: pose2sim (also xormocap's own) or opencv.", rich_help_panel=_FILES
         ),
@@ -161,25 +167,14 @@ def calibrate(
     optionally intrinsics/<camera>.mp4, in which the board is close to one camera. CLIPS/board.toml may
     describe the board.
     """
-    _check_one_is_asked_for(clips, draw, check, colour, source)
+    _check_one_is_asked_for(clips, draw, points, check, colour, source)
     if check is not None:
         check_take(check, _out, _err)
     elif colour is not None:
         calibrate_colour(colour, _out, _err)
     elif source is not None:
-        if out is None:
-            raise UserError("calibrate --import: expected --out, the file or folder to write")
-        match = None if size is None else _SIZE.fullmatch(size)
-        if size is not None and match is None:
-            raise UserError(f"--size {size}: expected width and height in pixels, such as 1920x1080")
-        size_px = None if match is None else (int(match[1]), int(match[2]))
-        if not source.exists():
-            raise UserError(f"{source}: is missing: expected a calibration to import")
-        cameras, remarks = read_any(source, kind, size_px, units, scale, world)
-        write = write_pose2sim if target == "pose2sim" else write_opencv
-        write(out, cameras, up)
-        warn((*remarks, *remarks_on(cameras)), _err)
-        say(f"{out}")
+        wanted = Import(source, kind, size, units, scale, world, points)
+        import_calibration(wanted, out, target, up, _out, _err)
     else:
         said: dict[str, Any] = {"kind": board, "squares": squares, "square_m": square, "marker_m": marker}
         said |= {"markers": markers, "gap_m": gap, "first_id": first_id, "dictionary": dictionary}
@@ -189,16 +184,29 @@ def calibrate(
         elif clips is not None:
             model, lens_file = _lens_of(lens)
             file = out or clips / "calibration.toml"
-            calibrate_by_board(clips, said, model, file, up, _out, _err, lens_file, level)
+            calibrate_by_board(clips, said, model, file, up, _out, _err, lens_file, level, points)
+        elif points is not None:
+            _, lens_file = _lens_of(lens)
+            if lens_file is None or out is None:
+                raise UserError(
+                    "calibrate --points: expected CLIPS or --import FILE, whose cameras are moved, or --lens "
+                    "FILE with the cameras' lenses and --out, the file to write"
+                )
+            place_by_points(points, lens_file, out, up, _out, _err)
 
 
-def _check_one_is_asked_for(clips: Path | None, draw: Path | None, *others: Path | None) -> None:
+def _check_one_is_asked_for(
+    clips: Path | None, draw: Path | None, points: Path | None, *others: Path | None
+) -> None:
     """Raise UserError unless exactly one action is requested; --draw may use the board.toml of CLIPS."""
     asked = sum(given is not None for given in (clips, *others))
-    if (draw is None and asked != 1) or (draw is not None and any(other is not None for other in others)):
+    is_points_alone = points is not None and asked == 0 and draw is None
+    if (draw is None and asked != 1 and not is_points_alone) or (
+        draw is not None and any(other is not None for other in others)
+    ):
         raise UserError(
-            "calibrate: expected one of a folder of CLIPS, --check TAKE, --colour TAKE, --import FILE or "
-            "--draw FILE"
+            "calibrate: expected one of a folder of CLIPS, --check TAKE, --colour TAKE, --import FILE, "
+            "--points FILE or --draw FILE"
         )
 
 

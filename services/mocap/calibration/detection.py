@@ -29,11 +29,9 @@ class Detector:
         if self.board.has_markers:
             flipped = np.ascontiguousarray(grey[:, ::-1])
             return self._found(grey, is_behind=False) or self._found(flipped, is_behind=True)
-        points_px = find_chessboard(grey, self.board.columns - 1, self.board.rows - 1)
-        if points_px is None:
-            return None
-        found = Sighting(np.arange(self.board.n_corners, dtype=np.int32), points_px)
-        return found if is_usable(found, self.board) else None
+        corners = find_chessboard(grey, self.board.columns - 1, self.board.rows - 1)
+        found = Sighting(*corners) if corners is not None else None
+        return found if found is not None and is_usable(found, self.board) else None
 
     def _found(self, grey: Bytes, *, is_behind: bool) -> Sighting | None:
         """A board with markers in a picture (H, W); is_behind: if the picture was flipped left to right."""

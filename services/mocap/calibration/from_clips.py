@@ -32,10 +32,13 @@ def calibrate_clips(
     show: Show,
     known: Mapping[str, Intrinsics] | None = None,
     level: str | None = None,
+    *,
+    needs_origin: bool = True,
 ) -> tuple[Solution, list[Sightings], list[str]]:
     """Calibrate the cameras of a folder of clips (see clips.py) by a board; also what they saw, and remarks.
 
-    known: lenses by camera, which are held. level: see solve_rig.
+    known: lenses by camera, which are held. level: see solve_rig. needs_origin: whether the origin's place
+    matters.
 
     Raises CalibrationError with what is missing or wrong, and what to do about it.
     """
@@ -64,7 +67,7 @@ def calibrate_clips(
         for s in seen
         if s.is_behind
     ]
-    if not any(ORIGIN_FRAME in sightings.by_frame for sightings in seen):
+    if needs_origin and not any(ORIGIN_FRAME in sightings.by_frame for sightings in seen):
         remarks.append(_no_origin(folder, seen, board, level))
 
     def show_solving(what: str, share: float) -> None:
