@@ -211,7 +211,8 @@ def _check_one_is_asked_for(
 
 
 def _lens_of(text: str) -> tuple[Lens, Path | None]:
-    """The model of --lens, or the model of lenses that its file lacks, and the file; raises UserError."""
+    """The lens model that --lens names, and the file if it names one; its lenses are held, and the model is that
+    of cameras that it lacks. Raises UserError."""
     for model in N_COEFFICIENTS:
         if text == model:
             return model, None
