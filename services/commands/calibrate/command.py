@@ -211,8 +211,10 @@ def _check_one_is_asked_for(
 
 
 def _lens_of(text: str) -> tuple[Lens, Path | None]:
-    """The lens model that --lens names, and the file if it names one; its lenses are held, and the model is that
-    of cameras that it lacks. Raises UserError."""
+    """The lens model that --lens names, and the file if it names one, whose lenses are held.
+
+    Cameras that the file lacks have the model. Raises UserError.
+    """
     for model in N_COEFFICIENTS:
         if text == model:
             return model, None
