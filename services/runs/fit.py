@@ -189,6 +189,20 @@ def seen_of(
     take: Take, frames: Sequence[int], name: str, progress: Callable[[float], None]
 ) -> tuple[tuple[Camera, ...], TriPlanes]:
     """The usable cameras and their silhouettes (F, P, H, W), in the form that segmentation sends."""
+    trimaps = trimaps_of(take, frames, name, progress)
+    names, first = [camera.name for camera in take.cameras], trimaps[0]
+    look = look_first(Rig.of(take.cameras), first == ACTOR, names, first != BACKGROUND)
+    for remark in look.remarks:
+        log.warning("%s", remark)
+    chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
+    cameras = tuple(take.cameras[c] for c in chosen)
+    height_px, width_px = Rig.of(cameras).shape_px
+    cut = trimaps[:, chosen, :height_px, :width_px]
+    return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
+
+
+def trimaps_of(take: Take, frames: Sequence[int], name: str, progress: Callable[[float], None]) -> Trimap:
+    """The silhouettes (F, C, H, W) of all cameras."""
     height_px, width_px = Rig.of(take.cameras).shape_px
     trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
     segmenter = make_segmenter(take, take.cameras, SegmentationSettings(), name)
@@ -201,15 +215,7 @@ def seen_of(
         for c, trimap in enumerate(of_frame):
             trimaps[f, c] = in_common_size(trimap, width_px, height_px)
         progress((f + 1) / len(frames))
-    names, first = [camera.name for camera in take.cameras], trimaps[0]
-    look = look_first(Rig.of(take.cameras), first == ACTOR, names, first != BACKGROUND)
-    for remark in look.remarks:
-        log.warning("%s", remark)
-    chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
-    cameras = tuple(take.cameras[c] for c in chosen)
-    height_px, width_px = Rig.of(cameras).shape_px
-    cut = trimaps[:, chosen, :height_px, :width_px]
-    return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
+    return trimaps
 
 
 def guess_first_pose(

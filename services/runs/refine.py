@@ -14,7 +14,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import fit_actor
 from services.mocap.fit.skirts import in_best_skirt
-from services.mocap.result.result import load_result
+from services.mocap.result.result import Result, load_result
 from services.mocap.take.folder import Take
 from services.mocap.types import Ints, Mask
 from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, seen_of
@@ -40,13 +40,7 @@ def refine_take(
     Frames that the result marks are left out. body: whose pose parameters vary. Raises UserError if the
     result belongs to another take or has fewer than two reliable frames; else as fit_take.
     """
-    found = load_result(result)
-    name = found.run.get("take", {}).get("name", take.settings.name)
-    if name != take.settings.name or found.frames[-1] >= take.settings.frames:
-        raise UserError(f"--refine {found.folder}: is of {name!r}, not of {take.settings.name!r}")
-    distrusted = np.asarray(found.distrusted.any(axis=1), bool)
-    if np.count_nonzero(~distrusted) < LEAST_FRAMES:
-        raise UserError(f"--refine {found.folder}: expected at least {LEAST_FRAMES} frames without a mark")
+    found, distrusted = result_of(take, result, LEAST_FRAMES)
     if n_frames < LEAST_FRAMES:
         raise UserError(f"--frames {n_frames}: expected at least {LEAST_FRAMES} with --refine")
     rows = spread(distrusted, n_frames)
@@ -61,6 +55,21 @@ def refine_take(
             start = in_best_skirt(found.actor, poses, rig, seen)
             fit = fitter(rig, seen, start, poses, progress, body, height_m)
         return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
+
+
+def result_of(take: Take, folder: Path, least_frames: int) -> tuple[Result, Mask]:
+    """A result of a take, and the frames (N,) of it that are marked in any part of the body.
+
+    Raises UserError if it belongs to another take or has fewer reliable frames.
+    """
+    found = load_result(folder)
+    name = found.run.get("take", {}).get("name", take.settings.name)
+    if name != take.settings.name or found.frames[-1] >= take.settings.frames:
+        raise UserError(f"--refine {found.folder}: is of {name!r}, not of {take.settings.name!r}")
+    distrusted = np.asarray(found.distrusted.any(axis=1), bool)
+    if np.count_nonzero(~distrusted) < least_frames:
+        raise UserError(f"--refine {found.folder}: expected at least {least_frames} frames without a mark")
+    return found, distrusted
 
 
 def spread(distrusted: Mask, n_frames: int) -> Ints:

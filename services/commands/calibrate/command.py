@@ -1,5 +1,5 @@
-"""`xormocap calibrate`: calibrates cameras from clips of a board or other tools' files, or checks them with
-silhouettes."""
+"""`xormocap calibrate`: calibrates cameras from clips of a board or other tools' files, or checks or refines
+them with silhouettes."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +11,7 @@ from services.commands.calibrate.check import check_take
 from services.commands.calibrate.colour import calibrate_colour
 from services.commands.calibrate.importing import Import, Target, import_calibration
 from services.commands.calibrate.points import place_by_points
+from services.commands.calibrate.refine import refine_take
 from services.commands.consoles import stderr as _err
 from services.commands.consoles import stdout as _out
 from services.mocap.calibration.board import BoardKind
@@ -25,10 +26,17 @@ _BOARD, _FILES = "Board", "Files of other tools"
 def calibrate(
     clips: Annotated[
         Path | None,
-        typer.Argument(help="The folder with the clips: <camera>.mp4 and origin/.", metavar="CLIPS"),
+        typer.Argument(
+            help="The folder with the clips: <camera>.mp4 and origin/; with --refine, the take.",
+            metavar="CLIPS|TAKE",
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="The file to write; CLIPS/calibration.toml by default.")
+        Path | None,
+        typer.Option(
+            help="The file to write; CLIPS/calibration.toml by default, TAKE/calibration-refined.toml with "
+            "--refine."
+        ),
     ] = None,
     board: Annotated[
         BoardKind | None,
@@ -118,6 +126,13 @@ def calibrate(
     check: Annotated[
         Path | None, typer.Option(help="Check whether the cameras of this take agree.", metavar="TAKE")
     ] = None,
+    refine: Annotated[
+        Path | None,
+        typer.Option(
+            help="Move cameras of TAKE to where the body that was tracked in this result agrees with them.",
+            metavar="RESULT",
+        ),
+    ] = None,
     colour: Annotated[
         Path | None,
         typer.Option(
@@ -159,16 +174,22 @@ def calibrate(
         ),
     ] = None,
 ) -> None:
-    """Calibrate cameras with a board, convert a calibration of another tool, or check the calibration of a
-    take.
+    """Calibrate cameras with a board, convert a calibration of another tool, or check or refine the
+    calibration of a take.
 
     CLIPS contains <camera>.mp4 or folders <camera> of pictures, synchronised, in which the board is moved
     about; origin/<camera>.mp4 or .png, in which the board lies on the floor at the world's origin; and
     optionally intrinsics/<camera>.mp4, in which the board is close to one camera. CLIPS/board.toml may
     describe the board.
     """
-    _check_one_is_asked_for(clips, draw, points, check, colour, source)
-    if check is not None:
+    _check_one_is_asked_for(clips if refine is None else refine, draw, points, check, colour, source)
+    if refine is not None:
+        if clips is None:
+            raise UserError(
+                "calibrate --refine RESULT: expected the take as well: calibrate TAKE --refine RESULT"
+            )
+        refine_take(clips, refine, out, _out, _err)
+    elif check is not None:
         check_take(check, _out, _err)
     elif colour is not None:
         calibrate_colour(colour, _out, _err)
@@ -205,8 +226,8 @@ def _check_one_is_asked_for(
         draw is not None and any(other is not None for other in others)
     ):
         raise UserError(
-            "calibrate: expected one of a folder of CLIPS, --check TAKE, --colour TAKE, --import FILE, "
-            "--points FILE or --draw FILE"
+            "calibrate: expected one of a folder of CLIPS, TAKE --refine RESULT, --check TAKE, "
+            "--colour TAKE, --import FILE, --points FILE or --draw FILE"
         )
 
 

@@ -29,6 +29,13 @@ class RigidTransform:
         """The way back."""
         return RigidTransform(self.R.T, -self.R.T @ self.t_m)
 
+    @property
+    def matrix(self) -> Floats:
+        """(4, 4) the same for homogeneous points."""
+        matrix: Floats = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.R, self.t_m
+        return matrix
+
     def apply(self, points_m: Floats) -> Floats:
         """(…, 3) points, moved."""
         moved: Floats = points_m @ self.R.T + self.t_m

@@ -1,5 +1,6 @@
 """One damped step of least squares over one shape and many poses, within their bounds."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +56,10 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Normal equations in blocks: every frame's pose is coupled with the shape, but not with other poses."""
+    """Normal equations in blocks: every frame's pose is coupled with the shape, but not with other poses.
+
+    In place of the shape there may be anything else that all frames share, such as the cameras.
+    """
 
     poses: Floats
     """(F, d, d)"""
@@ -79,9 +83,14 @@ class System:
         none = np.zeros_like(self.shape_slopes), np.zeros_like(self.pose_slopes)
         return self._solve((none[0], none[0]), (none[1], none[1]), damping=0.0)[0]
 
-    def step(self, state: State, stage: Stage) -> State:
+    def step(
+        self, state: State, stage: Stage, bounds: Callable[[Floats], Floats] = shape_space.clip_to_bounds
+    ) -> State:
         """The state after one damped step; parameters that would cross a bound are held there, and the others
-        are solved again."""
+        are solved again.
+
+        bounds: moves a shape vector within its bounds.
+        """
         parameters, dofs = list(stage.parameters), list(stage.dofs)
         x, poses = state.x.copy(), state.poses.copy()
         shape_walls, pose_walls = np.zeros(len(parameters)), np.zeros((len(poses), len(dofs)))
@@ -95,7 +104,7 @@ class System:
                 state.x[parameters] + shape_step,
                 state.poses[:, dofs] + pose_steps,
             )
-            held, held_poses = shape_space.clip_to_bounds(x), clip_to_limits(poses)
+            held, held_poses = bounds(x), clip_to_limits(poses)
             beyond, poses_beyond = held != x, held_poses != poses
             x, poses = held, held_poses
             shape_walls = np.maximum(shape_walls, _WALL * beyond[parameters])

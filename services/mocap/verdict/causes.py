@@ -92,7 +92,8 @@ def _cameras(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> 
                 what=f"{camera} agrees less with the body than the others (IoU {value:.2f}, others "
                 f"{others:.2f}): it is out of step, was moved, or its silhouettes are wrong",
                 remedy=f"xormocap sync {take} tells whether it is out of step, xormocap calibrate --check "
-                f"{take} whether it was moved",
+                f"{take} whether it was moved; xormocap calibrate {take} --refine {result.folder} then finds "
+                "where it stands now",
                 level="usable with gaps",
             )
 

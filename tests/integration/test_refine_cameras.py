@@ -1,0 +1,70 @@
+"""`xormocap calibrate TAKE --refine RESULT`: a camera that was knocked, found again by the tracked actor."""
+
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from services.commands.calibrate.refine import REFINED, moved_by
+from services.mocap.camera.calibration import write_calibration
+from services.mocap.take.folder import open_take
+from services.mocap.take.layout import CALIBRATION
+
+Command = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture
+def knocked_take(exact_take: Path, tmp_path: Path) -> Path:
+    """The take with cam02 turned by 1 degree since its calibration."""
+    take = tmp_path / "walk"
+    shutil.copytree(exact_take, take)
+    opened = open_take(take)
+    cameras = list(opened.cameras)
+    R = Rotation.from_rotvec(np.radians([0.6, -0.8, 0.0])).as_matrix() @ cameras[1].R_camera_world
+    cameras[1] = replace(cameras[1], R_camera_world=R, t_camera_world_m=-R @ cameras[1].centre_world_m)
+    write_calibration(take / CALIBRATION, tuple(cameras), opened.settings.up)
+    return take
+
+
+@pytest.fixture
+def result(xormocap: Command, exact_take: Path, tmp_path: Path) -> Path:
+    """The whole take, tracked before the camera was knocked."""
+    out = tmp_path / "result"
+    one_way = ("--set", "both_ways=false")
+    done = xormocap(
+        "track", exact_take, "--out", out, "--workers", 1, "--no-overlay", "--no-refine", *one_way
+    )
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_the_knocked_camera_comes_back_and_the_given_file_stays(
+    knocked_take: Path, exact_take: Path, result: Path, xormocap: Command, refused: Callable[..., str]
+) -> None:
+    given = (knocked_take / CALIBRATION).read_bytes()
+    done = xormocap("calibrate", knocked_take, "--refine", result)
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stdout.split())
+    assert len(re.findall(r"- - held", said)) == 4
+    assert f"mv {knocked_take / REFINED} {knocked_take / CALIBRATION}" in said
+    assert (knocked_take / CALIBRATION).read_bytes() == given
+    (knocked_take / REFINED).rename(knocked_take / CALIBRATION)
+    true, found = open_take(exact_take).cameras, open_take(knocked_take).cameras
+    turned_deg, moved_mm = moved_by(found[1], true[1])
+    assert turned_deg < 0.1
+    assert moved_mm < 10
+
+    given = (knocked_take / CALIBRATION).read_bytes()
+    said = refused("calibrate", exact_take, "--refine", result)
+    assert "no camera moves: nothing is written" in " ".join(said.split())
+    said = refused("calibrate", knocked_take, "--refine", result, "--out", knocked_take / CALIBRATION)
+    assert "is the calibration that is refined: name another file" in " ".join(said.split())
+    said = refused("calibrate", "--refine", result)
+    assert "expected the take as well: calibrate TAKE --refine RESULT" in " ".join(said.split())
+    assert (knocked_take / CALIBRATION).read_bytes() == given
