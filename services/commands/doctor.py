@@ -23,7 +23,7 @@ from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.gl.devices import Found, find_device
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import whole_body_energy
@@ -154,7 +154,7 @@ def _rate(engine: Engine, batch: int) -> float:
     backend, poses = engine.backend(body, rig), np.zeros((batch, N_DOF))
     poses[:, DOF_INDEX["root_z"]] = body.pelvis_height_m
     region = Region.whole(rig)
-    picture = Picture.whole(rig, backend.coverage(poses[:1], ALL_SEGMENTS, region)[0])
+    picture = Picture.whole(rig, backend.coverage(poses[:1], ALL_SURFACES, region)[0])
     search = SearchSettings()
     energy = whole_body_energy(Model(body, rig, backend), picture, poses[0], search.cost, search.detail_px)
     energy(poses)

@@ -70,7 +70,7 @@ class Stage:
             paths[name] = f"{paths[SEGMENT_PARENTS[s]]}/{name}"
             segments.append(
                 scene.add_mesh_simple(
-                    paths[name], body.vertices_m[s], body.faces[s], color=rgb_of(name),
+                    paths[name], *body.shown[s], color=rgb_of(name),
                     position=offsets_m[s], visible=s > 0,
                 )
             )  # fmt: skip

@@ -13,7 +13,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend, Problem
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, Stage
+from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS, Stage
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import stage_window
@@ -92,9 +92,9 @@ class Scene:
         """All rows of the table; the person's own silhouettes are the input."""
         backend = CpuBackend(self.body, self.rig)
         model = Model(self.body, self.rig, backend)
-        drawn = backend.coverage(self.pose[None], ALL_SEGMENTS, Region.whole(self.rig))
+        drawn = backend.coverage(self.pose[None], ALL_SURFACES, Region.whole(self.rig))
         whole = Picture.whole(self.rig, drawn[0])
-        everything = Stage(tuple(range(N_DOF)), ALL_SEGMENTS, 0)
+        everything = Stage(tuple(range(N_DOF)), ALL_SURFACES, 0)
         arm = LIMBS["left_arm"]
         pictures = {
             "full": (everything, whole),
@@ -112,7 +112,7 @@ class Scene:
         ]
 
     def _plain(self, _: Backend, stage: Stage, picture: Picture, detail_px: float) -> Problem:
-        return Problem(self.pose, stage.dofs, ALL_SEGMENTS, picture, detail_px=detail_px)
+        return Problem(self.pose, stage.dofs, ALL_SURFACES, picture, detail_px=detail_px)
 
     def _pre_rendered(self, backend: Backend, stage: Stage, picture: Picture, detail_px: float) -> Problem:
         if stage.others:

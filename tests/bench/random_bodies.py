@@ -19,7 +19,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.synth.walk import STAND_S, walk
 from services.mocap.types import Bytes, Floats, Mask
 from services.segmentation.cleanup import SegmentationSettings, cleanup
@@ -102,7 +102,7 @@ def somebody(rig: Rig, variety: Variety, stance: Stance, n_frames: int, seed: in
 def seen_of(body: Body, poses: Floats, rig: Rig, rng: np.random.Generator) -> TriPlanes:
     """Silhouettes (F, P, H, W) of a body in poses (F, D) with bites and specks, cleaned up."""
     backend = CpuBackend(body, rig)
-    drawn = backend.coverage(poses, ALL_SEGMENTS, Region.whole(rig))
+    drawn = backend.coverage(poses, ALL_SURFACES, Region.whole(rig))
     backend.close()
     return TriPlanes.sure(np.array([_spoilt(planes, rig, rng) for planes in drawn]))
 

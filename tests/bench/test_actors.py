@@ -14,7 +14,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.synth.studio import studio_cameras
 
 
@@ -32,7 +32,7 @@ def test_people_stand_on_the_floor_in_all_pictures(rig: Rig, variety: Variety, s
         for pose in person.poses:
             assert person.body.lowest_point_m(pose) == pytest.approx(0.0, abs=1e-9)
         exact = unpack(
-            CpuBackend(person.body, rig).coverage(person.poses, ALL_SEGMENTS, Region.whole(rig))[0],
+            CpuBackend(person.body, rig).coverage(person.poses, ALL_SURFACES, Region.whole(rig))[0],
             rig.n_cameras,
         )
         seen = unpack(person.seen.silhouettes[0], rig.n_cameras)

@@ -13,7 +13,7 @@ from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.errors import UserError
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.types import Floats, Mask
 
 MAKERS: dict[str, Callable[..., Silhouettes]] = {"pyrender": PyrenderSilhouettes, "opencv": OpenCvSilhouettes}
@@ -46,7 +46,7 @@ def whole_body(scene: Scene) -> Case:
 
 def _our_masks(scene: Scene, pose: Floats) -> Mask:
     backend = CpuBackend(scene.body, scene.rig)
-    planes = backend.coverage(pose[None], ALL_SEGMENTS, Region.whole(scene.rig))[0]
+    planes = backend.coverage(pose[None], ALL_SURFACES, Region.whole(scene.rig))[0]
     return unpack(planes, scene.rig.n_cameras)
 
 

@@ -17,7 +17,7 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -93,5 +93,5 @@ def _scene() -> tuple[Model, Picture, Floats]:
     start = np.zeros(N_DOF)
     start[2] = body.pelvis_height_m
     truth = clip_to_limits(start + 0.05 * np.random.default_rng(1).uniform(-1, 1, N_DOF))
-    shown = model.backend.coverage(truth[None], ALL_SEGMENTS, Region.whole(RIG))[0]
+    shown = model.backend.coverage(truth[None], ALL_SURFACES, Region.whole(RIG))[0]
     return model, Picture.whole(RIG, shown), start

@@ -21,7 +21,7 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, LimbName
+from services.mocap.search.chains import ALL_SURFACES, LIMBS, LimbName
 from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
@@ -93,7 +93,7 @@ def stage() -> Stage:
     true_pose[DOF_INDEX["root_z"]] = body.pelvis_height_m
     for name, angle_rad in (("shoulder_elevation", -0.9), ("elbow_flexion", 0.5), ("hip_flexion", 0.2)):
         true_pose[[DOF_INDEX[f"left_{name}"], DOF_INDEX[f"right_{name}"]]] = angle_rad
-    silhouettes = model.backend.coverage(true_pose[None], ALL_SEGMENTS, Region.whole(rig))[0]
+    silhouettes = model.backend.coverage(true_pose[None], ALL_SURFACES, Region.whole(rig))[0]
     pose = true_pose.copy()
     pose[DOF_INDEX["left_shoulder_elevation"]] += 0.15
     pose[DOF_INDEX["right_hip_flexion"]] -= 0.15

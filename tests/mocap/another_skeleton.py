@@ -51,7 +51,7 @@ from services.mocap.energy.picture import Picture, Region  # noqa: E402
 from services.mocap.export.formats import FORMATS  # noqa: E402
 from services.mocap.fit.fitting import fit_actor  # noqa: E402
 from services.mocap.motion.smoothing import rts  # noqa: E402
-from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, TORSO  # noqa: E402
+from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS, TORSO  # noqa: E402
 from services.mocap.search.first_pose import _turned_round  # noqa: E402
 from services.mocap.search.model import Model  # noqa: E402
 from services.mocap.search.settings import SearchSettings  # noqa: E402
@@ -89,7 +89,7 @@ def poses() -> Floats:
 
 
 TRUTH = poses()
-SEEN = MODEL.backend.coverage(TRUTH, ALL_SEGMENTS, Region.whole(RIG))
+SEEN = MODEL.backend.coverage(TRUTH, ALL_SURFACES, Region.whole(RIG))
 
 
 def off_mm(found: Floats, truth: Floats) -> float:

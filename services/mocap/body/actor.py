@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_valid
 
 from services.mocap.body.body_mesh import BodyMesh, OwnMesh, generic_mesh
 from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_widening
-from services.mocap.body.kinematics import N_DOF, segment_transforms
+from services.mocap.body.kinematics import CLOTH_FRAMES, N_DOF, segment_transforms
 from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
 from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
@@ -25,6 +25,7 @@ DEFAULT_HEIGHT_M = 1.72
 MESH_FILE = "actor_mesh.npz"
 """File name of an own mesh, next to actor.toml."""
 _MIRROR = np.array([1.0, -1.0, 1.0])
+_NO_CLOTH: tuple[Floats, ...] = (np.zeros((0, 3)),) * len(CLOTH_FRAMES)
 
 
 class MeshName(BaseModel):
@@ -132,6 +133,25 @@ class Body:
     mesh: BodyMesh = field(default_factory=generic_mesh)
     """The mesh that it was made from."""
 
+    cloth_m: tuple[Floats, ...] = _NO_CLOTH
+    """Per part of a skirt (V, 3), in its frame of CLOTH_FRAMES."""
+
+    @cached_property
+    def surfaces(self) -> tuple[tuple[Floats, Ints], ...]:
+        """Vertices (V, 3) and faces (F, 3) of all that is drawn: the segments, then the cloth, each in its
+        frame of SURFACE_FRAMES."""
+        cloth_faces = [part.faces for part in self.mesh.cloth]
+        return tuple(zip((*self.vertices_m, *self.cloth_m), (*self.faces, *cloth_faces), strict=True))
+
+    @cached_property
+    def shown(self) -> tuple[tuple[Floats, Ints], ...]:
+        """The same of the segments alone, for what moves nothing else: a skirt hangs from the pelvis."""
+        meshes, cone_m = list(zip(self.vertices_m, self.faces, strict=True)), self.cloth_m[0]
+        pelvis_m, faces = meshes[SEGMENT_INDEX["pelvis"]]
+        cone_faces = self.mesh.cloth[0].faces + len(pelvis_m)
+        meshes[SEGMENT_INDEX["pelvis"]] = np.vstack([pelvis_m, cone_m]), np.vstack([faces, cone_faces])
+        return tuple(meshes)
+
     @cached_property
     def centres_m(self) -> Floats:
         """(S, 3) mean surface point of each segment in its own frame."""
@@ -189,6 +209,7 @@ def build_body(actor: Actor) -> Body:
         faces=mesh.faces,
         height_m=actor.height,
         mesh=mesh,
+        cloth_m=_cloth(mesh, actor, ratios) if actor.skirt else _NO_CLOTH,
     )
 
 
@@ -206,3 +227,10 @@ def _shaped(segment: str, form: SegmentMesh, actor: Actor, ratios: dict[str, flo
         vertices_m[:, "xyz".index(axis)] *= factors_along(segment, extent, actor.profiles, form)
     vertices_m[:, 1] *= trunk_widening(segment, heights[:, 2], ratios)
     return vertices_m
+
+
+def _cloth(mesh: BodyMesh, actor: Actor, ratios: dict[str, float]) -> tuple[Floats, ...]:
+    """Per part of the skirt (V, 3) its vertices in metres, in its frame."""
+    cone, *tubes = mesh.cloth
+    stretched = (part.vertices_heights * (actor.height * scales_across(part.name, ratios)) for part in tubes)
+    return (_shaped("pelvis", cone, actor, ratios), *stretched)

@@ -7,7 +7,7 @@ rules shape all meshes. An own mesh is identified by the SHA-256 of its file.
 import hashlib
 import io
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any
 
@@ -31,6 +31,9 @@ class MeshContentError(ValueError):
     """The bytes are not a body mesh; the text says why."""
 
 
+NOTHING = SegmentMesh("nothing", np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+
+
 @dataclass(frozen=True, eq=False)
 class BodyMesh:
     """The surface of a body one height tall, in the rest pose."""
@@ -42,6 +45,13 @@ class BodyMesh:
     """(J, 3) each joint relative to its parent, likewise."""
     lengths_heights: dict[str, float]
     """How long each bone really is (names: BONES), in body heights."""
+    cloth: tuple[SegmentMesh, SegmentMesh, SegmentMesh] = (NOTHING, NOTHING, NOTHING)
+    """The parts of a skirt, in the order of kinematics.CLOTH_FRAMES."""
+
+    @cached_property
+    def surfaces(self) -> tuple[SegmentMesh, ...]:
+        """All that is drawn: the segments, then the cloth."""
+        return (*self.segments, *self.cloth)
 
     @cached_property
     def faces(self) -> tuple[Ints, ...]:
@@ -76,7 +86,7 @@ def generic_mesh() -> BodyMesh:
 class OwnMesh(BodyMesh):
     """A user's mesh; two with the same content are the same."""
 
-    content: bytes
+    content: bytes = field(kw_only=True)
     """The file that holds it."""
 
     @cached_property
@@ -122,7 +132,7 @@ class OwnMesh(BodyMesh):
             low, high = (factor * BONES[name].length_heights for factor in _RATIO_RANGE)
             if not low <= length <= high:
                 raise MeshContentError(f"its bone {name} is {length:.3f} body heights long")
-        return cls(tuple(segments), offsets_heights, lengths_heights, content)
+        return cls(tuple(segments), offsets_heights, lengths_heights, content=content)
 
 
 _SHAPES: dict[str, tuple[str, tuple[int, ...]]] = {

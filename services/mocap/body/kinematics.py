@@ -9,6 +9,7 @@ from services.mocap.body.skeleton import (
     JOINTS,
     LOWER,
     SEGMENT_JOINT,
+    SIDES,
     UPPER,
     dofs_of,
 )
@@ -17,6 +18,8 @@ from services.mocap.types import Floats, Ints
 N_DOF = len(DOFS)
 N_JOINTS = len(JOINTS)
 SHIFT, SWING, TURN = range(3)
+_PARALLEL = 1e-6
+"""A sum of two unit vectors shorter than this has no direction."""
 _ROLES = {
     "translation": SHIFT, "swing": SWING, "heading": TURN, "lean": TURN, "pitch": TURN, "twist": TURN,
 }  # fmt: skip
@@ -29,22 +32,39 @@ DOF_RANGE: Ints = np.array(
     [(dofs[0], dofs[-1] + 1) if (dofs := dofs_of(joint.name)) else (0, 0) for joint in JOINTS], np.int32
 )
 """(J, 2) the first of each joint's parameters, which stand in a row, and the one after the last."""
-_ALL_JOINTS: Ints = np.arange(N_JOINTS, dtype=np.int32)
+_PELVIS = JOINT_INDEX["pelvis"]
+CLOTH_JOINTS: Ints = np.array(
+    [(_PELVIS, _PELVIS), *([JOINT_INDEX[f"{side}_{at}"] for side in SIDES] for at in ("hip", "knee"))],
+    np.int32,
+)
+"""(3, 2) what moves each frame of cloth: two joints, halfway between which it lies. The first one, of cloth
+that hangs from the pelvis, is turned halfway towards upright instead."""
+CLOTH_FRAMES: Ints = np.arange(N_JOINTS, N_JOINTS + len(CLOTH_JOINTS), dtype=np.int32)
+"""(3,) frames of cloth, in the order of CLOTH_JOINTS: no joints, but they follow these in all arrays."""
+_HANGING = N_JOINTS
+N_FRAMES = N_JOINTS + len(CLOTH_JOINTS)
+ALL_FRAMES: Ints = np.arange(N_FRAMES, dtype=np.int32)
 SEGMENT_JOINTS: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()], np.int32)
 """(S,) the joint that carries each segment."""
+SURFACE_FRAMES: Ints = np.concatenate([SEGMENT_JOINTS, CLOTH_FRAMES])
+"""(S + 3,) the frame of each surface that is drawn: of the segments, then of the cloth of a skirt."""
 
 
-def moving_joints(dofs: tuple[int, ...], segments: tuple[int, ...]) -> Ints:
-    """The joints with parameters, parents first, that carry segments or lead to joints that do."""
+def moving_frames(dofs: tuple[int, ...], surfaces: tuple[int, ...]) -> Ints:
+    """The frames that parameters move, parents first, of surfaces or of joints that lead to them."""
+    carriers = set(SURFACE_FRAMES[list(surfaces)].tolist())
+    drivers = {int(f): set(joints) for f, joints in zip(CLOTH_FRAMES, CLOTH_JOINTS.tolist(), strict=True)}
+    carriers.update(*(joints for frame, joints in drivers.items() if frame in carriers))
     moved, leading = set[int](), set[int]()
     for j in range(N_JOINTS):
         first, last = DOF_RANGE[j]
         if PARENT[j] in moved or any(first <= d < last for d in dofs):
             moved.add(j)
     for j in reversed(range(N_JOINTS)):
-        if j in SEGMENT_JOINTS[list(segments)] or j in {PARENT[k] for k in leading}:
+        if j in carriers or j in {PARENT[k] for k in leading}:
             leading.add(j)
-    return np.array(sorted(moved & leading), np.int32)
+    cloth = [frame for frame, joints in drivers.items() if frame in carriers and joints & moved]
+    return np.array([*sorted(moved & leading), *cloth], np.int32)
 
 
 def clip_to_limits(poses: Floats) -> Floats:
@@ -52,28 +72,39 @@ def clip_to_limits(poses: Floats) -> Floats:
     return np.clip(poses, LOWER, UPPER)
 
 
-def joint_transforms(poses: Floats, offsets_m: Floats) -> Floats:
-    """World transforms of all joints.
+def frame_transforms(poses: Floats, offsets_m: Floats) -> Floats:
+    """World transforms of all joints, and of CLOTH_FRAMES after them.
 
     poses: (N, D) in metres and radians. offsets_m: (J, 3), each joint relative to its parent in the rest
-    pose. Returns T_world_joint (N, J, 4, 4).
+    pose. Returns T_world_frame (N, J + 3, 4, 4).
     """
     # A copy: for Numba a read-only array, as in a message, is another type.
     poses = np.array(poses, np.float64, order="C")
     if poses.ndim != 2 or poses.shape[1] != N_DOF:
         raise ValueError(f"poses: expected shape (N, {N_DOF}), got {poses.shape}")
-    T_world_joint = np.empty((len(poses), N_JOINTS, 4, 4))
-    _joint_transforms(poses, offsets_m, _ALL_JOINTS, T_world_joint)
-    return T_world_joint
+    T_world_frame = np.empty((len(poses), N_FRAMES, 4, 4))
+    for pose, T in zip(poses, T_world_frame, strict=True):
+        place_frames(pose, offsets_m, ALL_FRAMES, T)
+    return T_world_frame
+
+
+def joint_transforms(poses: Floats, offsets_m: Floats) -> Floats:
+    """World transforms of all joints: T_world_joint (N, J, 4, 4); arguments as frame_transforms."""
+    return frame_transforms(poses, offsets_m)[:, :N_JOINTS]
 
 
 def segment_transforms(poses: Floats, offsets_m: Floats) -> Floats:
-    """World transforms of all segments: T_world_segment (N, S, 4, 4); arguments as joint_transforms."""
-    return joint_transforms(poses, offsets_m)[:, SEGMENT_JOINTS]
+    """World transforms of all segments: T_world_segment (N, S, 4, 4); arguments as frame_transforms."""
+    return frame_transforms(poses, offsets_m)[:, SEGMENT_JOINTS]
+
+
+def surface_transforms(poses: Floats, offsets_m: Floats) -> Floats:
+    """World transforms of all surfaces: T_world_surface (N, S + 3, 4, 4); arguments as frame_transforms."""
+    return frame_transforms(poses, offsets_m)[:, SURFACE_FRAMES]
 
 
 def joint_positions(poses: Floats, offsets_m: Floats) -> Floats:
-    """Joint centres joints_world_m (N, J, 3); arguments as joint_transforms."""
+    """Joint centres joints_world_m (N, J, 3); arguments as frame_transforms."""
     return joint_transforms(poses, offsets_m)[:, :, :3, 3]
 
 
@@ -117,22 +148,26 @@ def _local_rotation(pose: Floats, joint: int, R: Floats, turn: Floats, product: 
 
 
 @numba.njit(cache=True, nogil=True)
-def place_joints(pose: Floats, offsets_m: Floats, joints: Ints, T_world_joint: Floats) -> None:
-    """Write the world transforms of some joints, parents before children, into T_world_joint (J, 4, 4).
+def place_frames(pose: Floats, offsets_m: Floats, frames: Ints, T_world_frame: Floats) -> None:
+    """Write the world transforms of some frames, parents before children, into T_world_frame (J + 3, 4, 4).
 
-    The transforms of their other parents must be set. pose (D,); offsets_m as for joint_transforms.
+    The transforms of their other parents must be set. pose (D,); offsets_m as for frame_transforms.
     """
     R_parent_joint, turn, product = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    for j in joints:
-        T = T_world_joint[j]
+    for j in frames:
+        T = T_world_frame[j]
         T[3, 0], T[3, 1], T[3, 2], T[3, 3] = 0.0, 0.0, 0.0, 1.0
+        if j >= N_JOINTS:
+            one, other = CLOTH_JOINTS[j - N_JOINTS]
+            _place_cloth(T_world_frame[one], T_world_frame[other], j == _HANGING, T)
+            continue
         _local_rotation(pose, j, R_parent_joint, turn, product)
         if PARENT[j] < 0:
             T[:3, :3] = R_parent_joint
             for i in range(3):
                 T[i, 3] = offsets_m[j, i] + pose[i]
             continue
-        T_parent = T_world_joint[PARENT[j]]
+        T_parent = T_world_frame[PARENT[j]]
         _multiply(T_parent, R_parent_joint, T)
         for i in range(3):
             T[i, 3] = (
@@ -144,6 +179,28 @@ def place_joints(pose: Floats, offsets_m: Floats, joints: Ints, T_world_joint: F
 
 
 @numba.njit(cache=True, nogil=True)
-def _joint_transforms(poses: Floats, offsets_m: Floats, joints: Ints, T_world_joint: Floats) -> None:
-    for n in range(len(poses)):
-        place_joints(poses[n], offsets_m, joints, T_world_joint[n])
+def _place_cloth(one: Floats, other: Floats, hangs: bool, out: Floats) -> None:
+    """Write the frame halfway between two (4, 4), or, where it hangs, halfway between the first and upright.
+
+    Its z axis is the mean of theirs, then its y axis as far as it can be. Where means have no direction, it
+    is turned as the first one.
+    """
+    for i in range(3):
+        out[i, 1], out[i, 2] = one[i, 1] + other[i, 1], one[i, 2] + other[i, 2]
+        out[i, 3] = (one[i, 3] + other[i, 3]) / 2.0
+    if hangs:
+        out[2, 2] += 2.0
+    up = np.sqrt(out[0, 2] ** 2 + out[1, 2] ** 2 + out[2, 2] ** 2)
+    along = (out[0, 1] * out[0, 2] + out[1, 1] * out[1, 2] + out[2, 1] * out[2, 2]) / max(up, _PARALLEL) ** 2
+    for i in range(3):
+        out[i, 1] -= along * out[i, 2]
+    across = np.sqrt(out[0, 1] ** 2 + out[1, 1] ** 2 + out[2, 1] ** 2)
+    if up < _PARALLEL or across < _PARALLEL:
+        out[:3, :3] = one[:3, :3]
+        return
+    for i in range(3):
+        out[i, 1] /= across
+        out[i, 2] /= up
+    for i in range(3):
+        k, m = (i + 1) % 3, (i + 2) % 3
+        out[i, 0] = out[k, 1] * out[m, 2] - out[m, 1] * out[k, 2]

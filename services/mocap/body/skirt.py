@@ -1,19 +1,19 @@
-"""A skirt, or the tails of a coat: a cone about the legs that hangs from the pelvis.
+"""A skirt, or the tails of a coat: a cone that hangs about the legs, and a tube between them.
 
-It moves with the pelvis as a rigid surface, so a leg that lifts the cloth comes out of it. Without it, legs
-would be searched at the outline of the cloth.
+The cone hangs from the hips by its weight: it turns with the pelvis, but leans half as far. Where the legs
+leave it they stretch the cloth between them, which the tube stands for: one part lies halfway between the
+thighs, the other one halfway between the shanks. Without them, legs would be searched at the outline of the
+cloth.
 """
 
 from functools import lru_cache
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from services.mocap.body import shape_profiles
-from services.mocap.body.body_mesh import BodyMesh
+from services.mocap.body.body_mesh import NOTHING, BodyMesh
 from services.mocap.body.shape import EDGE_HEIGHTS, SegmentMesh
 from services.mocap.body.shape_loft import loft_mesh
-from services.mocap.body.skeleton import SEGMENT_INDEX
 
 _MESHES_KEPT = 64
 
@@ -33,12 +33,10 @@ class Skirt(BaseModel):
 
 @lru_cache(_MESHES_KEPT)
 def with_skirt(mesh: BodyMesh, skirt: Skirt) -> BodyMesh:
-    """A body's mesh whose pelvis has the cone as one more closed surface."""
-    pelvis = mesh.segments[SEGMENT_INDEX["pelvis"]]
-    vertices_heights, faces = loft_mesh(shape_profiles.skirt(skirt.length, skirt.flare), EDGE_HEIGHTS)
-    vertices_heights = np.vstack([pelvis.vertices_heights, vertices_heights])
-    faces = np.vstack([pelvis.faces, faces + len(pelvis.vertices_heights)]).astype(np.int32)
-    vertices_heights.flags.writeable = faces.flags.writeable = False
-    segments = list(mesh.segments)
-    segments[SEGMENT_INDEX["pelvis"]] = SegmentMesh(pelvis.name, vertices_heights, faces)
-    return BodyMesh(tuple(segments), mesh.offsets_heights, mesh.lengths_heights)
+    """A body's mesh in a skirt."""
+    names, lofts = ("pelvis", "thigh", "shank"), shape_profiles.skirt(skirt.length, skirt.flare)
+    cone, thighs, shanks = (
+        SegmentMesh(name, *loft_mesh(loft, EDGE_HEIGHTS)) if loft else NOTHING
+        for name, loft in zip(names, lofts, strict=True)
+    )
+    return BodyMesh(mesh.segments, mesh.offsets_heights, mesh.lengths_heights, (cone, thighs, shanks))

@@ -80,7 +80,7 @@ class _File:
 
     def add_body(self, body: Body) -> None:
         """One mesh for each segment, in their order."""
-        for segment, vertices_m, faces in zip(SEGMENTS, body.vertices_m, body.faces, strict=True):
+        for segment, (vertices_m, faces) in zip(SEGMENTS, body.shown, strict=True):
             attributes = gltf.Attributes(
                 POSITION=self._vertices(to_y_up(vertices_m)),
                 NORMAL=self._vertices(_normals(vertices_m, faces)),

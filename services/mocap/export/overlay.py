@@ -26,7 +26,7 @@ from services.mocap.export.tiles import (
     write_text,
 )
 from services.mocap.result.result import Result
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
@@ -88,7 +88,7 @@ def write_overlay(
 def _segments_of(marked: Sequence[bool]) -> list[int]:
     """The segments of doubtful parts among PARTS (6,); all where the whole body is doubtful."""
     if marked[PARTS.index(WHOLE_BODY)]:
-        return list(ALL_SEGMENTS)
+        return list(ALL_SURFACES)
     return [
         s for part, is_doubtful in zip(PARTS, marked, strict=True) if is_doubtful for s in PART_SEGMENTS[part]
     ]

@@ -45,8 +45,9 @@ def draw_turntable(body: Body) -> Bytes:
     pose[DOF_INDEX["root_z"]] = -body.lowest_point_m(pose)
     model = Model(body)
     vertices_m, normals = model.posed(pose)
-    tints = np.array([_TINTS.get(name.partition("_")[0], CENTRE_BGR) for name in SEGMENT_NAMES])
-    bgr = ((1.0 - _TINT) * _SKIN + _TINT * tints).repeat([*map(len, body.vertices_m)], axis=0)
+    names = [*SEGMENT_NAMES, *["skirt"] * len(body.cloth_m)]
+    tints = np.array([_TINTS.get(name.partition("_")[0], CENTRE_BGR) for name in names])
+    bgr = ((1.0 - _TINT) * _SKIN + _TINT * tints).repeat([len(v) for v, _ in body.surfaces], axis=0)
     reach_m = float(np.linalg.norm(vertices_m[:, :2], axis=1).max()) + _MARGIN_M / 2
     tiles = [_view(vertices_m, normals, bgr, model.faces, view, reach_m) for view in range(N_VIEWS)]
     rows = [np.hstack(tiles[i : i + _COLUMNS]) for i in range(0, N_VIEWS, _COLUMNS)]

@@ -7,7 +7,14 @@ import numpy as np
 
 from services.mocap.body import shape_space
 from services.mocap.body.actor import Actor, Body
-from services.mocap.body.kinematics import N_DOF, SEGMENT_JOINTS, joint_transforms
+from services.mocap.body.kinematics import (
+    CLOTH_FRAMES,
+    CLOTH_JOINTS,
+    N_DOF,
+    N_FRAMES,
+    SURFACE_FRAMES,
+    frame_transforms,
+)
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.matching import Matches
@@ -24,7 +31,7 @@ class ShapeSlopes:
 
     body: Body
     vertices_m: Floats
-    """(V, 3) all segments' vertices, each in its segment's frame."""
+    """(V, 3) all surfaces' vertices, each in its own frame."""
     vertex_slopes_m: Floats
     """(V, S, 3)"""
     offset_slopes_m: Floats
@@ -36,55 +43,60 @@ class ShapeSlopes:
     ) -> "ShapeSlopes":
         """By differences from the shape vector x (len(PARAMETERS),), with the mesh and the skirt of base."""
         body = shape_space.body_of(x, base)
-        vertices_m = np.vstack(body.vertices_m)
+        vertices_m = _vertices_m(body)
         vertex_slopes_m = np.empty((len(vertices_m), len(parameters), 3))
         offset_slopes_m = np.empty((len(parameters), len(JOINTS), 3))
         for k, parameter in enumerate(parameters):
             moved = x.copy()
             moved[parameter] += _STEP
             other = shape_space.body_of(moved, base)
-            vertex_slopes_m[:, k] = (np.vstack(other.vertices_m) - vertices_m) / _STEP
+            vertex_slopes_m[:, k] = (_vertices_m(other) - vertices_m) / _STEP
             offset_slopes_m[k] = (other.offsets_m - body.offsets_m) / _STEP
         return cls(body, vertices_m, vertex_slopes_m, offset_slopes_m)
+
+
+def _vertices_m(body: Body) -> Floats:
+    return np.vstack([vertices_m for vertices_m, _ in body.surfaces])
 
 
 def jacobian(slopes: ShapeSlopes, pose: Floats, rig: Rig, matches: list[Matches]) -> Floats:
     """(N, D + S) slopes of all residuals of a frame, camera after camera, by pose and then by shape."""
     moved = np.vstack([pose[None], pose + _STEP * np.eye(N_DOF)])
-    T_world_joint = joint_transforms(moved, slopes.body.offsets_m)
-    T, T_slopes = T_world_joint[0], (T_world_joint[1:] - T_world_joint[0]) / _STEP
+    T_world_frame = frame_transforms(moved, slopes.body.offsets_m)
+    T, T_slopes = T_world_frame[0], (T_world_frame[1:] - T_world_frame[0]) / _STEP
     rows: Floats = np.zeros((sum(len(m.edges) for m in matches), N_DOF + len(slopes.offset_slopes_m)))
-    shifts_m, starts, first = _joint_shifts(T, slopes.offset_slopes_m), topology(slopes.body.mesh).starts, 0
+    shifts_m, starts, first = _frame_shifts(T, slopes.offset_slopes_m), topology(slopes.body.mesh).starts, 0
     for view, P_px_world in zip(matches, rig.P_px_world, strict=True):
-        joints = SEGMENT_JOINTS[np.searchsorted(starts, view.edges[:, 0], side="right") - 1]
+        frames = SURFACE_FRAMES[np.searchsorted(starts, view.edges[:, 0], side="right") - 1]
         _fill(
-            view.edges, joints, view.points_px, view.normals, np.ascontiguousarray(P_px_world), T, T_slopes,
-            slopes.vertices_m, slopes.vertex_slopes_m, shifts_m, rows[first : first + len(joints)],
+            view.edges, frames, view.points_px, view.normals, np.ascontiguousarray(P_px_world), T, T_slopes,
+            slopes.vertices_m, slopes.vertex_slopes_m, shifts_m, rows[first : first + len(frames)],
         )  # fmt: skip
-        first += len(joints)
+        first += len(frames)
     return rows
 
 
-def _joint_shifts(T_world_joint: Floats, offset_slopes_m: Floats) -> Floats:
-    """(S, J, 3) derivative of the joints in the world by the shape, for a fixed pose."""
-    shifts_m = np.zeros_like(offset_slopes_m)
+def _frame_shifts(T_world_frame: Floats, offset_slopes_m: Floats) -> Floats:
+    """(S, J + 3, 3) derivative of the frames' origins in the world by the shape, for a fixed pose."""
+    shifts_m: Floats = np.zeros((len(offset_slopes_m), N_FRAMES, 3))
     for j, joint in enumerate(JOINTS):  # parents precede children
         if joint.parent is None:
             shifts_m[:, j] = offset_slopes_m[:, j]
         else:
             parent = JOINT_INDEX[joint.parent]
-            shifts_m[:, j] = shifts_m[:, parent] + offset_slopes_m[:, j] @ T_world_joint[parent, :3, :3].T
+            shifts_m[:, j] = shifts_m[:, parent] + offset_slopes_m[:, j] @ T_world_frame[parent, :3, :3].T
+    shifts_m[:, CLOTH_FRAMES] = shifts_m[:, CLOTH_JOINTS].mean(axis=2)
     return shifts_m
 
 
 @numba.njit(cache=True, nogil=True)
 def _fill(
     edges: Indices,
-    joints: Ints,
+    frames: Ints,
     points_px: Floats,
     normals: Floats,
     P: Floats,
-    T_world_joint: Floats,
+    T_world_frame: Floats,
     T_slopes: Floats,
     vertices_m: Floats,
     vertex_slopes_m: Floats,
@@ -95,8 +107,8 @@ def _fill(
     n_dofs = len(T_slopes)
     point, g, local = np.empty(3), np.empty(3), np.empty(3)
     for n in range(len(edges)):
-        a, b, j = edges[n, 0], edges[n, 1], joints[n]
-        T = T_world_joint[j]
+        a, b, j = edges[n, 0], edges[n, 1], frames[n]
+        T = T_world_frame[j]
         depth = P[2, 3]
         for i in range(3):
             point[i] = (vertices_m[a, i] + vertices_m[b, i]) / 2

@@ -1,6 +1,5 @@
 """Damped least squares over one shape and many poses (Levenberg and Marquardt)."""
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -17,7 +16,6 @@ from services.mocap.fit.normal_equations import Stage, State, System
 from services.mocap.fit.priors import WEIGHT_PX3, Prior
 from services.mocap.types import Floats
 
-_K, _POWER = float(os.environ.get("K", "1")), float(os.environ.get("POWER", "2"))
 _GAIN = 0.995
 """A step without progress leaves more than this share of the least cost so far."""
 _AVERAGED = 4

@@ -9,7 +9,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.types import Bytes, Floats
 
 
@@ -31,7 +31,7 @@ class FitQuality:
 def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuality:
     """Compare a body in poses (F, D) with what is seen (F, P, H, W); unsure pixels do not count."""
     backend = CpuBackend(body, rig)
-    drawn = backend.coverage(poses, ALL_SEGMENTS, Region.whole(rig))
+    drawn = backend.coverage(poses, ALL_SURFACES, Region.whole(rig))
     backend.close()
     counted = ~(Region.whole(rig).outside(rig) | seen.unsure)
     both = np.array([_counts(planes, rig) for planes in drawn & seen.silhouettes & counted])

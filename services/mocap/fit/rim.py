@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.body.body_mesh import BodyMesh
-from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.kinematics import surface_transforms
 from services.mocap.body.surface import closed_edges
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import outline_of
@@ -27,10 +27,10 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """All segments' meshes as one."""
+    """All surfaces' meshes as one."""
 
     starts: Indices
-    """(segments + 1,) where each segment's vertices begin, and their number."""
+    """(surfaces + 1,) where each one's vertices begin, and their number."""
     faces: Indices
     """(F, 3)"""
     edges: Indices
@@ -42,7 +42,7 @@ class Topology:
 @cache
 def topology(body_mesh: BodyMesh) -> Topology:
     """That of every actor with this mesh."""
-    meshes = body_mesh.segments
+    meshes = body_mesh.surfaces
     starts = np.cumsum([0] + [len(mesh.vertices_heights) for mesh in meshes])
     face_starts = np.cumsum([0] + [len(mesh.faces) for mesh in meshes])
     pairs = [closed_edges(mesh.faces) for mesh in meshes]
@@ -73,9 +73,9 @@ class Rim:
 def find_rims(body: Body, pose: Floats, rig: Rig) -> list[Rim]:
     """Every camera's rim of a body in a pose (D,); empty if the body reaches a camera's plane."""
     mesh = topology(body.mesh)
-    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
+    T_world_surface = surface_transforms(pose[None], body.offsets_m)[0]
     vertices_world_m = np.vstack(
-        [v @ T[:3, :3].T + T[:3, 3] for v, T in zip(body.vertices_m, T_world_segment, strict=True)]
+        [v @ T[:3, :3].T + T[:3, 3] for (v, _), T in zip(body.surfaces, T_world_surface, strict=True)]
     )
     planes = _planes(vertices_world_m, mesh.faces)
     rims = []

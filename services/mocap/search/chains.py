@@ -6,7 +6,13 @@ from typing import Literal, get_args
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import N_DOF, segment_transforms
+from services.mocap.body.kinematics import (
+    CLOTH_JOINTS,
+    N_DOF,
+    SEGMENT_JOINTS,
+    SURFACE_FRAMES,
+    segment_transforms,
+)
 from services.mocap.body.skeleton import (
     BODY_DOFS,
     LOWER,
@@ -24,7 +30,8 @@ REFERENCE_WIDTH_PX = 320
 """Windows are as large as skeleton_table.py says at this picture width, and scale with it."""
 _REFERENCE_CAMERAS = 8
 
-ALL_SEGMENTS: tuple[int, ...] = tuple(range(len(SEGMENTS)))
+ALL_SURFACES: tuple[int, ...] = tuple(range(len(SURFACE_FRAMES)))
+"""The segments, then the cloth of a skirt, which is empty on bodies without one."""
 LimbName = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 
 
@@ -33,15 +40,20 @@ class Stage:
     """One sub-problem."""
 
     dofs: tuple[int, ...]
-    segments: tuple[int, ...]
-    """The moving segments, drawn at every evaluation."""
+    surfaces: tuple[int, ...]
+    """What moves, drawn at every evaluation: segments, and the cloth that they move."""
     window_px: int
     """Window size at REFERENCE_WIDTH_PX; 0: no window, the whole picture at half resolution."""
 
     @property
     def others(self) -> tuple[int, ...]:
-        """The other segments, which are pre-rendered."""
-        return tuple(s for s in ALL_SEGMENTS if s not in self.segments)
+        """The other surfaces, which are pre-rendered."""
+        return tuple(s for s in ALL_SURFACES if s not in self.surfaces)
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """The moving segments."""
+        return tuple(s for s in self.surfaces if s < len(SEGMENTS))
 
     def of(self, body: BodyName) -> "Stage":
         """The same with only the parameters that vary in a body."""
@@ -71,7 +83,14 @@ def _stages(part: str) -> list[Stage]:
     for segment in SEGMENTS:  # parents precede children
         if segment.part == part:
             joints.setdefault(segment.row.window_px, []).append(segment.joint)
-    return [Stage(dofs_of(*turned), segments_below(turned[0]), px) for px, turned in joints.items()]
+    return [Stage(dofs_of(*turned), _surfaces_below(turned[0]), px) for px, turned in joints.items()]
+
+
+def _surfaces_below(joint: str) -> tuple[int, ...]:
+    segments = segments_below(joint)
+    carriers = SEGMENT_JOINTS[list(segments)]
+    cloth = len(SEGMENTS) + np.flatnonzero(np.isin(CLOTH_JOINTS, carriers).any(axis=1))
+    return (*segments, *cloth.tolist())
 
 
 (TORSO,) = _stages("torso")

@@ -13,7 +13,7 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned
 from services.mocap.search.alignment.contacts import PRICED
 from services.mocap.search.alignment.matching import SHARES
-from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
+from services.mocap.search.chains import ALL_SURFACES, LIMBS
 from services.mocap.search.error_by_part import error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
@@ -56,7 +56,7 @@ class _Search:
         """Draw a pose and compute its cost."""
         self.found.evaluations += 1
         covered = self.model.backend.coverage(
-            aligned.pose[None], ALL_SEGMENTS, self.whole.region, self.settings.detail_px
+            aligned.pose[None], ALL_SURFACES, self.whole.region, self.settings.detail_px
         )[0]
         contact_px = self.contact_px(aligned.pose)
         if self.settings.cost == Cost():
@@ -76,7 +76,7 @@ class _Search:
 
     def best_of(self, poses: Floats) -> _Seen:
         """The first of the cheapest poses (N, D)."""
-        nothing = np.zeros((len(ALL_SEGMENTS), SHARES))
+        nothing = np.zeros((len(ALL_SURFACES), SHARES))
         return min((self.see(Aligned(pose.copy(), 0.0, nothing)) for pose in poses), key=lambda s: s.energy)
 
     def align(self, start: _Seen) -> _Seen:

@@ -10,7 +10,7 @@ from services.mocap.body.skeleton import SEGMENTS
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, count_by_camera
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, Stage
+from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS, Stage
 from services.mocap.search.model import Model
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats, Ints
@@ -49,7 +49,7 @@ class ErrorByPart:
 
 def error_by_part(model: Model, whole: Picture, pose: Floats) -> ErrorByPart:
     """Draw a pose (D,) and count."""
-    covered = model.backend.coverage(pose[None], ALL_SEGMENTS, whole.region)[0]
+    covered = model.backend.coverage(pose[None], ALL_SURFACES, whole.region)[0]
     counted = ~whole.ignored
     differing = (covered ^ whole.silhouettes) & counted
     part_px = pixels_by_part(differing, model, pose)

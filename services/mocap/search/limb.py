@@ -92,7 +92,7 @@ def _align_limb(
     model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, tried: Tried
 ) -> Solution:
     """Align from the best grid points that are not neighbours; returns the best by XOR."""
-    whole_limb = Stage(limb.dofs, limb.main.segments, limb.main.window_px)
+    whole_limb = Stage(limb.dofs, limb.main.surfaces, limb.main.window_px)
     energy, start, _ = prepare(model, whole_limb, seen, pose, settings)
     energy = _with_contacts(model, whole_limb, pose, settings, energy)
     aligner = model.aligner(settings)
@@ -100,7 +100,7 @@ def _align_limb(
     for point in tried.best_apart(_STARTS, 1.5 * _grid_steps(limb.main, settings)):
         begun = pose.copy()
         begun[list(limb.main.dofs)] = point
-        aligned = aligner.align(seen, begun, settings, limb.dofs, limb.main.segments)
+        aligned = aligner.align(seen, begun, settings, limb.dofs, limb.main.surfaces)
         candidates += [begun[list(limb.dofs)], aligned.pose[list(limb.dofs)]]
     found = best_of(energy, np.array(candidates))
     steps = (len(candidates) - 1) // 2 * settings.contour_steps

@@ -5,7 +5,7 @@ import numpy as np
 
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
@@ -27,7 +27,7 @@ def uncovered_share(model: Model, picture: Picture, pose: Floats, settings: Sear
     It is averaged over the cameras that show a person and have a weight. Unsure pixels that the body covers
     count as silhouette; otherwise a few certain pixels elsewhere would seem to be a large share.
     """
-    covered = model.backend.coverage(pose[None], ALL_SEGMENTS, picture.region)[0]
+    covered = model.backend.coverage(pose[None], ALL_SURFACES, picture.region)[0]
     seen = picture.likely(covered)
     all_px, left_px = (
         unpack(planes, model.rig.n_cameras).sum(axis=(1, 2)) for planes in (seen, seen & ~covered)

@@ -10,7 +10,7 @@ from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import (
-    ALL_SEGMENTS,
+    ALL_SURFACES,
     HEAD,
     TORSO,
     Stage,
@@ -45,7 +45,7 @@ class Solution:
 
 def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Energy:
     """The energy of all parameters with the whole body drawn; pose (D,) is any; the rest as in Problem."""
-    problem = Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, cost.priced(picture), cost, detail_px)
+    problem = Problem(pose, tuple(range(N_DOF)), ALL_SURFACES, cost.priced(picture), cost, detail_px)
     return model.backend.energy(problem)
 
 
@@ -84,9 +84,9 @@ def prepare(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> tuple[Energy, Floats, Box]:
     """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits."""
-    cost, detail_px, drawn = settings.cost, settings.detail_px, ALL_SEGMENTS
+    cost, detail_px, drawn = settings.cost, settings.detail_px, ALL_SURFACES
     if stage.others and settings.prerender:
-        drawn = stage.segments
+        drawn = stage.surfaces
         others = model.backend.coverage(pose[None], stage.others, picture.region, detail_px)
         picture = picture.ignoring(others[0])
     energy = model.backend.energy(Problem(pose, stage.dofs, drawn, picture, cost, detail_px))

@@ -7,8 +7,8 @@ import numpy as np
 import trimesh
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import segment_transforms
-from services.mocap.body.skeleton import SEGMENTS
+from services.mocap.body.kinematics import surface_transforms
+from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENTS
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.synth.raster import draw
@@ -55,22 +55,25 @@ class Model:
     def __init__(self, body: Body) -> None:
         """Find colours and normals in the rest pose, once."""
         self._body = body
-        pairs = list(zip(body.vertices_m, body.faces, strict=True))
+        pairs = body.surfaces
         self._normals = [trimesh.Trimesh(v, f, process=False).vertex_normals for v, f in pairs]
         self._albedo_bgr = _dressed(body)
-        starts = np.cumsum([0] + [len(v) for v in body.vertices_m[:-1]])
-        faces = [f + s for f, s in zip(body.faces, starts, strict=True)]
+        starts = np.cumsum([0] + [len(v) for v, _ in pairs[:-1]])
+        faces = [f + s for (_, f), s in zip(pairs, starts, strict=True)]
         self.faces: Ints = np.concatenate(faces).astype(np.int32)
         """(F, 3)"""
 
     def posed(self, pose: Floats) -> tuple[Floats, Floats]:
         """Vertices in the world, in metres, and their normals, (V, 3) each, in a (D,) pose."""
-        T_world_segment = segment_transforms(pose[None], self._body.offsets_m)[0]
+        T_world_surface = surface_transforms(pose[None], self._body.offsets_m)[0]
         vertices_world_m = np.concatenate(
-            [v @ T[:3, :3].T + T[:3, 3] for v, T in zip(self._body.vertices_m, T_world_segment, strict=True)]
+            [
+                v @ T[:3, :3].T + T[:3, 3]
+                for (v, _), T in zip(self._body.surfaces, T_world_surface, strict=True)
+            ]
         )
         normals = np.concatenate(
-            [n @ T[:3, :3].T for n, T in zip(self._normals, T_world_segment, strict=True)]
+            [n @ T[:3, :3].T for n, T in zip(self._normals, T_world_surface, strict=True)]
         )
         return vertices_world_m, normals
 
@@ -83,12 +86,14 @@ class Model:
 
 
 def _dressed(body: Body) -> Floats:
-    """BGR (V, 3) in grey levels under full light, for the vertices of all segments one after the other."""
+    """BGR (V, 3) in grey levels under full light, for the vertices of all surfaces one after the other."""
     rng = np.random.default_rng(7)  # the weave of the cloth; the same in every take
     colours = []
-    for segment, vertices_m in zip(SEGMENTS, body.vertices_m, strict=True):
-        kind = segment.row.name
-        bgr = np.tile(_PLAIN[segment.row.garment], (len(vertices_m), 1))
+    rows, cloth = [segment.row for segment in SEGMENTS], SEGMENTS[SEGMENT_INDEX["pelvis"]].row
+    rows += [cloth] * len(body.cloth_m)
+    for row, (vertices_m, _) in zip(rows, body.surfaces, strict=True):
+        kind = row.name
+        bgr = np.tile(_PLAIN[row.garment], (len(vertices_m), 1))
         x, y, z = vertices_m.T / body.height_m
         if kind == "upper_arm":
             bgr[np.abs(y) > 0.095] = _SKIN  # short sleeves

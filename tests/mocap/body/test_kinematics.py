@@ -9,7 +9,18 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from services.mocap.body.kinematics import N_DOF, joint_positions, joint_transforms, segment_transforms
+from services.mocap.body.kinematics import (
+    CLOTH_FRAMES,
+    CLOTH_JOINTS,
+    N_DOF,
+    SURFACE_FRAMES,
+    frame_transforms,
+    joint_positions,
+    joint_transforms,
+    moving_frames,
+    place_frames,
+    segment_transforms,
+)
 from services.mocap.body.skeleton import (
     DOF_INDEX,
     DOFS,
@@ -19,6 +30,7 @@ from services.mocap.body.skeleton import (
     LOWER,
     SEGMENT_JOINT,
     UPPER,
+    dofs_of,
 )
 from services.mocap.types import Floats
 
@@ -272,3 +284,48 @@ def test_signs_of_head_and_root() -> None:
     assert posed(root_pitch=30)["neck"][0] > 0.2  # a bow
     assert posed(root_lean=30)["neck"][1] < -0.2  # to the right
     assert directions("pelvis", root_heading=30)[1, 0] == pytest.approx(0.5)  # to the left
+
+
+@FEW
+@given(POSES)
+def test_cloth_lies_halfway_between_what_moves_it(pose: Floats) -> None:
+    T = frame_transforms(pose[None], OFFSETS_M)[0]
+    assert np.linalg.det(T[CLOTH_FRAMES, :3, :3]) == pytest.approx(1.0)
+    for frame, (left, right) in zip(CLOTH_FRAMES, CLOTH_JOINTS, strict=True):
+        np.testing.assert_allclose(T[frame, :3, 3], (T[left, :3, 3] + T[right, :3, 3]) / 2, atol=1e-12)
+        of_one, of_other = T[left, :3, 2], T[right, :3, 2] if left != right else (0.0, 0.0, 1.0)
+        # The z axes of all three in one plane, and the turns to both sides equal.
+        z = T[frame, :3, 2]
+        assert z @ of_one == pytest.approx(z @ of_other, abs=1e-6)
+        assert np.linalg.det([z, of_one, of_other]) == pytest.approx(0.0, abs=1e-6)
+
+
+@FEW
+@given(POSES)
+def test_legs_that_move_alike_move_the_cloth_between_with_them(pose: Floats) -> None:
+    pose = pose.copy()
+    for joint in ("hip", "knee"):
+        pose[[*dofs_of(f"left_{joint}", f"right_{joint}")]] = 0.0
+        pose[[DOF_INDEX[f"left_{joint}_flexion"], DOF_INDEX[f"right_{joint}_flexion"]]] = 0.7
+    T = frame_transforms(pose[None], OFFSETS_M)[0]
+    np.testing.assert_allclose(T[CLOTH_FRAMES[1:], :3, :3], T[CLOTH_JOINTS[1:, 0], :3, :3], atol=1e-12)
+
+
+def test_thighs_with_opposite_axes_leave_no_nan() -> None:
+    pose = np.zeros(N_DOF)
+    pose[[DOF_INDEX["left_hip_flexion"], DOF_INDEX["right_hip_flexion"]]] = np.pi / 2, -np.pi / 2
+    assert np.isfinite(frame_transforms(pose[None], OFFSETS_M)).all()
+
+
+@FEW
+@given(POSES, POSES, st.sampled_from(["left_hip", "right_knee", "left_shoulder", "pelvis"]))
+def test_placing_only_what_moves_is_enough(one: Floats, other: Floats, joint: str) -> None:
+    changed, dofs = one.copy(), dofs_of(joint)
+    changed[list(dofs)] = other[list(dofs)]
+    placed = frame_transforms(one[None], OFFSETS_M)[0]
+    moving = moving_frames(dofs, tuple(range(len(SURFACE_FRAMES))))
+    place_frames(changed, OFFSETS_M, moving, placed)
+    whole = frame_transforms(changed[None], OFFSETS_M)[0]
+    np.testing.assert_array_equal(placed[SURFACE_FRAMES], whole[SURFACE_FRAMES])
+    n_cloth = {"left_hip": 2, "right_knee": 1, "left_shoulder": 0, "pelvis": 3}[joint]
+    assert np.isin(CLOTH_FRAMES, moving).sum() == n_cloth

@@ -16,7 +16,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Floats
 
@@ -44,7 +44,7 @@ def poses() -> Floats:
 def seen(poses: Floats) -> TriPlanes:
     rig = Rig.of(studio_cameras(6))
     with_body = CpuBackend(build_body(_ACTOR), rig)
-    return TriPlanes.sure(with_body.coverage(poses, ALL_SEGMENTS, Region.whole(rig)))
+    return TriPlanes.sure(with_body.coverage(poses, ALL_SURFACES, Region.whole(rig)))
 
 
 def _knocked(camera: Camera) -> Camera:

@@ -16,6 +16,7 @@ import trimesh
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import LOWER, SEGMENT_NAMES, UPPER
+from services.mocap.body.skirt import Skirt
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
@@ -30,6 +31,11 @@ Point = tuple[float, float, float]
 @pytest.fixture(scope="session")
 def real_body() -> Body:
     return build_body(Actor())
+
+
+@pytest.fixture(scope="session")
+def skirted_body() -> Body:
+    return build_body(Actor(skirt=Skirt(length=0.3, flare=0.1)))
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from services.mocap.energy.bitplanes import pack, unpack
 from services.mocap.energy.cost import DISTANCE_STEPS, Cost
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.types import Floats, Mask
 
 RandomPoses = Callable[[int, int], Floats]
@@ -50,14 +50,14 @@ def test_energy_is_what_the_definition_says(
 ) -> None:
     rig, poses = ring(3), random_poses(6, 11)
     region = Region.whole(rig)
-    wanted = coarse_backend.coverage(poses[:1], ALL_SEGMENTS, region)[0]
+    wanted = coarse_backend.coverage(poses[:1], ALL_SURFACES, region)[0]
     ignored = pack(np.random.default_rng(3).random((3, *rig.shape_px)) < 0.2)
     picture = cost.priced(Picture.whole(rig, wanted)).ignoring(ignored)
-    energies = coarse_backend.energy(Problem(poses[0], EVERY_DOF, ALL_SEGMENTS, picture, cost))(poses)
+    energies = coarse_backend.energy(Problem(poses[0], EVERY_DOF, ALL_SURFACES, picture, cost))(poses)
     counted = ~unpack(picture.ignored, 3)
     expected = [
         _by_definition(unpack(planes, 3), unpack(wanted, 3), counted, cost)
-        for planes in coarse_backend.coverage(poses, ALL_SEGMENTS, region)
+        for planes in coarse_backend.coverage(poses, ALL_SURFACES, region)
     ]
     np.testing.assert_allclose(energies, expected, rtol=1e-12)
 
@@ -80,12 +80,12 @@ def test_a_distance_cost_sees_farther_than_xor(
     """With no pixel in common, XOR says nothing about the way back; the distance to the contour does."""
     rig, pose = ring(3), random_poses(1, 1)[0]
     region = Region.whole(rig)
-    wanted = coarse_backend.coverage(pose[None], ALL_SEGMENTS, region)[0]
+    wanted = coarse_backend.coverage(pose[None], ALL_SURFACES, region)[0]
     poses = np.repeat(pose[None], 20, axis=0)
     poses[:, 2] += np.linspace(1.0, 4.0, 20)
-    shown = coarse_backend.coverage(poses, ALL_SEGMENTS, region)
+    shown = coarse_backend.coverage(poses, ALL_SURFACES, region)
     apart = ~np.any(shown & wanted, axis=(1, 2, 3)) & np.any(shown, axis=(1, 2, 3))
-    problem = Problem(pose, EVERY_DOF, ALL_SEGMENTS, Picture.whole(rig, wanted))
+    problem = Problem(pose, EVERY_DOF, ALL_SURFACES, Picture.whole(rig, wanted))
     cost = Cost(distance_cap_px=100.0)
     by_distance = replace(problem, cost=cost, picture=cost.priced(problem.picture))
     nothing = pose + np.eye(N_DOF)[2] * 100.0
@@ -101,11 +101,11 @@ def test_a_failed_camera_hardly_pulls(coarse_body: Body, ring: Ring, random_pose
     """One camera sees foreground everywhere: capped, its pull nearly ends, that of a good camera does not."""
     rig, pose = ring(5), random_poses(1, 8)[0]
     backend = CpuBackend(coarse_body, rig)
-    masks = unpack(backend.coverage(pose[None], ALL_SEGMENTS, Region.whole(rig))[0], 5)
+    masks = unpack(backend.coverage(pose[None], ALL_SURFACES, Region.whole(rig))[0], 5)
     masks[2] = True
     moved = pose.copy()
     moved[0] += 0.1
-    problem = Problem(pose, EVERY_DOF, ALL_SEGMENTS, Picture.whole(rig, pack(masks)))
+    problem = Problem(pose, EVERY_DOF, ALL_SURFACES, Picture.whole(rig, pack(masks)))
 
     def pull(camera: int, cap: float) -> float:
         weights = tuple(float(c == camera) for c in range(5))

@@ -7,34 +7,33 @@ import pytest
 
 from reference_rasteriser import rasterise
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import N_DOF, segment_transforms
-from services.mocap.body.skeleton import SEGMENT_NAMES
+from services.mocap.body.kinematics import N_DOF, surface_transforms
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.types import Floats, Mask
 
-ALL = tuple(range(len(SEGMENT_NAMES)))
 Look = Callable[..., Camera]
 Point = tuple[float, float, float]
 
 
 def reference_masks(body: Body, rig: Rig, pose: Floats, region: Region) -> Mask:
     """The masks (C, h, w) that the reference draws."""
-    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
+    T_world_surface = surface_transforms(pose[None], body.offsets_m)[0]
     masks = np.zeros((rig.n_cameras, region.height_px, region.width_px), bool)
     for c, P in enumerate(region.projections(rig)):
-        for s, T in enumerate(T_world_segment):
-            vertices_world_m = body.vertices_m[s] @ T[:3, :3].T + T[:3, 3]
-            masks[c] |= rasterise(vertices_world_m, body.faces[s], P, region.width_px, region.height_px)
+        for (vertices_m, faces), T in zip(body.surfaces, T_world_surface, strict=True):
+            vertices_world_m = vertices_m @ T[:3, :3].T + T[:3, 3]
+            masks[c] |= rasterise(vertices_world_m, faces, P, region.width_px, region.height_px)
     return masks
 
 
 def assert_same(body: Body, rig: Rig, poses: Floats, region: Region) -> Mask:
     """Compare backend and reference; returns the masks (N, C, h, w)."""
-    planes = CpuBackend(body, rig).coverage(poses, ALL, region)
+    planes = CpuBackend(body, rig).coverage(poses, ALL_SURFACES, region)
     masks = np.array([unpack(planes_of_pose, rig.n_cameras) for planes_of_pose in planes])
     for pose, mask in zip(poses, masks, strict=True):
         np.testing.assert_array_equal(mask, reference_masks(body, rig, pose, region))
@@ -53,6 +52,19 @@ def test_equals_the_reference(
     for body, n in ((coarse_body, 6), (coarsest_body, 60)):
         masks = assert_same(body, rig, random_poses(n, 3), Region.whole(rig))
         assert masks.any() == (eye_m != (2.0, 0.0, 1.0))
+
+
+def test_a_skirt_that_thighs_swing(
+    skirted_body: Body,
+    real_body: Body,
+    ring: Callable[[int], Rig],
+    random_poses: Callable[[int, int], Floats],
+) -> None:
+    rig, poses = ring(1), random_poses(2, 4)
+    dressed = assert_same(skirted_body, rig, poses, Region.whole(rig))
+    bare = assert_same(real_body, rig, poses, Region.whole(rig))
+    assert np.all(dressed >= bare)
+    assert np.all(dressed.sum(axis=(1, 2, 3)) > bare.sum(axis=(1, 2, 3)))
 
 
 @pytest.mark.parametrize("origin_px", [(30, 20), (-15, -11), (70, 50), (200, 10), (-200, 10), (10, -200)])
@@ -78,8 +90,8 @@ def test_a_window_is_a_crop_of_the_whole(
 ) -> None:
     rig = ring(2)
     backend, poses = CpuBackend(real_body, rig), random_poses(3, 4)
-    whole = backend.coverage(poses, ALL, Region.whole(rig))
-    window = backend.coverage(poses, ALL, Region(np.full((2, 2), 17, np.int32), 50, 40))
+    whole = backend.coverage(poses, ALL_SURFACES, Region.whole(rig))
+    window = backend.coverage(poses, ALL_SURFACES, Region(np.full((2, 2), 17, np.int32), 50, 40))
     np.testing.assert_array_equal(window, whole[:, :, 17:57, 17:67])
 
 

@@ -162,7 +162,7 @@ def test_a_folder_that_cannot_be_written_to_is_no_hindrance(
 ) -> None:
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("XORMOCAP_CACHE", str(tmp_path / "file" / "below"))
-    assert len(levels_of(coarse_body)) == len(SEGMENT_NAMES)
+    assert len(levels_of(coarse_body)) == len(coarse_body.surfaces)
 
 
 def test_a_user_without_a_home_gets_a_folder(monkeypatch: pytest.MonkeyPatch) -> None:

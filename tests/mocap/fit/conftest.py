@@ -15,7 +15,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Floats
 
@@ -55,7 +55,7 @@ def a_person(rig: Rig) -> Callable[[int, int], Person]:
             poses[:, DOF_INDEX[f"{side}_elbow_flexion"]] = np.radians(12)
             poses[:, DOF_INDEX[f"{side}_hip_abduction"]] = np.radians(9)
             poses[:, DOF_INDEX[f"{side}_hip_flexion"]] = sign * np.radians(4) * np.arange(n_frames)
-        silhouettes = CpuBackend(body, rig).coverage(poses, ALL_SEGMENTS, Region.whole(rig))
+        silhouettes = CpuBackend(body, rig).coverage(poses, ALL_SURFACES, Region.whole(rig))
         guess = poses[0].copy()
         guess[:3] += rng.normal(size=3) * 0.02
         guess[3:] += rng.normal(size=N_DOF - 3) * np.radians(5)

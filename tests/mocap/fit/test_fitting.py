@@ -18,7 +18,7 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.quality import quality_of
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 
 _GENERIC = Actor()
 
@@ -56,7 +56,7 @@ def test_a_told_height_is_kept_and_shoes_and_a_hat_are_none_of_it(
     x[INDEX["head"]] += 0.15
     x[INDEX["foot_depth"]] += 0.3
     body, true = body_of(x), actor_of(person.x)
-    seen = TriPlanes.sure(CpuBackend(body, rig).coverage(person.poses, ALL_SEGMENTS, Region.whole(rig)))
+    seen = TriPlanes.sure(CpuBackend(body, rig).coverage(person.poses, ALL_SURFACES, Region.whole(rig)))
     told = fit_actor(rig, seen, _GENERIC, person.guess, height_m=true.height)
     assert told.actor.height == pytest.approx(true.height, rel=0.01)
     assert build_body(told.actor).standing_height_m > true.height + 0.02
@@ -83,7 +83,7 @@ def test_a_waist_that_bends_is_found_and_the_published_body_never_bent(
     person, waist = a_person(1, 1), list(dofs_of("waist"))
     bowed = person.poses.copy()
     bowed[:, waist] = np.radians([25.0, 8.0, 12.0])
-    seen = TriPlanes.sure(CpuBackend(person.body, rig).coverage(bowed, ALL_SEGMENTS, Region.whole(rig)))
+    seen = TriPlanes.sure(CpuBackend(person.body, rig).coverage(bowed, ALL_SURFACES, Region.whole(rig)))
     guess = person.guess.copy()
     guess[waist] = np.radians([15.0, 0.0, 0.0])
     found, rigid = fit_actor(rig, seen, _GENERIC, guess), fit_actor(rig, seen, _GENERIC, guess, body="paper")

@@ -4,10 +4,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.spatial import cKDTree
 
-from services.mocap.body.kinematics import N_DOF, segment_transforms
-from services.mocap.body.shape_space import PARAMETERS, body_of
+from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_DOF, surface_transforms
+from services.mocap.body.shape_space import GENERIC_ACTOR, PARAMETERS, body_of
+from services.mocap.body.skirt import Skirt
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.fit.contours import Contour, contours_of, outline_of
@@ -87,17 +90,18 @@ def test_the_right_body_leaves_nothing_to_mend(rig: Rig, a_person: Callable[...,
     assert abs(float(residuals_px.mean())) < 2e-3
 
 
-def test_slopes_are_those_of_the_surface(rig: Rig, a_person: Callable[..., Any]) -> None:
-    person = a_person(1, 1)
+@pytest.mark.parametrize("skirt", [None, Skirt(length=0.35, flare=0.03)])
+def test_slopes_are_those_of_the_surface(rig: Rig, a_person: Callable[..., Any], skirt: Skirt | None) -> None:
+    person, base = a_person(1, 1), GENERIC_ACTOR.wearing(skirt)
     x, pose = person.x * 0.5, person.guess
     contours = contours_of(rig, person.seen, 50)[0]
-    matches = match_frame(body_of(x), pose, rig, contours)
-    rows = jacobian(ShapeSlopes.at(x, _ALL), pose, rig, matches)
+    matches = match_frame(body_of(x, base), pose, rig, contours)
+    rows = jacobian(ShapeSlopes.at(x, _ALL, base), pose, rig, matches)
     rng, step = np.random.default_rng(0), 1e-5
     for _ in range(5):
         dx, dpose = rng.normal(size=len(x)), rng.normal(size=N_DOF)
-        ahead = _along_normals_px(x + step * dx, pose + step * dpose, rig, matches)
-        behind = _along_normals_px(x - step * dx, pose - step * dpose, rig, matches)
+        ahead = _along_normals_px(body_of(x + step * dx, base), pose + step * dpose, rig, matches)
+        behind = _along_normals_px(body_of(x - step * dx, base), pose - step * dpose, rig, matches)
         expected = (ahead - behind) / (2 * step)
         # The outline's points lie up to some pixels beside the middles of the edges that make them.
         assert np.abs(rows @ np.hstack([dpose, dx]) - expected).max() < 0.01 * np.abs(expected).max()
@@ -112,12 +116,10 @@ def test_sums_are_the_products_of_matrices() -> None:
     assert np.allclose(slopes, rows.T @ (weights * residuals))
 
 
-def _along_normals_px(x: Floats, pose: Floats, rig: Rig, matches: list[Matches]) -> Floats:
-    """Where along the normals the same edges' middles are for another shape and pose."""
-    body = body_of(x)
-    T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
-    placed = zip(body.vertices_m, T_world_segment, strict=True)
-    vertices_world_m = np.vstack([v @ T[:3, :3].T + T[:3, 3] for v, T in placed])
+def _along_normals_px(body: Body, pose: Floats, rig: Rig, matches: list[Matches]) -> Floats:
+    """Where along the normals the same edges' middles are for another body and pose."""
+    placed = zip(body.surfaces, surface_transforms(pose[None], body.offsets_m)[0], strict=True)
+    vertices_world_m = np.vstack([v @ T[:3, :3].T + T[:3, 3] for (v, _), T in placed])
     along_px = []
     for view, P_px_world in zip(matches, rig.P_px_world, strict=True):
         middles_m = vertices_world_m[view.edges].mean(axis=1)

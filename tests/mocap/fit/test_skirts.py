@@ -13,14 +13,14 @@ from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.fit.skirts import in_best_skirt
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 
 
 @pytest.mark.parametrize("worn", [Skirt(length=0.24, flare=0.05), Skirt(length=0.4, flare=0.01), None])
 def test_the_skirt_that_is_worn_is_found(rig: Rig, a_person: Callable[..., Any], worn: Skirt | None) -> None:
     person = a_person(3, 2)
     actor = actor_of(person.x).wearing(worn)
-    drawn = CpuBackend(build_body(actor), rig).coverage(person.poses, ALL_SEGMENTS, Region.whole(rig))
+    drawn = CpuBackend(build_body(actor), rig).coverage(person.poses, ALL_SURFACES, Region.whole(rig))
     other = actor.wearing(Skirt(length=0.3, flare=0.0))
     found = in_best_skirt(other, person.poses, rig, TriPlanes.sure(drawn)).skirt
     if worn is None:

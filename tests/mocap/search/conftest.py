@@ -12,7 +12,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.model import Model
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.types import Bytes, Floats
@@ -62,7 +62,7 @@ def standing(model: Model) -> Callable[..., Floats]:
 @pytest.fixture(scope="session")
 def silhouettes_of(model: Model) -> Callable[[Floats], Bytes]:
     """`silhouettes_of(pose)`: the bit-planes (P, H, W) that the model itself shows the cameras."""
-    return lambda pose: model.backend.coverage(pose[None], ALL_SEGMENTS, Region.whole(model.rig))[0]
+    return lambda pose: model.backend.coverage(pose[None], ALL_SURFACES, Region.whole(model.rig))[0]
 
 
 @pytest.fixture(scope="session")

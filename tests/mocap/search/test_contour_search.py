@@ -8,7 +8,7 @@ import pytest
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -29,7 +29,7 @@ def test_an_easy_frame_needs_no_limb_search(
     assert found.distrusted == []
     assert joint_errors_mm(found.pose, truth).mean() < 5
     assert min(found.confidence.values()) > 0.9
-    covered = model.backend.coverage(found.pose[None], ALL_SEGMENTS, picture_of(truth).region)[0]
+    covered = model.backend.coverage(found.pose[None], ALL_SURFACES, picture_of(truth).region)[0]
     assert found.energy_px == np.bitwise_count(covered ^ picture_of(truth).silhouettes).sum()
 
 

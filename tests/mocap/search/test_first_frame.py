@@ -15,7 +15,7 @@ from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Region
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.first_frame import solve_first_frame
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -52,7 +52,7 @@ def _pose() -> Floats:
 
 def _silhouettes(pose: Floats) -> Bytes:
     body = build_body(Actor(height=HEIGHT_M))
-    return CpuBackend(body, RIG).coverage(pose[None], ALL_SEGMENTS, Region.whole(RIG))[0]
+    return CpuBackend(body, RIG).coverage(pose[None], ALL_SURFACES, Region.whole(RIG))[0]
 
 
 def _seen() -> TriPlanes:

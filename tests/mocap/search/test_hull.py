@@ -14,7 +14,7 @@ from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.errors import TakeError
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.hull import Hull, carve, cube_about, look_up
 from services.mocap.search.model import Model
 from services.mocap.search.plausibility import look_first
@@ -91,7 +91,7 @@ def test_a_camera_that_sees_nobody_does_not_count(model: Model, standing: Poser,
 
 def test_furniture_in_one_picture_of_nine_cuts_nothing_away(model: Model, standing: Poser) -> None:
     rig, pose = Rig.of(studio_cameras(9)), standing(shoulder_elevation=-45)
-    drawn = CpuBackend(model.body, rig).coverage(pose[None], ALL_SEGMENTS, Region.whole(rig))[0]
+    drawn = CpuBackend(model.body, rig).coverage(pose[None], ALL_SURFACES, Region.whole(rig))[0]
     masks = unpack(drawn, 9)
     whole, middle = carve(rig, masks), int(np.nonzero(masks[4].any(axis=0))[0].mean())
     masks[4, :, middle - 6 : middle + 6] = False

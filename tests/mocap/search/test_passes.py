@@ -11,7 +11,7 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SEGMENTS, LIMBS, LimbName, window_origins_px
+from services.mocap.search.chains import ALL_SURFACES, LIMBS, LimbName, window_origins_px
 from services.mocap.search.frame import extrapolated, solve_frame
 from services.mocap.search.jobs import LimbJob, LocalLimbs, limb_jobs
 from services.mocap.search.limb import solve_limb
@@ -51,7 +51,7 @@ def sabotage(job: LimbJob) -> Solution:
 
 def whole_energy_px(model: Model, picture: Picture, pose: Floats) -> float:
     """Plain XOR of the full mesh."""
-    energy = model.backend.energy(Problem(pose, tuple(range(N_DOF)), ALL_SEGMENTS, picture))
+    energy = model.backend.energy(Problem(pose, tuple(range(N_DOF)), ALL_SURFACES, picture))
     return float(energy(pose[None])[0])
 
 

@@ -12,7 +12,7 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SEGMENTS, HEAD, LIMBS, TORSO, LimbName
+from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS, TORSO, LimbName
 from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
@@ -175,7 +175,7 @@ def test_from_the_truth_nothing_gets_worse(
     model: Model, truth: Floats, picture_of: PictureOf, joint_errors_mm: Errors
 ) -> None:
     picture = picture_of(truth)
-    energy = model.backend.energy(Problem(truth, tuple(range(N_DOF)), ALL_SEGMENTS, picture))
+    energy = model.backend.energy(Problem(truth, tuple(range(N_DOF)), ALL_SURFACES, picture))
     assert energy(truth[None])[0] == 0.0
     for name in LIMBS:
         found = solve_limb(model, name, limb_window(model, name, picture, truth), truth, FULL_MESH)

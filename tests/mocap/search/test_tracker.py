@@ -10,7 +10,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -37,7 +37,7 @@ def _pose(model: Model, x_m: float, heading: float) -> Floats:
 
 
 def _drawn(model: Model, pose: Floats) -> TriPlanes:
-    return TriPlanes.sure(model.backend.coverage(pose[None], ALL_SEGMENTS, Region.whole(model.rig))[0])
+    return TriPlanes.sure(model.backend.coverage(pose[None], ALL_SURFACES, Region.whole(model.rig))[0])
 
 
 def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:

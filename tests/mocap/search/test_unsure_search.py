@@ -9,7 +9,7 @@ from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_INDEX
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.errors import TakeError
-from services.mocap.search.chains import ALL_SEGMENTS
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
@@ -81,7 +81,7 @@ def test_a_leg_that_is_unsure_is_not_judged_and_the_others_are_trusted(
     whole_leg = about(model, truth, (*SHANK, SEGMENT_INDEX["left_thigh"]))
     picture = Picture.whole(model.rig, half_leg.silhouettes, half_leg.unsure | whole_leg)
     aligned, trust = model.aligner(SETTINGS).align(picture, start, SETTINGS), PartConfidence(model.rig, 30.0)
-    covered = model.backend.coverage(aligned.pose[None], ALL_SEGMENTS, picture.region)[0]
+    covered = model.backend.coverage(aligned.pose[None], ALL_SURFACES, picture.region)[0]
     found = differences(model, picture, aligned.pose, covered)
     confidence = confidences(trust.evidence(found, aligned.rim_px), aligned.rim_px)
     assert "left_leg" not in confidence
@@ -101,8 +101,8 @@ def test_nobody_is_in_doubt_for_unsure_pixels(model: Model, truth: Floats, half_
 
 
 def test_a_little_that_is_sure_is_not_taken_for_all(model: Model, truth: Floats) -> None:
-    covered = model.backend.coverage(truth[None], ALL_SEGMENTS, Region.whole(model.rig))[0]
-    unsure = about(model, truth, ALL_SEGMENTS, 2)
+    covered = model.backend.coverage(truth[None], ALL_SURFACES, Region.whole(model.rig))[0]
+    unsure = about(model, truth, ALL_SURFACES, 2)
     elsewhere = np.zeros_like(covered)
     elsewhere[:, 5:17, 5:17] = 255  # something small in every camera
     picture = Picture.whole(model.rig, elsewhere, unsure)
@@ -134,6 +134,6 @@ def test_a_first_frame_is_not_refused_for_unsure_pixels(
 
 def test_nothing_but_unsure_pixels_is_said(model: Model, truth: Floats) -> None:
     nothing = np.zeros((model.rig.n_cameras, *model.rig.shape_px), bool)
-    possible = unpack(about(model, truth, ALL_SEGMENTS, 1), model.rig.n_cameras)
+    possible = unpack(about(model, truth, ALL_SURFACES, 1), model.rig.n_cameras)
     with pytest.raises(TakeError, match=r"what 8 of 8 cameras show of the actor .* is all unsure"):
         look_first(model.rig, nothing, (), possible)

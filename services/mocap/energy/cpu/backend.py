@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import joint_transforms, moving_joints
+from services.mocap.body.kinematics import frame_transforms, moving_frames
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import n_planes
@@ -39,14 +39,14 @@ class CpuBackend:
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy. Costs a pass over the picture; every call then touches outlines only."""
         region, tally, base = problem.picture.region, problem.cost.tally(problem.picture), problem.base_pose
-        joints = moving_joints(problem.dofs, problem.segments)
-        plan = (np.array(problem.dofs, np.int32), joints, np.array(problem.segments, np.int32))
-        T_world_joint = joint_transforms(base[None], self._body.offsets_m)[0]
+        frames = moving_frames(problem.dofs, problem.segments)
+        plan = (np.array(problem.dofs, np.int32), frames, np.array(problem.segments, np.int32))
+        T_world_frame = frame_transforms(base[None], self._body.offsets_m)[0]
         mesh, scratches = self._detailed if problem.detail_px > 0 else self._full
         cameras, gain_sums = self._cameras(region), summed_gain(tally.gain)
         costs = np.array([tally.blank, tally.weights, np.full(self._rig.n_cameras, tally.cap)])
         lanes = [
-            (base.copy(), T_world_joint.copy(), scratch, empty_canvas(region.height_px, region.width_px))
+            (base.copy(), T_world_frame.copy(), scratch, empty_canvas(region.height_px, region.width_px))
             for scratch in scratches
         ]
 
@@ -77,9 +77,9 @@ class CpuBackend:
         shape = (len(poses), n_planes(self._rig.n_cameras), region.height_px, region.width_px)
         planes: Bytes = np.zeros(shape, np.uint8)
         mesh, scratches = self._detailed if detail_px > 0 else self._full
-        T_world_joint = joint_transforms(poses, self._body.offsets_m)
+        T_world_frame = frame_transforms(poses, self._body.offsets_m)
         cover(
-            T_world_joint, np.array(segments, np.int32), self._cameras(region), detail_px,
+            T_world_frame, np.array(segments, np.int32), self._cameras(region), detail_px,
             mesh, scratches[0], empty_canvas(region.height_px, region.width_px), planes,
         )  # fmt: skip
         return planes

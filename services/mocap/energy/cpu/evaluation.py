@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from services.mocap.body.kinematics import place_joints
+from services.mocap.body.kinematics import place_frames
 from services.mocap.energy.cost import Counts
 from services.mocap.energy.cpu.collecting import Canvas, collect_bits, collect_gain
 from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
@@ -15,7 +15,7 @@ def evaluate(
     values: Floats,
     plan: tuple[Ints, Ints, Ints],
     pose: Floats,
-    T_world_joint: Floats,
+    T_world_frame: Floats,
     offsets_m: Floats,
     cameras: tuple[Floats, Floats],
     detail_px: float,
@@ -28,20 +28,20 @@ def evaluate(
 ) -> None:
     """Write the energies (N,) of values (N, d).
 
-    plan: the parameters that vary (d,), the joints that they move, the segments that are drawn. pose (D,)
-    and T_world_joint (J, 4, 4): a base pose and its transforms, of which only what the plan names changes.
-    gain_sums (C, H, W + 1) as summed_gain makes it; costs (3, C): blank, weights
-    and cap of the Tally; canvas from empty_canvas.
+    plan: the parameters that vary (d,), the frames that they move, the surfaces that are drawn. pose (D,)
+    and T_world_frame (J + 3, 4, 4): a base pose and its transforms, of which only what the plan names
+    changes. gain_sums (C, H, W + 1) as summed_gain makes it; costs (3, C): blank, weights and cap of the
+    Tally; canvas from empty_canvas.
     """
-    dofs, joints, segments = plan
+    dofs, frames, surfaces = plan
     P_px_world, lenses = cameras
     for n in range(len(values)):
         for k in range(len(dofs)):
             pose[dofs[k]] = values[n, k]
-        place_joints(pose, offsets_m, joints, T_world_joint)
+        place_frames(pose, offsets_m, frames, T_world_frame)
         energy = 0.0
         for c in range(len(P_px_world)):
-            draw(T_world_joint, segments, P_px_world[c], lenses[c], detail_px, mesh, scratch, canvas)
+            draw(T_world_frame, surfaces, P_px_world[c], lenses[c], detail_px, mesh, scratch, canvas)
             cost = costs[0, c] + collect_gain(canvas, gain_sums[c])
             energy += costs[1, c] * (cost / (1.0 + cost / costs[2, c]))
         energies[n] = energy
@@ -49,8 +49,8 @@ def evaluate(
 
 @njit_without_refcounts
 def cover(
-    T_world_joint: Floats,
-    segments: Ints,
+    T_world_frame: Floats,
+    surfaces: Ints,
     cameras: tuple[Floats, Floats],
     detail_px: float,
     mesh: MeshArrays,
@@ -58,9 +58,9 @@ def cover(
     canvas: Canvas,
     covered: Bytes,
 ) -> None:
-    """Set the bits of every pixel that bodies cover in covered (N, P, H, W); T_world_joint (N, J, 4, 4)."""
+    """Set the bits of pixels that bodies cover in covered (N, P, H, W); T_world_frame (N, J + 3, 4, 4)."""
     P_px_world, lenses = cameras
-    for n in range(len(T_world_joint)):
+    for n in range(len(T_world_frame)):
         for c in range(len(P_px_world)):
-            draw(T_world_joint[n], segments, P_px_world[c], lenses[c], detail_px, mesh, scratch, canvas)
+            draw(T_world_frame[n], surfaces, P_px_world[c], lenses[c], detail_px, mesh, scratch, canvas)
             collect_bits(canvas, covered[n, c // 8], np.uint8(1 << c % 8))

@@ -54,8 +54,8 @@ class FlatMesh(NamedTuple):
         """
         ladders = [
             [Level(vertices_m, faces, 0.0), *coarser]
-            for vertices_m, faces, coarser in zip(
-                body.vertices_m, body.faces, thinned or [()] * len(body.faces), strict=True
+            for (vertices_m, faces), coarser in zip(
+                body.surfaces, thinned or [()] * len(body.surfaces), strict=True
             )
         ]
         spheres_m = np.array(
@@ -87,7 +87,7 @@ _NO_LEVEL = Level(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.inf)
 
 def _blocks(level: Level, sphere_m: Floats, first_vertex: int) -> tuple[NDArray[Any], ...]:
     """One part's edges (B, BLOCK, 4), planes (B, BLOCK, 8) and block_planes (B, 9)."""
-    if level is _NO_LEVEL:
+    if not len(level.faces):
         return tuple(np.zeros(shape) for shape in ((0, BLOCK, 4), (0, BLOCK, 8), (0, 9)))
     edges, sides = closed_edges(level.faces)
     planes = _planes(level.vertices_m - sphere_m[:3], level.faces)[sides]
@@ -106,7 +106,10 @@ def _starts(parts: Sequence[NDArray[Any]]) -> list[int]:
 
 
 def sphere_of(vertices_m: Floats) -> Floats:
-    """Centre and radius (4,) of a sphere about the middle of the bounding box of vertices (V, 3)."""
+    """Centre and radius (4,) of a sphere about the middle of the bounding box of vertices (V, 3), zeros for
+    none."""
+    if not len(vertices_m):
+        return np.zeros(4)
     centre = (vertices_m.min(axis=0) + vertices_m.max(axis=0)) / 2
     return np.append(centre, np.linalg.norm(vertices_m - centre, axis=1).max() * (1.0 + 1e-9))
 

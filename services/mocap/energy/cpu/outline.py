@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numba
 import numpy as np
 
-from services.mocap.body.kinematics import SEGMENT_JOINTS
+from services.mocap.body.kinematics import SURFACE_FRAMES
 from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
@@ -42,8 +42,8 @@ def scratch_for(mesh: FlatMesh) -> Scratch:
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def draw(
-    T_world_joint: Floats,
-    segments: Ints,
+    T_world_frame: Floats,
+    surfaces: Ints,
     P_px_world: Floats,
     lens: Floats,
     detail_px: float,
@@ -51,18 +51,18 @@ def draw(
     scratch: Scratch,
     canvas: Canvas,
 ) -> None:
-    """Put one camera's outlines of the segments on an empty canvas.
+    """Put one camera's outlines of some surfaces on an empty canvas.
 
-    T_world_joint (J, 4, 4); P_px_world (3, 4) and lens (LENS_SIZE,): the camera; detail_px: thinned levels
-    may be off by this much.
+    T_world_frame (J + 3, 4, 4); P_px_world (3, 4) and lens (LENS_SIZE,): the camera; detail_px: thinned
+    levels may be off by this much.
     """
     xyz_m, edges, planes, block_planes, starts, spheres_m, errors_m = mesh
     flags, found, uv, depth_m, crossings, M, eye = scratch
     height_px, width_px = canvas[0].shape
-    for s in segments:
-        T_world_segment = T_world_joint[SEGMENT_JOINTS[s]]
-        compose(P_px_world, T_world_segment, M)
-        seen_as = look(T_world_segment, M, lens, spheres_m[s], width_px, height_px, eye)
+    for s in surfaces:
+        T_world_surface = T_world_frame[SURFACE_FRAMES[s]]
+        compose(P_px_world, T_world_surface, M)
+        seen_as = look(T_world_surface, M, lens, spheres_m[s], width_px, height_px, eye)
         if seen_as == HIDDEN:
             continue
         level = 0 if seen_as == NEAR else _coarsest(errors_m, s, detail_px / eye[PX_PER_M])

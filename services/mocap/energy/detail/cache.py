@@ -12,7 +12,6 @@ import numpy as np
 
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import Body
-from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.body.surface import Level
 from services.mocap.energy.detail.thinning import ERRORS_M, thinned_levels
 from services.mocap.errors import UserError
@@ -35,14 +34,14 @@ def cache_folder() -> Path:
 
 
 def levels_of(body: Body) -> list[list[Level]]:
-    """Every segment's thinned levels, fine to coarse: read from disk, or made (about a second) and kept."""
+    """Every surface's thinned levels, fine to coarse: read from disk, or made (about a second) and kept."""
     path = cache_folder() / f"levels-{_content_hash(body)}.npz"
     with suppress(OSError, EOFError, ValueError, LookupError, BadZipFile):  # not there, or not whole
-        levels = _read(path)
+        levels = _read(path, len(body.surfaces))
         with suppress(OSError):  # others may own it
             path.touch()
         return levels
-    levels = [thinned_levels(*mesh) for mesh in zip(body.vertices_m, body.faces, strict=True)]
+    levels = [thinned_levels(*surface) for surface in body.surfaces]
     try:
         _write(path, levels)
     except (OSError, UserError) as error:
@@ -52,21 +51,21 @@ def levels_of(body: Body) -> list[list[Level]]:
 
 def _content_hash(body: Body) -> str:
     digest = hashlib.sha256(repr((_FORMAT, ERRORS_M)).encode())
-    for vertices_m, faces in zip(body.vertices_m, body.faces, strict=True):
+    for vertices_m, faces in body.surfaces:
         digest.update(repr((vertices_m.shape, faces.shape)).encode())
         digest.update(np.ascontiguousarray(vertices_m).tobytes())
         digest.update(np.ascontiguousarray(faces).tobytes())
     return digest.hexdigest()
 
 
-def _read(path: Path) -> list[list[Level]]:
+def _read(path: Path, n_surfaces: int) -> list[list[Level]]:
     with np.load(path) as arrays:
         table, vertices_m, faces = arrays["table"], arrays["vertices_m"], arrays["faces"]
-    ladders: list[list[Level]] = [[] for _ in SEGMENT_NAMES]
+    ladders: list[list[Level]] = [[] for _ in range(n_surfaces)]
     vertex = face = 0
-    for segment, n_vertices, n_faces, error_m in table:
+    for surface, n_vertices, n_faces, error_m in table:
         vertex_end, face_end = vertex + int(n_vertices), face + int(n_faces)
-        ladders[int(segment)].append(
+        ladders[int(surface)].append(
             Level(vertices_m[vertex:vertex_end], faces[face:face_end], float(error_m))
         )
         vertex, face = vertex_end, face_end

@@ -18,10 +18,10 @@ import numpy as np
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import (
     N_DOF,
-    SEGMENT_JOINTS,
-    joint_transforms,
-    moving_joints,
-    place_joints,
+    SURFACE_FRAMES,
+    frame_transforms,
+    moving_frames,
+    place_frames,
 )
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
@@ -44,20 +44,20 @@ class Posing:
         self, base_pose: Floats, dofs: tuple[int, ...], segments: tuple[int, ...], offsets_m: Floats
     ) -> None:
         self._dofs = np.array(dofs, np.int32)
-        self._moving = moving_joints(dofs, segments)
-        self._carriers = SEGMENT_JOINTS[list(segments)]
+        self._moving = moving_frames(dofs, segments)
+        self._carriers = SURFACE_FRAMES[list(segments)]
         self._offsets_m = offsets_m
         self._pose = np.array(base_pose, np.float64)
-        self._T_world_joint = joint_transforms(self._pose[None], offsets_m)[0]
+        self._T_world_frame = frame_transforms(self._pose[None], offsets_m)[0]
 
     def transforms(self, values: Floats) -> Floats:
-        """T_world_segment (N, S, 3, 4), the rows that are not constant, of values (N, d)."""
-        T_world_segment = np.empty((len(values), len(self._carriers), 3, 4))
+        """T_world_surface (N, S, 3, 4), the rows that are not constant, of values (N, d)."""
+        T_world_surface = np.empty((len(values), len(self._carriers), 3, 4))
         _pose_all(
             np.array(values, np.float64, order="C"), self._dofs, self._moving, self._carriers,
-            self._offsets_m, self._pose, self._T_world_joint, T_world_segment,
+            self._offsets_m, self._pose, self._T_world_frame, T_world_surface,
         )  # fmt: skip
-        return T_world_segment
+        return T_world_surface
 
 
 @numba.njit(cache=True, nogil=True)
@@ -68,15 +68,15 @@ def _pose_all(
     carriers: Ints,
     offsets_m: Floats,
     pose: Floats,
-    T_world_joint: Floats,
-    T_world_segment: Floats,
+    T_world_frame: Floats,
+    T_world_surface: Floats,
 ) -> None:
     for n in range(len(values)):
         for k in range(len(dofs)):
             pose[dofs[k]] = values[n, k]
-        place_joints(pose, offsets_m, moving, T_world_joint)
+        place_frames(pose, offsets_m, moving, T_world_frame)
         for s in range(len(carriers)):
-            T_world_segment[n, s] = T_world_joint[carriers[s], :3]
+            T_world_surface[n, s] = T_world_frame[carriers[s], :3]
 
 
 class GlBackend:

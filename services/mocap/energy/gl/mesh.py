@@ -41,10 +41,11 @@ class GlMesh:
 
     def __init__(self, device: GlDevice, body: Body) -> None:
         self._context = context = device.context
-        edges = [closed_edges(faces)[0].astype(np.uint32) for faces in body.faces]
-        self._first_vertices = [0, *accumulate(map(len, body.vertices_m))]
+        edges = [closed_edges(faces)[0].astype(np.uint32) for _, faces in body.surfaces]
+        vertices_m = [vertices_m for vertices_m, _ in body.surfaces]
+        self._first_vertices = [0, *accumulate(map(len, vertices_m))]
         self._first_edges = [0, *accumulate(map(len, edges))]
-        self._spheres_m = np.array([sphere_of(vertices_m) for vertices_m in body.vertices_m])
+        self._spheres_m = np.array([sphere_of(of_one) for of_one in vertices_m])
         n_vertices, n_edges = self._first_vertices[-1], self._first_edges[-1]
         most = min(MAX_GROUPS - len(edges), device.max_buffer_bytes // (_EDGE_BYTES * GROUP)) * GROUP
         if n_edges > most or n_vertices > device.max_buffer_bytes // _VERTEX_BYTES:
@@ -52,7 +53,7 @@ class GlMesh:
                 f"the body has {n_vertices} vertices and {n_edges} edges: too many for the gl backend on "
                 f"{device.renderer}"
             )
-        self.vertices = context.buffer(np.concatenate(body.vertices_m).astype(np.float64))
+        self.vertices = context.buffer(np.concatenate(vertices_m).astype(np.float64))
         """(V, 3) double, in their segment's frame."""
         ends, corners = np.hsplit(np.concatenate(edges), 2)
         self.edges = context.buffer(np.concatenate([ends, corners]))

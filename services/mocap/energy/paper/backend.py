@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import segment_transforms
+from services.mocap.body.kinematics import surface_transforms
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import n_planes, pack
@@ -54,7 +54,7 @@ class PaperBackend:
             return int(np.bitwise_count((drawn ^ silhouettes) & counted).sum())
 
         def evaluate(values: Floats) -> Floats:
-            T_world_segment = segment_transforms(problem.poses(values), self._body.offsets_m)
+            T_world_segment = surface_transforms(problem.poses(values), self._body.offsets_m)
             with self._rasteriser.ready():
                 return np.array([count(T) for T in T_world_segment], np.float64)
 
@@ -73,7 +73,7 @@ class PaperBackend:
         T_clip_world = self._clip_projections(region)
         with self._rasteriser.ready():
             for T, planes_of_pose in zip(
-                segment_transforms(poses, self._body.offsets_m), planes, strict=True
+                surface_transforms(poses, self._body.offsets_m), planes, strict=True
             ):
                 self._rasteriser.draw(_composed(T_clip_world, T), segments, planes_of_pose)
         return planes

@@ -93,14 +93,15 @@ class Rasteriser:
     """Draws one body for a number of cameras; every GL object that it makes is released by close."""
 
     def __init__(self, device: GlDevice, body: Body, n_cameras: int) -> None:
-        self._device, self._faces, self._n_cameras = device, body.faces, n_cameras
-        self._first_vertex = np.cumsum([0, *map(len, body.vertices_m)])
-        n_segments = len(body.vertices_m)
+        vertices_m, self._faces = zip(*body.surfaces, strict=True)
+        self._device, self._n_cameras = device, n_cameras
+        self._first_vertex = np.cumsum([0, *map(len, vertices_m)])
+        n_segments = len(vertices_m)
         plane_rows = CAMERAS_PER_PLANE * n_segments * _ROWS_PER_MATRIX
         with device.current() as context:
             self._program = context.program(_vertex_shader(n_segments), _FRAGMENT_SHADER)
             self._nothing = context.detect_framebuffer(0)
-            self._vertices = context.buffer(_interleaved(body.vertices_m))
+            self._vertices = context.buffer(_interleaved(vertices_m))
             self._matrices = context.buffer(reserve=n_planes(n_cameras) * plane_rows * _BYTES_PER_ROW)
         self._plane_bytes = plane_rows * _BYTES_PER_ROW
         self._meshes: Kept[tuple[int, ...], _Mesh] = Kept(self._mesh, _Mesh.release, _MOST_MESHES)

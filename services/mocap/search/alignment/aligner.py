@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import N_DOF, N_JOINTS
-from services.mocap.body.skeleton import BODY_DOFS, DOFS, LOWER, SEGMENT_NAMES, UPPER
+from services.mocap.body.kinematics import ALL_FRAMES, N_DOF
+from services.mocap.body.skeleton import BODY_DOFS, DOFS, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import lenses_of
@@ -25,7 +25,7 @@ from services.mocap.search.alignment.contacts import Contacts, depths_m
 from services.mocap.search.alignment.matching import OWN_REACH_PX, input_of, room_for, views_of
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
-from services.mocap.search.chains import ALL_SEGMENTS, REFERENCE_WIDTH_PX
+from services.mocap.search.chains import ALL_SURFACES, REFERENCE_WIDTH_PX
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
@@ -47,8 +47,7 @@ _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
 """Largest step, in metres and radians."""
 _CONTACT_WEIGHT = 1e4
 """Of the square of a depth in metres, for each unit of the setting and each camera."""
-_ALL_JOINTS = np.arange(N_JOINTS, dtype=np.int32)
-_EVERYTHING = np.array(ALL_SEGMENTS, np.int32)
+_EVERYTHING = np.array(ALL_SURFACES, np.int32)
 _LIMITS = np.array([LOWER, UPPER])
 _REST_SHARES = np.array([dof.rest for dof in DOFS])
 
@@ -71,7 +70,7 @@ class Aligner:
 
     def __init__(self, body: Body, rig: Rig, *, thinned: bool = True) -> None:
         """thinned: with levels of detail, which take about a second for a new body."""
-        levels = levels_of(body) if thinned else [[] for _ in SEGMENT_NAMES]
+        levels = levels_of(body) if thinned else [[] for _ in ALL_SURFACES]
         mesh = FlatMesh.of(body, levels)
         self._offsets_m, self._rig = body.offsets_m, rig
         self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
@@ -89,7 +88,7 @@ class Aligner:
         pose: Floats,
         settings: SearchSettings,
         dofs: tuple[int, ...] = tuple(range(N_DOF)),
-        segments: tuple[int, ...] = ALL_SEGMENTS,
+        segments: tuple[int, ...] = ALL_SURFACES,
     ) -> Aligned:
         """Move parameters of a pose (D,) so that segments' rims lie on the contours of a picture.
 
@@ -107,12 +106,12 @@ class Aligner:
         coarse_rim, fine_rim = self._rims
         contact_weight = _CONTACT_WEIGHT * settings.contact * float(views[2].sum()) * self._scale**3
         pose, _, _ = follow(
-            pose, self._offsets_m, _ALL_JOINTS, seen, drawing, settings.detail_px,
+            pose, self._offsets_m, ALL_FRAMES, seen, drawing, settings.detail_px,
             (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, prior, _LIMITS,
             self._contacts, contact_weight,
         )  # fmt: skip
         pose, prior_cost, rim_px = follow(
-            pose, self._offsets_m, _ALL_JOINTS, seen, drawing, _FINE * settings.detail_px,
+            pose, self._offsets_m, ALL_FRAMES, seen, drawing, _FINE * settings.detail_px,
             (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, prior, _LIMITS,
             self._contacts, contact_weight,
         )  # fmt: skip

@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numba
 import numpy as np
 
-from services.mocap.body.kinematics import SEGMENT_JOINTS
+from services.mocap.body.kinematics import SURFACE_FRAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import count_by_camera
 from services.mocap.energy.cpu.arrays import Indices, Singles
@@ -25,8 +25,8 @@ Input: TypeAlias = tuple[Bytes, Bytes, Ints]
 """Bit-planes (P, H, W) of the input's silhouettes and of its unsure pixels, and whether a camera has any of
 these (C,)."""
 Matches: TypeAlias = tuple[Ints, Ints, Floats, Floats, Floats]
-"""Room for one camera's matches: per match the edge and the joint (E,), the residual and the length of
-outline in pixels (E,), and the row of the Jacobian by the joint's twist (E, 6)."""
+"""Room for one camera's matches: per match the edge and the frame (E,), the residual and the length of
+outline in pixels (E,), and the row of the Jacobian by the frame's twist (E, 6)."""
 RimScratch: TypeAlias = tuple[Bytes, Indices, Floats, Singles]
 """(E,) flags, (E + 1,) edges found, a projection (3, 4) and where the camera is (3,)."""
 SHARES = 4
@@ -68,8 +68,8 @@ def room_for(rim: RimArrays) -> tuple[RimScratch, Matches]:
     """What matching a rim needs room for."""
     n_edges = rim[0].shape[1]
     scratch = (np.zeros(n_edges, np.uint8), np.zeros(n_edges + 1, np.uint32), np.zeros((3, 4)))
-    edges, joints = np.zeros(n_edges, np.int32), np.zeros(n_edges, np.int32)
-    matches = (edges, joints, np.zeros(n_edges), np.zeros(n_edges), np.zeros((n_edges, TWIST_SIZE)))
+    edges, frames = np.zeros(n_edges, np.int32), np.zeros(n_edges, np.int32)
+    matches = (edges, frames, np.zeros(n_edges), np.zeros(n_edges), np.zeros((n_edges, TWIST_SIZE)))
     return (*scratch, np.zeros(3, np.float32)), matches
 
 
@@ -77,8 +77,8 @@ def room_for(rim: RimArrays) -> tuple[RimScratch, Matches]:
 def match_view(
     c: int,
     rim: RimArrays,
-    segments: Ints,
-    T_world_joint: Floats,
+    surfaces: Ints,
+    T_world_frame: Floats,
     views: Views,
     seen: Input,
     model_planes: Bytes,
@@ -87,22 +87,22 @@ def match_view(
     matches: Matches,
     shares_px: Floats,
 ) -> int:
-    """Write the matches of camera c and return how many there are; add to shares_px (S, SHARES).
+    """Write the matches of camera c and return how many there are; add to shares_px (S + 3, SHARES).
 
-    segments: whose rim counts. seen and model_planes (P, H, W): the input and the whole model in the same
+    surfaces: whose rim counts. seen and model_planes (P, H, W): the input and the whole model in the same
     region. A rim point that comes to unsure pixels before it comes to the input's contour has no match. A
     residual r is the distance of the model's contour beyond the input's, both measured in pixels, so that it
     is zero where the model covers exactly the input's pixels. Lengths are weighted by the camera.
     """
     P_px_world, centres_world_m, weights, sizes_px = views
     input_planes, unsure, is_unsure = seen
-    edges, joints, residuals_px, lengths_px, rows = matches
+    edges, frames, residuals_px, lengths_px, rows = matches
     found, M = scratch[1], scratch[2]
     width, height = sizes_px[c, 0] - 1 - _BORDER_PX, sizes_px[c, 1] - 1 - _BORDER_PX
     n = 0
-    for s in segments:
-        joint = SEGMENT_JOINTS[s]
-        T = T_world_joint[joint]
+    for s in surfaces:
+        frame = SURFACE_FRAMES[s]
+        T = T_world_frame[frame]
         compose(P_px_world[c], T, M)
         for k in range(_find_rim(rim, s, T, centres_world_m[c], scratch)):
             e = found[k]
@@ -126,7 +126,7 @@ def match_view(
                 shares_px[s, LOST] += length_px
                 continue
             shares_px[s, ON] += length_px * (abs(r) < _NEAR_PX)
-            edges[n], joints[n], residuals_px[n], lengths_px[n] = e, joint, r, length_px
+            edges[n], frames[n], residuals_px[n], lengths_px[n] = e, frame, r, length_px
             _write_row(rim, e, T, P_px_world[c], u, v, nx, ny, depth_m, rows[n])
             n += 1
     return n

@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from services.mocap.body.kinematics import N_DOF, N_JOINTS, PARENT
+from services.mocap.body.kinematics import CLOTH_FRAMES, CLOTH_JOINTS, N_DOF, N_JOINTS, PARENT
 from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
 from services.mocap.search.alignment.matching import Matches
 from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, TWIST_SIZE
@@ -12,16 +12,16 @@ from services.mocap.types import Floats
 
 @njit_without_refcounts
 def add_matches(matches: Matches, n: int, cap_px: float, wrenches: Floats, pulls: Floats) -> None:
-    """Add n matches to the sums of their joints, wrenches (J, 6, 6) and pulls (J, 6).
+    """Add n matches to the sums of their frames, wrenches (J + 3, 6, 6) and pulls (J + 3, 6).
 
-    With the row w of the Jacobian by the joint's twist, the residual r and its length l of outline:
+    With the row w of the Jacobian by the frame's twist, the residual r and its length l of outline:
 
         wrench += weight w w'  (its lower half),    pull += weight r w,    weight = l / (1 + (r / cap)^2)
     """
-    _, joints, residuals_px, lengths_px, rows = matches
+    _, frames, residuals_px, lengths_px, rows = matches
     for n_th in range(n):
         r, w = residuals_px[n_th], rows[n_th]
-        wrench, pull = wrenches[joints[n_th]], pulls[joints[n_th]]
+        wrench, pull = wrenches[frames[n_th]], pulls[frames[n_th]]
         weight = lengths_px[n_th] / (1.0 + (r / cap_px) ** 2)
         for i in range(TWIST_SIZE):
             weighted = weight * w[i]
@@ -36,8 +36,10 @@ def normal_equations(twists: Floats, wrenches: Floats, pulls: Floats) -> tuple[F
 
     wrenches and pulls as add_matches leaves them; what joints carry is summed down the tree in them (as in
     the composite rigid body algorithm: Featherstone, Rigid Body Dynamics Algorithms, 2008, chapter 6).
+    Of what cloth carries, each of its two joints takes one half.
     """
     hessian, slope = np.empty((N_DOF, N_DOF)), np.empty(N_DOF)
+    _hand_over_cloth(wrenches, pulls)
     for j in range(N_JOINTS):
         for i in range(TWIST_SIZE):
             for k in range(i):
@@ -57,6 +59,14 @@ def normal_equations(twists: Floats, wrenches: Floats, pulls: Floats) -> tuple[F
             value = _dot(twists[e], moved) if MOVED_BY[DOF_JOINT[e], joint] else 0.0
             hessian[d, e] = hessian[e, d] = value
     return hessian, slope
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _hand_over_cloth(wrenches: Floats, pulls: Floats) -> None:
+    for k, frame in enumerate(CLOTH_FRAMES):
+        for joint in CLOTH_JOINTS[k]:
+            wrenches[joint] += 0.5 * wrenches[frame]
+            pulls[joint] += 0.5 * pulls[frame]
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

@@ -29,7 +29,7 @@ class RimMesh(NamedTuple):
     def of(cls, body: Body, thinned: Sequence[Sequence[Level]] = (), most_m: float = 0.0) -> "RimMesh":
         """The edges of a body, from each segment's coarsest thinned mesh with an error of at most most_m, or
         its full mesh."""
-        ladders = thinned or [()] * len(body.faces)
+        ladders = thinned or [()] * len(body.surfaces)
         levels = [_coarsest(body, s, ladder, most_m) for s, ladder in enumerate(ladders)]
         pieces = [_edges(level) for level in levels]
         starts = np.cumsum([0] + [len(piece[0]) for piece in pieces])
@@ -38,8 +38,8 @@ class RimMesh(NamedTuple):
         return cls(planes.astype(np.float32), middles_m, halves_m, outward, starts.astype(np.int32))
 
 
-def _coarsest(body: Body, segment: int, ladder: Sequence[Level], most_m: float) -> Level:
-    full = Level(body.vertices_m[segment], body.faces[segment], 0.0)
+def _coarsest(body: Body, surface: int, ladder: Sequence[Level], most_m: float) -> Level:
+    full = Level(*body.surfaces[surface], 0.0)
     return max([full, *(lv for lv in ladder if lv.error_m <= most_m)], key=lambda level: level.error_m)
 
 

@@ -5,7 +5,7 @@ from typing import TypeAlias
 import numba
 import numpy as np
 
-from services.mocap.body.kinematics import N_DOF, N_JOINTS, SEGMENT_JOINTS, place_joints
+from services.mocap.body.kinematics import N_DOF, N_FRAMES, SURFACE_FRAMES, place_frames
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.evaluation import cover
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch
@@ -24,9 +24,9 @@ from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
 from services.mocap.types import Floats, Ints
 
 Drawing: TypeAlias = tuple[Ints, MeshArrays, Scratch, tuple[Floats, Floats], Canvas]
-"""Segments drawn; mesh, scratch, cameras and canvas as cover takes them."""
+"""Surfaces drawn; mesh, scratch, cameras and canvas as cover takes them."""
 Rims: TypeAlias = tuple[Ints, RimArrays, Views, tuple[RimScratch, Matches]]
-"""Segments that pull; mesh, views and room as match_view takes them."""
+"""Surfaces that pull; mesh, views and room as match_view takes them."""
 _SINGULAR = 1e-6
 
 
@@ -34,7 +34,7 @@ _SINGULAR = 1e-6
 def follow(
     start: Floats,
     offsets_m: Floats,
-    joints: Ints,
+    frames: Ints,
     seen: Input,
     drawing: Drawing,
     detail_px: float,
@@ -51,31 +51,31 @@ def follow(
     steps (K, 3): for every step the reach, the cap, and the damping as a share of the diagonal. free (D,): 1
     for parameters that vary. prior (3, D): target, weight of its square, and the largest step. limits (2,
     D). contact_weight: as for add_contacts. Returns the pose, the prior's cost (with that of contacts) at
-    the last match, and the rim's shares (S, SHARES) there.
+    the last match, and the rim's shares (S + 3, SHARES) there.
     """
-    segments, mesh, scratch, cameras, canvas = drawing
+    surfaces, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
-    pose, prior_cost, shares_px = start.copy(), 0.0, np.zeros((len(SEGMENT_JOINTS), SHARES))
-    T_world_joint = np.empty((1, N_JOINTS, 4, 4))
+    pose, prior_cost, shares_px = start.copy(), 0.0, np.zeros((len(SURFACE_FRAMES), SHARES))
+    T_world_frame = np.empty((1, N_FRAMES, 4, 4))
     model_planes = np.zeros((1, *seen[0].shape), np.uint8)
-    twists, wrenches = np.zeros((N_DOF, TWIST_SIZE)), np.empty((N_JOINTS, TWIST_SIZE, TWIST_SIZE))
-    pulls = np.empty((N_JOINTS, TWIST_SIZE))
+    twists, wrenches = np.zeros((N_DOF, TWIST_SIZE)), np.empty((N_FRAMES, TWIST_SIZE, TWIST_SIZE))
+    pulls = np.empty((N_FRAMES, TWIST_SIZE))
     for k in range(len(steps)):
         reach_px, cap_px, damping = steps[k]
-        place_joints(pose, offsets_m, joints, T_world_joint[0])
+        place_frames(pose, offsets_m, frames, T_world_frame[0])
         model_planes[:] = 0
-        cover(T_world_joint, segments, cameras, detail_px, mesh, scratch, canvas, model_planes)
-        place_twists(pose, T_world_joint[0], twists)
+        cover(T_world_frame, surfaces, cameras, detail_px, mesh, scratch, canvas, model_planes)
+        place_twists(pose, T_world_frame[0], twists)
         wrenches[:], pulls[:], shares_px[:] = 0.0, 0.0, 0.0
         for c in range(len(views[2])):
             if views[2][c] > 0.0:
                 n = match_view(
-                    c, rim, pulling, T_world_joint[0], views, seen, model_planes[0],
+                    c, rim, pulling, T_world_frame[0], views, seen, model_planes[0],
                     int(reach_px), rim_scratch, matches, shares_px,
                 )  # fmt: skip
                 add_matches(matches, n, cap_px, wrenches, pulls)
         hessian, slope = normal_equations(twists, wrenches, pulls)
-        prior_cost = add_contacts(contacts, contact_weight, T_world_joint[0], twists, hessian, slope)
+        prior_cost = add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
         for d in range(N_DOF):
             off = pose[d] - prior[0, d]
             prior_cost += prior[1, d] * off * off

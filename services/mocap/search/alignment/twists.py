@@ -24,7 +24,7 @@ TWIST_SIZE = 6
 def place_twists(pose: Floats, T_world_joint: Floats, twists: Floats) -> None:
     """Write every parameter's twist into twists (D, 6).
 
-    pose (D,) and the transforms (J, 4, 4) that place_joints made of it. A point X of a segment that the
+    pose (D,) and the transforms (J, 4, 4) that place_frames made of it. A point X of a segment that the
     parameter d moves has the velocity a x X + b for twists[d] = (a, b), in metres (per metre or radian).
     """
     R, turn, swing, axis = np.eye(3), np.empty((3, 3)), np.zeros(3), np.zeros(3)

@@ -7,7 +7,7 @@ import pytest
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.body.skeleton import SEGMENT_NAMES, segments_below
+from services.mocap.body.skeleton import segments_below
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
@@ -15,9 +15,9 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.gl.device import GlDevice
 from services.mocap.energy.paper.backend import PaperBackend
 from services.mocap.energy.picture import Region
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.types import Floats, Mask
 
-ALL = tuple(range(len(SEGMENT_NAMES)))
 MOST_OF_BOUNDARY = 0.001
 """Of the real body llvmpipe draws 2 in 118,000 boundary pixels otherwise; GPUs may round in other ways."""
 RandomPoses = Callable[[int, int], Floats]
@@ -42,7 +42,7 @@ def assert_close(
     rig: Rig,
     poses: Floats,
     region: Region,
-    segments: tuple[int, ...] = ALL,
+    segments: tuple[int, ...] = ALL_SURFACES,
 ) -> Mask:
     """Compare both backends; returns the masks (N, C, h, w) of `cpu`."""
     paper = PaperBackend(device, body, rig)
@@ -83,14 +83,17 @@ def test_half_resolution(device: GlDevice, coarse_body: Body, ring: Ring, random
     assert_close(device, coarse_body, ring(2), random_poses(20, 3), region)
 
 
-def test_the_real_body(device: GlDevice, real_body: Body, ring: Ring, random_poses: RandomPoses) -> None:
+def test_real_bodies(
+    device: GlDevice, real_body: Body, skirted_body: Body, ring: Ring, random_poses: RandomPoses
+) -> None:
     rig = ring(8)
-    assert_close(device, real_body, rig, random_poses(5, 4), Region.whole(rig))
+    for body in (real_body, skirted_body):
+        assert_close(device, body, rig, random_poses(5, 4), Region.whole(rig))
 
 
 def test_some_segments(device: GlDevice, real_body: Body, ring: Ring, random_poses: RandomPoses) -> None:
     rig, arm = ring(3), segments_below("left_shoulder")
-    others = tuple(s for s in ALL if s not in arm)
+    others = tuple(s for s in ALL_SURFACES if s not in arm)
     for segments in (arm, others, (15, 3, 0)):
         assert_close(device, real_body, rig, random_poses(3, 5), Region.whole(rig), segments)
 
@@ -110,11 +113,11 @@ def test_no_camera_touches_the_bit_of_another(
 ) -> None:
     """Drawn together or each alone: the same to the last bit, though they cover each other's pixels."""
     rig, poses = ring(11), random_poses(5, 7)
-    together = PaperBackend(device, coarse_body, rig).coverage(poses, ALL, Region.whole(rig))
+    together = PaperBackend(device, coarse_body, rig).coverage(poses, ALL_SURFACES, Region.whole(rig))
     masks = np.array([unpack(planes, 11) for planes in together])
     for c in range(11):
         alone = Rig(rig.P_px_world[c : c + 1], rig.sizes_px[c : c + 1])
-        drawn = PaperBackend(device, coarse_body, alone).coverage(poses, ALL, Region.whole(alone))
+        drawn = PaperBackend(device, coarse_body, alone).coverage(poses, ALL_SURFACES, Region.whole(alone))
         np.testing.assert_array_equal(masks[:, c], drawn[:, 0].astype(bool))
     assert np.all(together[:, 1] < 8)
 

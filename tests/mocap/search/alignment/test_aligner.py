@@ -7,12 +7,14 @@ import pytest
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
+from services.mocap.body.skeleton import DOF_INDEX, LOWER, SEGMENTS, UPPER
+from services.mocap.body.skirt import Skirt
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.alignment.aligner import Aligned, Aligner
-from services.mocap.search.chains import ALL_SEGMENTS, LIMBS
+from services.mocap.search.alignment.matching import KNOWN, ON
+from services.mocap.search.chains import ALL_SURFACES, LIMBS
 from services.mocap.search.limb import limb_picture
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
@@ -52,6 +54,22 @@ def test_it_finds_back(
     assert on > 0.95 * shown
     assert lost < 0.02 * shown
     assert unsure == 0.0
+
+
+def test_legs_that_swing_a_skirt_are_found_back(
+    model: Model, standing: Maker, joint_errors_mm: Callable[[Floats, Floats], Floats]
+) -> None:
+    body = build_body(Actor(height=1.75, skirt=Skirt(length=0.33, flare=0.03)))
+    dressed = Model(body, model.rig, CpuBackend(body, model.rig))
+    truth = standing(shoulder_elevation=-50.0, hip_abduction=8.0, left_hip_flexion=45.0)
+    region = Region.whole(model.rig)
+    picture = Picture.whole(model.rig, dressed.backend.coverage(truth[None], ALL_SURFACES, region)[0])
+    start = _nearby(truth, 0)
+    found = dressed.aligner(SETTINGS).align(picture, start, SETTINGS)
+    assert joint_errors_mm(start, truth).mean() > 25
+    assert joint_errors_mm(found.pose, truth).mean() < 10
+    cloth_px = found.rim_px[len(SEGMENTS) :].sum(axis=0)
+    assert cloth_px[ON] > 0.9 * cloth_px[KNOWN] > 100.0
 
 
 def test_the_full_meshes_do_as_well(
@@ -157,6 +175,6 @@ def test_a_joint_at_its_limit_stays_there(
 def test_any_number_of_cameras(n_cameras: int, standing: Maker) -> None:
     body, rig = build_body(Actor(height=1.75)), Rig.of(studio_cameras(n_cameras))
     truth = standing(**BENT)
-    drawn = CpuBackend(body, rig).coverage(truth[None], ALL_SEGMENTS, Region.whole(rig))[0]
+    drawn = CpuBackend(body, rig).coverage(truth[None], ALL_SURFACES, Region.whole(rig))[0]
     found = Aligner(body, rig).align(Picture.whole(rig, drawn), _nearby(truth, 3), SETTINGS).pose
     np.testing.assert_allclose(found[:6], truth[:6], atol=0.03)
