@@ -1,0 +1,27 @@
+"""Pictures show all of the model, a skirt too, each part by its side."""
+
+import numpy as np
+import pytest
+
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.body.skirt import Skirt
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.picture import Region
+from services.mocap.export.model_painter import ModelPainter
+from services.mocap.search.chains import ALL_SURFACES
+from services.mocap.synth.studio import studio_cameras
+
+
+@pytest.mark.parametrize("skirt", [None, Skirt(length=0.3, flare=0.05)])
+def test_everything_that_is_drawn_has_a_side(skirt: Skirt | None) -> None:
+    body, rig = build_body(Actor(skirt=skirt)), Rig.of(studio_cameras(3))
+    pose = np.zeros(N_DOF)
+    pose[2], pose[DOF_INDEX["left_hip_flexion"]] = body.pelvis_height_m, 0.8
+    masks = np.array(ModelPainter(body, rig).segment_masks(pose))
+    covered = CpuBackend(body, rig).coverage(pose[None], ALL_SURFACES, Region.whole(rig))[0]
+    np.testing.assert_array_equal(masks > 0, unpack(covered, rig.n_cameras))
+    assert set(np.unique(masks)) == {0, 1, 2, 3}
