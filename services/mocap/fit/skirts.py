@@ -1,4 +1,4 @@
-"""Whether the actor wears a skirt or a coat: how much of the silhouettes a cone about the legs explains."""
+"""Whether the actor wears a skirt or a coat: how much of the silhouettes cloth about the legs explains."""
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skirt import Skirt

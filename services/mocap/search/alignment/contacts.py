@@ -25,7 +25,7 @@ _FOREARM_SHARES = (0.25, 0.5, 0.75, 1.0)
 _HAND_SHARES = (0.33, 0.66, 0.9)
 _THIGH_SHARES, _SHANK_SHARES = (0.6, 0.8, 1.0), (0.25, 0.5, 0.75, 1.0)
 _LOWEST_HEIGHTS = -0.06
-"""Of what counts, from a segment's joint, in body heights: skirts hang lower and give way."""
+"""Of what counts, from a segment's joint, in body heights: skirts of own meshes hang lower and give way."""
 _CENTRAL = 1e-3
 """Of an ellipse's radius: nearer to its centre no direction leads out."""
 
