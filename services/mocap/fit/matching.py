@@ -1,5 +1,7 @@
 """Matches the model's rim with the input's contour in both directions, for the residuals of a fit."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numba
@@ -16,7 +18,7 @@ from services.mocap.fit.contours import (
     outline_length_px,
     working_scales,
 )
-from services.mocap.fit.rim import Indices, Rim, find_rims
+from services.mocap.fit.rim import Indices, PosedSurface, Rim
 from services.mocap.types import Floats, Ints, Mask
 
 RIM_POINTS = 200
@@ -28,6 +30,8 @@ _WAY_POINTS = 12
 """At which it is seen whether there are unsure pixels on the way from a rim point to the contour."""
 _SHORTEST_PX = 60.0
 """Views with a shorter contour are not used: the actor is hardly in them."""
+_POOL = ThreadPoolExecutor(os.cpu_count(), "matching")
+"""Matches the views of a frame; its threads start when they are first needed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +52,12 @@ class Matches:
 
 def match_frame(body: Body, pose: Floats, rig: Rig, contours: list[Contour]) -> list[Matches]:
     """Every camera's matches of a body in a pose (D,)."""
-    return [
-        match_view(rim, contour, float(scale))
-        for rim, contour, scale in zip(find_rims(body, pose, rig), contours, working_scales(rig), strict=True)
-    ]
+    surface, scales = PosedSurface.of(body, pose), working_scales(rig)
+
+    def of_camera(c: int) -> Matches:
+        return match_view(surface.rim(rig, c), contours[c], float(scales[c]))
+
+    return list(_POOL.map(of_camera, range(rig.n_cameras)))
 
 
 def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:

@@ -70,23 +70,42 @@ class Rim:
     """(E, 2) unit vectors that point off the surface there."""
 
 
-def find_rims(body: Body, pose: Floats, rig: Rig) -> list[Rim]:
-    """Every camera's rim of a body in a pose (D,); empty if the body reaches a camera's plane."""
-    mesh = topology(body.mesh)
-    T_world_surface = surface_transforms(pose[None], body.offsets_m)[0]
-    vertices_world_m = np.vstack(
-        [v @ T[:3, :3].T + T[:3, 3] for (v, _), T in zip(body.surfaces, T_world_surface, strict=True)]
-    )
-    planes = _planes(vertices_world_m, mesh.faces)
-    rims = []
-    for P_px_world, (width_px, height_px) in zip(rig.P_px_world, rig.sizes_px, strict=True):
+@dataclass(frozen=True, eq=False)
+class PosedSurface:
+    """A body's surface in one pose."""
+
+    vertices_world_m: Floats
+    """(V, 3) of all surfaces."""
+    planes: Floats
+    """(F, 4) unit normal and offset of the faces."""
+    mesh: Topology
+
+    @classmethod
+    def of(cls, body: Body, pose: Floats) -> "PosedSurface":
+        """That of a body in a pose (D,)."""
+        mesh = topology(body.mesh)
+        T_world_surface = surface_transforms(pose[None], body.offsets_m)[0]
+        vertices_world_m = np.vstack(
+            [v @ T[:3, :3].T + T[:3, 3] for (v, _), T in zip(body.surfaces, T_world_surface, strict=True)]
+        )
+        return cls(vertices_world_m, _planes(vertices_world_m, mesh.faces), mesh)
+
+    def rim(self, rig: Rig, camera: int) -> Rim:
+        """One camera's rim; empty if the body reaches the camera's plane."""
+        P_px_world, (width_px, height_px) = rig.P_px_world[camera], rig.sizes_px[camera]
         centre_world_m = -np.linalg.solve(P_px_world[:, :3], P_px_world[:, 3])
         turning, facing, ends_px = _turning_edges(
-            vertices_world_m, planes, mesh.edges, mesh.sides, centre_world_m, np.ascontiguousarray(P_px_world)
-        )
+            self.vertices_world_m, self.planes, self.mesh.edges, self.mesh.sides, centre_world_m,
+            np.ascontiguousarray(P_px_world),
+        )  # fmt: skip
         outline = outline_of(_silhouette(ends_px, int(width_px), int(height_px)))
-        rims.append(Rim(*outline, mesh.edges[turning], ends_px.mean(axis=1), facing))
-    return rims
+        return Rim(*outline, self.mesh.edges[turning], ends_px.mean(axis=1), facing)
+
+
+def find_rims(body: Body, pose: Floats, rig: Rig) -> list[Rim]:
+    """Every camera's rim of a body in a pose (D,)."""
+    surface = PosedSurface.of(body, pose)
+    return [surface.rim(rig, c) for c in range(rig.n_cameras)]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -11,7 +11,15 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.search.hull import MIN_CAMERAS, cube_about, look_up, meeting_point, most_missed, pieces_of
+from services.mocap.search.hull import (
+    MIN_CAMERAS,
+    cube_about,
+    look_up,
+    meeting_point,
+    most_missed,
+    pieces_of,
+    stacked,
+)
 from services.mocap.types import Bytes, Floats, Ints, Mask
 
 WELL_FILLED = 0.9
@@ -26,6 +34,9 @@ _DECISIVE = 0.1
 _DECISIVE_OF_FOUR, _DECISIVE_RATIO = 0.05, 3.0
 """With four cameras this smaller margin is enough if every other choice leaves this many times as much
 uncovered: three cameras, one of them wrong, may still cover most of their silhouettes."""
+_CUT_SHARE, _DECISIVE_OF_CUT = 0.1, 0.02
+"""Where further pieces of the hull cover more than this share of the silhouettes, something may hide part of
+the actor from a camera; it is the one without which the hull is whole and covers this much more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +48,9 @@ class Agreement:
     """Cameras that disagree with all others."""
     filled: float
     """The share of the other cameras' silhouettes that their hull covers, on average."""
-    piece_shares: Floats
-    """(K,) share of the silhouettes that each connected piece of the hull covers alone, in descending
-    order."""
+    person_shares: Floats
+    """(K,) share of the silhouettes that each piece of the hull which may be a person covers alone, in
+    descending order."""
     suspects: tuple[int, ...] = ()
     """If none is odd: cameras of which one is probably wrong, because without any one of them the others
     meet."""
@@ -57,21 +68,26 @@ def find_agreement(
 
     cameras: at least two, those that show a person. possible (C, H, W): possible actor pixels, by default the
     silhouettes; they enlarge the hull, but only the silhouettes must be covered. A camera is odd only if at
-    least three others agree. Raises TakeError if the rays do not meet.
+    least three others agree: if they cover much more without it, or are whole only without it. Raises
+    TakeError if the rays do not meet.
     """
     space = _Space(rig, silhouettes, cameras, silhouettes if possible is None else possible)
     best, suspects = _Choice((), space.filled(cameras)), tuple[int, ...]()
     for n_odd in range(1, _MOST_LEFT_OUT + 1):
-        if best.filled >= WELL_FILLED or len(cameras) - n_odd <= MIN_CAMERAS:
+        is_cut = best.filled >= WELL_FILLED and space.is_cut(_kept(cameras, best))
+        if (best.filled >= WELL_FILLED and not is_cut) or len(cameras) - n_odd <= MIN_CAMERAS:
             break
         choices = [_choice(space, cameras, odd) for odd in combinations(cameras, n_odd)]
         choices.sort(key=lambda choice: -choice.filled)
-        if _is_decided(len(cameras), choices[0].filled, choices[1].filled):
+        if is_cut:
+            gain = choices[0].filled - best.filled
+            if gain >= _DECISIVE_OF_CUT and not space.is_cut(_kept(cameras, choices[0])):
+                best = choices[0]
+        elif _is_decided(len(cameras), choices[0].filled, choices[1].filled):
             best, suspects = choices[0], ()
         elif n_odd == 1:
             suspects = _suspects(choices)
-    kept = tuple(c for c in cameras if c not in best.odd)
-    return Agreement(cameras, best.odd, best.filled, space.piece_shares(kept), suspects)
+    return Agreement(cameras, best.odd, best.filled, space.person_shares(_kept(cameras, best)), suspects)
 
 
 @dataclass(frozen=True)
@@ -98,6 +114,10 @@ def _choice(space: "_Space", cameras: tuple[int, ...], odd: tuple[int, ...]) -> 
     return _Choice(odd, space.filled(tuple(c for c in cameras if c not in odd)))
 
 
+def _kept(cameras: tuple[int, ...], choice: _Choice) -> tuple[int, ...]:
+    return tuple(c for c in cameras if c not in choice.odd)
+
+
 class _Space:
     """A cube of voxels, with the cameras that would carve each away."""
 
@@ -118,14 +138,24 @@ class _Space:
         points_m = self._points_m[self._inside(cameras)]
         return float(np.mean([self._views[c].share(self._views[c].draw(points_m)) for c in cameras]))
 
-    def piece_shares(self, cameras: tuple[int, ...]) -> Floats:
+    def is_cut(self, cameras: tuple[int, ...]) -> bool:
+        """Whether the hull of some cameras is in several pieces that count."""
+        return bool(self._piece_shares(cameras, self._pieces(cameras))[1:].sum() > _CUT_SHARE)
+
+    def person_shares(self, cameras: tuple[int, ...]) -> Floats:
+        """As _piece_shares, of the pieces that may be a person each: those one above the other are one."""
+        return self._piece_shares(cameras, stacked(self._points_m, self._pieces(cameras)))
+
+    def _pieces(self, cameras: tuple[int, ...]) -> Ints:
+        return pieces_of(self._inside(cameras, most_missed(len(cameras))), bridged=True)
+
+    def _piece_shares(self, cameras: tuple[int, ...], pieces: Ints) -> Floats:
         """The share of some cameras' silhouettes (K,) that only this piece of their hull covers, for each
         piece.
 
-        In some cameras other pieces hide a piece, so this averages over the half of the cameras with the
-        largest shares.
+        pieces: (N,) their numbers, from 1 on; 0 outside. In some cameras other pieces hide a piece, so this
+        averages over the half of the cameras with the largest shares.
         """
-        pieces: Ints = pieces_of(self._inside(cameras, most_missed(len(cameras))), bridged=True)
         n_pieces = min(int(pieces.max(initial=0)), 3)  # further pieces are negligible
         shares = np.zeros((n_pieces, len(cameras)))
         for k, c in enumerate(cameras):

@@ -30,13 +30,19 @@ off."""
 _NEAR_M = 0.05
 """Rays that pass this close to the meeting point have equal weights."""
 _CAMERAS_PER_MISS = 8
+_STACKED_WITHIN_M, _STACKED_OVERLAP_M, _LEAST_STACKED = 0.6, 0.1, 0.02
+"""Pieces of a hull are one above the other if their middles are this near in plan, and they share no more
+height than this; a shank has this share of the points of the rest at least."""
+_SPAN = (0.05, 0.95)
+"""Quantiles of the heights between which a piece is: arms may hang beside furniture."""
+_MOST_PIECES = 6
 _CROUCHING, _ARMS_RAISED = 0.4, 1.5
 """Ratio of the visual hull's height to the actor's."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """Voxel centres of the largest connected piece of the visual hull."""
+    """Voxel centres of the largest piece of the visual hull (see stacked)."""
 
     points_world_m: Floats
     """(N, 3) including space that unsure pixels leave open."""
@@ -125,7 +131,7 @@ def carve(rig: Rig, silhouettes: Mask, possible: Mask | None = None) -> Hull:
             "calibration.toml: the cameras' silhouettes do not meet anywhere in space: check that the "
             "calibration belongs to this take and that the videos are synchronised"
         )
-    largest = pieces == 1
+    largest = stacked(points_world_m, pieces) == 1
     return Hull(points_world_m[largest], firm[largest])
 
 
@@ -163,6 +169,32 @@ def pieces_of(inside: Mask, firm: Mask | None = None, *, bridged: bool = False) 
     rank[1 + np.argsort(-sizes, kind="stable")] = 1 + np.arange(n_pieces)
     pieces: Ints = rank[labels.ravel()]
     return pieces
+
+
+def stacked(points_world_m: Floats, pieces: Ints) -> Ints:
+    """Pieces (N,) of a hull's points (N, 3), with those over or under the first one as part of it.
+
+    People stand beside each other: what is above and below is one actor whose middle furniture hides from
+    some camera. Small pieces stay what they are.
+    """
+    joined, sizes = pieces.copy(), np.bincount(pieces)
+    if len(sizes) < 3:
+        return joined
+    spans = [_span_m(points_world_m[pieces == 1 + n]) for n in range(min(len(sizes) - 1, _MOST_PIECES))]
+    (x, y, low_m, high_m), *others = spans
+    for n, (at_x, at_y, other_low_m, other_high_m) in enumerate(others):
+        shared_m = min(high_m, other_high_m) - max(low_m, other_low_m)
+        is_near = np.hypot(at_x - x, at_y - y) < _STACKED_WITHIN_M
+        if sizes[2 + n] >= _LEAST_STACKED * sizes[1] and is_near and shared_m < _STACKED_OVERLAP_M:
+            joined[pieces == 2 + n] = 1
+    return joined
+
+
+def _span_m(points_world_m: Floats) -> tuple[float, float, float, float]:
+    """x and y of the middle of some points (N, 3), and the heights between which most of them are."""
+    x, y = np.median(points_world_m[:, :2], axis=0)
+    low_m, high_m = np.quantile(points_world_m[:, 2], _SPAN)
+    return float(x), float(y), float(low_m), float(high_m)
 
 
 def meeting_point(rig: Rig, silhouettes: Mask, cameras: list[int]) -> Floats:

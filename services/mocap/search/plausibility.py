@@ -195,7 +195,7 @@ def _check_agreement(agreement: Agreement, names: Sequence[str]) -> None:
             f"{100 * agreement.filled:.0f}% of them{who}: check that the calibration belongs to this "
             "take and that the videos are synchronised"
         )
-    if len(agreement.piece_shares) > 1 and agreement.piece_shares[1] > _SECOND_SHARE:
+    if len(agreement.person_shares) > 1 and agreement.person_shares[1] > _SECOND_SHARE:
         raise TakeError(
             "silhouettes: two people, or the actor and something large, are visible in the first frame: "
             "expected the actor alone: choose a first frame without the other one, or mask it out"

@@ -163,6 +163,19 @@ def test_two_people_are_refused(model: Model, masks: Masks, apart_m: float, came
         look_first(*some(model.rig, both, cameras))
 
 
+@pytest.mark.parametrize("camera", [0, 3, 6])
+@pytest.mark.parametrize("n_cameras", [8, 6, 5])
+def test_furniture_that_cuts_the_actor_in_two_is_no_second_person(
+    model: Model, masks: Masks, camera: int, n_cameras: int
+) -> None:
+    """A table hides the thighs from one camera: what the others see between trunk and shanks counts."""
+    rig, seen = some(model.rig, masks(**A_POSE), [(camera + k) % 8 for k in range(n_cameras)])
+    rows = np.flatnonzero(seen[0].any(axis=1))
+    seen[0, rows[0] + len(rows) // 2 : rows[0] + 3 * len(rows) // 4] = False
+    look = look_first(rig, seen)
+    assert look.left_out == (0,)
+
+
 def test_an_actor_cut_off_in_most_cameras_is_refused(model: Model, masks: Masks) -> None:
     with pytest.raises(TakeError, match=r"^silhouettes: \d of 8 cameras \(cam0.*\) cut the actor off"):
         look_first(model.rig, masks(z_m=1.0, **A_POSE), NAMES)
