@@ -111,11 +111,11 @@ def contours_of(rig: Rig, seen: TriPlanes, n_chosen: int) -> list[list[Contour]]
 
 def outline_of(silhouette: Mask) -> tuple[Floats, Floats]:
     """(N, 2) points, one for each pixel on the actor and neighbour off it, and unit normals (N, 2)."""
-    filled = np.flatnonzero(silhouette.any(axis=0)), np.flatnonzero(silhouette.any(axis=1))
-    if filled[0].size == 0:
+    left, top, width, height = cv2.boundingRect(silhouette.view(np.uint8))
+    if width == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    low = np.array([max(int(where[0]) - _ROOM_PX, 0) for where in filled])
-    high = [int(where[-1]) + _ROOM_PX + 1 for where in filled]
+    low = np.maximum([left - _ROOM_PX, top - _ROOM_PX], 0)
+    high = left + width + _ROOM_PX, top + height + _ROOM_PX
     part = silhouette[low[1] : high[1], low[0] : high[0]]
     points_px = _between_pixels(part)
     kept = off_border(points_px + low, np.array(silhouette.shape[::-1], np.int32))

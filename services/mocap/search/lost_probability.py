@@ -36,11 +36,12 @@ WEIGHTS: Floats = np.array([-5.596, -2.401, -34.771, 3.854, 0.929, 20.572, -0.80
 """The bias, and the weights of the evidence: from 17 takes with 3 to 16 cameras, seeds below 100."""
 _USUAL_SHARES = (0.8, 0.07)
 """Of limbs' outlines, on a contour and with no contour in reach, in those takes."""
-_RIVAL_FROM_M, _RIVAL_M = 0.06, 0.15
+_RIVAL_FROM_M, _RIVAL_M = 0.12, 0.15
 """Two tracks that have a part within the first distance agree; from the second on they differ wholly."""
-_RIVAL_LOST, _RIVAL_FALL_PX = 0.5, 60.0
-"""Of arms and legs that two tracks had more than 15 cm apart, 43 % were lost where the other choice cost less
-than 30 pixels more, 38 % at 30 to 100 and 9 % above: 290 such limbs in 8 takes with 4 to 8 cameras."""
+_RIVAL_LOST, _RIVAL_FALL_PX = 0.25, 400.0
+"""Of arms and legs that two tracks had more than 15 cm apart, 21 % were lost where the other choice cost up
+to 400 pixels more, and 13 % above; of those that they had 12 to 15 cm apart, 6 %: 325 such limbs in 20 takes
+with 3 to 16 cameras."""
 _TRUNK: tuple[Part, ...] = ("torso", "head")
 
 

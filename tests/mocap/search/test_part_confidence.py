@@ -152,10 +152,10 @@ def test_what_unsure_pixels_hide_is_as_usual_and_a_part_behind_them_is_not_judge
 
 def test_a_limb_that_two_tracks_have_elsewhere_is_doubtful_unless_one_of_them_fits_far_better() -> None:
     apart_m = np.array([0.4, 0.0, 0.05, 0.4, 0.4, 0.4])
-    margin_px = np.array([0.0, np.inf, 0.0, 0.0, 50.0, 500.0])
+    margin_px = np.array([0.0, np.inf, 0.0, 0.0, 50.0, 2000.0])
     lost = rival_probabilities(apart_m, margin_px)
     np.testing.assert_allclose(lost[[1, 2]], 0.0)
-    assert 0.5 >= lost[3] > lost[4] > 0.1 > 0.01 > lost[5]
+    assert 0.25 >= lost[3] > lost[4] > 0.1 > 0.01 > lost[5]
     solution = FrameSolution(
         np.zeros(1), 0.0, confidence=dict.fromkeys(NOTHING, 0.98), distrusted=["left_arm"]
     )
@@ -163,4 +163,4 @@ def test_a_limb_that_two_tracks_have_elsewhere_is_doubtful_unless_one_of_them_fi
     assert solution.distrusted == ["left_arm", "right_arm", "left_leg"]
     assert solution.confidence["torso"] == 0.98  # which is judged by the whole body's differences
     assert solution.confidence["right_leg"] > 0.97 > solution.confidence["left_leg"]
-    assert solution.confidence["right_arm"] == 0.98 * 0.5
+    assert solution.confidence["right_arm"] == 0.98 * 0.75

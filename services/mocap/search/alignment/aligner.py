@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import ALL_FRAMES, N_DOF
+from services.mocap.body.kinematics import ALL_FRAMES, N_DOF, SURFACE_FRAMES, moving_frames
 from services.mocap.body.skeleton import BODY_DOFS, DOFS, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.collecting import empty_canvas
@@ -101,7 +101,8 @@ class Aligner:
         views = views_of(self._rig, region, settings.weights(self._rig.n_cameras))
         cameras = (views[0], lenses_of(views[0], region.width_px, region.height_px))
         canvas = empty_canvas(region.height_px, region.width_px)
-        drawing = (_EVERYTHING, self._mesh, self._scratch, cameras, canvas)
+        moves = np.isin(SURFACE_FRAMES, moving_frames(tuple(np.flatnonzero(free)), ALL_SURFACES))
+        drawing = (_EVERYTHING[~moves], _EVERYTHING[moves], self._mesh, self._scratch, cameras, canvas)
         pulling, seen = np.array(segments, np.int32), input_of(picture)
         coarse_rim, fine_rim = self._rims
         contact_weight = _CONTACT_WEIGHT * settings.contact * float(views[2].sum()) * self._scale**3

@@ -119,11 +119,11 @@ def depths_m(contacts: Contacts, offsets_m: Floats, poses: Floats) -> Floats:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _depths(contacts: Contacts, offsets_m: Floats, poses: Floats, joints: Ints, found: Floats) -> None:
-    T_world_joint, out = np.empty((N_FRAMES, 4, 4)), np.empty(3)
+    T_world_joint, point_m, out = np.empty((N_FRAMES, 4, 4)), np.empty(3), np.empty(3)
     for n in range(len(poses)):
         place_frames(poses[n], offsets_m, joints, T_world_joint)
         for p in range(len(contacts.points_m)):
-            depth_m, _ = _deepest(contacts, p, T_world_joint, out)
+            depth_m = _deepest(contacts, p, T_world_joint, point_m, out)
             limb = contacts.point_limbs[p]
             found[n, limb] = max(found[n, limb], depth_m)
 
@@ -142,9 +142,9 @@ def add_contacts(
     Only the parameters of the limb itself take it: the trunk stays where the contours put it, and of two legs
     each is pulled out of the other.
     """
-    out, row, cost = np.empty(3), np.empty(N_DOF), 0.0
+    point_m, out, row, cost = np.empty(3), np.empty(3), np.empty(N_DOF), 0.0
     for p in range(len(contacts.points_m)):
-        depth_m, point_m = _deepest(contacts, p, T_world_joint, out)
+        depth_m = _deepest(contacts, p, T_world_joint, point_m, out)
         if depth_m <= 0.0:
             continue
         cost += weight * depth_m * depth_m
@@ -162,36 +162,41 @@ def add_contacts(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _deepest(contacts: Contacts, p: int, T_world_joint: Floats, out: Floats) -> tuple[float, Floats]:
-    """How deep a point is in the stack where it is deepest (0: outside), and its place in the world.
+def _deepest(contacts: Contacts, p: int, T_world_joint: Floats, point_m: Floats, out: Floats) -> float:
+    """How deep a point is in the stack where it is deepest (0: outside); writes its place in the world.
 
-    The depth is (1 - radius) of the ellipse's smaller half axis. out (3,) becomes minus its slope in the
-    world, which leads out; that an ellipse changes with height is left out.
+    The depth is (1 - radius) of the ellipse's smaller half axis. point_m (3,) becomes the point in the world,
+    and out (3,) minus the depth's slope there, which leads out; that an ellipse changes with height is left
+    out.
     """
-    T, point_m, deepest_m = T_world_joint[contacts.point_joints[p]], np.empty(3), 0.0
+    T, deepest_m = T_world_joint[contacts.point_joints[p]], 0.0
     for i in range(3):
         point_m[i] = T[i, 3]
         for k in range(3):
             point_m[i] += T[i, k] * contacts.points_m[p, k]
-    local_m = np.empty(3)
     for k in range(len(contacts.stack_joints)):
         if not contacts.counts[p, k]:
             continue
         T_stack, rows = T_world_joint[contacts.stack_joints[k]], contacts.ellipses[k]
-        for i in range(3):
-            local_m[i] = 0.0
-            for j in range(3):
-                local_m[i] += T_stack[j, i] * (point_m[j] - T_stack[j, 3])
-        at = (local_m[2] - rows[0, 0]) / (rows[1, 0] - rows[0, 0])
+        forward_m = left_m = up_m = 0.0  # in the stack's frame
+        for j in range(3):
+            off_m = point_m[j] - T_stack[j, 3]
+            forward_m += T_stack[j, 0] * off_m
+            left_m += T_stack[j, 1] * off_m
+            up_m += T_stack[j, 2] * off_m
+        at = (up_m - rows[0, 0]) / (rows[1, 0] - rows[0, 0])
         low = int(np.floor(at))
         if low < 0 or low >= len(rows) - 1:
             continue
-        _, centre_m, depth_m, width_m = rows[low] + (at - low) * (rows[low + 1] - rows[low])
-        u, v = (local_m[0] - centre_m) / depth_m, local_m[1] / width_m
+        share, below, above = at - low, rows[low], rows[low + 1]
+        centre_m = below[1] + share * (above[1] - below[1])
+        depth_m = below[2] + share * (above[2] - below[2])
+        width_m = below[3] + share * (above[3] - below[3])
+        u, v = (forward_m - centre_m) / depth_m, left_m / width_m
         radius, thinnest_m = np.sqrt(u * u + v * v), min(depth_m, width_m)
         if (1.0 - radius) * thinnest_m > deepest_m and radius > _CENTRAL:
             deepest_m = (1.0 - radius) * thinnest_m
             for i in range(3):
                 slope = T_stack[i, 0] * u / depth_m + T_stack[i, 1] * v / width_m
                 out[i] = slope * thinnest_m / radius
-    return deepest_m, point_m
+    return float(deepest_m)

@@ -23,8 +23,9 @@ from services.mocap.search.alignment.normal_equations import add_matches, normal
 from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
 from services.mocap.types import Floats, Ints
 
-Drawing: TypeAlias = tuple[Ints, MeshArrays, Scratch, tuple[Floats, Floats], Canvas]
-"""Surfaces drawn; mesh, scratch, cameras and canvas as cover takes them."""
+Drawing: TypeAlias = tuple[Ints, Ints, MeshArrays, Scratch, tuple[Floats, Floats], Canvas]
+"""Surfaces that stay where they are, and those that move; mesh, scratch, cameras and canvas as cover takes
+them."""
 Rims: TypeAlias = tuple[Ints, RimArrays, Views, tuple[RimScratch, Matches]]
 """Surfaces that pull; mesh, views and room as match_view takes them."""
 _SINGULAR = 1e-6
@@ -53,18 +54,20 @@ def follow(
     D). contact_weight: as for add_contacts. Returns the pose, the prior's cost (with that of contacts) at
     the last match, and the rim's shares (S + 3, SHARES) there.
     """
-    surfaces, mesh, scratch, cameras, canvas = drawing
+    still, moving, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
     pose, prior_cost, shares_px = start.copy(), 0.0, np.zeros((len(SURFACE_FRAMES), SHARES))
     T_world_frame = np.empty((1, N_FRAMES, 4, 4))
-    model_planes = np.zeros((1, *seen[0].shape), np.uint8)
+    place_frames(pose, offsets_m, frames, T_world_frame[0])
+    still_planes, model_planes = np.zeros((2, 1, *seen[0].shape), np.uint8)
+    cover(T_world_frame, still, cameras, detail_px, mesh, scratch, canvas, still_planes)
     twists, wrenches = np.zeros((N_DOF, TWIST_SIZE)), np.empty((N_FRAMES, TWIST_SIZE, TWIST_SIZE))
     pulls = np.empty((N_FRAMES, TWIST_SIZE))
     for k in range(len(steps)):
         reach_px, cap_px, damping = steps[k]
         place_frames(pose, offsets_m, frames, T_world_frame[0])
-        model_planes[:] = 0
-        cover(T_world_frame, surfaces, cameras, detail_px, mesh, scratch, canvas, model_planes)
+        model_planes[:] = still_planes
+        cover(T_world_frame, moving, cameras, detail_px, mesh, scratch, canvas, model_planes)
         place_twists(pose, T_world_frame[0], twists)
         wrenches[:], pulls[:], shares_px[:] = 0.0, 0.0, 0.0
         for c in range(len(views[2])):
