@@ -114,11 +114,11 @@ def track(
     numbers = frames if frames is not None else range(take.settings.frames)
     if not 0 <= numbers.start < numbers.stop <= take.settings.frames or numbers.step != 1:
         raise UserError(f"{numbers}: expected frames within 0:{take.settings.frames}, those of {take.folder}")
+    made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
     if isinstance(actor, TakeFit):
         if first_pose is None and numbers.start in actor.frames:
             first_pose = actor.fit.poses[list(actor.frames).index(numbers.start)]
-        actor = actor.actor
-    made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+        made, actor = made.knowing(actor.occluded), actor.actor
     return _tracked(take, actor, numbers, first_pose, made, search, engine)
 
 

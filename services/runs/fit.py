@@ -2,9 +2,9 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import islice
 
@@ -37,10 +37,11 @@ from services.mocap.search.unsure_shares import UnsureShares, names_or_numbers
 from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
-from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, Floats, Mask, Trimap
 from services.runs.facing import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
+from services.segmentation.silhouettes import Segmenter
 
 log = logging.getLogger(__name__)
 
@@ -78,6 +79,9 @@ class TakeFit:
     measures: tuple[Measure, ...]
     seconds: dict[str, float]
     warnings: list[str]
+    occluded: Mapping[str, Mask] = field(default_factory=dict)
+    """By camera the pixels (h, w) in which something hides the actor, as far as a track told: unsure in
+    seen."""
 
 
 def init_frames(take: Take, asked: int | None = None) -> range:
@@ -105,7 +109,8 @@ def fit_take(
     clock = Clock(show)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            cameras, seen = seen_of(take, frames, segmenter, progress)
+            made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+            cameras, seen = seen_of(take, frames, made, progress)
         rig, names = Rig.of(cameras), [camera.name for camera in cameras]
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
             told = search.for_cameras([take.cameras.index(camera) for camera in cameras])
@@ -118,7 +123,7 @@ def fit_take(
 
             @cache
             def later() -> list[TriPlanes]:
-                return _later_frames(take, frames, segmenter)
+                return _later_frames(take, frames, made)
 
             way = fit_best_way_round(
                 guess.first,
@@ -135,7 +140,7 @@ def fit_take(
         return concluded(frames, cameras, seen, start, way.fit, clock.seconds, warnings)
 
 
-def _later_frames(take: Take, frames: range, segmenter: str) -> list[TriPlanes]:
+def _later_frames(take: Take, frames: range, segmenter: Segmenter) -> list[TriPlanes]:
     """What is seen (P, H, W) in each of the frames after a fit that tell which way round the actor is."""
     longer = range(frames.start, min(frames.stop + MOTION_FRAMES, take.settings.frames))
     _, seen = seen_of(take, longer, segmenter, lambda _: None)
@@ -186,10 +191,10 @@ def concluded(
 
 
 def seen_of(
-    take: Take, frames: Sequence[int], name: str, progress: Callable[[float], None]
+    take: Take, frames: Sequence[int], segmenter: Segmenter, progress: Callable[[float], None]
 ) -> tuple[tuple[Camera, ...], TriPlanes]:
     """The usable cameras and their silhouettes (F, P, H, W), in the form that segmentation sends."""
-    trimaps = trimaps_of(take, frames, name, progress)
+    trimaps = trimaps_of(take, frames, segmenter, progress)
     names, first = [camera.name for camera in take.cameras], trimaps[0]
     look = look_first(Rig.of(take.cameras), first == ACTOR, names, first != BACKGROUND)
     for remark in look.remarks:
@@ -201,21 +206,24 @@ def seen_of(
     return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
 
 
-def trimaps_of(take: Take, frames: Sequence[int], name: str, progress: Callable[[float], None]) -> Trimap:
+def trimaps_of(
+    take: Take, frames: Sequence[int], segmenter: Segmenter, progress: Callable[[float], None]
+) -> Trimap:
     """The silhouettes (F, C, H, W) of all cameras."""
     height_px, width_px = Rig.of(take.cameras).shape_px
     trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
-    segmenter = make_segmenter(take, take.cameras, SegmentationSettings(), name)
-    read: Iterator[list[Trimap]]
-    if isinstance(frames, range):
-        read = islice(segmenter.trimaps(frames.start, frames.stop), len(frames))
-    else:
-        read = (next(iter(segmenter.trimaps(frame, frame + 1))) for frame in frames)
-    for f, of_frame in enumerate(read):
+    for f, of_frame in enumerate(read_trimaps(frames, segmenter)):
         for c, trimap in enumerate(of_frame):
             trimaps[f, c] = in_common_size(trimap, width_px, height_px)
         progress((f + 1) / len(frames))
     return trimaps
+
+
+def read_trimaps(frames: Sequence[int], segmenter: Segmenter) -> Iterator[list[Trimap]]:
+    """Trimaps (h, w) of all cameras, frame by frame."""
+    if isinstance(frames, range):
+        return islice(segmenter.trimaps(frames.start, frames.stop), len(frames))
+    return (next(iter(segmenter.trimaps(frame, frame + 1))) for frame in frames)
 
 
 def guess_first_pose(

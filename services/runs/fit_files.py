@@ -25,6 +25,7 @@ from services.mocap.take.fit_record import (
     TURNTABLE,
     FitRecord,
     hints_of,
+    write_occluded,
     write_record,
 )
 from services.mocap.take.folder import Take
@@ -50,6 +51,7 @@ def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
         writer.writerows([m.name, f"{m.cm:.1f}", uncertainty_of(m), m.how] for m in found.measures)
     write_picture(folder / TURNTABLE, draw_turntable(build_body(found.actor)))
     write_picture(folder / OVERLAY, _overlay(take, found))
+    write_occluded(folder, found.occluded)
     write_actor(folder / ACTOR, found.actor, origin_of(take, found))
     write_record(folder, _record(take, found))
 

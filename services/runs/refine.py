@@ -1,29 +1,48 @@
 """Fitting the actor of a take again, to frames of the whole take, with the poses of an earlier run.
 
 In the first frames people often hold their arms and legs straight, and along a straight limb no outline shows
-where its joint is. Later they bend them.
+where its joint is. Later they bend them. The poses also show where furniture hides the actor from a camera.
 """
 
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from services.mocap.body.actor import build_body
 from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import fit_actor
 from services.mocap.fit.skirts import in_best_skirt
 from services.mocap.result.result import Result, load_result
+from services.mocap.search.model import Model
+from services.mocap.search.occlusion import PosedFrame, find_occluded
 from services.mocap.take.folder import Take
+from services.mocap.take.marks import PARTS
 from services.mocap.types import Ints, Mask
-from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, seen_of
-from services.segmentation.segmenters import AUTO
+from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, read_trimaps, seen_of
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.segmenters import AUTO, make_segmenter
+from services.segmentation.silhouettes import Segmenter, packed
 
 DEFAULT_REFINE_FRAMES = 16
 fit_apart: Fitter = partial(fit_actor, apart=True)
 """Settings of a fit to frames of a whole take."""
 LEAST_FRAMES = 2
+_MOST_READ, _LOOKED_AT = 120, 60
+"""All frames of shorter takes are looked at for what furniture hides, and so many of longer ones."""
+_OCCLUDED = (
+    "%s: something hides the actor from %s in %.1f%% of the picture, furniture perhaps: these pixels count "
+    "for nothing"
+)
+
+log = logging.getLogger(__name__)
 
 
 def refine_take(
@@ -48,13 +67,46 @@ def refine_take(
     clock = Clock(show)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            cameras, seen = seen_of(take, frames, segmenter, progress)
+            made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+            occluded = occluded_in(take, found, made, lambda share: progress(0.7 * share))
+            known = made.knowing(occluded)
+            cameras, seen = seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
         with clock.stage("fitting the actor") as progress:
             height_m = take.settings.actor_height
             rig = Rig.of(cameras)
             start = in_best_skirt(found.actor, poses, rig, seen)
             fit = fitter(rig, seen, start, poses, progress, body, height_m)
-        return concluded(frames, cameras, seen, (found.actor, poses[0]), fit, clock.seconds, warnings)
+        started = found.actor, poses[0]
+        refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
+        return replace(refined, occluded=occluded)
+
+
+def occluded_in(
+    take: Take, found: Result, segmenter: Segmenter, progress: Callable[[float], None]
+) -> dict[str, Mask]:
+    """By camera the pixels (h, w) in which something hides the actor, as the poses of a result tell."""
+    rig, n_frames = Rig.of(take.cameras), len(found.tracked.frames)
+    rows = spread(np.zeros(n_frames, bool), n_frames if n_frames <= _MOST_READ else _LOOKED_AT)
+    frames: Sequence[int] = found.tracked.frames[rows].tolist()
+    if len(rows) == n_frames:
+        frames = range(frames[0], frames[-1] + 1)
+    (height_px, width_px), body = rig.shape_px, build_body(found.actor)
+
+    def posed() -> Iterator[PosedFrame]:
+        for k, (row, trimaps) in enumerate(zip(rows, read_trimaps(frames, segmenter), strict=True)):
+            doubtful = [part for part, marked in zip(PARTS, found.distrusted[row], strict=True) if marked]
+            yield PosedFrame(packed(trimaps, width_px, height_px), found.tracked.poses[row], doubtful)
+            progress((k + 1) / len(rows))
+
+    with closing(CpuBackend(body, rig)) as backend:
+        masks = find_occluded(Model(body, rig, backend), posed())
+    occluded = {}
+    for camera, mask in zip(take.cameras, masks, strict=True):
+        of_camera = mask[: camera.height_px, : camera.width_px]
+        if of_camera.any():
+            log.warning(_OCCLUDED, take.folder, camera.name, 100.0 * of_camera.mean())
+            occluded[camera.name] = of_camera
+    return occluded
 
 
 def result_of(take: Take, folder: Path, least_frames: int) -> tuple[Result, Mask]:

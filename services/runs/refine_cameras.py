@@ -10,7 +10,8 @@ from services.mocap.errors import TakeError
 from services.mocap.take.folder import Take
 from services.runs.fit import Show, kept_warnings, trimaps_of
 from services.runs.refine import result_of, spread
-from services.segmentation.segmenters import AUTO
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.segmenters import AUTO, make_segmenter
 
 N_FRAMES = 48
 """Half of them are kept out, to judge by; more hardly make the cameras more exact."""
@@ -47,8 +48,9 @@ def refine_take_cameras(take: Take, result: Path, show: Show, segmenter: str = A
     rows = spread(distrusted, N_FRAMES)
     frames = tuple(found.tracked.frames[rows].tolist())
     with kept_warnings() as warnings:
+        made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
         trimaps = trimaps_of(
-            take, frames, segmenter, lambda share: show("looking at silhouettes", _SEEN_AT * share)
+            take, frames, made, lambda share: show("looking at silhouettes", _SEEN_AT * share)
         )
         refined = refine_cameras(
             take.cameras,

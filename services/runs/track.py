@@ -77,9 +77,11 @@ def _plan(job: TakeJob, known: Path) -> Plan:
     fitted, frames = job.fitted, job.frames
     actor = take_actor(job.take) if fitted is None else read_actor(fitted / ACTOR)
     entries: dict[str, Any] = {CHECKS: [cause.model_dump() for cause in job.checks]}
-    record = read_record(fitted or job.take.folder / FIT_FOLDER)
+    fit_folder = fitted or job.take.folder / FIT_FOLDER
+    record, of_segmentation = read_record(fit_folder), tuple[str, ...]()
     if record is not None and actor is not None and record.actor == actor.content_hash:
         entries["fit"] = record.model_dump()
+        of_segmentation = "--fitted", str(fit_folder)
     known.write_text(json.dumps(entries), encoding="utf-8")
     asked = ("--frames", f"{frames.start}:{frames.stop}")
     return Plan(
@@ -88,7 +90,7 @@ def _plan(job: TakeJob, known: Path) -> Plan:
         coordinator=asked if fitted is None else (*asked, "--fitted", str(fitted)),
         # The report comes with the fit's pictures and the segmenter's name.
         recorder=("--overlay" if job.overlay else "--no-overlay", "--no-report", "--known", str(known)),
-        segmentation=[()],
+        segmentation=[of_segmentation],
         actor=actor,
         first_frame=frames.start,
         rate_s=math.inf,

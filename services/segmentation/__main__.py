@@ -21,6 +21,7 @@ from services.logs import about
 from services.metrics import DROPPED
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError, nearest
+from services.mocap.take.fit_record import read_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
 from services.mocap.types import Trimap
@@ -43,13 +44,21 @@ class Sender:
     """Sends the silhouettes of some cameras of a recorded take as far as the coordinator's credit goes."""
 
     def __init__(
-        self, take: Take, cameras: list[int], segmenter: str, endpoint: str, keys: ClientKeys | None
+        self,
+        take: Take,
+        cameras: list[int],
+        segmenter: str,
+        endpoint: str,
+        keys: ClientKeys | None,
+        fitted: Path | None = None,
     ) -> None:
+        """fitted: a folder written by xormocap fit, which may say what something hides from cameras."""
         self._take, self._cameras = take, cameras
         self._height, self._width = Rig.of(take.cameras).shape_px
         self._checks = deque[PlateCheck]()
         chosen = [take.cameras[c] for c in cameras]
-        self._segmenter = make_segmenter(take, chosen, SegmentationSettings(), segmenter, self._checks.append)
+        made = make_segmenter(take, chosen, SegmentationSettings(), segmenter, self._checks.append)
+        self._segmenter = made if fitted is None else made.knowing(read_occluded(fitted, chosen))
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._silhouettes = Line(self._context, endpoint, "silhouettes", keys)
         self._poses = Line(self._context, endpoint, "poses", keys)
@@ -151,6 +160,10 @@ def main(
     keys: KeysOption = None,
     segmenter: SegmenterOption = DEFAULT_SEGMENTER,
     metrics: MetricsOption = None,
+    fitted: Annotated[
+        Path | None,
+        typer.Option(help="A folder written by xormocap fit, for what it knows to be hidden from cameras."),
+    ] = None,
     record: Annotated[Path | None, typer.Option(help="Live: folder to record the pictures in.")] = None,
 ) -> None:
     """Make and send the silhouettes of a take's cameras."""
@@ -162,7 +175,7 @@ def main(
         if isinstance(source, LiveTake):
             serve_live(source, chosen, connect, stop, own_keys, segmenter, record)
             return
-        sender = Sender(source, chosen, segmenter, connect, own_keys)
+        sender = Sender(source, chosen, segmenter, connect, own_keys, fitted)
         try:
             sender.run(stop)
         finally:

@@ -11,7 +11,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, n_planes
 from services.mocap.take.folder import Take
-from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
 from services.segmentation.lenses import Lenses
 from services.segmentation.voxels import MISS, MORE_MISS, VoxelGrid
 
@@ -77,11 +77,17 @@ class Segmenter:
     """The silhouettes of some cameras of a take. A frame is the same wherever reading starts."""
 
     def __init__(
-        self, cameras: Sequence[Camera], raw_trimaps: Callable[[int, int], Iterator[list[Trimap]]]
+        self,
+        cameras: Sequence[Camera],
+        raw_trimaps: Callable[[int, int], Iterator[list[Trimap]]],
+        occluded: Mapping[str, Mask] | None = None,
     ) -> None:
+        """occluded: by camera the pixels (h, w), without lens distortion, in which something hides the
+        actor."""
         self.raw_trimaps = raw_trimaps
         """Takes frames start and stop: trimaps (h, w), one per camera, of start up to and without stop, lens
         distortion included."""
+        self._cameras, self._occluded = cameras, occluded or {}
         self._undistorters = [Undistorter(camera) for camera in cameras]
 
     @classmethod
@@ -105,10 +111,18 @@ class Segmenter:
 
         return cls(cameras, raw_trimaps)
 
+    def knowing(self, occluded: Mapping[str, Mask]) -> "Segmenter":
+        """This segmenter, to which what something hides (see __init__) is unsure."""
+        return Segmenter(self._cameras, self.raw_trimaps, occluded)
+
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """Undistorted trimaps (h, w), one per camera, of frames start up to but not including stop."""
         for raw in self.raw_trimaps(start, stop):
-            yield [u.trimap(trimap) for u, trimap in zip(self._undistorters, raw, strict=True)]
+            trimaps = [u.trimap(trimap) for u, trimap in zip(self._undistorters, raw, strict=True)]
+            for camera, trimap in zip(self._cameras, trimaps, strict=True):
+                if camera.name in self._occluded:
+                    trimap[self._occluded[camera.name]] = UNSURE
+            yield trimaps
 
 
 def pictures_of(take: Take, cameras: Sequence[Camera], start: int, stop: int) -> Iterator[dict[int, Bytes]]:

@@ -26,7 +26,8 @@ from services.mocap.take.folder import Take
 from services.mocap.take.tables import REFERENCE_JOINTS, reference_joints
 from services.mocap.types import Floats
 from services.runs.fit import seen_of
-from services.segmentation.segmenters import AUTO
+from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.segmenters import make_segmenter
 
 FAILED = 1.05
 """The search failed where the tracked pose has more than this times the energy of the best one."""
@@ -54,7 +55,8 @@ def floor_of(take: Take, actor: Actor, frames: list[int], tracked: Floats, true_
 
     tracked: (F, D) poses; true_m: (F, 15, 3) joints in the z-up world. Raises TakeError where fit_take does.
     """
-    cameras, seen = seen_of(take, frames, AUTO, lambda _: None)
+    made = make_segmenter(take, take.cameras, SegmentationSettings())
+    cameras, seen = seen_of(take, frames, made, lambda _: None)
     body, rig, best = build_body(actor), Rig.of(cameras), true_poses(true_m, build_body(actor))
     energies_px = np.zeros((2, len(frames)))
     with closing(CpuBackend(body, rig)) as backend:

@@ -148,7 +148,9 @@ def test_the_fit_decides_between_opposite_first_poses(
 
 
 def test_tracking_on_from_the_truth_costs_less_than_from_the_opposite(folder: Path, found: TakeFit) -> None:
-    cameras, seen = seen_of(open_take(folder), range(3), "auto", lambda _: None)
+    take = open_take(folder)
+    made = make_segmenter(take, take.cameras, SegmentationSettings())
+    cameras, seen = seen_of(take, range(3), made, lambda _: None)
     turned = found.fit.poses.copy()
     turned[:, DOF_INDEX["root_heading"]] += np.pi
     ways = found.fit, replace(found.fit, poses=turned)

@@ -1,5 +1,7 @@
 """The files of a fit next to its actor.toml: their names, the record (fit.json), and reading its poses."""
 
+import shutil
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,15 +10,20 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import Actor
+from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
+from services.mocap.take.pictures import check_png, read_silhouette
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import read_poses_csv
-from services.mocap.types import Floats
+from services.mocap.take.writer import write_picture
+from services.mocap.types import Floats, Mask
 
 FIT_FOLDER = "fit"
 """In a take folder, and in a folder of results."""
 RECORD, POSES, MEASURES = "fit.json", "poses.csv", "measures.csv"
 OVERLAY, TURNTABLE = "overlay.png", "turntable.png"
+OCCLUDED = "occluded"
+"""A folder of pictures, one per camera from which something hides the actor: white where it does."""
 
 
 class FitRecord(BaseModel):
@@ -77,3 +84,21 @@ def fitted_pose(folder: Path, actor: Actor, settings: TakeSettings, frame: int) 
     table = read_poses_csv(folder / POSES)
     rows = np.flatnonzero(table.frames == frame)
     return table.poses[rows[0]] if rows.size else None
+
+
+def write_occluded(folder: Path, occluded: Mapping[str, Mask]) -> None:
+    """Write by camera the pixels (h, w), without lens distortion, in which something hides the actor."""
+    shutil.rmtree(folder / OCCLUDED, ignore_errors=True)
+    for name, mask in occluded.items():
+        write_picture(folder / OCCLUDED / f"{name}.png", mask)
+
+
+def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
+    """What write_occluded wrote, of these cameras; raises TakeError for a picture that cannot be used."""
+    occluded = {}
+    for camera in cameras:
+        path = folder / OCCLUDED / f"{camera.name}.png"
+        if path.exists():
+            check_png(path, camera)
+            occluded[camera.name] = read_silhouette(path)
+    return occluded

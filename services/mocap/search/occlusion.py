@@ -1,0 +1,81 @@
+"""Finds what hides the actor from a camera: pixels that a tracked body covers often, silhouettes hardly ever.
+
+Furniture in front of the actor cuts the same piece out of every silhouette, so it shows only once the other
+cameras have told where the actor was. Such pixels become unsure: they count neither for nor against a pose.
+"""
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes, unpack
+from services.mocap.energy.picture import Region
+from services.mocap.search.chains import REFERENCE_WIDTH_PX
+from services.mocap.search.error_by_part import PART_SEGMENTS
+from services.mocap.search.model import Model
+from services.mocap.take.marks import PARTS, Part
+from services.mocap.types import Bytes, Floats, Mask
+
+_LEAST_FRAMES, _LEAST_SHARE = 3, 0.03
+"""A pixel counts if the body covers it in so many frames, and in this share of all."""
+_MOST_SEEN = 0.15
+"""… and silhouettes have it in at most this share of as many frames."""
+_INSIDE_PX, _AROUND_PX = 1, 2
+"""So far inside the body, in pictures 320 wide, a pixel is surely behind something, and not where the body is
+too wide; so far about such pixels others are taken for hidden, too."""
+_LEAST_PX = 60.0
+"""Fewer such pixels side by side, in pictures 320 wide, are a hand or a shoe that the body has elsewhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class PosedFrame:
+    """One frame of a tracked take."""
+
+    seen: TriPlanes
+    """(P, H, W)"""
+    pose: Floats
+    """(D,)"""
+    doubtful: Collection[Part]
+    """Parts that may be elsewhere; of a doubtful torso all are."""
+
+
+def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
+    """(C, H, W) the pixels in which something hides the actor from each camera."""
+    rig, region = model.rig, Region.whole(model.rig)
+    inside = _disc(_INSIDE_PX, rig)
+    n_covered, n_behind, n_seen = np.zeros((3, rig.n_cameras, *rig.shape_px), np.int32)
+    n_frames = 0
+    for frame in frames:
+        n_frames += 1
+        possible = unpack(frame.seen.possible, rig.n_cameras)
+        n_seen += possible
+        parts = [part for part in PARTS if part not in frame.doubtful and "torso" not in frame.doubtful]
+        segments = tuple(s for part in parts for s in PART_SEGMENTS[part])
+        if segments:
+            planes = model.backend.coverage(frame.pose[None], segments, region)[0]
+            for c, covered in enumerate(unpack(planes, rig.n_cameras)):
+                deep = cv2.erode(covered.view(np.uint8), inside) > 0
+                n_covered[c] += deep
+                n_behind[c] += deep & ~possible[c]
+    often = n_covered >= max(_LEAST_FRAMES, _LEAST_SHARE * n_frames)
+    most_seen = _MOST_SEEN * n_covered
+    hidden = often & (n_covered - n_behind <= most_seen) & (n_seen <= most_seen + 1)
+    around, least_px = _disc(_AROUND_PX, rig), _LEAST_PX * (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2
+    return np.stack([cv2.dilate(_large(of_camera, least_px), around) > 0 for of_camera in hidden])
+
+
+def _large(mask: Mask, least_px: float) -> Bytes:
+    """The connected pieces of a mask (H, W) that have so many pixels."""
+    _, pieces, statistics, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8))
+    is_large = statistics[:, cv2.CC_STAT_AREA] >= least_px
+    is_large[0] = False  # the rest of the picture
+    return np.asarray(is_large[pieces], np.uint8)
+
+
+def _disc(radius_px: float, rig: Rig) -> Bytes:
+    """A round kernel; its radius is given for pictures 320 wide."""
+    size = 1 + 2 * max(1, round(radius_px * rig.shape_px[1] / REFERENCE_WIDTH_PX))
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))

@@ -1,0 +1,71 @@
+"""What hides the actor from a camera is found, and nothing else is taken for it."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.picture import Region
+from services.mocap.search.chains import ALL_SURFACES
+from services.mocap.search.model import Model
+from services.mocap.search.occlusion import PosedFrame, find_occluded
+from services.mocap.take.marks import Part
+from services.mocap.types import Bytes, Floats, Mask
+
+TABLE = np.s_[150:190, 120:220]
+"""In the first camera's picture."""
+
+
+@pytest.fixture(scope="module")
+def walk(standing: Callable[..., Floats]) -> Floats:
+    """(24, D) somebody crosses the stage sideways with swinging arms."""
+    poses = np.array([standing(shoulder_elevation=-70, hip_abduction=4 + k % 5) for k in range(24)])
+    poses[:, 1] = np.linspace(-0.5, 0.5, len(poses))
+    return poses
+
+
+@pytest.fixture(scope="module")
+def masks(walk: Floats, silhouettes_of: Callable[[Floats], Bytes], model: Model) -> Mask:
+    """(24, C, H, W) what the cameras would see."""
+    return np.array([unpack(silhouettes_of(pose), model.rig.n_cameras) for pose in walk])
+
+
+def frames_of(masks: Mask, poses: Floats, doubtful: tuple[Part, ...] = ()) -> list[PosedFrame]:
+    return [PosedFrame(TriPlanes.sure(pack(m)), pose, doubtful) for m, pose in zip(masks, poses, strict=True)]
+
+
+def test_furniture_is_found_where_the_actor_walks_behind_it(model: Model, walk: Floats, masks: Mask) -> None:
+    behind = masks.copy()
+    behind[:, 0][(slice(None), *TABLE)] = False
+    hidden = find_occluded(model, frames_of(behind, walk))
+    lost = masks[:, 0].sum(axis=0) - behind[:, 0].sum(axis=0)
+    assert not hidden[1:].any()
+    assert hidden[0][lost >= 5].mean() > 0.9
+    grown = np.zeros(hidden[0].shape, bool)
+    grown[TABLE[0].start - 2 : TABLE[0].stop + 2, TABLE[1].start - 2 : TABLE[1].stop + 2] = True
+    assert not (hidden[0] & ~grown).any()
+
+
+def test_nothing_is_found_on_an_empty_stage_or_for_a_body_that_is_too_wide(
+    model: Model, walk: Floats, masks: Mask
+) -> None:
+    assert not find_occluded(model, frames_of(masks, walk)).any()
+    stout = build_body(Actor(height=model.body.height_m * 1.03))
+    backend = CpuBackend(stout, model.rig)
+    still, pose = np.repeat(masks[:1], 24, axis=0), np.repeat(walk[:1], 24, axis=0)
+    assert backend.coverage(pose[:1], ALL_SURFACES, Region.whole(model.rig)).any()
+    assert not find_occluded(Model(stout, model.rig, backend), frames_of(still, pose)).any()
+    backend.close()
+
+
+def test_doubtful_parts_tell_nothing(model: Model, walk: Floats, masks: Mask) -> None:
+    """A lost arm that stays in one place would otherwise make its own silhouette unnecessary."""
+    raised = np.repeat(walk[:1], 24, axis=0)
+    seen = np.repeat(masks[:1], 24, axis=0)
+    wrong = raised.copy()
+    wrong[:, :] = walk[-1]
+    assert find_occluded(model, frames_of(seen, wrong)).any()
+    assert not find_occluded(model, frames_of(seen, wrong, ("torso",))).any()
