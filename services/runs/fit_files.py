@@ -1,6 +1,7 @@
 """The files of a fit: actor.toml, poses, measures, pictures and a record of its quality."""
 
 import csv
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +20,13 @@ from services.mocap.fit.quality import FitQuality
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.fit_record import (
     MEASURES,
+    OCCLUDED,
     OVERLAY,
     POSES,
     RECORD,
     TURNTABLE,
     FitRecord,
     hints_of,
-    write_occluded,
     write_record,
 )
 from services.mocap.take.folder import Take
@@ -51,7 +52,9 @@ def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
         writer.writerows([m.name, f"{m.cm:.1f}", uncertainty_of(m), m.how] for m in found.measures)
     write_picture(folder / TURNTABLE, draw_turntable(build_body(found.actor)))
     write_picture(folder / OVERLAY, _overlay(take, found))
-    write_occluded(folder, found.occluded)
+    shutil.rmtree(folder / OCCLUDED, ignore_errors=True)
+    for name, mask in found.occluded.items():
+        write_picture(folder / OCCLUDED / f"{name}.png", mask)
     write_actor(folder / ACTOR, found.actor, origin_of(take, found))
     write_record(folder, _record(take, found))
 

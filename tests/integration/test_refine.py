@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
+import cv2
 import numpy as np
 import pytest
 from busy import ONE_WAY, SHORT
@@ -119,6 +120,32 @@ def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
         assert abs(found_cm[word] - true_cm[word]) < 100 * abs(off_m), word
     assert "fit" in json.loads((out / "run.json").read_text())
     assert len(read_poses_csv(out / "poses.csv").frames) == 6
+
+
+def test_furniture_that_the_first_run_shows_is_unsure_in_the_second(
+    exact_take: Path, xormocap: Command, tmp_path: Path
+) -> None:
+    """A table before the legs in one camera."""
+    take, out = tmp_path / "walk", tmp_path / "out"
+    shutil.copytree(exact_take, take)
+    camera = open_take(take).cameras[0].name
+    table = np.s_[130:200, 110:230]
+    n_hidden_px = 0
+    for path in sorted((take / "silhouettes" / camera).iterdir()):
+        silhouette = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        n_hidden_px += np.count_nonzero(silhouette[table])
+        silhouette[table] = 0
+        cv2.imwrite(str(path), silhouette)
+    assert n_hidden_px > 1000
+    done = xormocap("track", take, "--refine", "--frames", "0:20", "--workers", 1, *SHORT, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert f"something hides the actor from {camera}" in " ".join(done.stderr.split())
+    found = cv2.imread(str(out / "fit" / "occluded" / f"{camera}.png"), cv2.IMREAD_GRAYSCALE) > 0
+    assert np.count_nonzero(found) > 300
+    grown = np.zeros_like(found)
+    grown[128:202, 108:232] = True
+    assert not (found & ~grown).any()
+    assert [path.stem for path in (out / "fit" / "occluded").iterdir()] == [camera]
 
 
 @pytest.fixture(scope="module")

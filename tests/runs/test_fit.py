@@ -30,11 +30,12 @@ from services.mocap.search.found import FrameSolution
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import read_actor, take_actor
-from services.mocap.take.fit_record import fitted_pose, read_record
+from services.mocap.take.fit_record import OCCLUDED, fitted_pose, read_occluded, read_record
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_settings, write_settings
 from services.mocap.take.tables import read_poses_csv
-from services.mocap.types import Floats, Mask, Trimap
+from services.mocap.take.writer import write_picture
+from services.mocap.types import UNSURE, Floats, Mask, Trimap
 from services.runs.facing import fit_best_way_round, tracked_px
 from services.runs.fit import TakeFit, concluded, fit_take, init_frames, seen_of
 from services.runs.fit_files import write_fit
@@ -196,6 +197,27 @@ def test_all_files_are_written_and_belong_together(folder: Path, found: TakeFit,
     assert record is not None
     assert record.iou_after.keys() == {"cam01", "cam02", "cam03"}
     assert record.energy_before_px == found.fit.before.energy_px.tolist()
+
+
+def test_what_hides_the_actor_is_kept_with_the_fit(folder: Path, found: TakeFit, tmp_path: Path) -> None:
+    take = open_take(folder)
+    camera = take.cameras[1]
+    mask: Mask = np.zeros((camera.height_px, camera.width_px), bool)
+    mask[100:140, 30:90] = True
+    write_fit(take, replace(found, occluded={camera.name: mask}), tmp_path)
+    occluded = read_occluded(tmp_path, take.cameras)
+    assert occluded.keys() == {camera.name}
+    assert np.array_equal(occluded[camera.name], mask)
+    made = make_segmenter(take, take.cameras, SegmentationSettings())
+    plain, known = (next(iter(segmenter.trimaps(0, 1))) for segmenter in (made, made.knowing(occluded)))
+    assert np.all(known[1][mask] == UNSURE)
+    assert np.array_equal(known[1][~mask], plain[1][~mask])
+    assert np.array_equal(known[0], plain[0])
+    write_picture(tmp_path / OCCLUDED / f"{camera.name}.png", mask[1:])
+    with pytest.raises(TakeError, match=r"occluded.cam02\.png: is \d+x\d+ pixels"):
+        read_occluded(tmp_path, take.cameras)
+    write_fit(take, found, tmp_path)  # a fit that knows of nothing
+    assert not read_occluded(tmp_path, take.cameras)
 
 
 def test_measures_and_pictures_can_be_read(folder: Path, found: TakeFit, tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """The files of a fit next to its actor.toml: their names, the record (fit.json), and reading its poses."""
 
-import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from services.mocap.errors import TakeError
 from services.mocap.take.pictures import check_png, read_silhouette
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import read_poses_csv
-from services.mocap.take.writer import write_picture
 from services.mocap.types import Floats, Mask
 
 FIT_FOLDER = "fit"
@@ -86,15 +84,11 @@ def fitted_pose(folder: Path, actor: Actor, settings: TakeSettings, frame: int) 
     return table.poses[rows[0]] if rows.size else None
 
 
-def write_occluded(folder: Path, occluded: Mapping[str, Mask]) -> None:
-    """Write by camera the pixels (h, w), without lens distortion, in which something hides the actor."""
-    shutil.rmtree(folder / OCCLUDED, ignore_errors=True)
-    for name, mask in occluded.items():
-        write_picture(folder / OCCLUDED / f"{name}.png", mask)
-
-
 def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
-    """What write_occluded wrote, of these cameras; raises TakeError for a picture that cannot be used."""
+    """By camera the pixels (h, w), without lens distortion, in which something hides the actor, as a fit knows.
+
+    Raises TakeError for a picture that cannot be used.
+    """
     occluded = {}
     for camera in cameras:
         path = folder / OCCLUDED / f"{camera.name}.png"
