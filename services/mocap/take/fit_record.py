@@ -85,9 +85,9 @@ def fitted_pose(folder: Path, actor: Actor, settings: TakeSettings, frame: int) 
 
 
 def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
-    """By camera the pixels (h, w), without lens distortion, in which something hides the actor, as a fit knows.
+    """By camera the pixels (h, w), without lens distortion, in which something hides the actor.
 
-    Raises TakeError for a picture that cannot be used.
+    As written by a fit. Raises TakeError for a picture that cannot be used.
     """
     occluded = {}
     for camera in cameras:
