@@ -29,6 +29,10 @@ AGREEING_SHARE = 0.7
 _VOXEL_M = 0.06
 _REACH_M = 2.4
 _MOST_LEFT_OUT = 2
+_MORE_LEFT_OUT, _FOR_MORE = 3, range(8, 11)
+"""With so many cameras three may be left out, from which the same furniture hides the actor, if without them
+the hull covers all, and without no two; with more cameras one of eight may miss a point anyway."""
+_ALL_FILLED = 0.995
 _DECISIVE = 0.1
 """How much more one choice of cameras must cover than every other choice, to be decided."""
 _DECISIVE_OF_FOUR, _DECISIVE_RATIO = 0.05, 3.0
@@ -73,19 +77,24 @@ def find_agreement(
     """
     space = _Space(rig, silhouettes, cameras, silhouettes if possible is None else possible)
     best, suspects = _Choice((), space.filled(cameras)), tuple[int, ...]()
-    for n_odd in range(1, _MOST_LEFT_OUT + 1):
+    all_filled = False
+    for n_odd in range(1, (_MORE_LEFT_OUT if len(cameras) in _FOR_MORE else _MOST_LEFT_OUT) + 1):
         is_cut = best.filled >= WELL_FILLED and space.is_cut(_kept(cameras, best))
         if (best.filled >= WELL_FILLED and not is_cut) or len(cameras) - n_odd <= MIN_CAMERAS:
             break
         choices = [_choice(space, cameras, odd) for odd in combinations(cameras, n_odd)]
         choices.sort(key=lambda choice: -choice.filled)
-        if is_cut:
+        if n_odd > _MOST_LEFT_OUT:
+            is_decided = choices[0].filled >= _ALL_FILLED and not all_filled
+        elif is_cut:
             gain = choices[0].filled - best.filled
-            if gain >= _DECISIVE_OF_CUT and not space.is_cut(_kept(cameras, choices[0])):
-                best = choices[0]
-        elif _is_decided(len(cameras), choices[0].filled, choices[1].filled):
+            is_decided = gain >= _DECISIVE_OF_CUT and not space.is_cut(_kept(cameras, choices[0]))
+        else:
+            is_decided = _is_decided(len(cameras), choices[0].filled, choices[1].filled)
+        all_filled = all_filled or choices[0].filled >= _ALL_FILLED
+        if is_decided:
             best, suspects = choices[0], ()
-        elif n_odd == 1:
+        elif n_odd == 1 and not is_cut:
             suspects = _suspects(choices)
     return Agreement(cameras, best.odd, best.filled, space.person_shares(_kept(cameras, best)), suspects)
 

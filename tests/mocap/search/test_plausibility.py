@@ -176,6 +176,16 @@ def test_furniture_that_cuts_the_actor_in_two_is_no_second_person(
     assert look.left_out == (0,)
 
 
+def test_furniture_that_hides_the_legs_from_three_cameras_of_eight_is_left_out(
+    model: Model, masks: Masks
+) -> None:
+    seen = masks(**A_POSE)
+    for camera in (4, 5, 6):
+        rows = np.flatnonzero(seen[camera].any(axis=1))
+        seen[camera, rows[0] + len(rows) // 2 :] = False
+    assert sorted(look_first(model.rig, seen).left_out) == [4, 5, 6]
+
+
 def test_an_actor_cut_off_in_most_cameras_is_refused(model: Model, masks: Masks) -> None:
     with pytest.raises(TakeError, match=r"^silhouettes: \d of 8 cameras \(cam0.*\) cut the actor off"):
         look_first(model.rig, masks(z_m=1.0, **A_POSE), NAMES)
