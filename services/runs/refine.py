@@ -42,6 +42,8 @@ _OCCLUDED = (
     "for nothing"
 )
 
+_TORSO = PARTS.index("torso")
+
 log = logging.getLogger(__name__)
 
 
@@ -56,19 +58,23 @@ def refine_take(
 ) -> TakeFit:
     """Fit the actor of a result again, to n frames evenly spread over its take.
 
-    Frames that the result marks are left out. body: whose pose parameters vary. Raises UserError if the
-    result belongs to another take or has fewer than two reliable frames; else as fit_take.
+    Frames that the result marks are left out; if furniture hides the actor from a camera and few frames are
+    without a mark, only those in which the whole body is lost. body: whose pose parameters vary. Raises
+    UserError if the result belongs to another take or has fewer than two reliable frames; else as fit_take.
     """
-    found, distrusted = result_of(take, result, LEAST_FRAMES)
+    found = result_of(take, result)
     if n_frames < LEAST_FRAMES:
         raise UserError(f"--frames {n_frames}: expected at least {LEAST_FRAMES} with --refine")
-    rows = spread(distrusted, n_frames)
-    frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
     clock = Clock(show)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
             made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
             occluded = occluded_in(take, found, made, lambda share: progress(0.7 * share))
+            marked: Mask = np.asarray(found.distrusted.any(axis=1), bool)
+            if occluded and np.count_nonzero(~marked) < n_frames:
+                marked = found.distrusted[:, _TORSO]  # furniture that was not known leaves marks of its own
+            rows = reliable_rows(found, marked, n_frames, LEAST_FRAMES)
+            frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
             known = made.knowing(occluded)
             cameras, seen = seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
         with clock.stage("fitting the actor") as progress:
@@ -94,8 +100,8 @@ def occluded_in(
 
     def posed() -> Iterator[PosedFrame]:
         for k, (row, trimaps) in enumerate(zip(rows, read_trimaps(frames, segmenter), strict=True)):
-            doubtful = [part for part, marked in zip(PARTS, found.distrusted[row], strict=True) if marked]
-            yield PosedFrame(packed(trimaps, width_px, height_px), found.tracked.poses[row], doubtful)
+            is_lost = bool(found.distrusted[row, _TORSO])
+            yield PosedFrame(packed(trimaps, width_px, height_px), found.tracked.poses[row], is_lost)
             progress((k + 1) / len(rows))
 
     with closing(CpuBackend(body, rig)) as backend:
@@ -109,23 +115,27 @@ def occluded_in(
     return occluded
 
 
-def result_of(take: Take, folder: Path, least_frames: int) -> tuple[Result, Mask]:
-    """A result of a take, and the frames (N,) of it that are marked in any part of the body.
-
-    Raises UserError if it belongs to another take or has fewer reliable frames.
-    """
+def result_of(take: Take, folder: Path) -> Result:
+    """A result of a take; raises UserError if it belongs to another take."""
     found = load_result(folder)
     name = found.run.get("take", {}).get("name", take.settings.name)
     if name != take.settings.name or found.frames[-1] >= take.settings.frames:
         raise UserError(f"--refine {found.folder}: is of {name!r}, not of {take.settings.name!r}")
-    distrusted = np.asarray(found.distrusted.any(axis=1), bool)
-    if np.count_nonzero(~distrusted) < least_frames:
+    return found
+
+
+def reliable_rows(found: Result, marked: Mask, n_frames: int, least_frames: int) -> Ints:
+    """At most n rows of a result's frames, evenly spread over those that are not marked (N,).
+
+    Raises UserError if there are fewer than least_frames of them.
+    """
+    if np.count_nonzero(~marked) < least_frames:
         raise UserError(f"--refine {found.folder}: expected at least {least_frames} frames without a mark")
-    return found, distrusted
+    return spread(marked, n_frames)
 
 
-def spread(distrusted: Mask, n_frames: int) -> Ints:
-    """At most n rows of (N,) frames, evenly spread over the reliable ones."""
-    trusted = np.flatnonzero(~distrusted)
-    picked = np.linspace(0, max(len(trusted) - 1, 0), min(n_frames, len(trusted)))
-    return np.asarray(trusted[np.unique(picked.round().astype(int))], np.int64)
+def spread(left_out: Mask, n_frames: int) -> Ints:
+    """At most n rows of (N,) frames, evenly spread over those that are not left out."""
+    kept = np.flatnonzero(~left_out)
+    picked = np.linspace(0, max(len(kept) - 1, 0), min(n_frames, len(kept)))
+    return np.asarray(kept[np.unique(picked.round().astype(int))], np.int64)

@@ -3,13 +3,15 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from services.mocap.calibration.from_body import Refined, refine_cameras
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import TriPlanes, pack_trimaps
 from services.mocap.errors import TakeError
 from services.mocap.take.folder import Take
 from services.runs.fit import Show, kept_warnings, trimaps_of
-from services.runs.refine import result_of, spread
+from services.runs.refine import reliable_rows, result_of
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
 
@@ -44,8 +46,8 @@ def refine_take_cameras(take: Take, result: Path, show: Show, segmenter: str = A
         raise TakeError(
             f"{take.folder}: has only one camera: expected at least two, since one agrees with any motion"
         )
-    found, distrusted = result_of(take, result, LEAST_FRAMES)
-    rows = spread(distrusted, N_FRAMES)
+    found = result_of(take, result)
+    rows = reliable_rows(found, np.asarray(found.distrusted.any(axis=1), bool), N_FRAMES, LEAST_FRAMES)
     frames = tuple(found.tracked.frames[rows].tolist())
     with kept_warnings() as warnings:
         made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)

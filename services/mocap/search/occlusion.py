@@ -4,19 +4,18 @@ Furniture in front of the actor cuts the same piece out of every silhouette, so 
 cameras have told where the actor was. Such pixels become unsure: they count neither for nor against a pose.
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import REFERENCE_WIDTH_PX
-from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model
-from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats, Mask
 
 _LEAST_FRAMES, _LEAST_SHARE = 3, 0.03
@@ -29,6 +28,9 @@ too wide; so far about such pixels others are taken for hidden, too."""
 _LEAST_PX = 60.0
 """Fewer such pixels side by side, in pictures 320 wide, are a hand or a shoe that the body has elsewhere."""
 
+_SEGMENTS = tuple(range(len(SEGMENT_NAMES)))
+"""Without cloth, which hangs as it likes."""
+
 
 @dataclass(frozen=True, eq=False)
 class PosedFrame:
@@ -38,8 +40,8 @@ class PosedFrame:
     """(P, H, W)"""
     pose: Floats
     """(D,)"""
-    doubtful: Collection[Part]
-    """Parts that may be elsewhere; of a doubtful torso all are."""
+    is_lost: bool
+    """Whether the whole body may be elsewhere; marks of limbs do not count, as furniture leads to them."""
 
 
 def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
@@ -52,14 +54,13 @@ def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
         n_frames += 1
         possible = unpack(frame.seen.possible, rig.n_cameras)
         n_seen += possible
-        parts = [part for part in PARTS if part not in frame.doubtful and "torso" not in frame.doubtful]
-        segments = tuple(s for part in parts for s in PART_SEGMENTS[part])
-        if segments:
-            planes = model.backend.coverage(frame.pose[None], segments, region)[0]
-            for c, covered in enumerate(unpack(planes, rig.n_cameras)):
-                deep = cv2.erode(covered.view(np.uint8), inside) > 0
-                n_covered[c] += deep
-                n_behind[c] += deep & ~possible[c]
+        if frame.is_lost:
+            continue
+        planes = model.backend.coverage(frame.pose[None], _SEGMENTS, region)[0]
+        for c, covered in enumerate(unpack(planes, rig.n_cameras)):
+            deep = cv2.erode(covered.view(np.uint8), inside) > 0
+            n_covered[c] += deep
+            n_behind[c] += deep & ~possible[c]
     often = n_covered >= max(_LEAST_FRAMES, _LEAST_SHARE * n_frames)
     most_seen = _MOST_SEEN * n_covered
     hidden = often & (n_covered - n_behind <= most_seen) & (n_seen <= most_seen + 1)
