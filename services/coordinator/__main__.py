@@ -22,7 +22,7 @@ from services.mocap.energy.engine import check_cost, open_engine
 from services.mocap.search.overrides import search_settings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
-from services.mocap.take.fit_record import FIT_FOLDER, fitted_pose
+from services.mocap.take.fit_record import FIT_FOLDER, fitted_pose, read_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.live import open_source
@@ -98,9 +98,10 @@ def _plan(take: Take, frames: range, search: SearchSettings, segmenter: str, fit
     actor = take_actor(take) if fitted is None else read_actor(fitted / ACTOR)
     if actor is None:
         return Plan(take, frames, search, segmenter, None)
-    pose = fitted_pose(fitted or take.folder / FIT_FOLDER, actor, take.settings, frames.start)
+    fit_folder = fitted or take.folder / FIT_FOLDER
+    pose = fitted_pose(fit_folder, actor, take.settings, frames.start)
     log.info("the first pose was %s", "fitted along with the actor" if pose is not None else "not fitted")
-    return Plan(take, frames, search, segmenter, actor, pose)
+    return Plan(take, frames, search, segmenter, actor, pose, read_occluded(fit_folder, take.cameras))
 
 
 if __name__ == "__main__":

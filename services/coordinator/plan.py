@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import version
 
 from proto.messages import PROTOCOL_VERSION
@@ -11,7 +12,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.segmenter_name import files_of_segmenter, looks_at_videos
-from services.mocap.types import Floats
+from services.mocap.types import Floats, Mask
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class Plan:
     """None: the generic body with the take's height, or with the height that fits the first frame."""
     fitted_pose: Floats | None = None
     """(D,) of the first frame, where it was found along with the actor."""
+    occluded: Mapping[str, Mask] = field(default_factory=dict)
+    """By camera the pixels (h, w) in which the fit found the actor hidden; these are unsure."""
 
     @property
     def name(self) -> str:
@@ -49,5 +52,8 @@ class Plan:
             "segmenter": self.segmenter,
             "actor": self.actor.content_hash if self.actor else None,
             "fitted_pose": None if self.fitted_pose is None else self.fitted_pose.tolist(),
+            "occluded": {
+                name: hashlib.sha256(mask.tobytes()).hexdigest() for name, mask in self.occluded.items()
+            },
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -80,8 +80,8 @@ class TakeFit:
     seconds: dict[str, float]
     warnings: list[str]
     occluded: Mapping[str, Mask] = field(default_factory=dict)
-    """By camera the pixels (h, w) in which something hides the actor, as far as a track told: unsure in
-    seen."""
+    """By camera the pixels (h, w) in which something hides the actor, found by tracking; they are unsure in
+    `seen`."""
 
 
 def init_frames(take: Take, asked: int | None = None) -> range:

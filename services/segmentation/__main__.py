@@ -52,7 +52,7 @@ class Sender:
         keys: ClientKeys | None,
         fitted: Path | None = None,
     ) -> None:
-        """fitted: a folder written by xormocap fit, which may say what something hides from cameras."""
+        """fitted: a folder written by xormocap fit; what its occluded pictures show is unsure."""
         self._take, self._cameras = take, cameras
         self._height, self._width = Rig.of(take.cameras).shape_px
         self._checks = deque[PlateCheck]()
@@ -162,7 +162,7 @@ def main(
     metrics: MetricsOption = None,
     fitted: Annotated[
         Path | None,
-        typer.Option(help="A folder written by xormocap fit, for what it knows to be hidden from cameras."),
+        typer.Option(help="A folder of xormocap fit: where it found the actor hidden is unsure."),
     ] = None,
     record: Annotated[Path | None, typer.Option(help="Live: folder to record the pictures in.")] = None,
 ) -> None:

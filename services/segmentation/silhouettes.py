@@ -112,7 +112,7 @@ class Segmenter:
         return cls(cameras, raw_trimaps)
 
     def knowing(self, occluded: Mapping[str, Mask]) -> "Segmenter":
-        """This segmenter, to which what something hides (see __init__) is unsure."""
+        """A segmenter with the same silhouettes, in which occluded pixels (see __init__) are unsure."""
         return Segmenter(self._cameras, self.raw_trimaps, occluded)
 
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:

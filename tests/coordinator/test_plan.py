@@ -3,9 +3,11 @@
 import os
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from services.coordinator.plan import Plan
@@ -79,3 +81,14 @@ def test_videos_count_where_they_are_looked_at_beside_silhouettes(small_take: Sm
     write_anew(video, video.read_bytes())
     assert name_of(folder) == own
     assert name_of(folder, "mog2") != made
+
+
+def test_what_hides_the_actor_is_part_of_the_plan(small_take: SmallTake) -> None:
+    take = open_take(small_take())
+    mask = np.zeros((240, 320), bool)
+    plan = Plan(take, range(take.settings.frames), SearchSettings(), "auto", None)
+    hidden = [replace(plan, occluded={"cam01": mask}).name]
+    mask[100, 100] = True
+    hidden += [replace(plan, occluded={name: mask}).name for name in ("cam01", "cam02")]
+    assert len({plan.name, *hidden}) == 4
+    assert replace(plan, occluded={"cam02": mask.copy()}).name == hidden[-1]

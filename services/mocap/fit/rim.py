@@ -102,12 +102,6 @@ class PosedSurface:
         return Rim(*outline, self.mesh.edges[turning], ends_px.mean(axis=1), facing)
 
 
-def find_rims(body: Body, pose: Floats, rig: Rig) -> list[Rim]:
-    """Every camera's rim of a body in a pose (D,)."""
-    surface = PosedSurface.of(body, pose)
-    return [surface.rim(rig, c) for c in range(rig.n_cameras)]
-
-
 @numba.njit(cache=True, nogil=True)
 def _planes(vertices_m: Floats, faces: Indices) -> Floats:
     """(F, 4) unit normal and offset of faces."""

@@ -30,9 +30,11 @@ _VOXEL_M = 0.06
 _REACH_M = 2.4
 _MOST_LEFT_OUT = 2
 _MORE_LEFT_OUT, _FOR_MORE = 3, range(8, 11)
-"""With so many cameras three may be left out, from which the same furniture hides the actor, if without them
-the hull covers all, and without no two; with more cameras one of eight may miss a point anyway."""
+"""With so many cameras three may be left out, if the hull covers all silhouettes without them, but without no
+fewer: the same furniture hides the actor from them. With more cameras, one of every eight may miss a point of
+the hull anyway (most_missed)."""
 _ALL_FILLED = 0.995
+"""Share of the silhouettes that counts as all."""
 _DECISIVE = 0.1
 """How much more one choice of cameras must cover than every other choice, to be decided."""
 _DECISIVE_OF_FOUR, _DECISIVE_RATIO = 0.05, 3.0

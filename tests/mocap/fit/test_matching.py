@@ -16,10 +16,16 @@ from services.mocap.energy.bitplanes import unpack
 from services.mocap.fit.contours import Contour, contours_of, outline_of
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian, normal_sums
 from services.mocap.fit.matching import Matches, match_frame, nearest_edges
-from services.mocap.fit.rim import find_rims
+from services.mocap.fit.rim import PosedSurface, Rim
 from services.mocap.types import Floats
 
 _ALL = tuple(range(len(PARAMETERS)))
+
+
+def rims_of(body: Body, pose: Floats, rig: Rig) -> list[Rim]:
+    """Every camera's rim."""
+    surface = PosedSurface.of(body, pose)
+    return [surface.rim(rig, c) for c in range(rig.n_cameras)]
 
 
 def test_a_discs_contour_lies_on_its_circle_and_faces_outwards() -> None:
@@ -47,7 +53,7 @@ def test_what_touches_the_picture_s_border_has_no_contour_there() -> None:
 def test_the_rim_is_the_outline_that_is_drawn(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(1, 1)
     masks = unpack(person.seen.silhouettes[0], rig.n_cameras)
-    rims = find_rims(person.body, person.poses[0], rig)
+    rims = rims_of(person.body, person.poses[0], rig)
     for mask, rim in zip(masks, rims, strict=True):
         points_px, normals = outline_of(mask)
         away_px, _ = cKDTree(points_px).query(rim.points_px)
@@ -60,7 +66,7 @@ def test_the_rim_is_the_outline_that_is_drawn(rig: Rig, a_person: Callable[..., 
 
 def test_every_outline_point_has_a_surface_that_makes_it(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(1, 1)
-    for rim in find_rims(person.body, person.poses[0], rig):
+    for rim in rims_of(person.body, person.poses[0], rig):
         edges = nearest_edges(rim.points_px, rim.normals, rim.middles_px, rim.facing, 4.0, 3.0)
         found = edges >= 0
         assert found.mean() > 0.97
@@ -74,7 +80,7 @@ def test_who_reaches_a_camera_has_no_rim_there(rig: Rig, a_person: Callable[...,
     pose = person.poses[0].copy()
     P_px_world = rig.P_px_world[2]
     pose[:3] = -np.linalg.solve(P_px_world[:, :3], P_px_world[:, 3])
-    counts = [len(rim.points_px) for rim in find_rims(person.body, pose, rig)]
+    counts = [len(rim.points_px) for rim in rims_of(person.body, pose, rig)]
     assert counts[2] == 0
     assert max(counts) > 100
 
