@@ -12,7 +12,7 @@ from services.mocap.errors import TakeError
 from services.mocap.types import Floats, Mask
 
 UNTOLD = "cannot be told from the background"
-REMEDY = "use more light, or change the colour of the clothes or of the wall"
+REMEDY = "use more light, change the colour of the clothes or of the wall, or remove what stands before them"
 _MUCH = 0.15
 """Share of the possible actor pixels: an arm is about a tenth, a leg a fifth."""
 _CRUMB_SHARE = 0.02
