@@ -21,8 +21,8 @@ _CHAIN_REACH = 1.5
 _LIMB_BONES = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
 _MEAN_FACTORS = {"upper_arm": 0.97, "forearm": 1.01, "thigh": 1.02, "shank": 1.005, "foot_depth": 1.35}
 """People's mean measures on those of the generic body, over stature. Arms: women and men in de Leva 1996
-(J. Biomechanics 29(9)), from joint centre to joint centre. Legs: heights of trochanter, epicondyle and malleolus in
-the 2012 US Army survey. Depth of the foot: soles of 1 to 4 cm under it."""
+(J. Biomechanics 29(9)), from joint centre to joint centre. Legs: heights of trochanter, epicondyle and
+malleolus in the 2012 US Army survey. Depth of the foot: soles of 1 to 4 cm under it."""
 _LONG_LIMBS = 0.4
 """Share of a limb bone's variance that all limb bones have in common."""
 _MOST_DEVIATIONS = 2.0

@@ -5,8 +5,8 @@ NATICK/TR-15/007), each divided by stature, between the sexes and on its slender
 soldiers are heavier than most actors. How an outline runs between the measured places is drawn by eye.
 Where the flesh of the legs lies about the axes through the joints follows the mean of 40 random adults of
 MakeHuman (CC0): calves lie behind and outside of the line from knee to ankle, lower thighs inside of the line
-from hip to knee, and feet outside of the ankle. The heel reaches as far back as in Delp et al. 1990 (IEEE Trans. Biomed. Eng.
-37(8)), where it is 49 mm behind the ankle in a person of 1.8 m.
+from hip to knee, and feet outside of the ankle. The heel reaches as far back as in Delp et al. 1990 (IEEE
+Trans. Biomed. Eng. 37(8)), where its bone ends 49 mm behind the ankle in a person of 1.8 m.
 """
 
 from services.mocap.body.shape_loft import Bump, Loft, Stations

@@ -194,7 +194,7 @@ def test_breadths_and_lengths_are_a_persons(
 def test_hand_and_heel_reach_as_far_as_they_should() -> None:
     assert by_name("left_hand").vertices_heights[:, 1].max() == pytest.approx(0.108, abs=0.001)
     foot = by_name("left_foot").vertices_heights
-    assert -0.033 <= foot[:, 0].min() <= -0.029  # of the ankle; 49 mm in a person of 1.8 m, less the skin
+    assert -0.033 <= foot[:, 0].min() <= -0.029  # 49 mm in a person of 1.8 m, and the skin
     assert foot[:, 2].min() == pytest.approx(-0.040, abs=0.0005)
 
 
