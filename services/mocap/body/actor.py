@@ -16,6 +16,7 @@ from services.mocap.body.kinematics import CLOTH_FRAMES, N_DOF, segment_transfor
 from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
 from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
+from services.mocap.body.skeleton_table import THIGH
 from services.mocap.body.skirt import Skirt, with_skirt
 from services.mocap.body.surface import volume_m3
 from services.mocap.types import Floats, Ints
@@ -25,6 +26,9 @@ DEFAULT_HEIGHT_M = 1.72
 MESH_FILE = "actor_mesh.npz"
 """File name of an own mesh, next to actor.toml."""
 _MIRROR = np.array([1.0, -1.0, 1.0])
+_HIPS = tuple(JOINT_INDEX[f"{side}_hip"] for side in ("left", "right"))
+_HIP_DEPTH_HEIGHTS = 0.056
+"""How deep the generic body's hip joints lie behind the front of the thighs."""
 _NO_CLOTH: tuple[Floats, ...] = (np.zeros((0, 3)),) * len(CLOTH_FRAMES)
 
 
@@ -51,6 +55,8 @@ class Actor(BaseModel):
     """Bone -> metres, for those that differ from the generic proportions (names: BONES)."""
     profiles: dict[str, Profile] = Field(default={}, description="a table of segments with width and depth")
     """Segment (without its side) -> its outline's factors over the generic one at this height (SECTIONS)."""
+    hip_depth: float = Field(default=1.0, ge=0.5, le=2.0, description="a factor from 0.5 to 2")
+    """How deep the hip joints lie behind the front of the thighs, over the generic body's."""
     mesh: OwnMesh | None = Field(default=None, description="a table with file and sha256 of an own mesh")
     """A user's own mesh in place of the generic body; the other fields then refer to it."""
 
@@ -89,7 +95,10 @@ class Actor(BaseModel):
         profiles = {
             name: self.profiles[name].model_dump(mode="json") for name in SECTIONS if name in self.profiles
         }
-        tables: dict[str, object] = {"height": self.height, "bone_lengths": lengths, "profiles": profiles}
+        tables: dict[str, object] = {"height": self.height, "hip_depth": self.hip_depth}
+        tables |= {"bone_lengths": lengths, "profiles": profiles}
+        if self.hip_depth == 1.0:
+            del tables["hip_depth"]
         if self.mesh is not None:
             tables["mesh"] = self._mesh_name(self.mesh)
         if self.skirt is not None:
@@ -203,8 +212,10 @@ def build_body(actor: Actor) -> Body:
         if form not in shaped_m:
             shaped_m[form] = _shaped(segment.row.name, form, actor, ratios)
         vertices_m.append(shaped_m[form] * _MIRROR if segment.side == "right" else shaped_m[form])
+    offsets_m = stretched_offsets(mesh.offsets_heights * actor.height, ratios)
+    offsets_m[list(_HIPS), 0] -= _hips_setback_m(actor)
     return Body(
-        offsets_m=stretched_offsets(mesh.offsets_heights * actor.height, ratios),
+        offsets_m=offsets_m,
         vertices_m=tuple(vertices_m),
         faces=mesh.faces,
         height_m=actor.height,
@@ -226,11 +237,32 @@ def _shaped(segment: str, form: SegmentMesh, actor: Actor, ratios: dict[str, flo
     for extent, axis in zip(("width", "depth"), SECTIONS[segment].axes[1:], strict=True):
         vertices_m[:, "xyz".index(axis)] *= factors_along(segment, extent, actor.profiles, form)
     vertices_m[:, 1] *= trunk_widening(segment, heights[:, 2], ratios)
+    vertices_m[:, 0] += _before_bone_m(segment, heights[:, 2], actor)
     return vertices_m
+
+
+def _hips_setback_m(actor: Actor) -> float:
+    """How far the hip joints lie behind the generic body's."""
+    return (actor.hip_depth - 1.0) * _HIP_DEPTH_HEIGHTS * actor.height
+
+
+def _before_bone_m(segment: str, z_heights: Floats, actor: Actor) -> Floats | float:
+    """(V,) how much farther forward a segment's vertices at heights (V,) lie in its frame.
+
+    A thigh stays where it is when its bone begins farther back; 0 for other segments.
+    """
+    if segment != THIGH.name:
+        return 0.0
+    share: Floats = 1.0 - np.clip(z_heights / THIGH.section.end, 0.0, 1.0)
+    return _hips_setback_m(actor) * share
 
 
 def _cloth(mesh: BodyMesh, actor: Actor, ratios: dict[str, float]) -> tuple[Floats, ...]:
     """Per part of the skirt (V, 3) its vertices in metres, in its frame."""
     cone, *tubes = mesh.cloth
-    stretched = (part.vertices_heights * (actor.height * scales_across(part.name, ratios)) for part in tubes)
-    return (_shaped("pelvis", cone, actor, ratios), *stretched)
+    shaped_m = [_shaped("pelvis", cone, actor, ratios)]
+    for tube in tubes:
+        vertices_m = tube.vertices_heights * (actor.height * scales_across(tube.name, ratios))
+        vertices_m[:, 0] += _before_bone_m(tube.name, tube.vertices_heights[:, 2], actor)
+        shaped_m.append(vertices_m)
+    return tuple(shaped_m)

@@ -1,10 +1,10 @@
 """The space of shapes that a fit searches: a vector of logarithms, zero for the generic body.
 
-Its parameters are those that silhouettes can determine: the height, the bones, the trunk's width and
-depth, the girth of the limbs, and the size of neck, head, hands and feet. Neighbouring segments share the
-control at their joint. One direction changes almost nothing: greater height with shorter bones and slimmer
-profiles. There, and where silhouettes determine little, the deviations decide, or shape_prior, which includes
-correlations.
+Its parameters are those that silhouettes can determine: the height, the bones, the depth of the hip joints,
+the trunk's width and depth, the girth of the limbs, and the size of neck, head, hands and feet. Neighbouring
+segments share the control at their joint. One direction changes almost nothing: greater height with shorter
+bones and slimmer profiles. There, and where silhouettes determine little, the deviations decide, or
+shape_prior, which includes correlations.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from services.mocap.body.profiles import Profile, bezier_weights
 from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats
 
-Kind = Literal["height", "bone", "profile"]
+Kind = Literal["height", "bone", "joint", "profile"]
 GENERIC_ACTOR = Actor()
 
 
@@ -36,7 +36,8 @@ class ShapeParameter:
     highest: float
 
 
-# Deviations and ranges as for lengths (skeleton_table.py).
+# Deviations and ranges as for lengths (skeleton_table.py). That of the hips' depth, 2 cm, is mostly that of
+# what models and rigs call a hip.
 _PROFILES = {
     "trunk_width_hip": (0.10, 0.6, 1.7),
     "trunk_width_belly": (0.15, 0.6, 1.8),
@@ -79,6 +80,7 @@ PARAMETERS: tuple[ShapeParameter, ...] = (
         for row in ROWS
         for length in row.lengths
     ),
+    ShapeParameter("hip_depth", "joint", 0.2, 0.6, 1.7),
     *(ShapeParameter(name, "profile", *numbers) for name, numbers in _PROFILES.items()),
 )
 """The parameters, in the order of every shape vector."""
@@ -105,7 +107,7 @@ NEIGHBOURS: tuple[tuple[int, int], ...] = _neighbours()
 
 # How the parameters change, in logarithms, if the same body gets a larger `height`. Lengths in metres stay,
 # and so do factors across a segment that a bone scales; the trunk's widths follow bones in part.
-_STAYS = ("trunk_width_top", "head_", "hand_", "foot_width")
+_STAYS = ("hip_depth", "trunk_width_top", "head_", "hand_", "foot_width")
 _TRUNK_FOLLOWS = {"hip": -0.46, "belly": -0.43, "waist": -0.38, "ribs": -0.19, "chest": -0.03}
 
 
@@ -145,6 +147,7 @@ def actor_of(x: Floats, base: Actor = GENERIC_ACTOR) -> Actor:
             )
             for segment, (width, depth) in _CONTROLS.items()
         },
+        hip_depth=factors["hip_depth"],
         mesh=base.mesh,
         skirt=base.skirt,
     )
@@ -159,6 +162,7 @@ def vector_of(actor: Actor) -> Floats:
     lengths_heights = actor.form.lengths_heights
     votes: dict[str, list[float]] = {name: [] for name in INDEX}
     votes["height"].append(actor.height / DEFAULT_HEIGHT_M)
+    votes["hip_depth"].append(actor.hip_depth)
     for name, length_m in actor.bone_lengths.items():
         votes[name].append(length_m / (lengths_heights[name] * actor.height))
     for segment, profile in actor.profiles.items():

@@ -23,7 +23,7 @@ _CONTOUR_POINTS = 250
 _ROOT = tuple(range(6))
 _HEIGHT = shape_space.of_kind("height")
 _SKELETON = shape_space.of_kind("height", "bone")
-_EVERYTHING = shape_space.of_kind("height", "bone", "profile")
+_EVERYTHING = shape_space.of_kind("height", "bone", "joint", "profile")
 
 _PLACING = (Stage(_HEIGHT, _ROOT, 20.0, 6), Stage(_HEIGHT, ALL_DOFS, 15.0, 10))
 """The first frame: position, height, then the limbs."""

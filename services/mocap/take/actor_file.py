@@ -63,6 +63,7 @@ def rounded(actor: Actor) -> Actor:
             )
             for name, profile in actor.profiles.items()
         },
+        hip_depth=round(actor.hip_depth, _DIGITS),
         mesh=actor.mesh,
         skirt=actor.skirt,
     )
@@ -77,8 +78,9 @@ def write_actor(path: Path, actor: Actor, origin: str) -> None:
     measured_by = "the generic body" if actor.mesh is None else MESH_FILE
     head = (
         f"# The actor, fitted by xormocap to {origin}.",
-        "# height and bone_lengths: metres. profiles: width and depth of each segment, from its near to its",
-        f"# far end, as factors on those of {measured_by} at this height.",
+        "# height and bone_lengths: metres. hip_depth: of the hip joints behind the front of the thighs;",
+        "# profiles: width and depth of each segment, from its near to its far end; both as factors on those",
+        f"# of {measured_by} at this height.",
         "# The hash is that of the numbers: while it is right, xormocap fit may replace this file.",
         f"{_HASH}{actor.content_hash}",
     )

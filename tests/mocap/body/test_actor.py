@@ -32,6 +32,7 @@ ACTORS = st.builds(
     Actor,
     height=st.floats(0.5, 2.5),
     bone_lengths=st.dictionaries(st.sampled_from(list(BONES)), st.floats(0.01, 1.0)),
+    hip_depth=st.floats(0.5, 2.0),
     profiles=st.dictionaries(
         st.sampled_from(list(SECTIONS)), st.builds(Profile, width=FACTORS, depth=FACTORS), max_size=3
     ),
@@ -87,6 +88,7 @@ def test_toml_round_trip(actor: Actor) -> None:
     assert Actor.from_toml(actor.to_toml()) == actor
     assert Actor.from_toml(actor.to_toml()).content_hash == actor.content_hash
     unset = {name for name in ("mesh", "profiles", "skirt") if not getattr(actor, name)}
+    unset |= {"hip_depth"} if actor.hip_depth == 1.0 else set()
     fields = set(Actor.model_fields) - unset
     assert set(tomllib.loads(actor.to_toml())) == fields
 
@@ -236,6 +238,22 @@ def test_the_trunk_widens_with_hips_below_and_shoulders_above(bone: str, joint: 
         assert np.all(rises * np.diff(factors[order]) > -1e-12)
         np.testing.assert_allclose(factors[share <= 0.0], 1.0536 if bone == "hip_width" else 1.0)
         np.testing.assert_allclose(factors[share >= 1.0], 1.0 if bone == "hip_width" else 1.1)
+
+
+def test_deeper_hips_leave_the_outline_of_the_thighs_at_the_hips() -> None:
+    body, other = (build_body(Actor(height=HEIGHT_M, hip_depth=depth)) for depth in (1.0, 1.3))
+    joints, segments = changed_coordinates(body, other)
+    assert joints == {("left_hip", "x"), ("right_hip", "x")}
+    assert segments == {("left_thigh", "x"), ("right_thigh", "x")}
+    hip, thigh = JOINT_INDEX["left_hip"], SEGMENT_INDEX["left_thigh"]
+    setback_m = body.offsets_m[hip, 0] - other.offsets_m[hip, 0]
+    front_m = body.vertices_m[thigh][body.vertices_m[thigh][:, 2] > -0.02, 0].max()
+    assert setback_m == pytest.approx(0.3 * front_m, rel=0.1)
+    before, after = (b.vertices_m[thigh] + b.offsets_m[hip] for b in (body, other))
+    z_m, knee_m = body.vertices_m[thigh][:, 2], body.offsets_m[JOINT_INDEX["left_knee"], 2]
+    at_hip, at_knee = z_m > 0.0, z_m < knee_m
+    np.testing.assert_allclose(after[at_hip], before[at_hip], atol=1e-12)
+    np.testing.assert_allclose(after[at_knee], before[at_knee] - (setback_m, 0.0, 0.0), atol=1e-12)
 
 
 @pytest.mark.parametrize("bone", BONES)
