@@ -16,13 +16,13 @@ from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
 
 SQUARE_M = 0.4
-_MOMENTS, _FRAMES = 14, 30
+_MOMENTS, _FRAMES = 14, 45
 
 
 def record(folder: Path) -> tuple[Camera, ...]:
     """Write clips/, empty/ and walk-*.mp4 into a folder; returns the cameras that recorded them."""
     take = folder / "made"
-    write_synthetic_take(take, motion="dance", n_cameras=3, n_frames=_FRAMES)
+    write_synthetic_take(take, motion="walk", n_cameras=4, n_frames=_FRAMES)
     cameras = open_take(take).cameras[:2]
     (folder / "empty").mkdir()
     for camera in cameras:

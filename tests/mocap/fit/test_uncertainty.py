@@ -17,7 +17,7 @@ from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State
 from services.mocap.fit.priors import Prior
 from services.mocap.fit.uncertainty import with_uncertainties
 
-_LAST = Stage(of_kind("height", "bone", "profile"), ALL_DOFS, 0.8, 1, is_strict=True)
+_LAST = Stage(of_kind("height", "bone", "joint", "profile"), ALL_DOFS, 0.8, 1, is_strict=True)
 
 
 def test_what_is_not_known_of_a_bone_is_not_known_of_its_measure() -> None:
