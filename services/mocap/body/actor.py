@@ -16,7 +16,7 @@ from services.mocap.body.kinematics import CLOTH_FRAMES, N_DOF, segment_transfor
 from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
 from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
-from services.mocap.body.skeleton_table import THIGH
+from services.mocap.body.skeleton_table import PELVIS, THIGH
 from services.mocap.body.skirt import Skirt, with_skirt
 from services.mocap.body.surface import volume_m3
 from services.mocap.types import Floats, Ints
@@ -26,7 +26,6 @@ DEFAULT_HEIGHT_M = 1.72
 MESH_FILE = "actor_mesh.npz"
 """File name of an own mesh, next to actor.toml."""
 _MIRROR = np.array([1.0, -1.0, 1.0])
-_HIPS = tuple(JOINT_INDEX[f"{side}_hip"] for side in ("left", "right"))
 _HIP_DEPTH_HEIGHTS = 0.056
 """How deep the generic body's hip joints lie behind the front of the thighs."""
 _NO_CLOTH: tuple[Floats, ...] = (np.zeros((0, 3)),) * len(CLOTH_FRAMES)
@@ -213,7 +212,7 @@ def build_body(actor: Actor) -> Body:
             shaped_m[form] = _shaped(segment.row.name, form, actor, ratios)
         vertices_m.append(shaped_m[form] * _MIRROR if segment.side == "right" else shaped_m[form])
     offsets_m = stretched_offsets(mesh.offsets_heights * actor.height, ratios)
-    offsets_m[list(_HIPS), 0] -= _hips_setback_m(actor)
+    offsets_m[JOINT_INDEX["waist"], 0] += _hips_setback_m(actor)  # the pelvis joint stays between the hips
     return Body(
         offsets_m=offsets_m,
         vertices_m=tuple(vertices_m),
@@ -249,11 +248,12 @@ def _hips_setback_m(actor: Actor) -> float:
 def _before_bone_m(segment: str, z_heights: Floats, actor: Actor) -> Floats | float:
     """(V,) how much farther forward a segment's vertices at heights (V,) lie in its frame.
 
-    A thigh stays where it is when its bone begins farther back; 0 for other segments.
+    Pelvis and thighs stay where they are when their bones begin farther back; 0 for other segments.
     """
-    if segment != THIGH.name:
+    if segment not in (PELVIS.name, THIGH.name):
         return 0.0
-    share: Floats = 1.0 - np.clip(z_heights / THIGH.section.end, 0.0, 1.0)
+    along = z_heights / THIGH.section.end if segment == THIGH.name else 0.0
+    share: Floats = 1.0 - np.clip(along, 0.0, 1.0)
     return _hips_setback_m(actor) * share
 
 

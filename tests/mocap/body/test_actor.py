@@ -243,17 +243,20 @@ def test_the_trunk_widens_with_hips_below_and_shoulders_above(bone: str, joint: 
 def test_deeper_hips_leave_the_outline_of_the_thighs_at_the_hips() -> None:
     body, other = (build_body(Actor(height=HEIGHT_M, hip_depth=depth)) for depth in (1.0, 1.3))
     joints, segments = changed_coordinates(body, other)
-    assert joints == {("left_hip", "x"), ("right_hip", "x")}
-    assert segments == {("left_thigh", "x"), ("right_thigh", "x")}
-    hip, thigh = JOINT_INDEX["left_hip"], SEGMENT_INDEX["left_thigh"]
-    setback_m = body.offsets_m[hip, 0] - other.offsets_m[hip, 0]
+    assert joints == {("waist", "x")}
+    assert segments == {("pelvis", "x"), ("left_thigh", "x"), ("right_thigh", "x")}
+    waist, thigh = JOINT_INDEX["waist"], SEGMENT_INDEX["left_thigh"]
+    setback_m = other.offsets_m[waist, 0] - body.offsets_m[waist, 0]
     front_m = body.vertices_m[thigh][body.vertices_m[thigh][:, 2] > -0.02, 0].max()
     assert setback_m == pytest.approx(0.3 * front_m, rel=0.1)
-    before, after = (b.vertices_m[thigh] + b.offsets_m[hip] for b in (body, other))
+    forward_m = np.array([setback_m, 0.0, 0.0])
+    pelvis, moved = (b.vertices_m[SEGMENT_INDEX["pelvis"]] for b in (body, other))
+    np.testing.assert_allclose(moved, pelvis + forward_m, atol=1e-12)
+    before, after = (b.vertices_m[thigh] for b in (body, other))
     z_m, knee_m = body.vertices_m[thigh][:, 2], body.offsets_m[JOINT_INDEX["left_knee"], 2]
     at_hip, at_knee = z_m > 0.0, z_m < knee_m
-    np.testing.assert_allclose(after[at_hip], before[at_hip], atol=1e-12)
-    np.testing.assert_allclose(after[at_knee], before[at_knee] - (setback_m, 0.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(after[at_hip], before[at_hip] + forward_m, atol=1e-12)
+    np.testing.assert_allclose(after[at_knee], before[at_knee], atol=1e-12)
 
 
 @pytest.mark.parametrize("bone", BONES)
