@@ -161,7 +161,7 @@ def _found(fit: Fit, person: Person, true_poses: Floats, seconds: float) -> Foun
         height_cm=round(100 * (body.standing_height_m - person.body.standing_height_m), 2),
         bones_percent=_bones_percent(vector_of(fit.actor), person.x),
         joints_mm=round(1000 * float(np.linalg.norm(joints_m[0] - joints_m[1], axis=2).mean()), 1),
-        iou=round(fit.after.mean_iou, 4),
+        iou=round(float(fit.after.iou.mean()), 4),
         seconds=round(seconds, 1),
     )
 

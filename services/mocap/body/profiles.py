@@ -15,8 +15,7 @@ from pydantic import BaseModel, ConfigDict
 
 from services.mocap.body.bones import smoothstep
 from services.mocap.body.segment_row import Section
-from services.mocap.body.shape import SegmentMesh, generic_segments
-from services.mocap.body.skeleton import SEGMENT_INDEX
+from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats, Ints
 
@@ -90,15 +89,13 @@ def bezier_weights(positions: Floats, n_controls: int) -> Floats:
 
 
 def factors_along(
-    segment: str, extent: str, profiles: dict[str, Profile], form: SegmentMesh | None = None
+    segment: str, extent: str, profiles: dict[str, Profile], form: SegmentMesh
 ) -> Floats | float:
     """Factor of every vertex (V,) of a segment (without its side), or 1 where no profile touches it.
 
-    extent: "width" or "depth". form: the segment on the left, the generic one by default. All factors are
-    exactly 1 where all controls are.
+    extent: "width" or "depth". form: the segment, on the left if there are two. All factors are exactly 1
+    where all controls are.
     """
-    if form is None:  # the generic segment, on the left where there are two
-        form = generic_segments()[SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]]
     own = _controls(segment, extent, profiles)
     factors: Floats | float = 1.0
     if own is not None:  # differences from 1, so that rounding leaves the generic body as it is

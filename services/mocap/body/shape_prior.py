@@ -6,7 +6,7 @@ independently, except that those of a limb, and of both limbs, are correlated.
 
 import numpy as np
 
-from services.mocap.body.shape_space import DEVIATIONS, INDEX, PARAMETERS, body_of, clip_to_bounds
+from services.mocap.body.shape_space import DEVIATIONS, INDEX
 from services.mocap.types import Floats
 
 _STOUTNESS = 0.5
@@ -25,7 +25,6 @@ _MEAN_FACTORS = {"upper_arm": 0.97, "forearm": 1.01, "thigh": 1.02, "shank": 1.0
 malleolus in the 2012 US Army survey. Depth of the foot: soles of 1 to 4 cm under it."""
 _LONG_LIMBS = 0.4
 """Share of a limb bone's variance that all limb bones have in common."""
-_MOST_DEVIATIONS = 2.0
 
 
 def _correlation() -> Floats:
@@ -50,14 +49,3 @@ COVARIANCE: Floats = _correlation() * np.outer(DEVIATIONS, DEVIATIONS)
 """(n, n) of the shape vectors of people."""
 MEAN: Floats = np.log([_MEAN_FACTORS.get(name, 1.0) for name in INDEX])
 """(n,) of the shape vectors of people; zero is the generic body."""
-WHITENING: Floats = np.linalg.inv(np.linalg.cholesky(COVARIANCE))
-"""(n, n) W with |W x|² = x' COVARIANCE⁻¹ x: the prior's residuals W x in a least-squares fit."""
-
-
-def random_shape(rng: np.random.Generator, low_m: float = 1.5, high_m: float = 2.0) -> Floats:
-    """A random shape vector (n,) from the prior, with a height uniform between low_m and high_m."""
-    z = np.clip(rng.standard_normal(len(PARAMETERS)), -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
-    x = clip_to_bounds(np.linalg.cholesky(COVARIANCE) @ z)
-    height_m = rng.uniform(low_m, high_m)
-    x[INDEX["height"]] += np.log(height_m / body_of(x).standing_height_m)
-    return x

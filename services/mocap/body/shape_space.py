@@ -8,7 +8,6 @@ shape_prior, which includes correlations.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -89,20 +88,6 @@ INDEX: dict[str, int] = {parameter.name: i for i, parameter in enumerate(PARAMET
 DEVIATIONS: Floats = np.array([parameter.deviation for parameter in PARAMETERS])
 LOWER: Floats = np.log([parameter.lowest for parameter in PARAMETERS])
 UPPER: Floats = np.log([parameter.highest for parameter in PARAMETERS])
-
-
-def _neighbours() -> tuple[tuple[int, int], ...]:
-    pairs = {
-        (INDEX[one], INDEX[other])
-        for extents in _CONTROLS.values()
-        for controls in extents
-        for one, other in pairwise(controls)
-    }
-    return tuple(sorted(pairs))
-
-
-NEIGHBOURS: tuple[tuple[int, int], ...] = _neighbours()
-"""Pairs of parameters that are neighbouring controls of one profile: bodies change little between them."""
 
 
 # How the parameters change, in logarithms, if the same body gets a larger `height`. Lengths in metres stay,
@@ -203,8 +188,3 @@ def without_shoes(x: Floats) -> Floats:
 def body_of(x: Floats, base: Actor = GENERIC_ACTOR) -> Body:
     """The body of a shape vector (len(PARAMETERS),), with the mesh and the skirt of base."""
     return build_body(actor_of(x, base))
-
-
-def vertices_of(x: Floats) -> list[Floats]:
-    """Per segment (V, 3) the vertices in metres, in the segment's frame, of a shape vector."""
-    return list(body_of(x).vertices_m)

@@ -41,12 +41,11 @@ def closed_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 def is_closed(faces: Ints) -> bool:
     """Whether every edge has exactly two consistently oriented faces."""
-    start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
-    ways, ways_back = np.sort(start << 32 | end), np.sort(end << 32 | start)
-    single = not np.any(ways[1:] == ways[:-1])
-    return bool(
-        len(faces) >= FEWEST_FACES and single and np.all(start != end) and np.array_equal(ways, ways_back)
-    )
+    try:
+        closed_edges(faces)
+    except ValueError:
+        return False
+    return len(faces) >= FEWEST_FACES
 
 
 def volume_m3(vertices_m: Floats, faces: Ints) -> float:

@@ -22,7 +22,7 @@ from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import contours_of
-from services.mocap.fit.jacobian import ShapeSlopes, jacobian, normal_sums
+from services.mocap.fit.jacobian import ShapeSlopes, jacobian
 from services.mocap.fit.matching import Matches, match_frame
 from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State, System
 from services.mocap.fit.priors import Prior
@@ -76,14 +76,12 @@ class BodyAdjustment:
         return motions, np.mean([state.poses for state in last], axis=0)
 
     def _linearised(self, state: State, stage: Stage) -> System:
-        rig, n_frames, d = self._moved_rig(state.x), len(state.poses), len(stage.dofs)
-        n_views, s = n_frames * rig.n_cameras, len(stage.parameters)
-        prior = self._prior.quadratic(self._shape, state.poses, n_views)
-        system = System(
-            poses=np.tile(np.diag(prior.pose_diagonal), (n_frames, 1, 1)),
-            cross=np.zeros((n_frames, d, s)),
+        rig, n_frames, s = self._moved_rig(state.x), len(state.poses), len(stage.parameters)
+        of_poses, n_views = replace(stage, parameters=()), n_frames * rig.n_cameras
+        system = replace(
+            self._prior.system(State(self._shape, state.poses), of_poses, n_views),
+            cross=np.zeros((n_frames, len(stage.dofs), s)),
             shape=_RIDGE * np.eye(s),
-            pose_slopes=prior.pose_slopes,
             shape_slopes=np.zeros(s),
         )
         columns = np.array([*stage.dofs, *(N_DOF + p for p in stage.parameters)])
@@ -92,12 +90,7 @@ class BodyAdjustment:
             rows = self._rows(pose, rig, views)[:, columns]
             residuals_px = np.concatenate([view.residuals_px for view in views])
             weights = np.concatenate([view.lengths_px for view in views]) * stage.weights(residuals_px)
-            sums, gradient = normal_sums(rows, residuals_px, weights)
-            system.poses[f] += sums[:d, :d]
-            system.cross[f] += sums[:d, d:]
-            system.shape[...] += sums[d:, d:]
-            system.pose_slopes[f] += gradient[:d]
-            system.shape_slopes[...] += gradient[d:]
+            system.add_frame(f, rows, residuals_px, weights)
         return system
 
     def _rows(self, pose: Floats, rig: Rig, views: list[Matches]) -> Floats:

@@ -69,7 +69,7 @@ def draw_unsure_sheet(seen: Sequence[Seen], titles: Sequence[str]) -> Bytes:
     for c, (one, title) in enumerate(zip(seen, titles, strict=True)):
         tile = draw_unsure(one.picture, one.trimap, grid)
         write_text(tile, title, (8, 20), UNSURE_BGR, _TEXT_SCALE)
-        grid.paste(sheet, c, tile)
+        grid.place(sheet, c)[:] = tile
     return sheet
 
 
@@ -90,7 +90,7 @@ def _block(seen: Sequence[Seen], state: Shown, cuts: list[tuple[slice, slice]], 
         model, cut = state.segment_masks[c], cuts[c]
         tile = draw_difference(one.picture[cut], one.trimap[cut], model[cut], grid)
         write_text(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), _WHITE_BGR, _TEXT_SCALE)
-        grid.paste(block[_HEADER_PX:], c, tile)
+        grid.place(block[_HEADER_PX:], c)[:] = tile
     return block
 
 

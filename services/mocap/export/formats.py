@@ -109,9 +109,8 @@ def _overlay(folder: Path, result: Result, options: Options) -> None:
 
 
 def _report(folder: Path, result: Result, _: Options) -> None:
-    from services.mocap.export.page.html_report import (
-        write_report,  # Matplotlib may be missing, and takes a second
-    )
+    # Matplotlib may be missing, and takes a second.
+    from services.mocap.export.page.html_report import write_report
 
     write_report(folder / REPORT, result)
 

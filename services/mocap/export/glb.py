@@ -5,6 +5,7 @@ are those of motion.bvh: y up, facing +z at heading zero, as glTF has it. Length
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pygltflib as gltf
@@ -36,6 +37,7 @@ _NODE_NAMES = (*SEGMENT_NAMES, *TIP_JOINTS)
 _NODE_JOINTS = (*SEGMENT_JOINT.values(), *TIP_JOINTS)
 _NODE_PARENTS = [JOINTS[JOINT_INDEX[joint]].parent for joint in _NODE_JOINTS]
 _LEAST_NORMAL = 1e-12
+_COMPONENTS = {"float32": gltf.FLOAT, "uint16": gltf.UNSIGNED_SHORT, "uint32": gltf.UNSIGNED_INT}
 
 
 def write_glb(path: Path, motion: Motion) -> None:
@@ -81,16 +83,15 @@ class _File:
     def add_body(self, body: Body) -> None:
         """One mesh for each segment, in their order."""
         for segment, (vertices_m, faces) in zip(SEGMENTS, body.shown, strict=True):
-            attributes = gltf.Attributes(
-                POSITION=self._vertices(to_y_up(vertices_m)),
-                NORMAL=self._vertices(_normals(vertices_m, faces)),
+            position, normal = (
+                self._accessor(values, "VEC3", with_range=True, target=gltf.ARRAY_BUFFER)
+                for values in (to_y_up(vertices_m), _normals(vertices_m, faces))
             )
             small = int(faces.max()) < np.iinfo(np.uint16).max  # the largest number itself is reserved
             indices = faces.reshape(-1, 1).astype("<u2" if small else "<u4")
-            kind = gltf.UNSIGNED_SHORT if small else gltf.UNSIGNED_INT
             primitive = gltf.Primitive(
-                attributes=attributes,
-                indices=self._put(indices, "SCALAR", kind, target=gltf.ELEMENT_ARRAY_BUFFER),
+                attributes=gltf.Attributes(POSITION=position, NORMAL=normal),
+                indices=self._accessor(indices, "SCALAR", target=gltf.ELEMENT_ARRAY_BUFFER),
                 material=list(_COLOURS_BGR).index(segment.side or "centre"),
             )
             self._document.meshes.append(gltf.Mesh(name=segment.name, primitives=[primitive]))
@@ -130,24 +131,12 @@ class _File:
         target = gltf.AnimationChannelTarget(node=node, path=path)
         animation.channels.append(gltf.AnimationChannel(sampler=len(animation.samplers) - 1, target=target))
 
-    def _vertices(self, values: Floats) -> int:
-        return self._accessor(values, "VEC3", with_range=True, target=gltf.ARRAY_BUFFER)
-
     def _accessor(
-        self, values: Floats, kind: str, *, with_range: bool = False, target: int | None = None
+        self, values: NDArray[Any], kind: str, *, with_range: bool = False, target: int | None = None
     ) -> int:
-        """The index of an accessor to values (N, k), which are kept as 32-bit numbers."""
-        return self._put(values.astype("<f4"), kind, gltf.FLOAT, with_range=with_range, target=target)
-
-    def _put(
-        self,
-        values: NDArray[np.generic],
-        kind: str,
-        component: int,
-        *,
-        with_range: bool = False,
-        target: int | None = None,
-    ) -> int:
+        """The index of an accessor to values (N, k), which are kept as given, floats in 32 bits."""
+        if values.dtype.kind == "f":
+            values = values.astype("<f4")
         view = gltf.BufferView(
             buffer=0, byteOffset=len(self._numbers), byteLength=values.nbytes, target=target
         )
@@ -156,7 +145,7 @@ class _File:
         self._numbers += bytes(-len(self._numbers) % 4)
         accessor = gltf.Accessor(
             bufferView=len(self._document.bufferViews) - 1,
-            componentType=component,
+            componentType=_COMPONENTS[values.dtype.name],
             count=len(values),
             type=kind,
             min=values.min(axis=0).tolist() if with_range else None,

@@ -176,7 +176,7 @@ class OverlayWriter:
             _check_size(camera, picture)
             tile = draw_tile(picture, segment_mask, self._grid, hatch)
             write_text(tile, camera.name, (8, 22), _WHITE_BGR, _TEXT_SCALE)
-            self._grid.paste(sheet[HEADER_PX:], index, tile)
+            self._grid.place(sheet[HEADER_PX:], index)[:] = tile
         self._video.write(sheet)
 
 

@@ -39,15 +39,13 @@ _SCREEN_SHAPE = (16, 9)
 _FULL_GRID_ZOOM = 0.7
 """How much smaller than in the best grid the tiles may be, to avoid gaps in the grid."""
 
-# By the values of a segment mask: the fill's colour times its coverage (3) and the coverage (1), 0 to 255.
-_FILL: Bytes = np.array(
-    [(0, 0, 0, 0), (*CENTRE_BGR, 255), (*LEFT_BGR, 255), (*RIGHT_BGR, 255)], dtype=np.uint8
-)
 _MISSED, _BEYOND, _UNSURE = 4, 5, 6
 # By the values of a segment mask, and these three.
 _COLOURS = np.array(
     [(0, 0, 0), CENTRE_BGR, LEFT_BGR, RIGHT_BGR, MISSED_BGR, BEYOND_BGR, UNSURE_BGR], np.float32
 )
+# By the values of a segment mask: the fill's colour times its coverage (3) and the coverage (1), 0 to 255.
+_FILL: Bytes = np.column_stack([_COLOURS[:4], (0, 255, 255, 255)]).astype(np.uint8)
 _OPACITIES = np.array([0.0, 0.4, 0.4, 0.4, 0.9, 0.9, 0.5], np.float32)
 
 
@@ -60,15 +58,11 @@ class Grid:
     tile_width_px: int
     tile_height_px: int
 
-    def tile_origin_px(self, index: int) -> tuple[int, int]:
-        """(x, y) of a tile's first pixel in the sheet."""
+    def place(self, sheet: Bytes, index: int) -> Bytes:
+        """The part of a sheet (H, W, 3) that a tile is to fill."""
         row, column = divmod(index, self.columns)
-        return column * self.tile_width_px, row * self.tile_height_px
-
-    def paste(self, sheet: Bytes, index: int, tile: Bytes) -> None:
-        """Put a tile into its place in a sheet."""
-        x, y = self.tile_origin_px(index)
-        sheet[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
+        y, x = row * self.tile_height_px, column * self.tile_width_px
+        return sheet[y : y + self.tile_height_px, x : x + self.tile_width_px]
 
 
 def grid_for(cameras: Sequence[Camera], tile_width_px: int) -> Grid:
@@ -140,10 +134,9 @@ def draw_difference(picture: Bytes, trimap: Trimap, segment_mask: Bytes, grid: G
     yellow, model without actor magenta; unsure pixels are cyan.
     """
     kinds = np.where(trimap == UNSURE, _UNSURE, segment_mask)
-    differing = differing_pixels(trimap, segment_mask)
-    return _draw_kinds(
-        picture, np.where(differing, np.where(segment_mask == 0, _MISSED, _BEYOND), kinds), grid
-    )
+    differing = np.where(segment_mask == 0, _MISSED, _BEYOND)
+    kinds = np.where(differing_pixels(trimap, segment_mask), differing, kinds)
+    return _draw_kinds(picture, kinds, grid)
 
 
 def draw_unsure(picture: Bytes, trimap: Trimap, grid: Grid) -> Bytes:

@@ -9,10 +9,9 @@ from scipy.spatial import cKDTree
 
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, camera_bit
+from services.mocap.search.chains import REFERENCE_WIDTH_PX
 from services.mocap.types import Floats, Ints, Mask
 
-WORKING_WIDTH_PX = 320
-"""Working pixels: lengths in pictures are measured in pixels of pictures of this width."""
 BORDER_PX = 2.0
 """This near to a picture's border, in pixels of the camera, an outline may be the picture's end."""
 _NORMAL_REACH_PX = 1.5
@@ -92,8 +91,8 @@ def features_of(points_px: Floats, normals: Floats, scale: float) -> Floats:
 
 
 def working_scales(rig: Rig) -> Floats:
-    """(C,) pixels of a camera per working pixel."""
-    scales: Floats = rig.sizes_px[:, 0] / WORKING_WIDTH_PX
+    """(C,) pixels of a camera per working pixel, which is one of a picture 320 pixels wide."""
+    scales: Floats = rig.sizes_px[:, 0] / REFERENCE_WIDTH_PX
     return scales
 
 
@@ -111,30 +110,21 @@ def contours_of(rig: Rig, seen: TriPlanes, n_chosen: int) -> list[list[Contour]]
 
 def outline_of(silhouette: Mask) -> tuple[Floats, Floats]:
     """(N, 2) points, one for each pixel on the actor and neighbour off it, and unit normals (N, 2)."""
+    # Only about the actor: pictures are large.
     left, top, width, height = cv2.boundingRect(silhouette.view(np.uint8))
     if width == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
     low = np.maximum([left - _ROOM_PX, top - _ROOM_PX], 0)
     high = left + width + _ROOM_PX, top + height + _ROOM_PX
     part = silhouette[low[1] : high[1], low[0] : high[0]]
-    points_px = _between_pixels(part)
-    kept = off_border(points_px + low, np.array(silhouette.shape[::-1], np.int32))
+    y, x = np.nonzero(part[:, 1:] != part[:, :-1])
+    beside = np.column_stack([x + 0.5, y])
+    y, x = np.nonzero(part[1:] != part[:-1])
+    points_px = np.vstack([beside, np.column_stack([x, y + 0.5])]).astype(np.float64)
+    last_px = np.array(silhouette.shape[::-1]) - 1 - BORDER_PX
+    kept = np.all((points_px + low >= BORDER_PX) & (points_px + low <= last_px), axis=1)
     smooth_px, normals = _smooth(part, points_px[kept])
     return smooth_px + low, normals
-
-
-def off_border(points_px: Floats, size_px: Ints) -> Mask:
-    """Which points (N, 2) lie well within a picture of a width and height (2,)."""
-    inside: Mask = np.all((points_px >= BORDER_PX) & (points_px <= size_px - 1 - BORDER_PX), axis=1)
-    return inside
-
-
-def _between_pixels(silhouette: Mask) -> Floats:
-    """(N, 2) midpoints of neighbours of which one is on the actor."""
-    y, x = np.nonzero(silhouette[:, 1:] != silhouette[:, :-1])
-    beside = np.column_stack([x + 0.5, y])
-    y, x = np.nonzero(silhouette[1:] != silhouette[:-1])
-    return np.vstack([beside, np.column_stack([x, y + 0.5])]).astype(np.float64)
 
 
 def _smooth(silhouette: Mask, points_px: Floats) -> tuple[Floats, Floats]:

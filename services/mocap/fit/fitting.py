@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -78,18 +79,18 @@ def fit_actor(
     if starts.shape != (n_frames, len(ALL_DOFS)):
         raise ValueError(f"poses: expected ({n_frames}, {len(ALL_DOFS)}) or one pose, got {poses.shape}")
     starts = pose_of_body(clip_to_limits(starts), body)
-    contours = contours_of(rig, seen, _CONTOUR_POINTS)
-    account = _Account(progress, n_frames, n_starts=2 if following else 1)
+    contours, shaping = contours_of(rig, seen, _CONTOUR_POINTS), _of_body(_SHAPING, body)
+    step = _step_counter(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
-    state = _place(rig, contours, begun, following, account, body, start)
+    state = _place(rig, contours, begun, following, partial(step, 1), body, start)
     prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3, height_m)
     fitting = Fitting(rig, contours, prior, start)
-    for stage in _of_body(_SHAPING, body):
-        state = fitting.run(state, stage, account.step_of(n_frames))
+    for stage in shaping:
+        state = fitting.run(state, stage, partial(step, n_frames))
     x = state.x if height_m is not None else shape_space.with_true_height(state.x, start)
     actor = shape_space.actor_of(x, start)
     before = quality_of(build_body(start), starts, rig, seen)
-    covariance = fitting.shape_covariance(state, _of_body(_SHAPING, body)[-1])
+    covariance = fitting.shape_covariance(state, shaping[-1])
     after = quality_of(build_body(actor), state.poses, rig, seen)
     progress(1.0)
     if after.energy_px.sum() > before.energy_px.sum():
@@ -102,7 +103,7 @@ def _place(
     contours: list[list[Contour]],
     state: State,
     following: bool,
-    account: "_Account",
+    on_step: Callable[[], None],
     body: BodyName,
     start: Actor,
 ) -> State:
@@ -121,7 +122,7 @@ def _place(
         for pose in starts:
             fitting, at = Fitting(rig, [views], Prior(pose[None]), start), State(x, pose[None])
             for stage in stages:
-                at = fitting.run(at, stage, account.step_of(1))
+                at = fitting.run(at, stage, on_step)
             found.append((at, fitting.cost(at, stages[-1])))
         best = min(found, key=lambda way: way[1])[0]
         x, poses[f] = best.x, best.poses[0]
@@ -135,20 +136,16 @@ def _of_body(stages: tuple[Stage, ...], body: BodyName) -> tuple[Stage, ...]:
     )
 
 
-class _Account:
-    """Counts steps, weighted by their number of frames, and reports the share that is done."""
+def _step_counter(progress: Callable[[float], None], n_frames: int, n_starts: int) -> Callable[[int], None]:
+    """A function to call at every step with its number of frames, which reports the share that is done."""
+    following = sum(stage.steps for stage in _FOLLOWING) * (n_frames - 1)
+    total = sum(stage.steps for stage in _PLACING) + n_starts * following
+    total += n_frames * sum(stage.steps for stage in _SHAPING)
+    done = 0
 
-    def __init__(self, progress: Callable[[float], None], n_frames: int, n_starts: int) -> None:
-        self._progress, self._done = progress, 0
-        placing = sum(stage.steps for stage in _PLACING)
-        following = sum(stage.steps for stage in _FOLLOWING) * (n_frames - 1)
-        self._total = placing + n_starts * following + n_frames * sum(stage.steps for stage in _SHAPING)
+    def step(frames: int) -> None:
+        nonlocal done
+        progress(done / total)
+        done += frames
 
-    def step_of(self, n_frames: int) -> Callable[[], None]:
-        """The function to call at every step over some frames."""
-
-        def step() -> None:
-            self._progress(self._done / self._total)
-            self._done += n_frames
-
-        return step
+    return step

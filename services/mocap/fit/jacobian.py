@@ -133,30 +133,3 @@ def _fill(
                     + g[i] * shifts_m[k, j, i]
                 )
             rows[n, n_dofs + k] = slope
-
-
-@numba.njit(cache=True, nogil=True)
-def normal_sums(rows: Floats, residuals: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """rows' diag(weights) rows (M, M) and rows' diag(weights) residuals (M,) of rows (N, M), mostly zeros.
-
-    Written out, because a library would distribute this small product over cores that other processes use.
-    """
-    n_columns = rows.shape[1]
-    sums, slopes = np.zeros((n_columns, n_columns)), np.zeros(n_columns)
-    columns = np.empty(n_columns, np.int64)
-    for n in range(len(rows)):
-        row, count = rows[n], 0
-        for m in range(n_columns):
-            if row[m] != 0.0:
-                columns[count] = m
-                count += 1
-        for i in range(count):
-            one = columns[i]
-            weighted = weights[n] * row[one]
-            slopes[one] += weighted * residuals[n]
-            for k in range(i + 1):
-                sums[one, columns[k]] += weighted * row[columns[k]]
-    for i in range(n_columns):
-        for k in range(i):
-            sums[k, i] = sums[i, k]
-    return sums, slopes

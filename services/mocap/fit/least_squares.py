@@ -1,4 +1,9 @@
-"""Damped least squares over one shape and many poses (Levenberg and Marquardt)."""
+"""Damped least squares over one shape and many poses (Levenberg and Marquardt).
+
+There is a second solver in search/alignment, for one pose of a known body in milliseconds: compiled, with
+matches of the rim alone, along its normals. A shape needs matches both ways, and takes seconds. One solver
+for both was measured: results of some takes became worse.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,7 +15,7 @@ from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import Contour
-from services.mocap.fit.jacobian import ShapeSlopes, jacobian, normal_sums
+from services.mocap.fit.jacobian import ShapeSlopes, jacobian
 from services.mocap.fit.matching import Matches, match_frame
 from services.mocap.fit.normal_equations import Stage, State, System
 from services.mocap.fit.priors import WEIGHT_PX3, Prior
@@ -53,7 +58,7 @@ class Fitting:
         self, rig: Rig, contours: list[list[Contour]], prior: Prior, base: Actor = shape_space.GENERIC_ACTOR
     ) -> None:
         self._rig, self._contours, self._prior, self._base = rig, contours, prior, base
-        self._camera_weights = np.ones(rig.n_cameras)
+        self._camera_weights, self._n_views = np.ones(rig.n_cameras), len(contours) * rig.n_cameras
 
     def run(self, state: State, stage: Stage, on_step: Callable[[], None]) -> State:
         """Minimise from a state; on_step is called stage.steps times in total.
@@ -116,7 +121,7 @@ class Fitting:
 
     def _matched(self, state: State, stage: Stage) -> _Matched:
         matches = self._match(state)
-        cost = self._prior.cost(state.x, state.poses, self._n_views)
+        cost = self._prior.cost(state, self._n_views)
         for views in matches:
             for view, camera_weight in zip(views, self._camera_weights, strict=True):
                 cost += camera_weight * float(view.lengths_px @ stage.losses(view.residuals_px))
@@ -134,33 +139,15 @@ class Fitting:
         weights: Floats = 1.0 / np.maximum(excess, 1.0) ** 2
         return weights
 
-    @property
-    def _n_views(self) -> int:
-        return len(self._contours) * self._rig.n_cameras
-
     def _linearise(self, current: _Matched, slopes: ShapeSlopes, stage: Stage) -> System:
-        n_frames, d, s = len(self._contours), len(stage.dofs), len(stage.parameters)
-        prior = self._prior.quadratic(current.state.x, current.state.poses, self._n_views)
-        parameters, dofs = list(stage.parameters), list(stage.dofs)
-        system = System(
-            poses=np.tile(np.diag(prior.pose_diagonal[dofs]), (n_frames, 1, 1)),
-            cross=np.zeros((n_frames, d, s)),
-            shape=prior.shape[np.ix_(parameters, parameters)],
-            pose_slopes=prior.pose_slopes[:, dofs],
-            shape_slopes=prior.shape_slopes[parameters],
-        )
-        columns = np.array([*dofs, *range(N_DOF, N_DOF + s)])
+        system = self._prior.system(current.state, stage, self._n_views)
+        columns = np.array([*stage.dofs, *range(N_DOF, N_DOF + len(stage.parameters))])
         for f, views in enumerate(current.matches):
             rows = jacobian(slopes, current.state.poses[f], self._rig, views)[:, columns]
             residuals_px = np.concatenate([view.residuals_px for view in views])
             lengths_px = [w * view.lengths_px for view, w in zip(views, self._camera_weights, strict=True)]
             weights = np.concatenate(lengths_px) * stage.weights(residuals_px)
-            sums, gradient = normal_sums(rows, residuals_px, weights)
-            system.poses[f] += sums[:d, :d]
-            system.cross[f] += sums[:d, d:]
-            system.shape[...] += sums[d:, d:]
-            system.pose_slopes[f] += gradient[:d]
-            system.shape_slopes[...] += gradient[d:]
+            system.add_frame(f, rows, residuals_px, weights)
         return system
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from services.mocap.body import shape_space
@@ -72,6 +73,16 @@ class System:
     shape_slopes: Floats
     """(s,)"""
 
+    def add_frame(self, f: int, rows: Floats, residuals_px: Floats, weights: Floats) -> None:
+        """Add a frame's residuals (N,), with weights (N,) and slopes (N, d + s) by its pose and the shape."""
+        sums, gradient = normal_sums(rows, residuals_px, weights)
+        d = self.poses.shape[1]
+        self.poses[f] += sums[:d, :d]
+        self.cross[f] += sums[:d, d:]
+        self.shape[...] += sums[d:, d:]
+        self.pose_slopes[f] += gradient[:d]
+        self.shape_slopes[...] += gradient[d:]
+
     def shape_information(self) -> Floats:
         """(s, s) information about the shape with free poses: the inverse of its covariance."""
         onto_shape = np.linalg.solve(self.poses, self.cross)
@@ -80,8 +91,8 @@ class System:
 
     def free_shape_step(self) -> Floats:
         """(s,) the shape's part of the whole step to the least cost, with no bounds."""
-        none = np.zeros_like(self.shape_slopes), np.zeros_like(self.pose_slopes)
-        return self._solve((none[0], none[0]), (none[1], none[1]), damping=0.0)[0]
+        free, free_poses = np.zeros_like(self.shape_slopes), np.zeros_like(self.pose_slopes)
+        return self._solve((free, free), (free_poses, free_poses), damping=0.0)[0]
 
     def step(
         self, state: State, stage: Stage, bounds: Callable[[Floats], Floats] = shape_space.clip_to_bounds
@@ -100,10 +111,8 @@ class System:
             shape_step, pose_steps = self._solve(
                 (shape_walls, to_shape_bound), (pose_walls, to_pose_bound), stage.damping
             )
-            x[parameters], poses[:, dofs] = (
-                state.x[parameters] + shape_step,
-                state.poses[:, dofs] + pose_steps,
-            )
+            x[parameters] = state.x[parameters] + shape_step
+            poses[:, dofs] = state.poses[:, dofs] + pose_steps
             held, held_poses = bounds(x), clip_to_limits(poses)
             beyond, poses_beyond = held != x, held_poses != poses
             x, poses = held, held_poses
@@ -135,3 +144,30 @@ class System:
         right = right - (transposed @ onto_slopes[:, :, None]).sum(axis=0)[:, 0]
         shape_step = -np.linalg.solve(left, right)
         return shape_step, -onto_slopes - onto_shape @ shape_step
+
+
+@numba.njit(cache=True, nogil=True)
+def normal_sums(rows: Floats, residuals: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """rows' diag(weights) rows (M, M) and rows' diag(weights) residuals (M,) of rows (N, M), mostly zeros.
+
+    Written out, because a library would distribute this small product over cores that other processes use.
+    """
+    n_columns = rows.shape[1]
+    sums, slopes = np.zeros((n_columns, n_columns)), np.zeros(n_columns)
+    columns = np.empty(n_columns, np.int64)
+    for n in range(len(rows)):
+        row, count = rows[n], 0
+        for m in range(n_columns):
+            if row[m] != 0.0:
+                columns[count] = m
+                count += 1
+        for i in range(count):
+            one = columns[i]
+            weighted = weights[n] * row[one]
+            slopes[one] += weighted * residuals[n]
+            for k in range(i + 1):
+                sums[one, columns[k]] += weighted * row[columns[k]]
+    for i in range(n_columns):
+        for k in range(i):
+            sums[k, i] = sums[i, k]
+    return sums, slopes

@@ -4,7 +4,6 @@ Everything is weighed in the unit of the data's cost, square working pixels of d
 pixels of outline: one standard deviation costs as much as WEIGHT_PX3 in every view.
 """
 
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
@@ -14,6 +13,7 @@ from services.mocap.body.shape_prior import COVARIANCE, MEAN
 from services.mocap.body.shape_space import INDEX
 from services.mocap.body.skeleton import DOFS, JOINTS, SEGMENTS, Dof
 from services.mocap.body.skeleton_table import EXTREMITY_WINDOW_PX
+from services.mocap.fit.normal_equations import Stage, State, System
 from services.mocap.types import Floats
 
 WEIGHT_PX3 = 0.05
@@ -27,20 +27,6 @@ _TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
 """Standard deviation of the pose from the initial one: twists; head, hands and feet; all other joints."""
 _ROOT = JOINTS[0].name
 _END_JOINTS = {segment.joint for segment in SEGMENTS if segment.row.window_px == EXTREMITY_WINDOW_PX}
-
-
-@dataclass(frozen=True, eq=False)
-class Quadratic:
-    """The prior's part of the normal equations."""
-
-    shape: Floats
-    """(S, S) over all shape parameters."""
-    shape_slopes: Floats
-    """(S,) half the gradient."""
-    pose_diagonal: Floats
-    """(D,) the same in every frame."""
-    pose_slopes: Floats
-    """(F, D)"""
 
 
 class Prior:
@@ -60,11 +46,11 @@ class Prior:
         self._pose_precision = np.array([_deviation(dof) ** -2 for dof in DOFS])
         self._shape_precision = np.asarray(np.linalg.inv(covariance), np.float64)
 
-    def cost(self, x: Floats, poses: Floats, n_views: int) -> float:
-        """What a shape vector and poses (F, D) cost, seen in n_views."""
-        off, off_poses = x - self._mean, (poses - self._poses) ** 2 @ self._pose_precision
+    def cost(self, state: State, n_views: int) -> float:
+        """What a state costs, seen in n_views."""
+        off, off_poses = state.x - self._mean, (state.poses - self._poses) ** 2 @ self._pose_precision
         shape = self.shape_weight_px3 * float(off @ self._shape_precision @ off)
-        return n_views * (shape + self._weight_px3 * float(off_poses.sum()) / len(poses))
+        return n_views * (shape + self._weight_px3 * float(off_poses.sum()) / len(state.poses))
 
     @property
     def shape_weight_px3(self) -> float:
@@ -75,15 +61,16 @@ class Prior:
         """(S, S) the prior's part of the normal equations of shapes seen in n_views."""
         return self.shape_weight_px3 * n_views * self._shape_precision
 
-    def quadratic(self, x: Floats, poses: Floats, n_views: int) -> Quadratic:
-        """The normal equations of that cost."""
-        shape = self.shape_precision(n_views)
-        per_frame = self._weight_px3 * n_views / len(poses)
-        return Quadratic(
-            shape=shape,
-            shape_slopes=shape @ (x - self._mean),
-            pose_diagonal=per_frame * self._pose_precision,
-            pose_slopes=per_frame * self._pose_precision * (poses - self._poses),
+    def system(self, state: State, stage: Stage, n_views: int) -> System:
+        """The normal equations of that cost in what a stage varies."""
+        parameters, dofs, n_frames = list(stage.parameters), list(stage.dofs), len(state.poses)
+        shape, per_frame = self.shape_precision(n_views), self._weight_px3 * n_views / n_frames
+        return System(
+            poses=np.tile(np.diag(per_frame * self._pose_precision[dofs]), (n_frames, 1, 1)),
+            cross=np.zeros((n_frames, len(dofs), len(parameters))),
+            shape=shape[np.ix_(parameters, parameters)],
+            pose_slopes=(per_frame * self._pose_precision * (state.poses - self._poses))[:, dofs],
+            shape_slopes=(shape @ (state.x - self._mean))[parameters],
         )
 
 

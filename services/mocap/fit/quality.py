@@ -6,7 +6,7 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, unpack
+from services.mocap.energy.bitplanes import TriPlanes, count_by_camera
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SURFACES
@@ -22,11 +22,6 @@ class FitQuality:
     iou: Floats
     """(F, C) pixels in both silhouettes over pixels in either, unsure ones aside; 1 where both are empty."""
 
-    @property
-    def mean_iou(self) -> float:
-        """Over all frames and cameras."""
-        return float(self.iou.mean())
-
 
 def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuality:
     """Compare a body in poses (F, D) with what is seen (F, P, H, W); unsure pixels do not count."""
@@ -34,13 +29,12 @@ def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuali
     drawn = backend.coverage(poses, ALL_SURFACES, Region.whole(rig))
     backend.close()
     counted = ~(Region.whole(rig).outside(rig) | seen.unsure)
-    both = np.array([_counts(planes, rig) for planes in drawn & seen.silhouettes & counted])
-    either = np.array([_counts(planes, rig) for planes in (drawn | seen.silhouettes) & counted])
+    both = _counts(drawn & seen.silhouettes & counted, rig)
+    either = _counts((drawn | seen.silhouettes) & counted, rig)
     iou = np.where(either > 0, both / np.maximum(either, 1), 1.0)
     return FitQuality((either - both).sum(axis=1).astype(np.float64), iou)
 
 
-def _counts(planes: Bytes, rig: Rig) -> Floats:
-    """(C,) set pixels of each camera."""
-    counts: Floats = unpack(planes, rig.n_cameras).sum(axis=(1, 2)).astype(np.float64)
-    return counts
+def _counts(frames: Bytes, rig: Rig) -> Floats:
+    """(F, C) set pixels of each camera in frames (F, P, H, W)."""
+    return np.array([count_by_camera(planes, rig.n_cameras) for planes in frames], np.float64)

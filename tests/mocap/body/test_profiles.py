@@ -17,7 +17,7 @@ from services.mocap.body.profiles import (
     bezier_weights,
     factors_along,
 )
-from services.mocap.body.shape import generic_segments
+from services.mocap.body.shape import SegmentMesh, generic_segments
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX
 from services.mocap.body.skeleton_table import ROWS
 from services.mocap.errors import TakeError, load_toml, validated
@@ -27,9 +27,17 @@ FACTORS = st.lists(st.floats(*FACTOR_RANGE), min_size=1, max_size=MOST_CONTROLS)
 PROFILES = st.dictionaries(st.sampled_from(list(SECTIONS)), st.builds(Profile, width=FACTORS, depth=FACTORS))
 
 
+def form_of(segment: str) -> SegmentMesh:
+    return generic_segments()[SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]]
+
+
 def mesh_of(segment: str) -> Floats:
-    vertices = generic_segments()[SEGMENT_INDEX[segment if segment in SEGMENT_INDEX else f"left_{segment}"]]
-    return vertices.vertices_heights
+    return form_of(segment).vertices_heights
+
+
+def factors_of(segment: str, extent: str, profiles: dict[str, Profile]) -> Floats:
+    """(V,) of the generic segment."""
+    return np.asarray(factors_along(segment, extent, profiles, form_of(segment)))
 
 
 @given(FACTORS, st.lists(st.floats(-1.0, 2.0), min_size=1, max_size=20))
@@ -65,7 +73,7 @@ def test_factors_are_positive_and_no_larger_than_neighbouring_controls_make_them
     low, high = FACTOR_RANGE
     for segment in SECTIONS:
         for extent in ("width", "depth"):
-            factors = np.asarray(factors_along(segment, extent, profiles))
+            factors = factors_of(segment, extent, profiles)
             assert np.all(np.isfinite(factors))
             assert np.all((factors >= low * low / high) & (factors <= high * high / low))
 
@@ -82,14 +90,14 @@ def test_generic_profiles_leave_every_bit_of_the_body() -> None:
 def test_one_factor_scales_the_whole_segment_in_one_direction(segment: str, extent: str) -> None:
     # All other segments get the factor too, as some follow their neighbours beyond their ends.
     profiles = {name: Profile.model_validate({extent: (1.25,)}) for name in SECTIONS}
-    factors = np.broadcast_to(factors_along(segment, extent, profiles), len(mesh_of(segment)))
+    factors = np.broadcast_to(factors_of(segment, extent, profiles), len(mesh_of(segment)))
     haunches = (segment, extent) == ("thigh", "width")
     bulk = (mesh_of(segment)[:, 1] < 0) | (mesh_of(segment)[:, 2] < -0.151) if haunches else factors > 0
     if (segment, extent) == ("foot", "depth"):
         bulk = mesh_of(segment)[:, 2] == mesh_of(segment)[:, 2].min()  # the sole
     np.testing.assert_allclose(factors[bulk], 1.25)
     other = "depth" if extent == "width" else "width"
-    np.testing.assert_array_equal(factors_along(segment, other, profiles), 1.0)
+    np.testing.assert_array_equal(factors_of(segment, other, profiles), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -114,13 +122,13 @@ def test_segments_that_share_a_joints_factor_have_one_curve_through_the_joint(
                 bezier_weights(along / bone, len(one)) @ one,
             )
             curved = along * np.sign(bone) >= 0  # the pelvis goes on below its near end
-            factors = np.asarray(factors_along(segment, extent, profiles))
+            factors = factors_of(segment, extent, profiles)
             np.testing.assert_allclose(factors[curved], curve[curved], rtol=1e-12)
 
 
 def test_a_deep_foot_is_deep_below_the_ankle_and_mostly_at_the_sole() -> None:
     z = mesh_of("foot")[:, 2]
-    factors = np.asarray(factors_along("foot", "depth", {"foot": Profile(depth=(1.5,))}))
+    factors = factors_of("foot", "depth", {"foot": Profile(depth=(1.5,))})
     np.testing.assert_array_equal(factors[z >= 0], 1.0)
     assert np.all(np.diff((factors * z)[np.argsort(z)]) >= 0)
     np.testing.assert_allclose(factors[z < 0], 1.0 + 0.5 * z[z < 0] / z.min())
@@ -129,10 +137,10 @@ def test_a_deep_foot_is_deep_below_the_ankle_and_mostly_at_the_sole() -> None:
 def test_the_pelvis_narrows_into_the_thighs() -> None:
     wide = {"pelvis": Profile(width=(1.5,), depth=(1.5,)), "thigh": Profile(width=(1.2,), depth=(1.2,))}
     z = mesh_of("pelvis")[:, 2]
-    depths = np.asarray(factors_along("pelvis", "depth", wide))
+    depths = factors_of("pelvis", "depth", wide)
     np.testing.assert_allclose(depths[z >= 0.0], 1.5)
     np.testing.assert_allclose(depths[z <= -0.045], 1.2)
-    np.testing.assert_allclose(factors_along("pelvis", "width", wide), 1.5)
+    np.testing.assert_allclose(factors_of("pelvis", "width", wide), 1.5)
 
 
 @pytest.mark.parametrize("factor", [0.8, 0.9, 1.0, 1.15, 1.3, 1.5])

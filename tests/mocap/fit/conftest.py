@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from random_shapes import random_shape
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
-from services.mocap.body.shape_prior import random_shape
 from services.mocap.body.shape_space import body_of
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig

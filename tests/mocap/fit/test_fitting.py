@@ -39,7 +39,7 @@ def test_a_person_of_unknown_shape_is_found(rig: Rig, a_person: Callable[..., An
     height_mm, joints_mm = _errors_mm(fit, person)
     assert height_mm < 10
     assert joints_mm < 15
-    assert fit.after.mean_iou > 0.96
+    assert fit.after.iou.mean() > 0.96
     barefoot = body_of(without_shoes(vector_of(fit.actor)))
     assert fit.actor.height == pytest.approx(barefoot.standing_height_m, abs=0.003)
     assert abs(vector_of(fit.actor)[INDEX["shank"]] - person.x[INDEX["shank"]]) < 0.08

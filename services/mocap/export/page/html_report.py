@@ -13,6 +13,7 @@ from jinja2 import Environment, StrictUndefined
 from services.mocap.atomic import atomic_file
 from services.mocap.errors import TakeError
 from services.mocap.export.page import charts
+from services.mocap.export.page.charts import svg_of
 from services.mocap.result.layout import OVERLAY
 from services.mocap.result.result import Result
 from services.mocap.take.fit_record import FIT_FOLDER
@@ -93,7 +94,10 @@ def write_report(path: Path, result: Result) -> None:
         ),
         fit_picture=_fit_picture(result.folder),
         sections=list(_sections(result)),
-        joint_errors=_joint_errors(result.run),
+        joint_errors=[
+            (joint.replace("_", " "), f"{error:.1f} mm")
+            for joint, error in result.run.get("accuracy", {}).get("mean_by_joint_mm", {}).items()
+        ],
         tables=[(title, rows) for title, rows in _tables(result) if rows],
     )
     with atomic_file(path) as part:
@@ -141,20 +145,20 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
         "The energy is the number of pixels, over all cameras, in which model and silhouettes differ. What "
         "is usual depends on cameras and clothes: look for steps and peaks. Below it the prior cost for the "
         "distance from the expected pose. Red, here and below: frames with doubtful parts.",
-        charts.energy(result),
+        svg_of(charts.energy, result),
     )
     known = result.quantities
     if "part_px" in known:
         yield (
             "Energy by part",
             "The same, each pixel counted to the part of the body that it is nearest to; legs, head dashed.",
-            charts.parts(result, known["part_px"]),
+            svg_of(charts.parts, result, known["part_px"]),
         )
         yield (
             "Overlap, by camera",
             f"{IOU_IN_WORDS} A curve for each camera, with its mean. A camera that stands out is out of "
             "step, badly calibrated or badly segmented.",
-            charts.overlaps_over_time(result, known["iou"]),
+            svg_of(charts.overlaps_over_time, result, known["iou"]),
         )
     fit = result.run.get("fit")
     if fit:
@@ -163,26 +167,25 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
             f"Intersection over union of model and silhouette, mean of frames {fit['first_frame']} to "
             f"{fit['end_frame'] - 1}, to which the actor was fitted. A camera that stands out is badly "
             "calibrated or badly segmented.",
-            charts.overlaps(fit["iou_after"]),
+            svg_of(charts.overlaps, fit["iou_after"]),
         )
     if result.tracked.marks is not None:
         yield (
             "Trust",
             "Confidence of each part; the torso stands for the whole body. Red: unreliable.",
-            charts.trust(result),
+            svg_of(charts.trust, result),
         )
     yield (
         "Joint angles",
         "By the recommendations of the ISB, in degrees; angles.csv has all angles.",
-        charts.angles(result),
+        svg_of(charts.angles, result),
     )
     if seconds := known.get("seconds"):
-        yield "Time per frame", "Wall time of every frame and its stages.", charts.timings(result, seconds)
-
-
-def _joint_errors(run: Mapping[str, Any]) -> Rows:
-    errors = run.get("accuracy", {}).get("mean_by_joint_mm", {})
-    return [(joint.replace("_", " "), f"{error:.1f} mm") for joint, error in errors.items()]
+        yield (
+            "Time per frame",
+            "Wall time of every frame and its stages.",
+            svg_of(charts.timings, result, seconds),
+        )
 
 
 def _tables(result: Result) -> Iterator[tuple[str, Rows]]:

@@ -5,6 +5,9 @@ the rim look along their normals for the contour that faces the same way, Gauss-
 again with shorter reach and less patience for outliers (a form of articulated ICP on silhouettes: Rosenhahn,
 Brox, Weickert, IJCV 73(3), 2007). Only the model's silhouettes are drawn: they show which parts of the rim
 are hidden, and the pixel contour of the rest, which is compared with the input's.
+
+The fit of a body's shape has a solver of its own (fit/least_squares.py), with slower matches both ways: one
+solver for both was measured, and results of some takes became worse.
 """
 
 from dataclasses import dataclass
