@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from services.mocap.body.humanoid_names import bone_names
 from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import JOINT_INDEX
-from services.mocap.motion.rest import rest_rotations, turns_from_rest
+from services.mocap.motion.motion import rest_rotations, turns_from_rest
 from services.mocap.types import Floats
 
 R_UNITY_ZUP: Floats = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])

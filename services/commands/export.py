@@ -9,7 +9,7 @@ from services.commands.consoles import say
 from services.mocap.body.humanoid_names import Naming
 from services.mocap.errors import UserError, in_short, nearest
 from services.mocap.export.formats import DEFAULT_FORMATS, FORMATS, FormatName, Options, write_formats
-from services.mocap.motion.rest import Rest
+from services.mocap.motion.motion import Rest
 from services.mocap.result.result import load_result
 
 _DEFAULT = Options()

@@ -12,7 +12,7 @@ import numpy as np
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.body_mesh import OwnMesh
-from services.mocap.body.measures import Measure, measure
+from services.mocap.body.measures import Measure, measure, with_uncertainties
 from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
@@ -24,7 +24,6 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.skirts import in_best_skirt
-from services.mocap.fit.uncertainty import with_uncertainties
 from services.mocap.search.first_frame import FirstFrame, first_guess
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs

@@ -10,7 +10,7 @@ from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import SEGMENT_JOINTS, joint_transforms
 from services.mocap.body.skeleton import JOINTS, SEGMENT_JOINT
 from services.mocap.camera.rig import Rig
-from services.mocap.motion.rest import rest_rotations, turns_from_rest
+from services.mocap.motion.motion import rest_rotations, turns_from_rest
 from services.mocap.types import Floats
 from services.mocap.verdict.verdict import Verdict
 from services.viewer.frame_history import FrameHistory

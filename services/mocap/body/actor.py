@@ -94,17 +94,11 @@ class Actor(BaseModel):
         profiles = {
             name: self.profiles[name].model_dump(mode="json") for name in SECTIONS if name in self.profiles
         }
-        tables: dict[str, object] = {"height": self.height, "hip_depth": self.hip_depth}
-        tables |= {"bone_lengths": lengths, "profiles": profiles}
-        if self.hip_depth == 1.0:
-            del tables["hip_depth"]
-        if self.mesh is not None:
-            tables["mesh"] = self._mesh_name(self.mesh)
-        if self.skirt is not None:
-            tables["skirt"] = self.skirt.model_dump()
-        if not profiles:
-            del tables["profiles"]  # keeps the text and the hash of actors without profiles
-        return tomli_w.dumps(tables)
+        depth = None if self.hip_depth == 1.0 else self.hip_depth
+        skirt = None if self.skirt is None else self.skirt.model_dump()
+        tables: dict[str, object] = {"height": self.height, "hip_depth": depth, "bone_lengths": lengths}
+        tables |= {"profiles": profiles or None, "mesh": self._mesh_name(self.mesh), "skirt": skirt}
+        return tomli_w.dumps({name: value for name, value in tables.items() if value is not None})
 
     @field_serializer("mesh")
     def _mesh_name(self, mesh: OwnMesh | None) -> dict[str, str] | None:

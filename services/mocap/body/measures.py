@@ -4,18 +4,21 @@ The body stands upright with its arms held out level (the rest pose), as for mea
 side is measured.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from services.mocap.body.actor import Body
+from services.mocap.body.actor import Actor, Body
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
+from services.mocap.body.shape_space import body_of, clip_to_bounds, vector_of
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX
 from services.mocap.types import Floats
 
 _LEVELS = 25
 """Number of cross-sections for finding the largest or smallest."""
+_DIRECTIONS = 12
+"""The widest of all directions of shapes; the others together move no measure by a millimetre."""
 _CM_PER_M = 100.0
 _TRUNK = ("pelvis", "torso")
 _HIPS = ("pelvis", "torso", "left_thigh", "right_thigh")
@@ -38,6 +41,31 @@ def measure(body: Body) -> tuple[Measure, ...]:
     figure = _Figure(body)
     rows = (*_extents(figure), *_lengths(figure), *_girths(figure))
     return tuple(Measure(name, _CM_PER_M * metres, how) for name, metres, how in rows)
+
+
+def with_uncertainties(
+    measures: tuple[Measure, ...], actor: Actor, covariance: Floats
+) -> tuple[Measure, ...]:
+    """The measures of an actor, each with its standard deviation.
+
+    covariance: (n, n) of the actor's shape vector. The body is measured again, one deviation away in
+    each of the directions that are least known.
+    """
+    x = vector_of(actor)
+    variances, directions = np.linalg.eigh(covariance)
+    steps = directions[:, -_DIRECTIONS:] * np.sqrt(np.maximum(variances[-_DIRECTIONS:], 0.0))
+    here_cm, squares = _cm(actor, x), np.zeros(len(measures))
+    for step in steps.T:
+        squares += (_cm(actor, clip_to_bounds(x + step)) - here_cm) ** 2
+    return tuple(
+        replace(row, uncertainty_cm=float(deviation))
+        for row, deviation in zip(measures, np.sqrt(squares), strict=True)
+    )
+
+
+def _cm(actor: Actor, x: Floats) -> Floats:
+    """(M,) the measures of a shape vector of the actor's mesh."""
+    return np.array([row.cm for row in measure(body_of(x, actor.wearing(None)))])
 
 
 _Row = tuple[str, float, str]

@@ -37,6 +37,7 @@ class Profile(BaseModel):
     """The same for the extent in depth; there may be more or fewer of them."""
 
 
+_GENERIC = Profile()
 SECTIONS: dict[str, Section] = {row.name: row.section for row in ROWS}
 """Segment (without its side) -> how it lies in its frame on the left."""
 _CONTINUES = {row.name: row.continued_by for row in ROWS if row.continued_by is not None}
@@ -115,7 +116,7 @@ def factors_along(
 
 def _into_thighs(form: SegmentMesh, profiles: dict[str, Profile]) -> Floats:
     """What to multiply the pelvis' depths by, so that thighs of another depth come out without a step."""
-    pelvis, thigh = (_nearest_factor(segment, "depth", profiles) for segment in ("pelvis", "thigh"))
+    pelvis, thigh = (profiles.get(segment, _GENERIC).depth[0] for segment in ("pelvis", "thigh"))
     share = smoothstep(_positions(form, "pelvis") / _CROTCH_POSITION)
     depths: Floats = 1.0 + share * (thigh / pelvis - 1.0)
     return depths
@@ -130,17 +131,11 @@ def _sole(form: SegmentMesh) -> Floats:
 
 def _haunches(form: SegmentMesh, profiles: dict[str, Profile]) -> Floats:
     """What to multiply the thigh's widths by, so that its outer side goes on in the pelvis' outline."""
-    pelvis, thigh = (_nearest_factor(segment, "width", profiles) for segment in ("pelvis", "thigh"))
+    pelvis, thigh = (profiles.get(segment, _GENERIC).width[0] for segment in ("pelvis", "thigh"))
     outer = form.vertices_heights[:, 1] > 0.0  # of the hip joint
     share = smoothstep(1.0 - _positions(form, "thigh") / _HAUNCH_POSITION) * outer
     widths: Floats = 1.0 + share * (pelvis**_HAUNCH_POWER / thigh - 1.0)
     return widths
-
-
-def _nearest_factor(segment: str, extent: str, profiles: dict[str, Profile]) -> float:
-    """The factor at a segment's near end."""
-    controls = _controls(segment, extent, profiles)
-    return 1.0 if controls is None else float(controls[0])
 
 
 def _controls(segment: str, extent: str, profiles: dict[str, Profile]) -> Floats | None:

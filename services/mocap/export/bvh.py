@@ -14,8 +14,7 @@ from services.mocap.atomic import atomic_file
 from services.mocap.body.humanoid_names import Naming, bone_names
 from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENTS, TIP_JOINTS, mirrored
-from services.mocap.motion.motion import rotations_to_y_up, to_y_up
-from services.mocap.motion.rest import Rest, rest_rotations, turns_from_rest
+from services.mocap.motion.motion import Rest, rest_rotations, rotations_to_y_up, to_y_up, turns_from_rest
 from services.mocap.motion.root import continuous_angles
 from services.mocap.types import Floats
 

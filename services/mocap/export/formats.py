@@ -13,7 +13,7 @@ from services.mocap.export.bvh import write_bvh
 from services.mocap.export.glb import write_glb
 from services.mocap.export.marker_files import write_c3d, write_trc
 from services.mocap.export.overlay import write_overlay
-from services.mocap.motion.rest import Rest
+from services.mocap.motion.motion import Rest
 from services.mocap.result.layout import (
     ANGLES,
     ANGLES_PARQUET,

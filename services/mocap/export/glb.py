@@ -26,8 +26,7 @@ from services.mocap.body.skeleton import (
 )
 from services.mocap.camera.colour import linear_of
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
-from services.mocap.motion.motion import Motion, rotations_to_y_up, to_y_up
-from services.mocap.motion.rest import rest_rotations, turns_from_rest
+from services.mocap.motion.motion import Motion, rest_rotations, rotations_to_y_up, to_y_up, turns_from_rest
 from services.mocap.motion.root import without_flips
 from services.mocap.types import Floats, Ints
 

@@ -1,10 +1,9 @@
 """The overlay: the model drawn over what the cameras saw, as a video of all cameras or a picture of one."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from services.mocap.export.tiles import (
     DOUBTFUL_TEXT_BGR,
     LEFT_BGR,
     RIGHT_BGR,
+    Grid,
     draw_tile,
     grid_for,
     trimap_picture,
@@ -31,7 +31,7 @@ from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.mocap.take.tables import PoseTable
-from services.mocap.take.writer import video_writer
+from services.mocap.take.writer import VideoWriter, video_writer
 from services.mocap.types import Bytes, Mask
 from services.mocap.verdict.verdict import WHOLE_BODY, Verdict, frame_in_words
 
@@ -58,11 +58,10 @@ def write_overlay(
     """
     start, stop = int(table.frames[0]), int(table.frames[-1]) + 1
     painter = ModelPainter(body, Rig.of(take.cameras))
+    title = " - ".join(filter(None, (verdict.headline, verdict.doubts_in_words)))
     with suppress(_Hurried), ExitStack() as stack:
         of_cameras = [pictures_of(take, camera, start, stop, stack) for camera in take.cameras]
-        writer = stack.enter_context(
-            OverlayWriter(path, take.cameras, take.settings.fps, title=verdict_line(verdict))
-        )
+        writer = stack.enter_context(overlay_writer(path, take.cameras, take.settings.fps, title=title))
         marks = table.marks
         for n, frame in enumerate(table.frames.tolist()):
             if hurry():
@@ -94,11 +93,6 @@ def _segments_of(marked: Sequence[bool]) -> list[int]:
     ]
 
 
-def verdict_line(verdict: Verdict) -> str:
-    """The verdict on a result in one line."""
-    return " - ".join(filter(None, (verdict.headline, verdict.doubts_in_words)))
-
-
 def pictures_of(take: Take, camera: Camera, start: int, stop: int, stack: ExitStack) -> Iterator[Bytes]:
     """A camera's undistorted pictures (H, W, 3); its silhouettes in greys where it has no video.
 
@@ -110,42 +104,31 @@ def pictures_of(take: Take, camera: Camera, start: int, stop: int, stack: ExitSt
     return (trimap_picture(undistorter.trimap(trimap)) for trimap in take.trimaps(camera, start, stop))
 
 
-class OverlayWriter:
-    """Writes the overlay, one frame for each `add`, as H.264 that browsers play.
+@contextmanager
+def overlay_writer(
+    path: Path, cameras: Sequence[Camera], fps: float, *, tile_width_px: int = 480, title: str = ""
+) -> Iterator["OverlayWriter"]:
+    """Write the overlay, one frame for each `add`, as H.264 that browsers play.
 
-    A context manager: the file appears if the block ends without an exception; otherwise nothing is left.
-    A block that adds no frame ends in ValueError. path: of the .mp4. cameras: in the order of what `add`
-    takes. tile_width_px: of one camera's tile, made even. title: the second line over every frame.
+    The file appears if the block ends without an exception; otherwise nothing is left. A block that adds no
+    frame ends in ValueError. path: of the .mp4. cameras: in the order of what `add` takes. tile_width_px: of
+    one camera's tile, made even. title: the second line over every frame.
     """
+    grid = grid_for(cameras, tile_width_px)
+    size_px = (grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px + HEADER_PX)  # both even
+    with video_writer(path, *size_px, fps, crf=_CRF) as video:
+        yield OverlayWriter(cameras, title, grid, size_px, video)
 
-    def __init__(
-        self,
-        path: Path,
-        cameras: Sequence[Camera],
-        fps: float,
-        *,
-        tile_width_px: int = 480,
-        title: str = "",
-    ) -> None:
-        self._title = title
-        self._cameras = tuple(cameras)
-        self._grid = grid_for(self._cameras, tile_width_px)
-        self._file = video_writer(path, *self.size_px, fps, crf=_CRF)
 
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """(width, height) of the video, both even."""
-        grid = self._grid
-        return grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px + HEADER_PX
+@dataclass(frozen=True)
+class OverlayWriter:
+    """Draws frames of the overlay and writes them into a video of size_px (width, height)."""
 
-    def __enter__(self) -> Self:
-        self._video = self._file.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.__exit__(kind, error, trace)
+    cameras: Sequence[Camera]
+    title: str
+    grid: Grid
+    size_px: tuple[int, int]
+    video: VideoWriter
 
     def add(
         self,
@@ -168,16 +151,16 @@ class OverlayWriter:
         sheet = np.zeros((*self.size_px[::-1], 3), np.uint8)
         frame = f"frame {frame_index}    {time_s:.3f} s    energy {energy:.0f} px"
         colour_bgr = CENTRE_BGR if doubtful is None else DOUBTFUL_TEXT_BGR
-        _write_header(sheet, frame, verdict, colour_bgr, self._title)
-        hatched = [None] * len(self._cameras) if doubtful is None else doubtful
-        inputs = zip(self._cameras, pictures, segment_masks, hatched, strict=True)
+        _write_header(sheet, frame, verdict, colour_bgr, self.title)
+        hatched = [None] * len(self.cameras) if doubtful is None else doubtful
+        inputs = zip(self.cameras, pictures, segment_masks, hatched, strict=True)
         for index, (camera, picture, segment_mask, hatch) in enumerate(inputs):
             _check_size(camera, segment_mask)
             _check_size(camera, picture)
-            tile = draw_tile(picture, segment_mask, self._grid, hatch)
+            tile = draw_tile(picture, segment_mask, self.grid, hatch)
             write_text(tile, camera.name, (8, 22), _WHITE_BGR, _TEXT_SCALE)
-            self._grid.place(sheet[HEADER_PX:], index)[:] = tile
-        self._video.write(sheet)
+            self.grid.place(sheet[HEADER_PX:], index)[:] = tile
+        self.video.write(sheet)
 
 
 def _check_size(camera: Camera, picture: NDArray[np.generic]) -> None:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.body.skeleton import JOINT_INDEX, JOINT_NAMES, SIDES, sided
 from services.mocap.body.skeleton_table import ROWS
-from services.mocap.motion.rest import rest_rotations, turns_from_rest
+from services.mocap.motion.motion import rest_rotations, turns_from_rest
 from services.mocap.motion.root import continuous_angles
 from services.mocap.types import Floats
 

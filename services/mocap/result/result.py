@@ -1,7 +1,6 @@
 """The files of a result from which all others can be made; poses.csv and actor.toml are enough to read it."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +19,7 @@ from services.mocap.result.layout import JOINTS, POSES, POSES_SMOOTH, RUN_JSON
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import DISTRUSTED, PARTS
-from services.mocap.take.quantities import FURTHER, Labelled, Quantity
+from services.mocap.take.quantities import FURTHER, Labelled
 from services.mocap.take.tables import (
     PoseTable,
     read_poses_csv,
@@ -94,8 +93,10 @@ class Result:
             "energy_px": {"": self.energies_px},
             "confidence": dict(zip(PARTS, self.confidence.T, strict=True)),
             DISTRUSTED: dict(zip(PARTS, self.distrusted.T, strict=True)),
-            **{row.name: _by_label(row, self.tracked.extra) for row in FURTHER},
         }
+        for row in FURTHER:  # as far as poses.csv has it
+            columns = {label: self.tracked.extra.get(row.column.format(label)) for label in row.labels}
+            known[row.name] = {label: column for label, column in columns.items() if column is not None}
         for path in (self.folder / name for name in FRAME_FILES):
             frames, values = read_frame_file(path) if path.exists() else (None, {})
             if frames is not None and np.array_equal(frames, self.frames):
@@ -181,12 +182,6 @@ def _check_frames(path: Path, table: PoseTable) -> None:
         raise TakeError(f"{path}: frame: expected every frame, found none after frame {after}")
     if np.any(np.diff(table.times_s) <= 0):
         raise TakeError(f"{path}: time_s: expected every time to be later than the one before")
-
-
-def _by_label(row: Quantity, columns: Mapping[str, Floats]) -> Labelled:
-    """A quantity's columns (N,) of poses.csv by its labels, as far as the file has them."""
-    named = {label: row.column.format(label) for label in row.labels}
-    return {label: columns[name] for label, name in named.items() if name in columns}
 
 
 def _read_run(path: Path) -> dict[str, Any]:

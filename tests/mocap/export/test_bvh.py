@@ -15,7 +15,7 @@ from services.mocap.body.humanoid_names import Naming, bone_names, matched_joint
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, JOINT_NAMES, JOINTS, LOWER, UPPER
 from services.mocap.export.bvh import write_bvh
-from services.mocap.motion.rest import Rest, rest_pose
+from services.mocap.motion.motion import Rest, rest_pose
 from services.mocap.types import Floats
 
 OFFSETS_M: Floats = 1.78 * np.array([joint.offset_heights for joint in JOINTS])

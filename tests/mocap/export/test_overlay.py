@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from services.mocap.camera.camera import Camera
-from services.mocap.export.overlay import HEADER_PX, OverlayWriter
+from services.mocap.export.overlay import HEADER_PX, OverlayWriter, overlay_writer
 from services.mocap.export.tiles import (
     CENTRE_BGR,
     LEFT_BGR,
@@ -54,9 +54,7 @@ def decoded(path: Path) -> list[Bytes]:
 
 def tiles(sheet: Bytes, cameras: list[Camera], tile_width_px: int) -> list[Bytes]:
     grid = grid_for(cameras, tile_width_px)
-    origins = [grid.tile_origin_px(index) for index in range(len(cameras))]
-    body = sheet[HEADER_PX:]
-    return [body[y : y + grid.tile_height_px, x : x + grid.tile_width_px] for x, y in origins]
+    return [grid.place(sheet[HEADER_PX:], index) for index in range(len(cameras))]
 
 
 def at(tile: Bytes, x: float, y: float) -> Bytes:
@@ -89,7 +87,7 @@ def test_grid_suits_the_screen(count: int, size: tuple[int, int], columns_rows: 
 def test_sizes_are_even(tile_width_px: int, tmp_path: Path) -> None:
     cameras = [camera("a", 321, 241), camera("b", 97, 55), camera("c", 321, 243)]
     path = tmp_path / "overlay.mp4"
-    with OverlayWriter(path, cameras, 25.0, tile_width_px=tile_width_px) as overlay:
+    with overlay_writer(path, cameras, 25.0, tile_width_px=tile_width_px) as overlay:
         overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
         assert all(side % 2 == 0 for side in overlay.size_px)
     assert decoded(path)[0].shape == (*overlay.size_px[::-1], 3)
@@ -98,7 +96,7 @@ def test_sizes_are_even(tile_width_px: int, tmp_path: Path) -> None:
 def test_file_is_one_that_browsers_play(tmp_path: Path) -> None:
     cameras = [camera(f"cam{i:02d}") for i in range(1, 9)]
     path = tmp_path / "overlay.mp4"
-    with OverlayWriter(path, cameras, 29.97, tile_width_px=80) as overlay:
+    with overlay_writer(path, cameras, 29.97, tile_width_px=80) as overlay:
         for frame in range(7):
             masks = np.stack(half_masks(cameras))
             overlay.add(frame, frame / 29.97, [ground(cam) for cam in cameras], masks, 12.5)
@@ -117,7 +115,7 @@ def test_file_is_one_that_browsers_play(tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [1, 4, 8])
 def test_limbs_have_their_colours_in_every_tile(count: int, tmp_path: Path) -> None:
     cameras = [camera(f"cam{i:02d}") for i in range(1, count + 1)]
-    with OverlayWriter(tmp_path / "overlay.mp4", cameras, 25.0, tile_width_px=240) as overlay:
+    with overlay_writer(tmp_path / "overlay.mp4", cameras, 25.0, tile_width_px=240) as overlay:
         overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
     for index, tile in enumerate(tiles(decoded(tmp_path / "overlay.mp4")[0], cameras, 240)):
         expected_left, expected_right = HALF_WAY[1 + index % 3], HALF_WAY[1 + (index + 1) % 3]
@@ -140,7 +138,7 @@ def test_outline_runs_along_the_border_of_the_whole_silhouette(tile_width_px: in
     mask = np.zeros((120, 160), np.uint8)
     mask[40:100, 40:80], mask[40:100, 80:120] = 2, 3  # one silhouette of two limbs
     path = tmp_path / "overlay.mp4"
-    with OverlayWriter(path, [cam], 25.0, tile_width_px=tile_width_px) as overlay:
+    with overlay_writer(path, [cam], 25.0, tile_width_px=tile_width_px) as overlay:
         overlay.add(0, 0.0, [ground(cam)], [mask], 0.0)
     tile = tiles(decoded(path)[0], [cam], tile_width_px)[0].astype(float)
     zoom = tile_width_px / 160
@@ -164,7 +162,7 @@ def test_a_hole_in_the_silhouette_is_outlined_too(tmp_path: Path) -> None:
     mask = np.zeros((120, 160), np.uint8)
     mask[20:100, 40:120] = 1
     mask[45:75, 65:95] = 0
-    with OverlayWriter(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=160) as overlay:
+    with overlay_writer(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=160) as overlay:
         overlay.add(0, 0.0, [ground(cam)], [mask], 0.0)
     tile = tiles(decoded(tmp_path / "o.mp4")[0], [cam], 160)[0]
     bright = np.flatnonzero(tile[60].min(axis=-1) > 160)
@@ -174,7 +172,7 @@ def test_a_hole_in_the_silhouette_is_outlined_too(tmp_path: Path) -> None:
 
 def test_cameras_of_other_shapes_get_bars(tmp_path: Path) -> None:
     cameras = [camera("wide", 200, 100), camera("square", 100, 100), camera("tall", 50, 100)]
-    with OverlayWriter(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=200) as overlay:
+    with overlay_writer(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=200) as overlay:
         overlay.add(0, 0.0, [ground(cam, 200) for cam in cameras], half_masks(cameras), 0.0)
     wide, square, tall = tiles(decoded(tmp_path / "o.mp4")[0], cameras, 200)
     assert wide.shape == square.shape == tall.shape == (200, 200, 3)
@@ -192,7 +190,7 @@ def test_without_pictures_the_silhouette_is_grey(tmp_path: Path) -> None:
     trimap = np.zeros((120, 160), np.uint8)
     trimap[:, 80:] = ACTOR
     none = np.zeros((2, 120, 160), np.uint8)
-    with OverlayWriter(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=160) as overlay:
+    with overlay_writer(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=160) as overlay:
         overlay.add(0, 0.0, [ground(cameras[0]), trimap_picture(trimap)], none, 0.0)
     first = tiles(decoded(tmp_path / "o.mp4")[0], cameras, 160)
     np.testing.assert_allclose(at(first[0], 0.75, 0.5), GROUND, atol=3)
@@ -204,7 +202,7 @@ def test_header_and_names_are_written(tmp_path: Path) -> None:
     cameras = [camera("cam01"), camera("cam02")]
     pictures = [ground(cam, 40) for cam in cameras]
     none = np.zeros((2, 120, 160), np.uint8)
-    with OverlayWriter(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=320) as overlay:
+    with overlay_writer(tmp_path / "o.mp4", cameras, 25.0, tile_width_px=320) as overlay:
         overlay.add(3, 0.12, pictures, none, 1234.0)
         overlay.add(3, 0.12, pictures, none, 1234.0)
         overlay.add(4, 0.16, pictures, none, 987.0)
@@ -224,7 +222,7 @@ def test_doubtful_parts_are_hatched_and_the_header_says_so(tmp_path: Path) -> No
     cam, none = camera("cam01"), np.zeros((1, 120, 160), np.uint8)
     doubtful = np.zeros((120, 160), bool)
     doubtful[40:100, 40:120] = True
-    with OverlayWriter(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=320, title="not usable") as overlay:
+    with overlay_writer(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=320, title="not usable") as overlay:
         overlay.add(0, 0.0, [ground(cam, 128)], none, 0.0, verdict="good")
         overlay.add(1, 0.0, [ground(cam, 128)], none, 0.0, doubtful=[doubtful], verdict="doubtful: head")
     plain, marked = (sheet.astype(int) for sheet in decoded(tmp_path / "o.mp4"))
@@ -265,7 +263,7 @@ def test_nothing_is_left_behind_after_an_error(
     cameras = [camera("cam01"), camera("cam02")]
     with (
         pytest.raises(ValueError, match=message),
-        OverlayWriter(path, cameras, 25.0, tile_width_px=160) as overlay,
+        overlay_writer(path, cameras, 25.0, tile_width_px=160) as overlay,
     ):
         overlay.add(0, 0.0, [ground(cam) for cam in cameras], half_masks(cameras), 0.0)
         fail(overlay, cameras[0])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, JOINTS, LOWER, SIDES, UPPER
 from services.mocap.motion.angles import ANGLES, joint_angles_deg
-from services.mocap.motion.rest import rest_pose, rest_rotations, turns_from_rest
+from services.mocap.motion.motion import rest_pose, rest_rotations, turns_from_rest
 from services.mocap.types import Floats
 
 OFFSETS_M: Floats = 1.78 * np.array([joint.offset_heights for joint in JOINTS])

@@ -14,6 +14,7 @@ from services.mocap.body.own_mesh.parts import character_of_parts, load_parts, p
 from services.mocap.body.own_mesh.proportions import body_mesh, in_rest_pose
 from services.mocap.body.own_mesh.skin import character_of_skin
 from services.mocap.body.skeleton import SEGMENT_NAMES
+from services.mocap.body.surface import volume_m3
 from services.mocap.errors import UserError
 
 _GLTF = (".glb", ".gltf", ".vrm")
@@ -89,8 +90,7 @@ def _check_volumes(path: Path, pieces: dict[str, Piece]) -> None:
     extent = max(float(np.ptp(np.concatenate([p.vertices for p in pieces.values()])[:, 2])), 1e-12)
     flat = []
     for name, piece in pieces.items():
-        a, b, c = (piece.vertices - piece.vertices.mean(axis=0))[piece.faces].transpose(1, 0, 2)
-        if np.einsum("fi,fi->", a, np.cross(b, c)) / 6.0 < _LEAST_VOLUME * extent**3:
+        if volume_m3(piece.vertices - piece.vertices.mean(axis=0), piece.faces) < _LEAST_VOLUME * extent**3:
             flat.append(name.replace("_", " "))
     if flat:
         raise UserError(f"{path}: its {', '.join(flat)} has no volume: expected closed surfaces, not sheets")

@@ -8,7 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from services.mocap.body.humanoid_names import matched_joints
-from services.mocap.body.own_mesh.character import NEEDED_JOINTS, Character, Piece, welded
+from services.mocap.body.own_mesh.character import NEEDED_JOINTS, SEGMENT_AT, Character, Piece, welded
 from services.mocap.body.own_mesh.gltf import Gltf
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_JOINT, SEGMENT_NAMES, SEGMENTS
 from services.mocap.errors import UserError
@@ -19,9 +19,8 @@ _TOUCHING = 0.003
 distance."""
 _FARTHEST = 0.06
 """Parts that are farther apart than this do not belong to one body."""
-_SEGMENT_AT = {joint: segment for segment, joint in SEGMENT_JOINT.items()}
 _MEETINGS = {
-    segment.joint: (_SEGMENT_AT[parent], segment.name)
+    segment.joint: (SEGMENT_AT[parent], segment.name)
     for segment in SEGMENTS
     if segment.joint in NEEDED_JOINTS and (parent := JOINTS[JOINT_INDEX[segment.joint]].parent)
 }

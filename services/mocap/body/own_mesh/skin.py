@@ -1,15 +1,21 @@
 """A skinned character: its skeleton is identified by bone names, its surface is cut by the largest bone
 weight."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from services.mocap.body.humanoid_names import matched_joints
-from services.mocap.body.own_mesh.character import NEEDED_JOINTS, Character, Piece, cut_where, welded
+from services.mocap.body.own_mesh.character import (
+    NEEDED_JOINTS,
+    SEGMENT_AT,
+    Character,
+    Piece,
+    cut_where,
+    welded,
+)
 from services.mocap.body.own_mesh.gltf import Gltf, Node, Primitive, Skin
-from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_JOINT, SEGMENT_NAMES
+from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_NAMES
 from services.mocap.errors import UserError
 from services.mocap.types import Floats, Ints
 
@@ -18,17 +24,6 @@ _OVERLAP = 0.05
 overlap."""
 _FEWEST_BONES = 4
 """A skeleton with fewer known bones is not human."""
-_SEGMENT_OF = {joint: segment for segment, joint in SEGMENT_JOINT.items()}
-
-
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """All that bones move, in one frame."""
-
-    vertices: Floats
-    faces: Ints
-    weights: Floats
-    """(V, S) how much of each vertex moves with each segment."""
 
 
 def character_of_skin(path: Path, gltf: Gltf) -> Character:
@@ -37,10 +32,9 @@ def character_of_skin(path: Path, gltf: Gltf) -> Character:
     bones = sorted(placed, key=lambda bone: len(_upwards(gltf.nodes, bone)))  # parents first
     turning = _told_apart(path, gltf.nodes, bones)
     segments = _segments(path, gltf.nodes, turning)
-    surface = _surface(gltf, placed, segments)
     return Character(
         joints={joint: placed[turning[joint]][:3, 3] for joint in NEEDED_JOINTS},
-        pieces=_pieces(path, surface),
+        pieces=_pieces(path, *_surface(gltf, placed, segments)),
     )
 
 
@@ -82,7 +76,7 @@ def _segments(path: Path, nodes: tuple[Node, ...], turning: dict[str, int]) -> d
     shared = [node for node in neck if node in left and node in right]
     if not shared or neck.index(shared[0]) < 2:
         raise UserError(f"{path}: expected a skeleton in which legs and spine have a common parent")
-    named = {turning[joint]: _SEGMENT_OF[joint] for joint in NEEDED_JOINTS}
+    named = {turning[joint]: SEGMENT_AT[joint] for joint in NEEDED_JOINTS}
     named |= {shared[0]: "pelvis", neck[neck.index(shared[0]) - 1]: "torso"}
     return {
         node: next((named[above] for above in _upwards(nodes, node) if above in named), "pelvis")
@@ -108,34 +102,31 @@ def _into_first(skin: Skin, placed: dict[int, Floats]) -> Floats:
     return np.eye(4)
 
 
-def _surface(gltf: Gltf, placed: dict[int, Floats], segments: dict[int, str]) -> _Surface:
+def _surface(gltf: Gltf, placed: dict[int, Floats], segments: dict[int, str]) -> tuple[Floats, Ints, Floats]:
+    """All that bones move, in one frame: vertices (V, 3), faces (F, 3), and how much of each vertex moves
+    with each segment (V, S)."""
     vertices, faces, weights, count = [], [], [], 0
     for n, node in enumerate(gltf.nodes):
         for primitive in gltf.meshes[node.mesh] if node.mesh is not None else ():
-            skin = gltf.skins[node.skin] if node.skin is not None else None
-            moved = _moved(gltf, n, primitive, skin, placed, segments)
+            moved = _moved(gltf, n, primitive, placed, segments)
             if moved is not None:
                 vertices.append(moved[0])
                 weights.append(moved[1])
                 faces.append(primitive.faces + np.int32(count))
                 count += len(moved[0])
     if not vertices:
-        return _Surface(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((0, len(SEGMENT_NAMES))))
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((0, len(SEGMENT_NAMES)))
     joined, joined_faces, origin = welded(np.concatenate(vertices), np.concatenate(faces))
-    return _Surface(joined, joined_faces, np.concatenate(weights)[origin])
+    return joined, joined_faces, np.concatenate(weights)[origin]
 
 
 def _moved(
-    gltf: Gltf,
-    node: int,
-    primitive: Primitive,
-    skin: Skin | None,
-    placed: dict[int, Floats],
-    segments: dict[int, str],
+    gltf: Gltf, node: int, primitive: Primitive, placed: dict[int, Floats], segments: dict[int, str]
 ) -> tuple[Floats, Floats] | None:
     """Vertices (V, 3) in the common frame and their weights (V, S); None for vertices that no bone moves."""
-    weights = np.zeros((len(primitive.vertices), len(SEGMENT_NAMES)))
-    if skin is not None and primitive.bones.shape[1]:
+    weights, of_node = np.zeros((len(primitive.vertices), len(SEGMENT_NAMES))), gltf.nodes[node]
+    if of_node.skin is not None and primitive.bones.shape[1]:
+        skin = gltf.skins[of_node.skin]
         of_bone = np.array([SEGMENT_INDEX[segments[joint]] for joint in skin.joints])
         for bones, shares in zip(primitive.bones.T, primitive.weights.T, strict=True):
             np.add.at(weights, (np.arange(len(weights)), of_bone[bones]), shares)
@@ -144,19 +135,17 @@ def _moved(
         bone = next((above for above in _upwards(gltf.nodes, node) if above in placed), None)
         if bone is None:
             return None
-        T = placed[bone] @ np.linalg.inv(gltf.nodes[bone].T_world_node) @ gltf.nodes[node].T_world_node
+        T = placed[bone] @ np.linalg.inv(gltf.nodes[bone].T_world_node) @ of_node.T_world_node
         weights[:, SEGMENT_INDEX[segments[bone]]] = 1.0
     total = weights.sum(axis=1, keepdims=True)
     return primitive.vertices @ T[:3, :3].T + T[:3, 3], weights / np.maximum(total, 1e-9)
 
 
-def _pieces(path: Path, surface: _Surface) -> dict[str, Piece]:
+def _pieces(path: Path, vertices: Floats, faces: Ints, weights: Floats) -> dict[str, Piece]:
     pieces = {}
     for s, segment in enumerate(SEGMENT_NAMES):
-        others = np.delete(surface.weights, s, axis=1).max(axis=1, initial=0.0)
-        pieces[segment] = cut_where(
-            surface.vertices, surface.faces, surface.weights[:, s] - others + _OVERLAP
-        )
+        others = np.delete(weights, s, axis=1).max(axis=1, initial=0.0)
+        pieces[segment] = cut_where(vertices, faces, weights[:, s] - others + _OVERLAP)
     bare = [segment.replace("_", " ") for segment, piece in pieces.items() if len(piece.faces) == 0]
     if bare:
         raise UserError(f"{path}: has no surface for the {', '.join(bare)}: expected a whole body")
