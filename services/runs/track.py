@@ -16,7 +16,7 @@ from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
-from services.mocap.verdict.causes import CHECKS
+from services.mocap.verdict.judging import CHECKS
 from services.mocap.verdict.verdict import Cause
 from services.runs import Interrupted, ServiceFailedError
 from services.runs.launcher import Launcher, free_endpoint

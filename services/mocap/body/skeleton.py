@@ -4,13 +4,13 @@ What is on the body's plane of symmetry comes first, then the left, then the rig
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import radians
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from services.mocap.body.segment_row import Role, SegmentRow, Vector
+from services.mocap.body.segment_row import Parameter, SegmentRow, Vector
 from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats
 
@@ -45,20 +45,20 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Dof:
-    """One pose parameter."""
+class Dof(Parameter):
+    """One pose parameter, on its side of the body."""
 
-    name: str
-    joint: str
-    role: Role
-    axis: Vector
-    """Unit axis in the joint frame, of a positive rotation (right-hand rule) or translation."""
-    lower: float
-    upper: float
-    rest: float
-    """How firmly an alignment draws it to zero, against the firmest."""
-    in_paper: bool
-    """Whether the published body has it."""
+    joint: str = field(kw_only=True)
+
+    @property
+    def lower(self) -> float:
+        """The smallest value within the joint limits, in the parameter's unit."""
+        return radians(self.lower_deg)
+
+    @property
+    def upper(self) -> float:
+        """The largest one."""
+        return radians(self.upper_deg)
 
     @property
     def unit(self) -> Literal["m", "rad"]:
@@ -120,17 +120,14 @@ TIP_JOINTS: tuple[str, ...] = tuple(name for name in JOINT_NAMES if name not in 
 
 DOFS: tuple[Dof, ...] = tuple(
     Dof(
-        name=sided(parameter.name, segment.side),
+        sided(row.name, segment.side),
+        row.role,
+        mirrored(row.axis, segment.side, is_axis=True),
+        *(row.lower_deg, row.upper_deg, row.rest, row.in_paper),
         joint=segment.joint,
-        role=parameter.role,
-        axis=mirrored(parameter.axis, segment.side, is_axis=True),
-        lower=radians(parameter.lower_deg),
-        upper=radians(parameter.upper_deg),
-        rest=parameter.rest,
-        in_paper=parameter.in_paper,
     )
     for segment in SEGMENTS
-    for parameter in segment.row.parameters
+    for row in segment.row.parameters
 )
 DOF_NAMES: tuple[str, ...] = tuple(dof.name for dof in DOFS)
 DOF_INDEX: dict[str, int] = {name: i for i, name in enumerate(DOF_NAMES)}

@@ -14,7 +14,6 @@ from services.mocap.result.result import Result
 from services.mocap.take.marks import PARTS
 from services.mocap.take.quantities import QUANTITIES
 from services.mocap.take.tables import REFERENCE_JOINTS
-from services.mocap.types import Floats
 
 Column = tuple[Any, str]
 """Values (N,), and their unit."""
@@ -26,10 +25,15 @@ def write_parquet(folder: Path, result: Result) -> None:
     Poses are the motion as in motion.bvh, beside energy and marks; joints are in the z-up world.
     """
     frames: dict[str, Column] = {"frame": (result.frames, "1"), "time_s": (result.times_s, "s")}
+    joints: dict[str, Column] = {
+        f"{joint}_{axis}_m": (np.ascontiguousarray(result.joints_world_m[:, j, a]), "m")
+        for j, joint in enumerate(REFERENCE_JOINTS)
+        for a, axis in enumerate("xyz")
+    }
     angles = {f"{name}_deg": (values, "deg") for name, values in result.angles_deg.items()}
     tables = {
         POSES_PARQUET: {**frames, **_poses(result)},
-        JOINTS_PARQUET: {**frames, **_joints(result.joints_world_m)},
+        JOINTS_PARQUET: {**frames, **joints},
         ANGLES_PARQUET: {**frames, **angles},
     }
     for name, columns in tables.items():
@@ -53,11 +57,3 @@ def _poses(result: Result) -> dict[str, Column]:
                 name = f"{row.name}_{label}" if label else row.name
                 columns[name] = (result.quantities[row.name][label], row.unit)
     return columns
-
-
-def _joints(joints_world_m: Floats) -> dict[str, Column]:
-    return {
-        f"{joint}_{axis}_m": (np.ascontiguousarray(joints_world_m[:, j, a]), "m")
-        for j, joint in enumerate(REFERENCE_JOINTS)
-        for a, axis in enumerate("xyz")
-    }

@@ -49,21 +49,18 @@ class Contour:
     def of(cls, silhouette: Mask, scale: float, n_chosen: int, unsure: Mask | None = None) -> "Contour":
         """The outline in a picture (H, W) with `scale` pixels per working pixel, without unsure pixels."""
         points_px, normals = outline_of(silhouette)
-        near_unsure = None if unsure is None or not unsure.any() else _about(unsure, scale)
-        if near_unsure is not None:
+        near_unsure = None
+        if unsure is not None and unsure.any():
+            # Near unsure pixels an outline is smoothed with them or borders on them.
+            size = 1 + 2 * ceil(max(_UNSURE_PX * scale, 2 * _NORMAL_REACH_PX))
+            kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+            near_unsure = np.asarray(cv2.dilate(unsure.astype(np.uint8), kernel) > 0)
             known = ~look_up(near_unsure, points_px)
             points_px, normals = points_px[known], normals[known]
         chosen = evenly(len(points_px), n_chosen)
         features = features_of(points_px, normals, scale)
         length_px = outline_length_px(len(points_px), scale)
         return cls(points_px, normals, chosen, cKDTree(features), length_px, near_unsure)
-
-
-def _about(unsure: Mask, scale: float) -> Mask:
-    """Unsure pixels (H, W) and those so near that an outline is smoothed with them or borders on them."""
-    size = 1 + 2 * ceil(max(_UNSURE_PX * scale, 2 * _NORMAL_REACH_PX))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    return np.asarray(cv2.dilate(unsure.astype(np.uint8), kernel) > 0)
 
 
 def look_up(mask: Mask, points_px: Floats) -> Mask:

@@ -1,25 +1,49 @@
-"""Judges a result by what its folder holds."""
+"""Judges a result by what its folder holds, and tells why: cameras, moments and bodies that stand out."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping, Set
 
 import numpy as np
+from pydantic import ValidationError
 
+from services.mocap.errors import TakeError
+from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats, Mask
-from services.mocap.verdict.causes import causes_of
-from services.mocap.verdict.verdict import LEVELS, WHOLE_BODY, Doubt, Level, Verdict, spans_of
+from services.mocap.verdict.verdict import (
+    LEVELS,
+    WHOLE_BODY,
+    Cause,
+    Doubt,
+    Level,
+    Verdict,
+    spans_in_words,
+    spans_of,
+)
 
 _MOST_LOST, _MOST_DOUBTFUL = 0.2, 0.5
 """Shares of frames with a doubtful body, and with any doubtful part, above which a result is not usable."""
 LEAST_IOU = 0.6
 """Typical overlap with the silhouettes below which a result is not usable."""
+CHECKS = "checks"
+"""The entry of run.json with the causes that were found before the run."""
+_BELOW_OTHERS = 0.1
+"""A camera whose median IoU is lower by this than the median of the others stands out."""
+_FEWEST_CAMERAS = 3
+_DROP, _LEAST_DROP_FRAMES = 0.15, 3
+"""A moment stands out if a camera's IoU is lower by this than its median, in so many frames in a row."""
+_LOW_IOU = 0.75
+"""All cameras' typical IoU below which the body or the silhouettes are wrong; people in coats have 0.82."""
+_HEIGHT_OFF_M = 0.05
+_TALLEST_M, _SMALLEST_M = 2.1, 1.2
+"""One adult in a million is taller; smaller people are children, who are measured less well."""
 
 
 def verdict_of(result: Result) -> Verdict:
     """The verdict on a result, by its files alone. Raises TakeError if one cannot be read."""
     iou = {camera: values for camera, values in result.quantities.get("iou", {}).items() if len(values)}
-    causes = causes_of(result, iou)
+    causes = _causes_of(result, iou)
     levels = [level_of(result.distrusted, iou), *(cause.level for cause in causes)]
     whole = PARTS.index(WHOLE_BODY)
     named = result.distrusted & ~result.distrusted[:, [whole]]  # a limb is not named beside the whole body
@@ -47,3 +71,99 @@ def level_of(distrusted: Mask, iou: Mapping[str, Floats]) -> Level:
     if lost > _MOST_LOST or doubtful > _MOST_DOUBTFUL or overlap < LEAST_IOU:
         return "not usable"
     return "usable with gaps" if doubtful > 0 else "good"
+
+
+def _causes_of(result: Result, iou: Mapping[str, Floats]) -> tuple[Cause, ...]:
+    """The causes, those found before the run first. iou: (N,) by camera."""
+    try:
+        before = [Cause.model_validate(entry) for entry in result.run.get(CHECKS, [])]
+    except (ValidationError, TypeError):
+        where = f"{result.folder / RUN_JSON}: {CHECKS}"
+        raise TakeError(f"{where}: expected what xormocap track wrote: remove this entry") from None
+    explained = {name for name in iou for cause in before if re.search(rf"\b{re.escape(name)}\b", cause.what)}
+    found = (*_body(result), *_cameras(result, iou, explained), *_moments(result, iou, explained))
+    return (*before, *found)
+
+
+def _body(result: Result) -> Iterator[Cause]:
+    """A height that is not the take's, or nobody's."""
+    told_m, height_m = result.run.get("take", {}).get("actor_height"), result.actor.height
+    calibration = "check the scale of calibration.toml (the side of the board's squares, units)"
+    if told_m is not None and abs(height_m - told_m) > _HEIGHT_OFF_M:
+        yield Cause(
+            what=f"the body is {height_m:.2f} m tall, take.toml says actor_height = {told_m:.2f}",
+            remedy=f"correct that number, or {calibration}",
+            level="usable with gaps",
+        )
+    elif not _SMALLEST_M <= height_m <= _TALLEST_M:
+        is_tall = height_m > _TALLEST_M
+        yield Cause(
+            what=f"the fitted body is {height_m:.2f} m tall, as {'hardly anybody' if is_tall else 'a child'}",
+            remedy=f"{calibration}, or give actor_height in take.toml",
+            level="not usable" if is_tall else "usable with gaps",
+        )
+
+
+def _cameras(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> Iterator[Cause]:
+    """Cameras whose silhouettes the body covers far less than it covers the others'.
+
+    explained: cameras of which it is known why.
+    """
+    typical = {camera: round(float(np.nanmedian(values)), 3) for camera, values in iou.items()}
+    if not typical:
+        return
+    take, middle = result.run.get("take", {}).get("folder", "TAKE"), float(np.median(list(typical.values())))
+    if middle < _LOW_IOU:
+        yield Cause(
+            what=f"body and silhouettes overlap little in most cameras (IoU {middle:.2f}, usual: above 0.82)",
+            remedy=f"look at overlay.mp4, and run xormocap calibrate --check {take}",
+            level="usable with gaps",
+        )
+    for camera, value in typical.items() if len(typical) >= _FEWEST_CAMERAS else ():
+        others = float(np.median([of for name, of in typical.items() if name != camera]))
+        if value < others - _BELOW_OTHERS and camera not in explained:
+            yield Cause(
+                what=f"{camera} agrees less with the body than the others (IoU {value:.2f}, others "
+                f"{others:.2f}): it is out of step, was moved, or its silhouettes are wrong",
+                remedy=f"xormocap sync {take} tells whether it is out of step, xormocap calibrate --check "
+                f"{take} whether it was moved; xormocap calibrate {take} --refine {result.folder} then finds "
+                "where it stands now",
+                level="usable with gaps",
+            )
+
+
+def _moments(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> Iterator[Cause]:
+    """Stretches of frames in which a camera's silhouettes are unlike the body, but are not elsewhere."""
+    by_frame = {camera: _long_only(values < np.nanmedian(values) - _DROP) for camera, values in iou.items()}
+    cameras = [camera for camera, low in by_frame.items() if low.any()]
+    if not cameras:
+        return
+    together = _long_only(2 * np.sum(list(by_frame.values()), axis=0) > len(by_frame))
+    if together.any():
+        yield Cause(
+            what=f"most cameras' silhouettes stop matching the body in {_when(result, together)}: a second "
+            "person or a thing that moves, light that changed, or an actor who leaves the pictures",
+            remedy="look at these frames in overlay.mp4; --frames A:B tracks the part before",
+            level="usable with gaps",
+        )
+    for camera in (camera for camera in cameras if camera not in explained):
+        alone = _long_only(by_frame[camera] & ~together)
+        if alone.any():
+            yield Cause(
+                what=f"{camera}'s silhouettes stop matching the body in {_when(result, alone)}: something "
+                "else moves there, the light changed, or the actor leaves its picture",
+                remedy="look at them with xormocap view (Cameras: difference)",
+                level="good",
+            )
+
+
+def _when(result: Result, chosen: Mask) -> str:
+    return spans_in_words(spans_of(chosen, int(result.frames[0])))
+
+
+def _long_only(chosen: Mask) -> Mask:
+    """The frames (N,) of stretches that are long enough."""
+    kept: Mask = np.zeros_like(chosen)
+    for start, stop in spans_of(chosen):
+        kept[start : stop + 1] = stop + 1 - start >= min(_LEAST_DROP_FRAMES, len(chosen))
+    return kept

@@ -85,13 +85,14 @@ def write_report(path: Path, result: Result) -> None:
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     template = environment.from_string(_TEMPLATE.read_text(encoding="utf-8"))
+    # How much the doubtful parts of each frame lack to full confidence; 0 without any.
+    doubts = np.where(result.distrusted, 1.001 - np.nan_to_num(result.confidence), 0.0).sum(axis=1)
+    overlay = result.folder / OVERLAY
     page = template.render(
         name=result.motion.name,
         verdict=verdict_of(result),
         summary=_summary(result),
-        pictures=key_frames(
-            result.folder / OVERLAY, result.frames.tolist(), result.energies_px, _doubts(result)
-        ),
+        pictures=key_frames(overlay, result.frames.tolist(), result.energies_px, doubts),
         fit_picture=_fit_picture(result.folder),
         sections=list(_sections(result)),
         joint_errors=[
@@ -102,12 +103,6 @@ def write_report(path: Path, result: Result) -> None:
     )
     with atomic_file(path) as part:
         part.write_text(page, encoding="utf-8")
-
-
-def _doubts(result: Result) -> Floats:
-    """(N,) the sum of what is missing to full confidence in each frame's doubtful parts; 0 without any."""
-    missing: Floats = np.where(result.distrusted, 1.001 - np.nan_to_num(result.confidence), 0.0).sum(axis=1)
-    return missing
 
 
 def _fit_picture(folder: Path) -> str:
