@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from services.mocap.body.shape_prior import COVARIANCE
 from services.mocap.body.shape_space import INDEX, PARAMETERS, body_of, clip_to_bounds
+from services.mocap.fit.priors import COVARIANCE
 from services.mocap.types import Floats
 
 _MOST_DEVIATIONS = 2.0

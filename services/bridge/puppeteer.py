@@ -14,7 +14,7 @@ from services.bridge.humanoid import bones_of
 from services.follower import Follower
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.camera.rig import Rig
-from services.mocap.motion.one_euro import OneEuro
+from services.mocap.motion.smoothing import OneEuro
 from services.mocap.types import Floats
 
 _IDLE_S = 1.0

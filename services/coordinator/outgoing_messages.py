@@ -13,7 +13,7 @@ from services.coordinator.switchboard import Switchboard
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
-from services.mocap.motion.one_euro import OneEuro
+from services.mocap.motion.smoothing import OneEuro
 from services.mocap.search.found import FrameSolution
 from services.mocap.types import Floats
 

@@ -23,7 +23,7 @@ from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit, fit_actor
-from services.mocap.fit.skirts import in_best_skirt
+from services.mocap.fit.quality import in_best_skirt
 from services.mocap.search.first_frame import FirstFrame, first_guess
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs

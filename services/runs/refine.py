@@ -19,7 +19,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import fit_actor
-from services.mocap.fit.skirts import in_best_skirt
+from services.mocap.fit.quality import in_best_skirt
 from services.mocap.result.result import Result, load_result
 from services.mocap.search.model import Model
 from services.mocap.search.occlusion import PosedFrame, find_occluded

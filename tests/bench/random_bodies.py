@@ -1,6 +1,6 @@
 """Random people before the synthetic studio: their bodies, how they stand, and what bad silhouettes show.
 
-Nothing here is drawn from what a fit takes for granted (services.mocap.body.shape_prior): proportions of the
+Nothing here is drawn from what a fit takes for granted (services.mocap.fit.priors): proportions of the
 population follow published means and deviations of both sexes, and the varied ones know no rule at all.
 """
 

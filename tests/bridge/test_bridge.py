@@ -18,7 +18,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.errors import UserError
-from services.mocap.motion.one_euro import OneEuro
+from services.mocap.motion.smoothing import OneEuro
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take, open_take

@@ -4,7 +4,7 @@ Its parameters are those that silhouettes can determine: the height, the bones, 
 the trunk's width and depth, the girth of the limbs, and the size of neck, head, hands and feet. Neighbouring
 segments share the control at their joint. One direction changes almost nothing: greater height with shorter
 bones and slimmer profiles. There, and where silhouettes determine little, the deviations decide, or
-shape_prior, which includes correlations.
+fit/priors.py, which includes correlations.
 """
 
 from dataclasses import dataclass

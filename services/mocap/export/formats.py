@@ -41,11 +41,9 @@ class Options:
     """Options of some formats."""
 
     naming: Naming = "xormocap"
-    """Names of the joints in bvh."""
     unit: Literal["m", "cm"] = "m"
-    """Of bvh's lengths."""
     rest: Rest = "T"
-    """Rest pose of bvh."""
+    """These three are write_bvh's."""
     take: Path | None = None
     """The take folder whose pictures overlay draws on; None: the one that was tracked."""
 
@@ -55,7 +53,6 @@ class Format:
     """One kind of export."""
 
     files: tuple[str, ...]
-    """Their names."""
     write: Callable[[Path, Result, Options], None]
     """Writes them into a folder, each completely or not at all; raises UserError."""
     by_default: bool = True

@@ -1,16 +1,24 @@
-"""The quality of a fit."""
+"""The quality of a fit, and in which skirt it is best."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.body.actor import Body
+from services.mocap.body.actor import Actor, Body, build_body
+from services.mocap.body.skirt import Skirt
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, count_by_camera
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.types import Bytes, Floats
+
+_LENGTHS_HEIGHTS = (0.18, 0.24, 0.30, 0.36, 0.42)
+_FLARES_HEIGHTS = (0.0, 0.025, 0.05, 0.08)
+_FIRST_FLARE_HEIGHTS = 0.025
+"""With which the lengths are compared."""
+_LEAST_GAIN = 0.15
+"""Share of the energy that a skirt must explain; loose trousers and long shirts reach less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,3 +46,16 @@ def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuali
 def _counts(frames: Bytes, rig: Rig) -> Floats:
     """(F, C) set pixels of each camera in frames (F, P, H, W)."""
     return np.array([count_by_camera(planes, rig.n_cameras) for planes in frames], np.float64)
+
+
+def in_best_skirt(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Actor:
+    """The actor in the skirt that fits silhouettes (F, P, H, W) best in poses (F, D), or without one."""
+
+    def energy_px(skirt: Skirt | None) -> float:
+        return float(quality_of(build_body(actor.wearing(skirt)), poses, rig, seen).energy_px.sum())
+
+    lengths = [Skirt(length=length, flare=_FIRST_FLARE_HEIGHTS) for length in _LENGTHS_HEIGHTS]
+    length = min(lengths, key=energy_px).length
+    best = min((Skirt(length=length, flare=flare) for flare in _FLARES_HEIGHTS), key=energy_px)
+    explains = energy_px(best) < (1.0 - _LEAST_GAIN) * energy_px(None)
+    return actor.wearing(best if explains else None)

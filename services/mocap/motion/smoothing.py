@@ -9,9 +9,9 @@ from scipy.interpolate import make_smoothing_spline
 from scipy.spatial.transform import Rotation
 
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
-from services.mocap.motion.one_euro import OneEuro
+from services.mocap.body.skeleton import DOFS
 from services.mocap.motion.root import ROOT_TURN, root_angles, root_rotations, without_flips
-from services.mocap.motion.settings import OutputSettings
+from services.mocap.motion.settings import CUTOFFS_HZ, OutputSettings
 from services.mocap.types import Floats, Mask
 
 _FEWEST = 5
@@ -19,6 +19,13 @@ _FEWEST = 5
 _DISTRUSTED_WEIGHT = 1e-4
 """Weight of an unreliable value, relative to 1. It lowers the cutoff to a tenth, so that gaps of some frames
 are interpolated, while gaps of seconds still follow the values."""
+
+SPEED_CUTOFF_HZ = 10.0
+"""By how much the cutoff rises per radian a second; chosen on tracked takes by their joint errors."""
+_DERIVATIVE_CUTOFF_HZ = 1.0
+_METRES_PER_RADIAN = 0.5
+"""Distance that converts a shift of the root to an equivalent rotation, about an arm's length."""
+_SPEED_UNIT: Floats = np.array([_METRES_PER_RADIAN if dof.unit == "m" else 1.0 for dof in DOFS])
 
 
 def smoothed(
@@ -74,3 +81,46 @@ def _spline(values: Floats, weights: Floats, fps: float, cutoff_hz: float) -> Fl
         columns = kind_of_column.ravel() == kind
         found[:, columns] = make_smoothing_spline(times_s, values[:, columns], weight, roughness)(times_s)
     return found
+
+
+class OneEuro:
+    """The one-euro filter (Casiez, Roussel, Vogel 2012): filters one pose after the other, for live output.
+
+    It is an exponential average whose cutoff frequency rises with speed: jitter at rest is averaged over a
+    long time, and fast motion hardly at all, so that it lags little.
+    """
+
+    def __init__(
+        self, rest_cutoff_hz: float = CUTOFFS_HZ["one-euro"], speed_cutoff_hz: float = SPEED_CUTOFF_HZ
+    ) -> None:
+        self._rest_hz, self._per_speed_hz = rest_cutoff_hz, speed_cutoff_hz
+        self._before: tuple[float, Floats, Floats] | None = None
+        """Time, the filtered pose (D,) and its filtered velocity (D,), with the root's turn as a vector."""
+
+    def __call__(self, pose: Floats, at_s: float) -> Floats:
+        """The next pose (D,), filtered; raises ValueError unless it is later than the one before."""
+        if self._before is None:
+            self._before = at_s, pose.copy(), np.zeros(len(pose))
+            return pose.copy()
+        then_s, last, velocity = self._before
+        if at_s <= then_s:
+            raise ValueError(f"a pose at {at_s} s after one at {then_s} s")
+        step_s = at_s - then_s
+        change = pose - last
+        turn_last = root_rotations(last[None])
+        change[ROOT_TURN] = (turn_last.inv() * root_rotations(pose[None])).as_rotvec()[0]
+        velocity = velocity + _weight(_DERIVATIVE_CUTOFF_HZ, step_s) * (change / step_s - velocity)
+        speed = np.abs(velocity) / _SPEED_UNIT
+        speed[ROOT_TURN] = np.linalg.norm(velocity[ROOT_TURN])
+        step = _weight(self._rest_hz + self._per_speed_hz * speed, step_s) * change
+        result = last + step
+        turned = turn_last * Rotation.from_rotvec(step[ROOT_TURN][None])
+        result[ROOT_TURN] = root_angles(turned, near=pose[ROOT_TURN][None])[0]
+        result = clip_to_limits(result)
+        self._before = at_s, result, velocity
+        return result.copy()
+
+
+def _weight(cutoff_hz: float | Floats, step_s: float) -> float | Floats:
+    """The weight of the new value in an exponential average with that cutoff frequency."""
+    return 1.0 / (1.0 + 1.0 / (2.0 * np.pi * cutoff_hz * step_s))

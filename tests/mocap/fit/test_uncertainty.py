@@ -8,13 +8,12 @@ import pytest
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.measures import measure, with_uncertainties
-from services.mocap.body.shape_prior import COVARIANCE
 from services.mocap.body.shape_space import INDEX, PARAMETERS, actor_of, of_kind
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import contours_of
 from services.mocap.fit.least_squares import Fitting
 from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State
-from services.mocap.fit.priors import Prior
+from services.mocap.fit.priors import COVARIANCE, Prior
 
 _LAST = Stage(of_kind("height", "bone", "joint", "profile"), ALL_DOFS, 0.8, 1, is_strict=True)
 

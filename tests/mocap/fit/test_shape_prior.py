@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from random_shapes import random_shape
 from services.mocap.body.actor import build_body
 from services.mocap.body.kinematics import N_DOF, segment_transforms
-from services.mocap.body.shape_prior import COVARIANCE
 from services.mocap.body.shape_space import (
     DEVIATIONS,
     INDEX,
@@ -21,6 +20,7 @@ from services.mocap.body.shape_space import (
     without_shoes,
 )
 from services.mocap.body.skeleton import SEGMENT_INDEX
+from services.mocap.fit.priors import COVARIANCE
 from services.mocap.types import Floats
 
 SEEDS = st.integers(0, 2**32 - 1)
