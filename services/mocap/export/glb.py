@@ -111,12 +111,17 @@ class _File:
     def add_animation(self, name: str, fps: float, root_m: Floats, quaternions: Floats) -> None:
         """The root's places (N, 3), and the turns (N, J, 4) of all nodes whose joint has parameters."""
         times = self._accessor(np.arange(len(root_m))[:, None] / fps, "SCALAR", with_range=True)
-        animation = gltf.Animation(name=name)
-        self._animate(animation, 0, "translation", times, self._accessor(root_m, "VEC3"))
         moving = {dof.joint for dof in DOFS}
+        moves = [(0, "translation", self._accessor(root_m, "VEC3"))]
         for n, joint in enumerate(_NODE_JOINTS):
             if joint in moving:
-                self._animate(animation, n, "rotation", times, self._accessor(quaternions[:, n], "VEC4"))
+                moves.append((n, "rotation", self._accessor(quaternions[:, n], "VEC4")))
+        animation = gltf.Animation(name=name)
+        for k, (node, path, values) in enumerate(moves):
+            sampler = gltf.AnimationSampler(input=times, output=values, interpolation="LINEAR")
+            animation.samplers.append(sampler)
+            target = gltf.AnimationChannelTarget(node=node, path=path)
+            animation.channels.append(gltf.AnimationChannel(sampler=k, target=target))
         self._document.animations.append(animation)
 
     def content(self) -> bytes:
@@ -124,11 +129,6 @@ class _File:
         self._document.buffers[0].byteLength = len(self._numbers)
         self._document.set_binary_blob(bytes(self._numbers))
         return b"".join(self._document.save_to_bytes())
-
-    def _animate(self, animation: gltf.Animation, node: int, path: str, times: int, values: int) -> None:
-        animation.samplers.append(gltf.AnimationSampler(input=times, output=values, interpolation="LINEAR"))
-        target = gltf.AnimationChannelTarget(node=node, path=path)
-        animation.channels.append(gltf.AnimationChannel(sampler=len(animation.samplers) - 1, target=target))
 
     def _accessor(
         self, values: NDArray[Any], kind: str, *, with_range: bool = False, target: int | None = None

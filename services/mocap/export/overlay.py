@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.camera import Camera
@@ -155,18 +154,16 @@ class OverlayWriter:
         hatched = [None] * len(self.cameras) if doubtful is None else doubtful
         inputs = zip(self.cameras, pictures, segment_masks, hatched, strict=True)
         for index, (camera, picture, segment_mask, hatch) in enumerate(inputs):
-            _check_size(camera, segment_mask)
-            _check_size(camera, picture)
+            expected = (camera.height_px, camera.width_px)
+            for given in (segment_mask, picture):
+                if given.shape[:2] != expected:
+                    raise ValueError(
+                        f"{camera.name}: expected a picture of shape {expected}, got {given.shape}"
+                    )
             tile = draw_tile(picture, segment_mask, self.grid, hatch)
             write_text(tile, camera.name, (8, 22), _WHITE_BGR, _TEXT_SCALE)
             self.grid.place(sheet[HEADER_PX:], index)[:] = tile
         self.video.write(sheet)
-
-
-def _check_size(camera: Camera, picture: NDArray[np.generic]) -> None:
-    expected = (camera.height_px, camera.width_px)
-    if picture.shape[:2] != expected:
-        raise ValueError(f"{camera.name}: expected a picture of shape {expected}, got {picture.shape}")
 
 
 def _write_header(
