@@ -26,15 +26,15 @@ _GAIN = 0.995
 _AVERAGED = 4
 _USUAL_COST_PX2 = 0.085
 """Cost per length of outline of silhouettes such as WEIGHT_PX3 was measured on; more is more noise."""
-_JUDGED = Stage((), (), cap_px=0.8, steps=0, is_strict=True)
-"""Its loss says how far residuals are from usual; bites out of silhouettes hardly count."""
-_ALIKE = 4.0
+_MISFIT_STAGE = Stage((), (), cap_px=0.8, steps=0, is_strict=True)
+"""Its loss measures the misfit; missing pieces of silhouettes hardly count."""
+_MISFIT_PULL = 4.0
 """How much more a misfit pulls than noise of the same cost: the smallest power of two for which bones of
 takes of people are not pulled away from what people have."""
 _EDGE_PX = 0.2
 """Standard deviation, in working pixels, of a segmentation's common offset of the actor's edge."""
 _OFF_PX = 0.1
-"""Of outlines, to see what that does: little, so that all of them count."""
+"""Shift of all outlines by which its effect is measured, so small that no residual becomes an outlier."""
 _CAMERA_SLACK = 2.0
 """Cameras whose median residual is this many times the median over the cameras count less."""
 
@@ -154,14 +154,14 @@ class Fitting:
 def _misfit(matched: _Matched) -> float:
     """How many times the usual variance the data have, from the cost of their residuals.
 
-    Noise costs what is usual. What costs more is no noise but a body of another form than the model's: it is
-    the same in every frame, and along a whole limb, so it counts by its square, and several times.
+    Usual noise has the usual cost. A higher cost is not noise, but a body of another form than the model's.
+    It is the same in every frame and along a whole limb, so the excess is squared and counts several times.
     """
     views = [view for of_frame in matched.matches for view in of_frame]
     length_px = sum(float(view.lengths_px.sum()) for view in views)
-    cost = sum(float(view.lengths_px @ _JUDGED.losses(view.residuals_px)) for view in views)
+    cost = sum(float(view.lengths_px @ _MISFIT_STAGE.losses(view.residuals_px)) for view in views)
     excess = cost / max(_USUAL_COST_PX2 * length_px, 1e-9)
-    return 1.0 + _ALIKE * max(excess**2 - 1.0, 0.0)
+    return 1.0 + _MISFIT_PULL * max(excess**2 - 1.0, 0.0)
 
 
 def _off_by(matched: _Matched, off_px: float) -> _Matched:

@@ -24,7 +24,7 @@ WEIGHT_PX3 = 0.05
 known shape in noisy silhouettes: the prior then weighs what it should."""
 WEIGHT_APART_PX3 = 0.02
 """For frames from a whole motion, because errors of a fit differ between poses."""
-_TOLD_HEIGHT_DEVIATION = 0.008
+_MEASURED_HEIGHT_DEVIATION = 0.008
 """Of the logarithm of a height that somebody measured."""
 _TWIST_DEVIATION_RAD, _END_DEVIATION_RAD, _ANGLE_DEVIATION_RAD = 0.4, 0.4, 1.5
 """Standard deviation of the pose from the initial one: twists; head, hands and feet; all other joints."""
@@ -86,7 +86,7 @@ class Prior:
         if height_m is not None:
             height = INDEX["height"]
             self._mean[height] = np.log(height_m / DEFAULT_HEIGHT_M)
-            covariance[height, height] = _TOLD_HEIGHT_DEVIATION**2
+            covariance[height, height] = _MEASURED_HEIGHT_DEVIATION**2
         self._pose_precision = np.array([_deviation(dof) ** -2 for dof in DOFS])
         self._shape_precision = np.asarray(np.linalg.inv(covariance), np.float64)
 

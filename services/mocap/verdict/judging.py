@@ -87,11 +87,11 @@ def _causes_of(result: Result, iou: Mapping[str, Floats]) -> tuple[Cause, ...]:
 
 def _body(result: Result) -> Iterator[Cause]:
     """A height that is not the take's, or nobody's."""
-    told_m, height_m = result.run.get("take", {}).get("actor_height"), result.actor.height
+    stated_m, height_m = result.run.get("take", {}).get("actor_height"), result.actor.height
     calibration = "check the scale of calibration.toml (the side of the board's squares, units)"
-    if told_m is not None and abs(height_m - told_m) > _HEIGHT_OFF_M:
+    if stated_m is not None and abs(height_m - stated_m) > _HEIGHT_OFF_M:
         yield Cause(
-            what=f"the body is {height_m:.2f} m tall, take.toml says actor_height = {told_m:.2f}",
+            what=f"the body is {height_m:.2f} m tall, take.toml says actor_height = {stated_m:.2f}",
             remedy=f"correct that number, or {calibration}",
             level="usable with gaps",
         )

@@ -60,7 +60,7 @@ def closed(piece: Piece, domed: bool) -> Piece:
 
     domed: whether cuts get domes; otherwise they get flat covers too.
     """
-    faces, origin = _taken_apart(_wound_alike(piece), len(piece.vertices))
+    faces, origin = _split_where_tangled(_consistently_wound(piece), len(piece.vertices))
     vertices, cut = piece.vertices[origin], piece.cut[origin]
     new_vertices, new_faces, n_vertices = [vertices], [faces], len(vertices)
     for loop in _loops(_HalfEdges.of(faces)):
@@ -72,11 +72,11 @@ def closed(piece: Piece, domed: bool) -> Piece:
     vertices, faces = np.concatenate(new_vertices), np.concatenate(new_faces).astype(np.int32)
     if not is_closed(faces):
         raise AssertionError("a surface that was closed is open")
-    return Piece(vertices, _outside_out(vertices, faces), np.zeros(len(vertices), bool))
+    return Piece(vertices, _oriented_outwards(vertices, faces), np.zeros(len(vertices), bool))
 
 
-def _wound_alike(piece: Piece) -> Ints:
-    """The faces, those turned round that are wound against their neighbours; none twice."""
+def _consistently_wound(piece: Piece) -> Ints:
+    """The faces without duplicates, flipped where they are wound against their neighbours."""
     _, first = np.unique(np.sort(piece.faces, axis=1), axis=0, return_index=True)
     faces = piece.faces[np.sort(first)]
     start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
@@ -94,13 +94,16 @@ def _wound_alike(piece: Piece) -> Ints:
     return np.where((label[:n] > label[n:])[:, None], faces[:, ::-1], faces)
 
 
-def _taken_apart(faces: Ints, n_vertices: int) -> tuple[Ints, NDArray[np.int64]]:
-    """Faces round whose every vertex the surface is one disc or half a one, and which vertex each was."""
+def _split_where_tangled(faces: Ints, n_vertices: int) -> tuple[Ints, NDArray[np.int64]]:
+    """Faces whose vertices are duplicated until the surface around each is a disc or half a disc.
+
+    Returns the faces, and which original vertex each vertex was.
+    """
     origin: NDArray[np.int64] = np.arange(n_vertices)
     alone = np.zeros(len(faces), bool)
     for round_ in range(_ROUNDS):
         edges = _HalfEdges.of(faces)
-        if round_ >= _ROUNDS // 2:  # what is still tangled will not come apart by itself
+        if round_ >= _ROUNDS // 2:  # what is still tangled will not be split by more rounds
             alone[edges.crowded // 3] = True
         kept = edges.twins[~alone[edges.twins // 3].any(axis=1)]
         one, other = kept[:, 0], kept[:, 1]
@@ -157,8 +160,8 @@ def _cap(ring: Floats, loop: NDArray[np.int64], first: int, n_rings: int) -> tup
     return np.vstack([*rings, middle + height * outward]), np.concatenate(faces)
 
 
-def _outside_out(vertices: Floats, faces: Ints) -> Ints:
-    """Faces of closed surfaces, those turned round that are inside out."""
+def _oriented_outwards(vertices: Floats, faces: Ints) -> Ints:
+    """Faces of closed surfaces, flipped where a surface is inside out."""
     links = coo_array((np.ones(len(faces) * 2), (faces[:, [0, 0]].ravel(), faces[:, [1, 2]].ravel())),
                       shape=(len(vertices), len(vertices)))  # fmt: skip
     n, label = connected_components(links, directed=False)

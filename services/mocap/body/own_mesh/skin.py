@@ -29,8 +29,8 @@ _FEWEST_BONES = 4
 def character_of_skin(path: Path, gltf: Gltf) -> Character:
     """The character of a file with skins; raises UserError if bones or surfaces are missing."""
     placed = _bind_pose(gltf)
-    bones = sorted(placed, key=lambda bone: len(_upwards(gltf.nodes, bone)))  # parents first
-    turning = _told_apart(path, gltf.nodes, bones)
+    bones = sorted(placed, key=lambda bone: len(_ancestors(gltf.nodes, bone)))  # parents first
+    turning = _bones_by_joint(path, gltf.nodes, bones)
     segments = _segments(path, gltf.nodes, turning)
     return Character(
         joints={joint: placed[turning[joint]][:3, 3] for joint in NEEDED_JOINTS},
@@ -38,15 +38,15 @@ def character_of_skin(path: Path, gltf: Gltf) -> Character:
     )
 
 
-def _upwards(nodes: tuple[Node, ...], node: int) -> list[int]:
-    """A node, its parent, and so on."""
+def _ancestors(nodes: tuple[Node, ...], node: int) -> list[int]:
+    """A node, its parent, and so on up to the root."""
     chain = [node]
     while (parent := nodes[chain[-1]].parent) is not None:
         chain.append(parent)
     return chain
 
 
-def _told_apart(path: Path, nodes: tuple[Node, ...], bones: list[int]) -> dict[str, int]:
+def _bones_by_joint(path: Path, nodes: tuple[Node, ...], bones: list[int]) -> dict[str, int]:
     """Our joint -> the bone that turns there."""
     by_name: dict[str, int] = {}
     for bone in bones:
@@ -72,14 +72,14 @@ def _segments(path: Path, nodes: tuple[Node, ...], turning: dict[str, int]) -> d
 
     The pelvis is where the paths from legs and neck meet; the torso is the next bone towards the neck.
     """
-    neck, left, right = (_upwards(nodes, turning[joint]) for joint in ("neck", "left_hip", "right_hip"))
+    neck, left, right = (_ancestors(nodes, turning[joint]) for joint in ("neck", "left_hip", "right_hip"))
     shared = [node for node in neck if node in left and node in right]
     if not shared or neck.index(shared[0]) < 2:
         raise UserError(f"{path}: expected a skeleton in which legs and spine have a common parent")
     named = {turning[joint]: SEGMENT_AT[joint] for joint in NEEDED_JOINTS}
     named |= {shared[0]: "pelvis", neck[neck.index(shared[0]) - 1]: "torso"}
     return {
-        node: next((named[above] for above in _upwards(nodes, node) if above in named), "pelvis")
+        node: next((named[above] for above in _ancestors(nodes, node) if above in named), "pelvis")
         for node in range(len(nodes))
     }
 
@@ -132,7 +132,7 @@ def _moved(
             np.add.at(weights, (np.arange(len(weights)), of_bone[bones]), shares)
         T = _into_first(skin, placed)
     else:
-        bone = next((above for above in _upwards(gltf.nodes, node) if above in placed), None)
+        bone = next((above for above in _ancestors(gltf.nodes, node) if above in placed), None)
         if bone is None:
             return None
         T = placed[bone] @ np.linalg.inv(gltf.nodes[bone].T_world_node) @ of_node.T_world_node
@@ -146,7 +146,7 @@ def _pieces(path: Path, vertices: Floats, faces: Ints, weights: Floats) -> dict[
     for s, segment in enumerate(SEGMENT_NAMES):
         others = np.delete(weights, s, axis=1).max(axis=1, initial=0.0)
         pieces[segment] = cut_where(vertices, faces, weights[:, s] - others + _OVERLAP)
-    bare = [segment.replace("_", " ") for segment, piece in pieces.items() if len(piece.faces) == 0]
-    if bare:
-        raise UserError(f"{path}: has no surface for the {', '.join(bare)}: expected a whole body")
+    missing = [segment.replace("_", " ") for segment, piece in pieces.items() if len(piece.faces) == 0]
+    if missing:
+        raise UserError(f"{path}: has no surface for the {', '.join(missing)}: expected a whole body")
     return pieces
