@@ -10,8 +10,7 @@ import typer
 from pythonosc.osc_bundle import OscBundle
 
 from services.bridge.humanoid import bones_of
-from services.bridge.sender import address_of, open_sender
-from services.bridge.vmc import frame, nothing
+from services.bridge.vmc import address_of, frame, nothing, open_sender
 from services.commands.consoles import say
 from services.mocap.result.result import Result, load_result
 from services.process import StopRequest
