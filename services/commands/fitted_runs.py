@@ -1,7 +1,6 @@
 """Tracks a take with a progress bar: with a body as it is given, or fitted before, or fitted again after."""
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +19,7 @@ from services.mocap.result.layout import journal_of
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR
-from services.runs.fit import Show, TakeFit, fit_take, init_frames
+from services.runs.fit import fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.track import TakeJob
@@ -59,17 +58,6 @@ def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str
     mesh: a file with an own mesh to fit. goes_on: whether track_again follows; then a run whose results are
     there already is not repeated if the next one was interrupted.
     """
-    work, warnings = _first_fit(job, mesh)
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        with blamed_first(job.checks):
-            found = fit_with_bar(job.take, Path(temporary), work)
-        if goes_on and (report := _tracked_before(job, found.actor)):
-            return report
-        return track_with_bar(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
-
-
-def _first_fit(job: TakeJob, mesh: Path | None) -> tuple[Callable[[Show], TakeFit], list[str]]:
-    """What fits the actor to the first frames of a take, and warnings."""
     warnings: list[str] = []
     own, take = imported(mesh, warnings), job.take
     command = f"xormocap fit {take.folder}"
@@ -80,8 +68,13 @@ def _first_fit(job: TakeJob, mesh: Path | None) -> tuple[Callable[[Show], TakeFi
     else:
         warnings.append(f"{mesh}: was fitted for this run; {command} --mesh {mesh} keeps it in the take")
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
-    frames, segmenter = init_frames(take), job.segmenter
-    return partial(fit_take, take, frames, engine, job.search, mesh=own, segmenter=segmenter), warnings
+    work = partial(fit_take, take, init_frames(take), engine, job.search, mesh=own, segmenter=job.segmenter)
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        with blamed_first(job.checks):
+            found = fit_with_bar(take, Path(temporary), work)
+        if goes_on and (report := _tracked_before(job, found.actor)):
+            return report
+        return track_with_bar(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
 
 
 def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
