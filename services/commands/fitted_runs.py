@@ -10,9 +10,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from services.commands.checks import blamed_first, not_told
 from services.commands.consoles import say, stderr, stdout, warn
-from services.commands.fit import EVERY_CORE, fit_with_bar, imported
+from services.commands.fit import EVERY_CORE, fit_with_bar
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.measures import measure
+from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.export.formats import FormatName, write_defaults
 from services.mocap.result.layout import journal_of
@@ -58,15 +59,14 @@ def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str
     mesh: a file with an own mesh to fit. goes_on: whether track_again follows; then a run whose results are
     there already is not repeated if the next one was interrupted.
     """
-    warnings: list[str] = []
-    own, take = imported(mesh, warnings), job.take
+    take, own = job.take, None
     command = f"xormocap fit {take.folder}"
     if mesh is None:
-        warnings.append(
-            f"{take.folder}: has no actor.toml: fitted one for this run; {command} puts one there"
-        )
+        warnings = [f"{take.folder}: has no actor.toml: fitted one for this run; {command} puts one there"]
     else:
-        warnings.append(f"{mesh}: was fitted for this run; {command} --mesh {mesh} keeps it in the take")
+        imported = import_mesh(mesh)
+        own, kept = imported.mesh, f"{command} --mesh {mesh} keeps it in the take"
+        warnings = [*imported.remarks, f"{mesh}: was fitted for this run; {kept}"]
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
     work = partial(fit_take, take, init_frames(take), engine, job.search, mesh=own, segmenter=job.segmenter)
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:

@@ -2,6 +2,7 @@
 
 import socket
 import time
+from contextlib import closing
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -69,7 +70,7 @@ def view(
     from services.viewer.server import PageServer  # viser is needed only for the page
 
     show = finished_show(result, take)
-    with PageServer(Address(LOOPBACK, port)) as server, StopRequest() as stop:
+    with closing(PageServer(Address(LOOPBACK, port))) as server, StopRequest() as stop:
         server.show(show)
         say(f"open http://{LOOPBACK}:{server.port} (Ctrl-C stops the server)")
         while not stop.count:

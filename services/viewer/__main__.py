@@ -65,7 +65,7 @@ def main(
         token, own_keys = token_of(token_file, address), keys_of_client(keys, "viewer")
         folder = None if take is None else open_source(take)
         with (
-            PageServer(address, token) as server,
+            closing(PageServer(address, token)) as server,
             closing(Listener(connect, own_keys, folder, server.show, results)) as listener,
         ):
             BROWSERS.set_function(lambda: server.n_browsers)
