@@ -14,7 +14,7 @@ from proto.keys import ClientKeys
 from proto.messages import Message, Pose, TakeEnd, TakeInfo
 from proto.streams import DEFAULT_ENDPOINT
 from services.bridge.humanoid import bones_of
-from services.bridge.vmc import DEFAULT_LISTENER, address_of, frame, nothing, open_sender
+from services.bridge.vmc import DEFAULT_LISTENER, address_of, frame, nobody_tracked, open_sender
 from services.follower import Follower
 from services.health import beat
 from services.mocap.body.actor import Actor, build_body
@@ -32,7 +32,7 @@ _IDLE_S = 1.0
 log = logging.getLogger(__name__)
 
 
-class Puppeteer(Follower):
+class PoseSender(Follower):
     """Sends each pose, smoothed, when it arrives; skips frames that are missing or late."""
 
     def __init__(
@@ -51,23 +51,23 @@ class Puppeteer(Follower):
         self._sent_s = -math.inf
         """Time of the last sent message (time.monotonic)."""
 
-    def begin(self, info: TakeInfo) -> None:
+    def on_take(self, info: TakeInfo) -> None:
         """Start with a new filter."""
         self._offsets_m, self._last_s = None, -math.inf
         self._filter = None if self._cutoff_hz is None else OneEuro(self._cutoff_hz)
         if self._wanted not in (None, info.take):
             log.warning("ignoring take %s, which is not %s", info.take, self._wanted)
 
-    def learn(self, actor: Actor, rig: Rig) -> None:  # noqa: ARG002  (a follower's signature)
+    def on_content(self, actor: Actor, rig: Rig) -> None:  # noqa: ARG002  (a follower's signature)
         """Take the actor's bones."""
         self._offsets_m = build_body(actor).offsets_m
 
-    def hear(self, message: Message) -> None:
+    def on_message(self, message: Message) -> None:
         """Send a pose."""
         if self._wanted not in (None, getattr(message, "take", None)):
             return
         if isinstance(message, TakeEnd):
-            self._let_go()
+            self._send_nobody_tracked()
         elif isinstance(message, Pose) and self._offsets_m is not None and message.time_s > self._last_s:
             self._last_s, self._sent_s = message.time_s, time.monotonic()
             pose = message.pose if self._filter is None else self._filter(message.pose, message.time_s)
@@ -78,11 +78,11 @@ class Puppeteer(Follower):
         """See Follower.listen; also reports that nobody is tracked while no poses arrive."""
         super().listen(timeout_s)
         if time.monotonic() - self._sent_s > _IDLE_S:
-            self._let_go()
+            self._send_nobody_tracked()
 
-    def _let_go(self) -> None:
+    def _send_nobody_tracked(self) -> None:
         self._sent_s = time.monotonic()
-        self._send(nothing())
+        self._send(nobody_tracked())
 
 
 def bridge(
@@ -109,12 +109,12 @@ def bridge(
 
     def work(stop: StopRequest) -> None:
         own_keys, send = keys_of_client(keys, "viewer"), open_sender(*address_of(vmc))
-        puppeteer = Puppeteer(connect, own_keys, send, take=take, cutoff_hz=cutoff_hz or None)
+        sender = PoseSender(connect, own_keys, send, take=take, cutoff_hz=cutoff_hz or None)
         log.info("coordinator at %s; sending VMC to %s", connect, vmc)
-        with closing(puppeteer):
+        with closing(sender):
             while not stop:
                 beat()
-                puppeteer.listen(_LOOK_S)
+                sender.listen(_LOOK_S)
 
     run_service("bridge", work)
 

@@ -22,7 +22,7 @@ _NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 log = logging.getLogger(__name__)
 
 
-def nothing() -> OscBundle:
+def nobody_tracked() -> OscBundle:
     """Nobody is tracked."""
     return _bundle([_message("/VMC/Ext/OK", 0, _CALIBRATED, _NORMAL, 0)])
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from services.bridge.humanoid import bones_of
-from services.bridge.vmc import address_of, frame, nothing, open_sender
+from services.bridge.vmc import address_of, frame, nobody_tracked, open_sender
 from services.commands.consoles import say
 from services.mocap.result.result import Result, load_result
 from services.process import StopRequest
@@ -42,7 +42,7 @@ def play(
                 bones = bones_of(found.poses[row], found.motion.body.offsets_m)
                 send(frame(at_s, bones, is_trusted=not found.distrusted[row].any()))
                 sent += 1
-        send(nothing())
+        send(nobody_tracked())
     say(f"sent {sent} frames")
 
 
