@@ -35,15 +35,15 @@ class Follower(PosesListener):
         """The take's content, while some of it is missing."""
 
     @abstractmethod
-    def begin(self, info: TakeInfo) -> None:
+    def on_take(self, info: TakeInfo) -> None:
         """Called when a take begins, or begins again."""
 
     @abstractmethod
-    def learn(self, actor: Actor, rig: Rig) -> None:
+    def on_content(self, actor: Actor, rig: Rig) -> None:
         """Called when the actor and the rig of the take have arrived."""
 
     @abstractmethod
-    def hear(self, message: Message) -> None:
+    def on_message(self, message: Message) -> None:
         """Called for each message of the take, before or after its actor and rig arrived."""
 
     def lacking(self) -> Sequence[Message]:
@@ -74,11 +74,11 @@ class Follower(PosesListener):
             if message != self.info:
                 log.info("take %s, frames %d to %d", message.take, message.first_frame, message.end_frame - 1)
                 self.info, self._blobs, self._asked_s = message, BlobStore(), 0.0
-                self.begin(message)
+                self.on_take(message)
         elif isinstance(message, Blob):
             self._add(message)
         elif self.info is not None and getattr(message, "take", None) == self.info.take:
-            self.hear(message)
+            self.on_message(message)
 
     def _add(self, blob: Blob) -> None:
         if self._blobs is None or self.info is None or blob.hash not in self._blobs.missing(self.info):
@@ -95,4 +95,4 @@ class Follower(PosesListener):
             self._blobs = None
         else:
             self._blobs = None
-            self.learn(actor, rig)
+            self.on_content(actor, rig)

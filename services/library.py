@@ -75,9 +75,7 @@ def fit(
     found = fit_take(
         take, init_frames(take), engine, search, lambda _stage, _share: None, segmenter=segmenter
     )
-    for sentence in found.warnings:
-        warnings.warn(sentence, stacklevel=2)
-    return found
+    return _warned(found)
 
 
 def refine(take: Take, result: Path, n_frames: int = DEFAULT_REFINE_FRAMES, segmenter: str = AUTO) -> TakeFit:
@@ -87,8 +85,12 @@ def refine(take: Take, result: Path, n_frames: int = DEFAULT_REFINE_FRAMES, segm
     than two frames without a mark.
     """
     found = refine_take(take, result, n_frames, lambda _stage, _share: None, segmenter=segmenter)
+    return _warned(found)
+
+
+def _warned(found: TakeFit) -> TakeFit:
     for sentence in found.warnings:
-        warnings.warn(sentence, stacklevel=2)
+        warnings.warn(sentence, stacklevel=3)
     return found
 
 

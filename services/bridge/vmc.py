@@ -1,20 +1,28 @@
-"""Messages of the VMC protocol (Virtual Motion Capture, protocol.vmc.info), in OSC over UDP."""
+"""Makes and sends messages of the VMC protocol (Virtual Motion Capture, protocol.vmc.info): OSC over UDP."""
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Sequence
+from urllib.parse import urlsplit
 
 from pythonosc.osc_bundle import OscBundle
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message import OscMessage
 from pythonosc.osc_message_builder import OscMessageBuilder
+from pythonosc.udp_client import UDPClient
 
 from services.bridge.humanoid import Bone
+from services.mocap.errors import UserError
 
+DEFAULT_LISTENER = "127.0.0.1:39539"
+"""Where tools receive VMC by default, on this machine."""
 _CALIBRATED, _NORMAL = 3, 0
 """States of a performer's calibration, and its mode."""
 _NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
+log = logging.getLogger(__name__)
 
-def nothing() -> OscBundle:
+
+def nobody_tracked() -> OscBundle:
     """Nobody is tracked."""
     return _bundle([_message("/VMC/Ext/OK", 0, _CALIBRATED, _NORMAL, 0)])
 
@@ -49,3 +57,32 @@ def _bundle(messages: Sequence[OscMessage]) -> OscBundle:
     for message in messages:
         builder.add_content(message)
     return builder.build()
+
+
+def address_of(text: str) -> tuple[str, int]:
+    """Parse HOST:PORT; raises UserError if it is malformed."""
+    try:
+        parts = urlsplit(f"//{text}")
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port or parts.path or parts.username is not None:
+        raise UserError(f"--vmc {text}: expected HOST:PORT, such as {DEFAULT_LISTENER}")
+    return host, port
+
+
+def open_sender(host: str, port: int) -> Callable[[OscBundle], None]:
+    """A function that sends packets there, whether or not a tool receives them; raises UserError for an
+    unknown host."""
+    try:
+        client = UDPClient(host, port)
+    except OSError as error:
+        raise UserError(f"--vmc {host}:{port}: host not found ({error}): expected HOST:PORT") from None
+
+    def send(bundle: OscBundle) -> None:
+        try:
+            client.send(bundle)
+        except OSError as error:  # the network is down or busy: drop this pose, the next one is newer
+            log.debug("a packet was dropped: %s", error)
+
+    return send

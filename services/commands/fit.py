@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from services.commands.checks import CheckOption, blamed_first, look_before, not_told
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
-from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.search.overrides import search_settings
@@ -74,9 +72,9 @@ def fit(
     actor_toml = (out or take) / ACTOR
     check_place(actor_toml, force)
     folder = out or take / FIT_FOLDER
-    warnings: list[str] = []
     checks = look_before(opened, init_frames(opened, frames), segmenter) if check else ()
     search = search_settings([], None, len(opened.cameras), body=body)
+    own = None if mesh is None else import_mesh(mesh)
     if refine is not None:
         count = frames or DEFAULT_REFINE_FRAMES
         work = partial(refine_take, opened, refine, count, segmenter=segmenter, body=search.body)
@@ -87,24 +85,15 @@ def fit(
             init_frames(opened, frames),
             engine_settings(backend, EVERY_CORE),
             search,
-            mesh=imported(mesh, warnings),
+            mesh=None if own is None else own.mesh,
             segmenter=segmenter,
         )
     with blamed_first(checks):
         found = fit_with_bar(opened, folder, work)
     if out is None:
         write_actor(actor_toml, found.actor, origin_of(opened, found))
-    warn(not_told([*warnings, *found.warnings], checks))
-    show_fit(found, opened, folder, stdout)
-
-
-def imported(mesh: Path | None, warnings: list[str]) -> OwnMesh | None:
-    """The mesh of a file, or None if there is no file; adds to the warnings. Raises UserError."""
-    if mesh is None:
-        return None
-    found = import_mesh(mesh)
-    warnings += found.remarks
-    return found.mesh
+    warn(not_told([*(() if own is None else own.remarks), *found.warnings], checks))
+    show_fit(found, opened, folder)
 
 
 def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> TakeFit:
@@ -117,7 +106,7 @@ def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> T
     return found
 
 
-def show_fit(found: TakeFit, take: Take, folder: Path, console: Console) -> None:
+def show_fit(found: TakeFit, take: Take, folder: Path) -> None:
     """Print the measures, how well the frames are covered before and after, and where the pictures are."""
     measures = table_of("measure", "cm", "±")
     measures.add_column("how to measure it")
@@ -131,15 +120,15 @@ def show_fit(found: TakeFit, take: Take, folder: Path, console: Console) -> None
         ious = (f"{of.iou[:, c].mean():.3f}" for of in (before, after))
         quality.add_row(f"IoU, {escape(camera.name)}", *ious)
     quality.add_row("IoU, all cameras", f"{before.iou.mean():.3f}", f"{after.iou.mean():.3f}")
-    console.print(measures)
-    console.print()
-    console.print(quality)
+    stdout.print(measures)
+    stdout.print()
+    stdout.print(quality)
     told_m, height_m = take.settings.actor_height, found.measures[0].cm / 100.0
     if told_m is not None and abs(height_m - told_m) > _HEIGHT_CM / 100.0:
-        console.print(
+        stdout.print(
             f"take.toml has actor_height = {told_m:.2f} m, the silhouettes give {height_m:.2f} m: "
             "check that number, or the scale of the calibration",
             style="yellow",
             soft_wrap=True,
         )
-    say(f"look at {folder / OVERLAY} and {folder / TURNTABLE}", console)
+    say(f"look at {folder / OVERLAY} and {folder / TURNTABLE}")

@@ -1,7 +1,6 @@
 """Tracks a take with a progress bar: with a body as it is given, or fitted before, or fitted again after."""
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,16 +10,17 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from services.commands.checks import blamed_first, not_told
 from services.commands.consoles import say, stderr, stdout, warn
-from services.commands.fit import EVERY_CORE, fit_with_bar, imported
+from services.commands.fit import EVERY_CORE, fit_with_bar
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.measures import measure
+from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.export.formats import FormatName, write_defaults
 from services.mocap.result.layout import journal_of
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR
-from services.runs.fit import Show, TakeFit, fit_take, init_frames
+from services.runs.fit import fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.track import TakeJob
@@ -59,29 +59,22 @@ def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str
     mesh: a file with an own mesh to fit. goes_on: whether track_again follows; then a run whose results are
     there already is not repeated if the next one was interrupted.
     """
-    work, warnings = _first_fit(job, mesh)
+    take, own = job.take, None
+    command = f"xormocap fit {take.folder}"
+    if mesh is None:
+        warnings = [f"{take.folder}: has no actor.toml: fitted one for this run; {command} puts one there"]
+    else:
+        imported = import_mesh(mesh)
+        own, kept = imported.mesh, f"{command} --mesh {mesh} keeps it in the take"
+        warnings = [*imported.remarks, f"{mesh}: was fitted for this run; {kept}"]
+    engine = job.engine.model_copy(update={"threads": EVERY_CORE})
+    work = partial(fit_take, take, init_frames(take), engine, job.search, mesh=own, segmenter=job.segmenter)
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         with blamed_first(job.checks):
-            found = fit_with_bar(job.take, Path(temporary), work)
+            found = fit_with_bar(take, Path(temporary), work)
         if goes_on and (report := _tracked_before(job, found.actor)):
             return report
         return track_with_bar(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
-
-
-def _first_fit(job: TakeJob, mesh: Path | None) -> tuple[Callable[[Show], TakeFit], list[str]]:
-    """What fits the actor to the first frames of a take, and warnings."""
-    warnings: list[str] = []
-    own, take = imported(mesh, warnings), job.take
-    command = f"xormocap fit {take.folder}"
-    if mesh is None:
-        warnings.append(
-            f"{take.folder}: has no actor.toml: fitted one for this run; {command} puts one there"
-        )
-    else:
-        warnings.append(f"{mesh}: was fitted for this run; {command} --mesh {mesh} keeps it in the take")
-    engine = job.engine.model_copy(update={"threads": EVERY_CORE})
-    frames, segmenter = init_frames(take), job.segmenter
-    return partial(fit_take, take, frames, engine, job.search, mesh=own, segmenter=segmenter), warnings
 
 
 def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:

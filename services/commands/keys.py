@@ -82,7 +82,7 @@ def revoke(folder: Folder, names: Names) -> None:
     for name in names:
         _check_name(name)
         if not _listed(folder, name).exists():
-            known = ", ".join(_clients_of(folder).values()) or "nobody"
+            known = ", ".join(allowed_clients(folder / COORDINATOR / CLIENTS).values()) or "nobody"
             raise UserError(f"{name}: is not on the list in {folder}, which has {known}")
     for name in names:
         _listed(folder, name).unlink()
@@ -95,7 +95,7 @@ def show(folder: Folder) -> None:
     """List the clients with access."""
     _require_keys(folder)
     table = Table("client", "public key", box=None)
-    for key, name in _clients_of(folder).items():
+    for key, name in allowed_clients(folder / COORDINATOR / CLIENTS).items():
         table.add_row(name, key.decode())
     stdout.print(table, markup=False)
 
@@ -129,10 +129,6 @@ def _require_keys(folder: Path) -> None:
 
 def _listed(folder: Path, name: str) -> Path:
     return folder / COORDINATOR / CLIENTS / f"{name}{PUBLIC}"
-
-
-def _clients_of(folder: Path) -> dict[bytes, str]:
-    return allowed_clients(folder / COORDINATOR / CLIENTS)
 
 
 def _make_client(folder: Path, name: str) -> None:

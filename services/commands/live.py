@@ -10,34 +10,17 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from services import options
 from services.commands.consoles import stderr, stdout, warn
 from services.commands.track import accuracy_in_words
-from services.commands.verdicts import StrictOption, exit_if_not_usable, tell_verdict
-from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
+from services.commands.verdicts import StrictOption, conclude
+from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError, nearest
 from services.mocap.motion.settings import Smoother
-from services.mocap.result.result import load_result
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.live import LiveTake, open_live
-from services.mocap.verdict.judging import verdict_of
-from services.options import (
-    DEFAULT_ENGINE,
-    DEFAULT_SEGMENTER,
-    BackendOption,
-    BodyOption,
-    CutoffOption,
-    KeysOption,
-    SearchOption,
-    SegmenterOption,
-    SetOption,
-    SettingsOption,
-    SmoothOption,
-    ThreadsOption,
-    engine_settings,
-    output_settings,
-)
 from services.recorder.result_folder import check_out
 from services.runs.live import LiveJob, serve_group
 from services.runs.live import live as track_live
@@ -56,26 +39,26 @@ def live(
         Path | None,
         typer.Option(metavar="FOLDER", help="Store the cameras' pictures as a take in this folder."),
     ] = None,
-    backend: BackendOption = DEFAULT_ENGINE.backend,
-    threads: ThreadsOption = DEFAULT_ENGINE.threads,
-    preset: SearchOption = "default",
-    body: BodyOption = None,
-    changes: SetOption = None,
-    settings: SettingsOption = None,
-    smooth: SmoothOption = _SMOOTHER,
-    cutoff_hz: CutoffOption = None,
-    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    backend: options.BackendOption = options.DEFAULT_ENGINE.backend,
+    threads: options.ThreadsOption = options.DEFAULT_ENGINE.threads,
+    preset: options.SearchOption = "default",
+    body: options.BodyOption = None,
+    changes: options.SetOption = None,
+    settings: options.SettingsOption = None,
+    smooth: options.SmoothOption = _SMOOTHER,
+    cutoff_hz: options.CutoffOption = None,
+    segmenter: options.SegmenterOption = options.DEFAULT_SEGMENTER,
     watch: ViewOption = False,
     port: PortOption = DEFAULT_PORT,
     group: Annotated[
         str | None, typer.Option(help="Serve only this group of cameras, for a coordinator on another host.")
     ] = None,
-    keys: KeysOption = None,
+    keys: options.KeysOption = None,
     strict: StrictOption = False,
 ) -> None:
     """Track live cameras until Ctrl-C: publish poses as they are found, and write results at the end."""
     take = open_live(config)
-    engine, output = engine_settings(backend, threads), output_settings(smooth, cutoff_hz)
+    engine, output = options.engine_settings(backend, threads), options.output_settings(smooth, cutoff_hz)
     search = search_settings(changes or [], settings, len(take.cameras), preset, body)
     check_cost(engine, search.cost)
     folder = out or Path("results") / take.settings.name
@@ -106,11 +89,7 @@ def live(
     if report is None:
         raise UserError(f"{config}: nobody was tracked: the log lines above say why")
     _summarise(report, folder, record)
-    verdict = verdict_of(load_result(folder))
-    tell_verdict(verdict)
-    if watch:
-        view(folder, record, port)
-    exit_if_not_usable(verdict, strict=strict)
+    conclude(folder, record, port if watch else None, strict=strict)
 
 
 def _track(job: LiveJob) -> dict[str, Any] | None:

@@ -59,7 +59,10 @@ def new(
     folder.mkdir(parents=True, exist_ok=True)
     if cameras and not (folder / layout.CALIBRATION).exists():
         write_calibration(folder / layout.CALIBRATION, cameras, up)
-    _write(settings, {name: os.path.relpath(path, folder) for name, path in found.items()}, up)
+    relative = {name: os.path.relpath(path, folder) for name, path in found.items()}
+    fields = {"name": folder.absolute().name, "units": "m", "up": up, "videos": relative}
+    with atomic_file(settings) as part:  # frames and fps are left to the videos
+        part.write_text(tomli_w.dumps(fields), encoding="utf-8")
     warn([*remarks, *(f"{path}: belongs to no camera and is not used" for path in left)])
     _tell(settings, indices, has_cameras=bool(cameras))
 
@@ -83,13 +86,6 @@ def _cameras(folder: Path, file: Path | None, up: Up) -> tuple[tuple[Camera, ...
     if inside.exists():
         raise CalibrationError(f"{inside}: exists already: leave out --calibration, or remove it")
     return read_any(file, None, size_px=None, units="auto", scale=1.0, up=up)
-
-
-def _write(path: Path, videos: dict[str, str], up: Up) -> None:
-    """take.toml; frames and fps are left to the videos."""
-    fields = {"name": path.absolute().parent.name, "units": "m", "up": up, "videos": videos}
-    with atomic_file(path) as part:
-        part.write_text(tomli_w.dumps(fields), encoding="utf-8")
 
 
 def _tell(settings: Path, indices: dict[str, VideoIndex], *, has_cameras: bool) -> None:

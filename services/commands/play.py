@@ -1,17 +1,15 @@
 """`xormocap play`: sends the poses of finished results to animation tools."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from pythonosc.osc_bundle import OscBundle
 
 from services.bridge.humanoid import bones_of
-from services.bridge.sender import address_of, open_sender
-from services.bridge.vmc import frame, nothing
+from services.bridge.vmc import address_of, frame, nobody_tracked, open_sender
 from services.commands.consoles import say
 from services.mocap.result.result import Result, load_result
 from services.process import StopRequest
@@ -19,6 +17,7 @@ from services.process import StopRequest
 _LONGEST_SLEEP_S = 0.1
 """So that Ctrl-C is answered at once."""
 _LATE_S = 0.25
+"""Frames that are later than this, as after a sleep of the machine, are left out."""
 
 
 def play(
@@ -34,28 +33,17 @@ def play(
     with StopRequest() as stop:
         again = f"every {len(found.frames) / found.fps / speed:.1f} s again, until Ctrl-C" if loop else "once"
         say(f"sending {len(found.frames)} frames to {vmc}, {again}")
-        frames = play_frames(found, send, speed, loop, stop)
-    say(f"sent {frames} frames")
-
-
-def play_frames(
-    result: Result, send: Callable[[OscBundle], None], speed: float, loop: bool, stop: StopRequest
-) -> int:
-    """Send each frame when it is due, and at the end that nobody is tracked; returns how many were sent.
-
-    speed: relative to the recording. Frames that are late, as after a sleep of the machine, are left out.
-    """
-    began_s, sent = time.monotonic(), 0
-    for row, at_s in _schedule(result, loop):
-        due_s = began_s + at_s / speed
-        if not _wait_until(due_s, stop):
-            break
-        if time.monotonic() < due_s + _LATE_S:
-            bones = bones_of(result.poses[row], result.motion.body.offsets_m)
-            send(frame(at_s, bones, is_trusted=not result.distrusted[row].any()))
-            sent += 1
-    send(nothing())
-    return sent
+        began_s, sent = time.monotonic(), 0
+        for row, at_s in _schedule(found, loop):
+            due_s = began_s + at_s / speed
+            if not _wait_until(due_s, stop):
+                break
+            if time.monotonic() < due_s + _LATE_S:
+                bones = bones_of(found.poses[row], found.motion.body.offsets_m)
+                send(frame(at_s, bones, is_trusted=not found.distrusted[row].any()))
+                sent += 1
+        send(nobody_tracked())
+    say(f"sent {sent} frames")
 
 
 def _schedule(result: Result, loop: bool) -> Iterator[tuple[int, float]]:

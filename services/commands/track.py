@@ -8,36 +8,19 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from services import options
 from services.commands.checks import CheckOption, look_before
 from services.commands.consoles import TakeFolder, stdout, warn
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
 from services.commands.short_help import HelpAllOption
-from services.commands.verdicts import StrictOption, exit_if_not_usable, tell_verdict
-from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page, view
+from services.commands.verdicts import StrictOption, conclude
+from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
-from services.mocap.result.result import load_result
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
-from services.mocap.verdict.judging import verdict_of
-from services.options import (
-    DEFAULT_ENGINE,
-    DEFAULT_OUTPUT,
-    DEFAULT_SEGMENTER,
-    BackendOption,
-    BodyOption,
-    CutoffOption,
-    SearchOption,
-    SegmenterOption,
-    SetOption,
-    SettingsOption,
-    SmoothOption,
-    ThreadsOption,
-    engine_settings,
-    output_settings,
-)
 from services.recorder.result_folder import check_out
 from services.runs.fit import init_frames
 from services.runs.track import TakeJob
@@ -57,12 +40,12 @@ def track(
     workers: Annotated[int, typer.Option(min=0, max=64, help="Number of limb worker processes.")] = 4,
     frames: Annotated[str, typer.Option(help="Range of frames A:B, from A up to but not including B.")] = ":",
     overlay: Annotated[bool, typer.Option(help="Write overlay.mp4.")] = True,
-    backend: BackendOption = DEFAULT_ENGINE.backend,
-    threads: ThreadsOption = DEFAULT_ENGINE.threads,
-    preset: SearchOption = "default",
-    body: BodyOption = None,
-    changes: SetOption = None,
-    settings: SettingsOption = None,
+    backend: options.BackendOption = options.DEFAULT_ENGINE.backend,
+    threads: options.ThreadsOption = options.DEFAULT_ENGINE.threads,
+    preset: options.SearchOption = "default",
+    body: options.BodyOption = None,
+    changes: options.SetOption = None,
+    settings: options.SettingsOption = None,
     fit_first: Annotated[
         bool,
         typer.Option(
@@ -83,9 +66,9 @@ def track(
             "this run fitted it and the take is long enough.",
         ),
     ] = None,
-    smooth: SmoothOption = DEFAULT_OUTPUT.smooth,
-    cutoff_hz: CutoffOption = None,
-    segmenter: SegmenterOption = DEFAULT_SEGMENTER,
+    smooth: options.SmoothOption = options.DEFAULT_OUTPUT.smooth,
+    cutoff_hz: options.CutoffOption = None,
+    segmenter: options.SegmenterOption = options.DEFAULT_SEGMENTER,
     watch: ViewOption = False,
     port: PortOption = DEFAULT_PORT,
     check: CheckOption = True,
@@ -104,7 +87,7 @@ def track(
     page = tell_page(port) if watch else None
     opened = open_take(take)
     warn(opened.remarks)
-    engine = engine_settings(backend, threads)
+    engine = options.engine_settings(backend, threads)
     job = TakeJob(
         take=opened,
         out=folder,
@@ -115,7 +98,7 @@ def track(
         engine=engine,
         search=search_settings(changes or [], settings, len(opened.cameras), preset, body),
         fitted=fitted,
-        output=output_settings(smooth, cutoff_hz),
+        output=options.output_settings(smooth, cutoff_hz),
         segmenter=segmenter,
         endpoint=endpoint,
     )
@@ -131,11 +114,7 @@ def track(
     if again:
         report = track_again(job, report, is_asked_for=refine is True)
     _summarise(report, job.out)
-    verdict = verdict_of(load_result(job.out))
-    tell_verdict(verdict)
-    if watch:
-        view(job.out, take, port)
-    exit_if_not_usable(verdict, strict=strict)
+    conclude(job.out, take, port if watch else None, strict=strict)
 
 
 def _summarise(report: dict[str, Any], folder: Path) -> None:

@@ -1,11 +1,15 @@
-"""Prints a verdict, and ends the command where it is asked to be strict."""
+"""How commands that track end: they print the verdict, show the page, and may exit with a code."""
 
+from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
 
 from services.commands.consoles import say, stdout
-from services.mocap.verdict.verdict import IOU_IN_WORDS, Level, Verdict
+from services.commands.view import view
+from services.mocap.result.result import load_result
+from services.mocap.verdict.judging import verdict_of
+from services.mocap.verdict.verdict import IOU_IN_WORDS, Level
 
 EXIT_NOT_USABLE = 3
 StrictOption: TypeAlias = Annotated[
@@ -14,8 +18,13 @@ StrictOption: TypeAlias = Annotated[
 _STYLES: dict[Level, str] = {"good": "green", "usable with gaps": "yellow", "not usable": "bold red"}
 
 
-def tell_verdict(verdict: Verdict) -> None:
-    """Print a verdict: the level, the doubtful parts, the overlap with the silhouettes, and the causes."""
+def conclude(folder: Path, take: Path | None, port: int | None, *, strict: bool) -> None:
+    """Print the verdict on a result, and show it on the page until Ctrl-C.
+
+    take: see view; port: that of the page; None: no page. strict: afterwards exit with EXIT_NOT_USABLE if the
+    result cannot be used.
+    """
+    verdict = verdict_of(load_result(folder))
     stdout.print(f"verdict: {verdict.headline}", style=_STYLES[verdict.level], markup=False, soft_wrap=True)
     if verdict.doubts:
         say(f"  doubtful: {verdict.doubts_in_words}")
@@ -25,9 +34,7 @@ def tell_verdict(verdict: Verdict) -> None:
             f"{verdict.iou[lowest]:.2f} ({IOU_IN_WORDS})")  # fmt: skip
     for cause in verdict.causes:
         say(f"  {'remark' if cause.level == 'good' else 'cause'}: {cause}")
-
-
-def exit_if_not_usable(verdict: Verdict, *, strict: bool) -> None:
-    """Exit with EXIT_NOT_USABLE if the results cannot be used and strict is asked for."""
+    if port is not None:
+        view(folder, take, port)
     if strict and verdict.level == "not usable":
         raise typer.Exit(EXIT_NOT_USABLE)

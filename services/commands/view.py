@@ -2,6 +2,7 @@
 
 import socket
 import time
+from contextlib import closing
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -43,22 +44,16 @@ def check_page() -> None:
         raise UserError("the page needs viser, which is not installed: pip install 'xormocap[page]'")
 
 
-def check_port(port: int) -> None:
-    """Raise UserError if a port of this machine, which is not 0, is in use."""
+def tell_page(port: int) -> str:
+    """Print the page's address; returns it as HOST:PORT. Raises as check_page, and if the port is in use."""
+    check_page()
     with socket.socket() as trial:
         trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             trial.bind((LOOPBACK, port))
         except OSError as problem:
-            raise UserError(
-                f"--port {port}: {(problem.strerror or 'is in use').lower()}: choose another"
-            ) from None
-
-
-def tell_page(port: int) -> str:
-    """Print the page's address; returns it as HOST:PORT. Raises as check_page, and if the port is in use."""
-    check_page()
-    check_port(port)
+            reason = (problem.strerror or "is in use").lower()
+            raise UserError(f"--port {port}: {reason}: choose another") from None
     say(f"open http://{LOOPBACK}:{port}", stderr)
     return f"{LOOPBACK}:{port}"
 
@@ -75,7 +70,7 @@ def view(
     from services.viewer.server import PageServer  # viser is needed only for the page
 
     show = finished_show(result, take)
-    with PageServer(Address(LOOPBACK, port)) as server, StopRequest() as stop:
+    with closing(PageServer(Address(LOOPBACK, port))) as server, StopRequest() as stop:
         server.show(show)
         say(f"open http://{LOOPBACK}:{server.port} (Ctrl-C stops the server)")
         while not stop.count:

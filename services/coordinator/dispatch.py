@@ -12,7 +12,7 @@ from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, L
 from proto.streams import FROM_CLIENTS, TO_CLIENTS
 from services.blob_store import keep_latest
 from services.coordinator.deadline import Deadline
-from services.coordinator.metrics import note_turnaround
+from services.coordinator.metrics import TURNAROUND
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.search.chains import LIMBS, LimbName
 
@@ -188,7 +188,7 @@ class Dispatcher:
     def _close(self, key: Key, result: LimbResult) -> None:
         opened = self._open.pop(key, None)
         if opened is not None:
-            note_turnaround(self._now() - opened.submitted_s)
+            TURNAROUND.observe(self._now() - opened.submitted_s)
             self._results.append(result)
             self._queue = deque(k for k in self._queue if k != key)
 

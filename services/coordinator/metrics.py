@@ -18,7 +18,7 @@ _ENERGY = Histogram(
 _STAGES = Histogram(
     "xormocap_stage_seconds", "Wall time of a frame's stages.", ["stage"], buckets=TIME_BUCKETS_S
 )
-_TURNAROUND = Histogram(
+TURNAROUND = Histogram(
     "xormocap_task_turnaround_seconds",
     "Time from a limb task's submission to its result; the rate of its sum is the mean number of tasks.",
     buckets=TIME_BUCKETS_S,
@@ -87,8 +87,3 @@ def note_pose(pose: Pose) -> None:
         _STAGES.labels(stage).observe(seconds)
     for part in pose.distrusted:
         _DISTRUSTED.labels(part).inc()
-
-
-def note_turnaround(seconds: float) -> None:
-    """Count a solved limb task and its time since submission."""
-    _TURNAROUND.observe(seconds)

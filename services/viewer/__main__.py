@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 
-from proto.keys import ClientKeys
 from proto.streams import DEFAULT_ENDPOINT
 from services.health import beat
 from services.mocap.take.live import open_source
@@ -32,38 +31,6 @@ def _url(address: Address, port: int, token: str | None) -> str:
     host = LOOPBACK if address.host in ("0.0.0.0", "::") else address.host  # noqa: S104  (read, not bound)
     query = "" if token is None else f"/?token={token}"
     return f"http://{f'[{host}]' if ':' in host else host}:{port}{query}"
-
-
-def serve(
-    take: Path | None,
-    results: Path | None,
-    endpoint: str,
-    address: Address,
-    token: str | None,
-    keys: ClientKeys | None,
-    stop: StopRequest,
-    niceness: int,
-) -> None:
-    """Show a coordinator's takes until a stop is requested; lower the priority once a browser has loaded the
-    page."""
-    folder = None if take is None else open_source(take)
-    with (
-        PageServer(address, token) as server,
-        closing(Listener(endpoint, keys, folder, server.show, results)) as listener,
-    ):
-        BROWSERS.set_function(lambda: server.n_browsers)
-        preparing = threading.Thread(target=listener.prepare, daemon=True)
-        log.info("coordinator at %s; open %s", endpoint, _url(address, server.port, token))
-        while not stop:
-            beat()
-            listener.listen(_LOOK_S)
-            if server.n_browsers and preparing.ident is None:
-                preparing.start()
-            if server.has_shown and niceness:  # not before, so that the first view is fast
-                give_way(niceness)
-                niceness = 0
-            if not server.n_browsers:  # messages wait, and are then read together
-                time.sleep(_REST_S)
 
 
 def main(
@@ -94,9 +61,26 @@ def main(
     """Show a take in browsers during tracking."""
 
     def work(stop: StopRequest) -> None:
-        address = Address.of(bind)
+        address, given_way = Address.of(bind), False
         token, own_keys = token_of(token_file, address), keys_of_client(keys, "viewer")
-        serve(take, results, connect, address, token, own_keys, stop, niceness)
+        folder = None if take is None else open_source(take)
+        with (
+            closing(PageServer(address, token)) as server,
+            closing(Listener(connect, own_keys, folder, server.show, results)) as listener,
+        ):
+            BROWSERS.set_function(lambda: server.n_browsers)
+            preparing = threading.Thread(target=listener.prepare, daemon=True)
+            log.info("coordinator at %s; open %s", connect, _url(address, server.port, token))
+            while not stop:
+                beat()
+                listener.listen(_LOOK_S)
+                if server.n_browsers and preparing.ident is None:
+                    preparing.start()
+                if server.has_shown and not given_way:  # not before, so that the first view is fast
+                    give_way(niceness)
+                    given_way = True
+                if not server.n_browsers:  # messages wait, and are then read together
+                    time.sleep(_REST_S)
 
     run_service("viewer", work, metrics)
 

@@ -62,7 +62,7 @@ class Speed(_Frozen):
     factor: float = Field(gt=0, le=16)
 
 
-class Show(_Frozen):
+class ShowTiles(_Frozen):
     """What the cameras' tiles show."""
 
     do: Literal["show"]
@@ -104,7 +104,7 @@ class Choose(_Frozen):
 
 
 Action: TypeAlias = Annotated[
-    Seen | Seek | Step | SeekDoubtful | Play | Live | Speed | Show | Enlarge | Room | Frame | Choose,
+    Seen | Seek | Step | SeekDoubtful | Play | Live | Speed | ShowTiles | Enlarge | Room | Frame | Choose,
     Field(discriminator="do"),
 ]
 ACTIONS: TypeAdapter[Action] = TypeAdapter(Action)

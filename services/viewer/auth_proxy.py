@@ -99,7 +99,7 @@ _FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><title>xormocap<
 
 
 class AuthProxy:
-    """Listens at an address for browsers, in a thread of its own; a context manager."""
+    """Listens at an address for browsers, in a thread of its own, until `close`."""
 
     def __init__(self, address: Address, token: str | None, port_for: Callable[[Head], int]) -> None:
         """token: None lets everybody in. port_for: the server on loopback for a request.
@@ -119,6 +119,8 @@ class AuthProxy:
             where = f"{address.host}:{address.port}"
             raise UserError(f"{where}: cannot listen there ({error.strerror}): choose another port") from None
         self.port: int = self._listener.sockets[0].getsockname()[1]
+        self._cookie = f"xormocap-{self.port}"
+        """The cookie's name, with the port: browsers share cookies between ports."""
         self._thread = threading.Thread(target=self._loop.run_forever, name="proxy", daemon=True)
         self._thread.start()
 
@@ -155,18 +157,10 @@ class AuthProxy:
             await _answer(writer, "401 Unauthorized", _FORM.format(words=words))
 
     async def _let_in(self, head: Head, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Connect a browser with the server until one of them closes the connection."""
         if head.is_from_elsewhere:
             await _answer(writer, "403 Forbidden", "")
-        else:
-            await self._pass_on(head, reader, writer)
-
-    @property
-    def _cookie(self) -> str:
-        """The cookie's name, with the port: browsers share cookies between ports."""
-        return f"xormocap-{self.port}"
-
-    async def _pass_on(self, head: Head, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Connect a browser with the server until one of them closes the connection."""
+            return
         from_server, to_server = await asyncio.open_connection(LOOPBACK, self._port_for(head))
         try:
             to_server.write(head.alone())
@@ -195,12 +189,6 @@ class AuthProxy:
         self._thread.join(_END_S)
         if not self._thread.is_alive():
             self._loop.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

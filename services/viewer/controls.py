@@ -4,22 +4,8 @@ import queue
 from contextlib import suppress
 
 from services.mocap.take.marks import Part
-from services.viewer.actions import (
-    Action,
-    Choose,
-    Enlarge,
-    Frame,
-    Live,
-    Play,
-    Room,
-    Seek,
-    SeekDoubtful,
-    Speed,
-    Step,
-)
-from services.viewer.actions import (
-    Show as ShowTiles,
-)
+from services.viewer import actions
+from services.viewer.actions import Action
 from services.viewer.player import Player
 from services.viewer.show import Show
 from services.viewer.tiles import Content, Look
@@ -31,18 +17,18 @@ _FIRST_CHARTS = ("Confidence", "Angle: knee flexion (degrees)")
 class Controls:
     """The choices of one browser; for the page's thread only."""
 
-    def __init__(self, actions: "queue.Queue[Action]", show: Show) -> None:
-        """actions: what the user does, as it arrives."""
+    def __init__(self, user_actions: "queue.Queue[Action]", show: Show) -> None:
+        """user_actions: what the user does, as it arrives."""
         history = show.history
         at = history.newest if show.is_live and history.newest is not None else history.frames.start
         self.player = Player(history, show.fps, at, is_live=show.is_live, is_playing=not show.is_live)
         self.version = 0
         """Incremented by every action of the user."""
-        self.room = Room(do="room", frusta=True, trails=False, follow=False)
+        self.room = actions.Room(do="room", frusta=True, trails=False, follow=False)
         self.charts: tuple[str, ...] = _FIRST_CHARTS
-        self.framing: Frame | None = Frame(do="frame", what="all")
+        self.framing: actions.Frame | None = actions.Frame(do="frame", what="all")
         """Where the viewpoint is to go; None once it is there."""
-        self._actions, self._n_cameras = actions, len(show.camera_names)
+        self._actions, self._n_cameras = user_actions, len(show.camera_names)
         self._content: Content = "pictures" if show.has_pictures else "silhouettes"
         self._part: Part | None = None
         self._cameras = tuple(range(self._n_cameras))
@@ -64,16 +50,16 @@ class Controls:
     def _do(self, action: Action) -> None:
         self.version += 1
         match action:
-            case Enlarge(camera=camera):
+            case actions.Enlarge(camera=camera):
                 self._large = camera if camera in range(self._n_cameras) else None
-            case ShowTiles():
+            case actions.ShowTiles():
                 self._content, self._part = action.content, action.part
                 self._cameras = tuple(c for c in range(self._n_cameras) if c in action.cameras)
-            case Room():
+            case actions.Room():
                 self.room = action
-            case Frame():
+            case actions.Frame():
                 self.framing = action
-            case Choose(titles=titles):
+            case actions.Choose(titles=titles):
                 self.charts = titles
             case _:
                 self._move(action)
@@ -81,16 +67,15 @@ class Controls:
     def _move(self, action: Action) -> None:
         player = self.player
         match action:
-            case Seek(frame=frame):
-                newest, start = player.history.newest, player.history.frames.start
-                player.seek(max(start, min(frame, start if newest is None else newest)))
-            case Step(frames=frames):
+            case actions.Seek(frame=frame):
+                player.seek(frame)
+            case actions.Step(frames=frames):
                 player.step(frames)
-            case SeekDoubtful(way=way, by_stretch=by_stretch):
+            case actions.SeekDoubtful(way=way, by_stretch=by_stretch):
                 player.seek_doubtful(way, by_stretch)
-            case Play(on=on):
+            case actions.Play(on=on):
                 player.play(not player.is_playing if on is None else on)
-            case Live(on=on):
+            case actions.Live(on=on):
                 player.go_live() if on else player.play(False)
-            case Speed(factor=factor):
+            case actions.Speed(factor=factor):
                 player.speed = factor

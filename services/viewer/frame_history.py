@@ -176,22 +176,17 @@ class FrameHistory:
         return int(beside[0]) if len(beside) else None
 
     def solved(self, frame: int) -> SolvedFrame | None:
-        """A frame; None where it is not known (yet): one that left memory is asked for by that."""
-        found = self._at_hand(frame)
-        if found is None and self._older is not None and self._is_past(frame):
-            self._older.ask(frame)
-        return found
-
-    def _at_hand(self, frame: int) -> SolvedFrame | None:
-        """A frame, without asking anybody for it."""
+        """A frame; None where it is not known (yet): one that left memory is then requested."""
         with self._lock:
             found = self._latest.get(frame) or self._fetched.get(frame)
         if found is None and self._older is not None and self._is_past(frame):
             found = self._older.solved(frame)
-            if found is not None:
-                with self._lock:
-                    self._mark(found)
-                    keep_latest(self._fetched, frame, found, _FETCHED_FRAMES)
+            if found is None:
+                self._older.ask(frame)
+                return None
+            with self._lock:
+                self._mark(found)
+                keep_latest(self._fetched, frame, found, _FETCHED_FRAMES)
         return found
 
     def _is_past(self, frame: int) -> bool:

@@ -56,7 +56,7 @@ class Listener(Follower):
         self._filling = RetryRequests()
         self._pictures: LivePictures | None = None
 
-    def begin(self, info: TakeInfo) -> None:
+    def on_take(self, info: TakeInfo) -> None:
         """Begin anew."""
         self._pictures = None
         self._filling = RetryRequests()
@@ -79,7 +79,7 @@ class Listener(Follower):
         except UserError as error:  # reported when pictures are requested
             log.warning("%s", error)
 
-    def hear(self, message: Message) -> None:
+    def on_message(self, message: Message) -> None:
         """Store a message's content for the page."""
         if isinstance(message, Pose) and self._history is not None:
             self._history.put(replace(solved_frame_of(message), arrived_s=time.monotonic()))
@@ -88,7 +88,7 @@ class Listener(Follower):
         elif isinstance(message, TakeEnd) and self._history is not None and self._archive is not None:
             self._history.is_over = self._archive.is_over = True
 
-    def learn(self, actor: Actor, rig: Rig) -> None:
+    def on_content(self, actor: Actor, rig: Rig) -> None:
         """Present the take."""
         info, history = self.info, self._history
         if info is None or history is None:

@@ -64,7 +64,7 @@ class PageSession:
         """The large update that the browser has not answered yet."""
         self._last_large: SendPacing | None = None
         self._began_s = self._made_s = self._cpu_s = 0.0
-        self._hung_frame = self._timeline_version = -1
+        self._frusta_frame = self._timeline_version = -1
         self._charts_drawn: dict[str, int] = {}
         """By title: the version of the history of which each chart was last drawn."""
         self._placed: SolvedFrame | None = None
@@ -107,7 +107,7 @@ class PageSession:
             found = self._grid.pacing
         elif self._charts_pacing.is_due() and self._draw_chart():
             found = self._charts_pacing
-        elif self._hang(solved):
+        elif self._show_frusta_pictures(solved):
             found = self._frusta_pacing
         elif self._grid.draw(solved, self._controls):
             found = self._grid.pacing
@@ -203,22 +203,22 @@ class PageSession:
             self._channel.send("chart", blobs, **fields)
         return drawn is not None
 
-    def _hang(self, solved: SolvedFrame) -> bool:
+    def _show_frusta_pictures(self, solved: SolvedFrame) -> bool:
         """Update the pictures in the room, preferably with those that the grid has decoded."""
         artist = self._show.artist
         frame = solved.frame if self._grid.frame is None else self._grid.frame
-        if artist is None or not self._controls.room.frusta or frame == self._hung_frame:
+        if artist is None or not self._controls.room.frusta or frame == self._frusta_frame:
             return False
         if not self._frusta_pacing.is_due():
             return False
         pictures_rgb = []
         for c in range(len(self._show.camera_names)):
-            picture = artist.ground(frame, c)
+            picture = artist.background(frame, c)
             size = _FRUSTUM_PX, max(1, round(_FRUSTUM_PX * picture.shape[0] / picture.shape[1]))
             small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
             pictures_rgb.append(np.asarray(small[..., ::-1], np.uint8))
         with self._client.atomic():
             for c, picture in enumerate(pictures_rgb):
-                self._stage.hang_picture(c, picture)
-        self._hung_frame = frame
+                self._stage.show_picture(c, picture)
+        self._frusta_frame = frame
         return True

@@ -4,6 +4,7 @@ import threading
 import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
+from functools import cache, lru_cache
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -60,21 +61,6 @@ class Reader(Generic[Content]):
         return self._last[1]
 
 
-class _Video:
-    """One camera's pictures, the last of which is kept."""
-
-    def __init__(self, picker: PicturePicker, ahead: int, undistorter: Undistorter) -> None:
-        """ahead: how many frames the camera started before the take."""
-        self._picker, self._ahead, self._undistorter = picker, ahead, undistorter
-        self._last: tuple[int, Bytes] | None = None
-
-    def read(self, frame: int) -> Bytes:
-        """Undistorted (h, w, 3); raises TakeError where it cannot be decoded."""
-        if self._last is None or self._last[0] != frame:
-            self._last = frame, self._undistorter.image(self._picker.read(frame + self._ahead))
-        return self._last[1]
-
-
 class TakePictures:
     """A take folder's pictures and silhouettes."""
 
@@ -82,7 +68,7 @@ class TakePictures:
         """trimaps: makes the silhouettes of takes without any; None: no silhouettes."""
         self._take, self._segment = take, trimaps
         self._lock = threading.Lock()
-        self._pictures: dict[int, _Video] = {}
+        self._video = cache(self._open_video)
         self._trimaps = Reader(self._trimaps_from)
 
     def open(self) -> None:
@@ -90,22 +76,21 @@ class TakePictures:
         for c, camera in enumerate(self._take.cameras):
             if self._take.has_video(camera):
                 with self._lock:
-                    self._opened(c)
+                    self._video(c)
 
     def picture(self, camera: int, frame: int) -> Bytes | None:
         """See Pictures.picture."""
         if not self._take.has_video(self._take.cameras[camera]):
             return None
         with self._lock:
-            return self._opened(camera).read(frame)
+            return self._video(camera)(frame)
 
-    def _opened(self, c: int) -> _Video:
-        if c not in self._pictures:
-            take, camera = self._take, self._take.cameras[c]
-            index = index_video(take.videos[camera.name])
-            picker = PicturePicker(index, take.colours.get(camera.name))
-            self._pictures[c] = _Video(picker, take.settings.offset(camera.name), Undistorter(camera))
-        return self._pictures[c]
+    def _open_video(self, c: int) -> Callable[[int], Bytes]:
+        """What reads a camera's undistorted picture (h, w, 3) of a frame and keeps the last one."""
+        take, camera = self._take, self._take.cameras[c]
+        picker = PicturePicker(index_video(take.videos[camera.name]), take.colours.get(camera.name))
+        ahead, undistorter = take.settings.offset(camera.name), Undistorter(camera)
+        return lru_cache(1)(lambda frame: undistorter.image(picker.read(frame + ahead)))
 
     def trimap(self, camera: int, frame: int) -> Trimap | None:
         """See Pictures.trimap."""

@@ -39,8 +39,10 @@ class Player:
         return self.frame
 
     def seek(self, frame: int) -> None:
-        """Show a frame, and stay there or continue playing from there; leaves live mode."""
-        self.frame, self.is_live, self._carry = frame, False, 0.0
+        """Show the solved frame next to this one, and stay there or continue playing; leaves live mode."""
+        start, newest = self.history.frames.start, self.history.newest
+        self.frame = max(start, min(frame, start if newest is None else newest))
+        self.is_live, self._carry = False, 0.0
 
     def play(self, playing: bool) -> None:
         """Play from the shown frame, or stay there; leaves live mode."""

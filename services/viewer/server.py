@@ -117,7 +117,7 @@ class _LocalServer(viser.ViserServer):
 
 
 class PageServer:
-    """Serves the current show; a context manager."""
+    """Serves the current show until `close`."""
 
     def __init__(self, address: Address, token: str | None = None) -> None:
         """address: where browsers find it. token: what they must give, if anything.
@@ -195,9 +195,3 @@ class PageServer:
         self._web.close()
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
-
-    def __enter__(self) -> "PageServer":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

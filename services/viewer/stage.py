@@ -92,7 +92,7 @@ class Stage:
             self._segments[s].color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
         self._red = red
 
-    def hang_picture(self, camera: int, picture_rgb: Bytes | None) -> None:
+    def show_picture(self, camera: int, picture_rgb: Bytes | None) -> None:
         """Show a picture (h, w, 3) in a camera's frustum, or none."""
         self._frusta[camera].image = picture_rgb
 

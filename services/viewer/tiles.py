@@ -73,14 +73,14 @@ class TileArtist:
                 for camera in look.cameras:
                     self._pictures.picture(camera, frame)
 
-    def ground(self, frame: int, camera: int) -> Bytes:
+    def background(self, frame: int, camera: int) -> Bytes:
         """A camera's background for a frame (h, w, 3), without the model: its picture, or else its
         silhouette."""
         width, height = self._rig.sizes_px[camera].tolist()
         with self._lock:
             picture = self._pictures.picture(camera, frame)
             trimap = self._pictures.trimap(camera, frame) if picture is None else None
-        return _ground(picture, trimap, (height, width))
+        return _background(picture, trimap, (height, width))
 
     def _draw(self, solved: SolvedFrame, look: Look) -> tuple[Tile, ...]:
         masks = self._painter.segment_masks(solved.pose)
@@ -96,22 +96,22 @@ class TileArtist:
         picture = None if look.content == "silhouettes" else self._pictures.picture(camera, frame)
         is_needed = picture is None or look.content != "pictures"  # making silhouettes may be expensive
         trimap = self._pictures.trimap(camera, frame) if is_needed else None
-        ground, model = _ground(picture, trimap, model.shape)[window], model[window]
+        background, model = _background(picture, trimap, model.shape)[window], model[window]
         height = max(2, round(look.tile_width_px * model.shape[0] / model.shape[1]))
         grid = Grid(1, 1, look.tile_width_px, height)
         seen = None if trimap is None else trimap[window]
         if look.content == "difference" and seen is not None:
-            grey = cv2.cvtColor(ground, cv2.COLOR_BGR2GRAY) // 2 + 20  # so that colours over it tell
+            grey = cv2.cvtColor(background, cv2.COLOR_BGR2GRAY) // 2 + 20  # so that colours over it tell
             faded = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
             drawn = draw_difference(faded, seen, model, grid)
         else:
-            drawn = draw_outline(ground, model, grid)
+            drawn = draw_outline(background, model, grid)
         differing = None if seen is None else int(np.count_nonzero(differing_pixels(seen, model)))
         jpeg = cv2.imencode(".jpg", drawn, _JPEG)[1]
         return Tile(camera, jpeg.tobytes(), differing, picture is not None or trimap is not None)
 
 
-def _ground(picture: Bytes | None, trimap: Trimap | None, shape: tuple[int, ...]) -> Bytes:
+def _background(picture: Bytes | None, trimap: Trimap | None, shape: tuple[int, ...]) -> Bytes:
     """The background of the model, (h, w, 3): black if nothing is known of a frame."""
     if picture is not None:
         return picture

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import viser
 
-from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.types import Floats
 from services.viewer.frame_history import SolvedFrame
@@ -23,16 +22,10 @@ _WAYPOINTS = 17
 _SETTLING_S, _OTHER_SHAPE = 3.0, 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class Viewpoint:
-    """A place and what is looked at from there, in the z-up world."""
-
-    eye_m: Floats
-    look_at_m: Floats
-
-
-def viewpoint_of(points_m: Floats, reach_m: float, heading_rad: float, aspect: float) -> Viewpoint:
-    """The nearest viewpoint from a direction that has all points in view.
+def viewpoint_of(
+    points_m: Floats, reach_m: float, heading_rad: float, aspect: float
+) -> tuple[Floats, Floats]:
+    """The nearest viewpoint (3,) from a direction that has all points in view, and what it looks at (3,).
 
     points_m: (N, 3). reach_m: radius around each point that is in view too. heading_rad: from where it looks,
     about z. aspect: width over height of the view.
@@ -49,12 +42,7 @@ def viewpoint_of(points_m: Floats, reach_m: float, heading_rad: float, aspect: f
         (np.abs(offsets_m @ right) + reach_m) / (tan_up * aspect), (np.abs(offsets_m @ up) + reach_m) / tan_up
     )
     away_m = float((_MARGIN * half_m + offsets_m @ back).max())
-    return Viewpoint(middle_m + away_m * back, middle_m)
-
-
-def body_points_m(body: Body, poses: Floats) -> Floats:
-    """(N * J, 3) joint centres of poses (N, D)."""
-    return joint_positions(poses, body.offsets_m).reshape(-1, 3)
+    return middle_m + away_m * back, middle_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +66,7 @@ class ViewpointControl:
 
     def frame_actor(self, solved: SolvedFrame) -> None:
         """The actor fills the view."""
-        self._go(body_points_m(self._show.body, solved.pose[None]), solved)
+        self._go(self._joints_m([solved.pose]), solved)
 
     def frame_all(self, solved: SolvedFrame) -> None:
         """The actor's whole way, as far as it is known, and all cameras are in view."""
@@ -86,14 +74,19 @@ class ViewpointControl:
         start = history.frames.start
         some = np.linspace(start, history.newest or start, _WAYPOINTS).astype(int).tolist()
         known = [found.pose for found in map(history.solved, some) if found is not None]
-        points_m = body_points_m(self._show.body, np.array([solved.pose, *known]))
-        self._go(np.concatenate([points_m, self._cameras_m.reshape(-1, 3)]), solved)
+        self._go(
+            np.concatenate([self._joints_m([solved.pose, *known]), self._cameras_m.reshape(-1, 3)]), solved
+        )
+
+    def _joints_m(self, poses: list[Floats]) -> Floats:
+        """(N * J, 3) joint centres of N poses (D,)."""
+        return joint_positions(np.array(poses), self._show.body.offsets_m).reshape(-1, 3)
 
     def _go(self, points_m: Floats, solved: SolvedFrame) -> None:
         reach_m, heading_rad = max(_FLESH_M, _FRUSTUM_M), float(solved.pose[3]) + _BESIDE_RAD
         aspect = float(self._camera.aspect)
-        found = viewpoint_of(points_m, reach_m, heading_rad, aspect)
-        self._camera.position, self._camera.look_at = found.eye_m, found.look_at_m
+        eye_m, look_at_m = viewpoint_of(points_m, reach_m, heading_rad, aspect)
+        self._camera.position, self._camera.look_at = eye_m, look_at_m
         self._camera.fov = FOV_RAD
         self._framed = _Framed(points_m, solved, aspect, time.monotonic())
 

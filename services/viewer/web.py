@@ -4,7 +4,6 @@ import logging
 import threading
 from http import HTTPStatus
 from importlib import resources
-from typing import Self
 from urllib.parse import parse_qs, urlsplit
 
 from websockets.datastructures import Headers
@@ -29,7 +28,7 @@ log = logging.getLogger(__name__)
 
 
 class Web:
-    """Serves files, and channels by their key; a context manager."""
+    """Serves files, and channels by their key, until `close`."""
 
     def __init__(self) -> None:
         logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that leaves is no error
@@ -56,7 +55,7 @@ class Web:
         """Answer a request for a file; None for a channel."""
         parts = urlsplit(request.path)
         if parts.path == CHANNEL_PATH:
-            known = parse_qs(parts.query).get("key", [""])[0] in self._channels
+            known = self._channel_of(request) is not None
             return None if known else _response(HTTPStatus.FORBIDDEN, b"", "text/plain")
         name = parts.path.removeprefix("/") or "page.html"
         if name not in self._pages:
@@ -64,20 +63,16 @@ class Web:
         return _response(HTTPStatus.OK, self._pages[name], _TYPES[name.rpartition(".")[2]])
 
     def _serve(self, connection: ServerConnection) -> None:
-        path = connection.request.path if connection.request is not None else ""
-        channel = self._channels.get(parse_qs(urlsplit(path).query).get("key", [""])[0])
+        channel = None if connection.request is None else self._channel_of(connection.request)
         if channel is not None:
             channel.serve(connection)
+
+    def _channel_of(self, request: Request) -> Channel | None:
+        return self._channels.get(parse_qs(urlsplit(request.path).query).get("key", [""])[0])
 
     def close(self) -> None:
         """Stop listening."""
         self._server.shutdown()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _response(status: HTTPStatus, body: bytes, kind: str) -> Response:

@@ -13,7 +13,7 @@ from vmc_tool import Tool
 
 from playback import Playback
 from services.bridge.humanoid import BONES
-from services.bridge.sender import address_of
+from services.bridge.vmc import address_of
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX

@@ -4,6 +4,7 @@ import http.client
 import json
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -16,7 +17,7 @@ from services.viewer.web import Web
 
 @pytest.fixture
 def web() -> Iterator[Web]:
-    with Web() as running:
+    with closing(Web()) as running:
         yield running
 
 

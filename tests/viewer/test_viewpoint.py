@@ -11,12 +11,12 @@ from services.viewer.viewpoint import FOV_RAD, viewpoint_of
 def test_all_points_are_in_view(aspect: float, heading: float) -> None:
     rng = np.random.default_rng(5)
     points_m = rng.uniform((-3, -2, 0), (4, 5, 2.5), (40, 3))
-    found = viewpoint_of(points_m, 0.2, heading, aspect)
-    forward = found.look_at_m - found.eye_m
+    eye_m, look_at_m = viewpoint_of(points_m, 0.2, heading, aspect)
+    forward = look_at_m - eye_m
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, (0, 0, 1.0))
     right /= np.linalg.norm(right)
-    offsets_m = points_m - found.eye_m
+    offsets_m = points_m - eye_m
     depth_m = offsets_m @ forward
     tan_up = np.tan(0.5 * FOV_RAD)
     across = (np.abs(offsets_m @ right) + 0.2) / (depth_m * tan_up * aspect)

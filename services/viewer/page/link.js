@@ -2,7 +2,6 @@
 
 const SCENE = document.getElementById("scene");
 const AGAIN_MS = 250;
-
 const LOOK_MS = 1000;
 
 let socket = null;
@@ -14,7 +13,7 @@ export function connect(handlers) {
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";
   SCENE.src = `index.html?websocket=${scheme}//${location.host}/scene`;
   setInterval(() => {
-    const found = sceneDocument()?.querySelector("#xormocap-key")?.dataset.key;
+    const found = SCENE.contentDocument?.querySelector("#xormocap-key")?.dataset.key;
     if (found && found !== key) {
       key = found; // tried once only: browsers delay all connections to a server that refuses many
       open(`${scheme}//${location.host}/channel?key=${key}`, handlers);
@@ -54,13 +53,9 @@ function open(url, handlers) {
   mine.onclose = () => mine === socket && handlers.closed();
 }
 
-function sceneDocument() {
-  return SCENE.contentDocument;
-}
-
 /** Hide what viser shows beside the scene: its panel, which only holds the key, and its notices. */
 function tidyScene() {
-  const scene = sceneDocument();
+  const scene = SCENE.contentDocument;
   const canvas = scene?.querySelector("canvas");
   let panel = scene?.querySelector("#xormocap-key");
   if (!canvas || !panel) return;
