@@ -98,17 +98,19 @@ class Choreography:
 
         Its last beat is the next one's first; channels keep their values until then.
         """
-        self.arms(beats, arms, arms)
+        self.put(beats, arms, arms)
         self.now_s += beats * self.tempo
         for side in SIDES:
             if self.score.last(f"{side}_free"):
                 raise ValueError(f"a movement ends with its {side} leg in the air")
 
-    def put(self, beat: float, **values: float) -> None:
-        """Set keys of trunk, head, the body as a whole and single joints, in degrees.
+    def put(self, beat: float, left: Arm | None = None, right: Arm | None = None, /, **values: float) -> None:
+        """Set keys of arms, left being the leading side, and of single channels, joints in degrees.
 
         Raises ValueError where a joint would come nearer to its limits than the margin.
         """
+        for side, arm in zip(SIDES, (left, right), strict=True):
+            values |= {} if arm is None else arm.channels(side)
         keys = {
             self._sided(name): -value if self.mirrored and name in TURNED_BY_MIRROR else value
             for name, value in values.items()
@@ -118,12 +120,6 @@ class Choreography:
             if i is not None and not (LOWER[i] + LIMIT_MARGIN <= radians(value) <= UPPER[i] - LIMIT_MARGIN):
                 raise ValueError(f"{name} = {value}: expected within the joint's limits with a margin")
         self.score.put(self._time_s(beat), **keys)
-
-    def arms(self, beat: float, left: Arm | None = None, right: Arm | None = None) -> None:
-        """Set keys of one arm or both; left is the leading side."""
-        for side, arm in zip(SIDES, (left, right), strict=True):
-            if arm is not None:
-                self.put(beat, **arm.channels(side))
 
     def hold_arms(self, beat: float) -> None:
         """Keep both arms until a beat as their last keys say."""

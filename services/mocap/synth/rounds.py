@@ -122,7 +122,7 @@ def _rounds(
     choreography = Choreography(body)
     choreography.put(STAND_S, **dict.fromkeys(("drop", "head_pitch"), 0.0))
     choreography.hold_arms(STAND_S)
-    choreography.arms(_FIRST_MOVEMENT_S, HANGING, HANGING)
+    choreography.put(_FIRST_MOVEMENT_S, HANGING, HANGING)
     choreography.done(_FIRST_MOVEMENT_S)
     begin_s, round_s = _FIRST_MOVEMENT_S, ROUND_S - _FIRST_MOVEMENT_S
     while begin_s < n_frames / fps:
