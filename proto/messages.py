@@ -30,7 +30,6 @@ Run: TypeAlias = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 Scalar: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Moment: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 _Whole: TypeAlias = Annotated[int, Field(ge=-(2**31), lt=2**31)]
-_Number: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 _Text: TypeAlias = Annotated[str, Field(max_length=200)]
 Limb: TypeAlias = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 Part: TypeAlias = Literal["torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"]
@@ -38,7 +37,7 @@ CoordinatorStage: TypeAlias = Literal[
     "waiting for clients", "first frame", "tracking", "tracking back", "settling", "ended"
 ]
 Share: TypeAlias = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-Setting: TypeAlias = bool | _Whole | _Number | _Text | list[_Whole] | list[_Number]
+Setting: TypeAlias = bool | _Whole | Moment | _Text | list[_Whole] | list[Moment]
 Memory: TypeAlias = Annotated[
     dict[Name, Annotated[list[_Whole], Field(max_length=100)]], Field(max_length=20)
 ]

@@ -171,7 +171,7 @@ class Dispatcher:
                 self._deadline.note(self._now() - holder.given_s)
             if message.backend in self.helped or len(self.helped) < MAX_BACKENDS:
                 self.helped[message.backend] += 1
-            self._close(key, message)
+            self.add_result(message)
         else:
             self.dropped += isinstance(message, LimbResult)
             reason = message.reason if isinstance(message, LimbRefusal) else "its result makes no sense"
@@ -181,11 +181,9 @@ class Dispatcher:
             self._release(holder)
         self._assign()
 
-    def solved_here(self, result: LimbResult) -> None:
-        """Add the result of a task from take_waiting."""
-        self._close(key_of(result), result)
-
-    def _close(self, key: Key, result: LimbResult) -> None:
+    def add_result(self, result: LimbResult) -> None:
+        """Add a sound result; one that came before stays."""
+        key = key_of(result)
         opened = self._open.pop(key, None)
         if opened is not None:
             TURNAROUND.observe(self._now() - opened.submitted_s)

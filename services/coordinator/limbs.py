@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from proto.messages import MAX_SHARDS, LimbResult, LimbTask, Settings
+from proto.messages import MAX_SHARDS, LimbResult, LimbTask
 from services.coordinator.dispatch import Dispatcher
 from services.coordinator.overhead import Overhead
 from services.mocap.search.chains import LIMBS, LimbName
@@ -54,34 +54,30 @@ class RemoteLimbs:
         with self._overhead.talking():
             self._pump(0.0)
             self._jobs = {job.limb: job for job in jobs}
-            settings = {id(job.settings): job.settings for job in jobs}  # mostly one for all
-            wishes = {which: chosen.to_wire() for which, chosen in settings.items()}
+            searches = {id(job.settings): job.settings.to_wire() for job in jobs}  # mostly one for all
             number = self._dispatcher.next_pass(self.frame, self.sweep)
             self._dispatcher.submit(
                 [
-                    self._task(job, number, k, wishes[id(job.settings)])
+                    LimbTask(
+                        take=self._take,
+                        run=self._run,
+                        frame=self.frame,
+                        pass_index=number,
+                        limb=job.limb,
+                        shard=shard,
+                        shards=self._shards,
+                        actor=self._actor,
+                        rig=self._rig,
+                        search=searches[id(job.settings)],
+                        pose=job.pose,
+                        origin_px=job.window.region.origin_px,
+                        window=job.window.silhouettes,
+                        unsure=job.window.sent_unsure,
+                    )
                     for job in jobs
-                    for k in range(self._shards)
+                    for shard in range(self._shards)
                 ]
             )
-
-    def _task(self, job: LimbJob, pass_index: int, shard: int, search: Settings) -> LimbTask:
-        return LimbTask(
-            take=self._take,
-            run=self._run,
-            frame=self.frame,
-            pass_index=pass_index,
-            limb=job.limb,
-            shard=shard,
-            shards=self._shards,
-            actor=self._actor,
-            rig=self._rig,
-            search=search,
-            pose=job.pose,
-            origin_px=job.window.region.origin_px,
-            window=job.window.silhouettes,
-            unsure=job.window.sent_unsure,
-        )
 
     def finish(self) -> Iterator[tuple[LimbName, Solution]]:
         """See LimbPool.finish. Of a limb's shards the one with the least energy is used, the first of
@@ -92,7 +88,7 @@ class RemoteLimbs:
                 self._dispatcher.tick()
                 task = self._dispatcher.take_waiting()
                 if task is not None:
-                    self._dispatcher.solved_here(self._solve_here(task))
+                    self._dispatcher.add_result(self._solve_here(task))
                 self._pump(0.0 if task is not None else _LOOK_S)
         results = sorted(self._dispatcher.collect(), key=lambda result: (result.energy_px, result.shard))
         for name in self._jobs:

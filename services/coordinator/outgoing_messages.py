@@ -1,12 +1,12 @@
 """The coordinator's outgoing messages about its take."""
 
+import time
 from itertools import islice
 from typing import Literal, TypeVar
 
 import numpy as np
 
 from proto.messages import MAX_TOLD, Blob, CoordinatorStage, Pose, Silhouettes, TakeInfo, Telemetry
-from services.coordinator.dispatch import Dispatcher
 from services.coordinator.incoming import Frame, Incoming
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import Switchboard
@@ -24,10 +24,11 @@ _LONGEST_REASON = 1000
 class OutgoingMessages:
     """Makes the messages of one run."""
 
-    def __init__(self, plan: Plan, plan_name: str, rig: Rig, engine: Engine) -> None:
-        self._plan, self._plan_name, self._rig, self._engine = plan, plan_name, rig, engine
-        self.take = plan.take.settings.name
-        self.run = ""
+    def __init__(self, plan: Plan, rig: Rig, engine: Engine, board: Switchboard, incoming: Incoming) -> None:
+        self._plan, self._rig, self._engine = plan, rig, engine
+        self._board, self._incoming = board, incoming
+        self.take, self.run, self.plan_name = plan.take.settings.name, "", plan.name
+        self._published_s = time.perf_counter()
         self._seconds: dict[str, float] = {}
         self._filter, self._filtered_s = OneEuro(), -1.0
 
@@ -48,7 +49,7 @@ class OutgoingMessages:
             fps=self._plan.take.settings.fps,
             first_frame=self._plan.frames.start,
             end_frame=self._plan.frames.stop,
-            plan=self._plan_name,
+            plan=self.plan_name,
             shards=shards,
             actor=actor.content_hash,
             rig=self._rig.content_hash,
@@ -58,15 +59,10 @@ class OutgoingMessages:
             search=self._plan.settings.to_wire(),
         )
 
-    def telemetry(
-        self,
-        stage: CoordinatorStage,
-        next_frame: int,
-        board: Switchboard,
-        incoming: Incoming,
-    ) -> Telemetry:
+    def telemetry(self, stage: CoordinatorStage, next_frame: int) -> Telemetry:
         """The state of the take."""
-        dispatcher, live = board.dispatcher, incoming.figures()
+        board, incoming = self._board, self._incoming
+        dispatcher, recorders, live = board.dispatcher, board.recorders, incoming.figures()
         return Telemetry(
             take=self.take,
             run=self.run,
@@ -75,12 +71,12 @@ class OutgoingMessages:
             next_frame=next_frame,
             end_frame=self._plan.frames.stop,
             frames_ready=incoming.n_ready,
-            unrecorded=board.n_unrecorded,
+            unrecorded=recorders.n_unrecorded,
             deadline_s=dispatcher.deadline_s,
             tasks_waiting=dispatcher.n_waiting,
             workers=_some(dispatcher.workers),
             limbs=_some(dispatcher.busy),
-            recorders=_some(board.recorders),
+            recorders=_some(recorders.recorded_ends),
             counts=board.counts() | {"silhouettes_dropped": incoming.dropped},
             seconds=self._seconds,
             latency_s=live.latency_s,
@@ -88,18 +84,17 @@ class OutgoingMessages:
             absent=live.absent,
         )
 
+    def begin_frame(self) -> None:
+        """The time of the next frame counts from now, and not from the previous pose."""
+        self._published_s = time.perf_counter()
+
     def pose(
-        self,
-        number: int,
-        frame: Frame,
-        solution: FrameSolution,
-        dispatcher: Dispatcher,
-        seconds: float,
-        memory: dict[str, list[int]],
-        latency_s: float,
+        self, number: int, frame: Frame, solution: FrameSolution, memory: dict[str, list[int]] | None = None
     ) -> Pose:
-        """A solved frame. seconds: per stage, since the previous frame; memory: the state after it."""
-        self._seconds = {**solution.seconds, **solution.limb_seconds, "frame": seconds}
+        """A solved frame; memory: the state after it, or None for a settled frame."""
+        now_s, dispatcher = time.perf_counter(), self._board.dispatcher
+        frame_s, self._published_s = now_s - self._published_s, now_s
+        self._seconds = {**solution.seconds, **solution.limb_seconds, "frame": frame_s}
         live = {"cameras_absent": [float(len(frame.absent))]} if frame.shutter_s is not None else {}
         return Pose(
             take=self.take,
@@ -117,9 +112,10 @@ class OutgoingMessages:
             confidence=solution.confidence,
             distrusted=solution.distrusted,
             measured=solution.measured | live,
-            memory=memory,
+            memory=memory or {},
             shot=frame.shot,
-            latency_s=latency_s,
+            latency_s=self._incoming.note_latency(frame),
+            settled=memory is None,
             absent=list(frame.absent),
             pose=solution.pose,
             steady=self._steady(frame, solution.pose),

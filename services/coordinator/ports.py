@@ -44,24 +44,19 @@ class Ports:
         self._sockets["poses"].set(zmq.SNDHWM, _QUEUED_POSES)
         if is_live:
             self._sockets["silhouettes"].set(zmq.RCVHWM, _LIVE_SILHOUETTES)
-        self._addresses = self._listen(endpoint)
-        self._revocations = 0
-        self._keys: OrderedDict[bytes, bytes] = OrderedDict()
-        self._malformed = self._unwelcome = 0
-
-    def _listen(self, endpoint: str) -> dict[StreamName, str]:
-        """Open all streams; returns where they listen."""
         if self._doorkeeper is not None:
             for name, socket in self._sockets.items():
                 self._doorkeeper.watch(name, socket)
-        keys = None if self._admission is None else self._admission.keys
-        addresses = {
+        keys = None if admission is None else admission.keys
+        self._addresses = {
             name: bind(socket, stream_endpoint(endpoint, name), keys)
             for name, socket in self._sockets.items()
         }
         if self._doorkeeper is not None:
             self._doorkeeper.start()
-        return addresses
+        self._revocations = 0
+        self._keys: OrderedDict[bytes, bytes] = OrderedDict()
+        self._malformed = self._unwelcome = 0
 
     def counts(self) -> dict[str, int]:
         """Numbers of dropped and refused messages."""

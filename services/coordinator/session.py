@@ -14,8 +14,9 @@ from services.coordinator.metrics import Gauges, note_pose
 from services.coordinator.outgoing_messages import OutgoingMessages
 from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
+from services.coordinator.recorders import LostFramesError
 from services.coordinator.settling import Settling
-from services.coordinator.switchboard import LostFramesError, Switchboard
+from services.coordinator.switchboard import Switchboard
 from services.coordinator.unsure import UnsureParts
 from services.health import beat
 from services.logs import about
@@ -25,7 +26,7 @@ from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import Engine
 from services.mocap.errors import TakeError, UserError
 from services.mocap.search.chains import LIMBS
-from services.mocap.search.first_frame import FirstFrame, model_of, solve_first_frame, told_actor
+from services.mocap.search.first_frame import model_of, solve_first_frame, told_actor
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model
 from services.mocap.search.tracker import Tracker
@@ -54,19 +55,18 @@ class Session:
         self, plan: Plan, engine: Engine, endpoint: str, stop: StopRequest, admission: Admission | None = None
     ) -> None:
         self._plan, self._engine, self._stop = plan, engine, stop
-        self._rig, self._plan_name = Rig.of(plan.take.cameras), plan.name
+        self._rig = Rig.of(plan.take.cameras)
         self._camera_names = [camera.name for camera in plan.take.cameras]
-        self._outgoing = OutgoingMessages(plan, self._plan_name, self._rig, engine)
         if isinstance(plan.take, LiveTake):
             self._incoming: Incoming = LiveFrames(plan.take, self._rig)
         else:
             told = plan.take.settings
             self._incoming = RecordedFrames(told.name, self._rig, plan.frames, told.fps)
         self._board = Switchboard(endpoint, self._incoming, admission)
+        self._outgoing = OutgoingMessages(plan, self._rig, engine, self._board, self._incoming)
         self._stage: CoordinatorStage = "waiting for clients"
-        self._published_s = time.perf_counter()
         self._solved_end = self._told_frame = plan.frames.start
-        self._recorders, self._shards = 0, 1
+        self._n_recorders, self._shards = 0, 1
         self._told = ""
         self._made: Model | None = None
         self._unsure: UnsureParts | None = None
@@ -78,7 +78,7 @@ class Session:
         about(take=self._outgoing.take)
 
     def _telemetry(self) -> Telemetry:
-        told = self._outgoing.telemetry(self._stage, self._told_frame, self._board, self._incoming)
+        told = self._outgoing.telemetry(self._stage, self._told_frame)
         self._gauges.latest = told
         return told
 
@@ -94,7 +94,7 @@ class Session:
         held = self._await_clients(workers, recorders, timeout_s)
         self._outgoing.run = held.run if held else secrets.token_hex(16)
         self._solved_end = self._told_frame = held.end_frame if held else self._plan.frames.start
-        self._board.begin(self._outgoing.run, self._solved_end, recorders)
+        self._board.recorders.begin(self._outgoing.run, self._solved_end, recorders)
         try:
             self._track(held)
         except UserError:
@@ -112,17 +112,17 @@ class Session:
 
         Eight or more workers share limbs.
         """
-        board = self._board
-        self._recorders = recorders
-        self._wait_until(lambda: board.n_recorders >= recorders, timeout_s)
-        held = board.recording(self._outgoing.take, self._plan_name)
+        dispatcher, reporting = self._board.dispatcher, self._board.recorders
+        self._n_recorders = recorders
+        self._wait_until(lambda: reporting.n_reported >= recorders, timeout_s)
+        held = reporting.held(self._outgoing.take, self._outgoing.plan_name)
         usable = held is not None and held.memory and (self._plan.actor is not None or held.actor.size)
         patience_s = _RETURN_S if usable else timeout_s
-        self._wait_until(lambda: board.dispatcher.n_workers >= workers, patience_s)
-        if board.dispatcher.n_workers < workers or board.n_recorders < recorders:
-            found = (board.dispatcher.n_workers, workers, board.n_recorders, recorders)
+        self._wait_until(lambda: dispatcher.n_workers >= workers, patience_s)
+        if dispatcher.n_workers < workers or reporting.n_reported < recorders:
+            found = (dispatcher.n_workers, workers, reporting.n_reported, recorders)
             log.warning("starting with %d of %d workers and %d of %d recorders", *found)
-        self._shards = max(1, max(workers, board.dispatcher.n_workers) // len(LIMBS))
+        self._shards = max(1, max(workers, dispatcher.n_workers) // len(LIMBS))
         return held if usable else None
 
     def _wait_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
@@ -131,48 +131,6 @@ class Session:
         while not condition() and time.monotonic() < deadline_s and not self._stop:
             beat()
             self._board.pump(_LOOK_S)
-
-    def _end(self) -> None:
-        """Say that no pose will follow, and wait until all expected recorders have all frames.
-
-        Not for ever: only while one of them asks for some now and then.
-        """
-        self._stage = "ended"
-        about(frame=None)
-        if self._unsure is not None:
-            self._unsure.conclude()
-        self._board.end(
-            TakeEnd(
-                take=self._outgoing.take,
-                run=self._outgoing.run,
-                first_frame=self._plan.frames.start,
-                end_frame=self._solved_end,
-                end_shot=self._incoming.end_shot,
-                settled=self._is_settled,
-            )
-        )
-        while not self._board.recorded_up_to(self._solved_end, self._recorders):
-            beat()
-            if time.monotonic() - self._board.recorders_heard_s > _CONFIRM_S:
-                if self._recorders and self._board.n_unrecorded:
-                    raise LostFramesError(f"a recorder lacks {self._board.n_unrecorded} frames on disk")
-                log.error("a recorder has not confirmed all frames")
-                break
-            self._board.pump(_LOOK_S)
-        log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._incoming.dropped})
-
-    def _rehearse(self) -> None:
-        """Prepare everything for the first pose, here and in workers, before cameras start, because cameras
-        do not wait."""
-        told = told_actor(self._plan.actor, self._plan.take.settings)
-        model = model_of(told or Actor(), self._rig, self._engine)
-        began_s = time.perf_counter()
-        rehearse(model, self._pool(model, told or Actor()), self._plan.settings)
-        log.info("ready for the first shot: prepared in %.1f s", time.perf_counter() - began_s)
-        if told is not None:
-            self._made = model
-        else:
-            model.backend.close()
 
     def _track(self, held: Recording | None) -> None:
         if self._incoming.is_live:
@@ -183,7 +141,7 @@ class Session:
         tracker = self._open() if held is None else self._go_on(held)
         if tracker is None or not self._caught_up():
             return
-        self._published_s = time.perf_counter()
+        self._outgoing.begin_frame()
         self._overhead.begin()
         for frame in range(self._solved_end, self._plan.frames.stop):
             found = self._next_frame()
@@ -201,40 +159,18 @@ class Session:
         if self._settling is not None:
             self._is_settled = self._settle(self._settling)
 
-    def _caught_up(self) -> bool:
-        """Take in the silhouettes of frames that an earlier coordinator has solved, if they are needed again;
-        False if a stop was requested before they came."""
-        while self._settling is not None and self._settling.next_frame < self._solved_end:
-            found = self._next_frame()
-            if found is None:
-                return False
-            self._settling.note(found.seen, None)
-        return True
-
-    def _settle(self, settling: Settling) -> bool:
-        """Solve all frames both ways and publish them again; False if a stop was requested meanwhile."""
-
-        def look(timeout_s: float) -> bool:
-            beat()
-            self._board.pump(timeout_s)
-            return not self._stop
-
-        def begin(stage: CoordinatorStage, frame: int) -> bool:
-            self._stage, self._told_frame = stage, frame
-            about(frame=frame)
-            return look(0.0)
-
-        def publish(frame: int, seen: TriPlanes, solution: FrameSolution) -> None:
-            now_s = time.perf_counter()
-            whole_s, self._published_s = now_s - self._published_s, now_s
-            fps = self._plan.take.settings.fps
-            found = Frame(seen, frame / fps, frame)
-            pose = self._outgoing.pose(frame, found, solution, self._board.dispatcher, whole_s, {}, 0.0)
-            self._board.publish_settled(pose.model_copy(update={"settled": True}))
-
-        if not settling.fetch(self._board, lambda: look(_LOOK_S)):
-            return False
-        return settling.settle(self._model, self._plan.settings, self._limbs, begin, publish)
+    def _rehearse(self) -> None:
+        """Prepare everything for the first pose, here and in workers, before cameras start, because cameras
+        do not wait."""
+        told = told_actor(self._plan.actor, self._plan.take.settings)
+        model = model_of(told or Actor(), self._rig, self._engine)
+        began_s = time.perf_counter()
+        rehearse(model, self._pool(model, told or Actor()), self._plan.settings)
+        log.info("ready for the first shot: prepared in %.1f s", time.perf_counter() - began_s)
+        if told is not None:
+            self._made = model
+        else:
+            model.backend.close()
 
     def _open(self) -> Tracker | None:
         """Find the actor in the first frame; None if a stop was requested before it came."""
@@ -242,9 +178,20 @@ class Session:
             if self._incoming.is_live and set(first.absent) - set(self._incoming.waiting_for()):
                 continue  # cameras that are only late will be in the next one
             about(frame=self._plan.frames.start)
-            self._published_s = time.perf_counter()
+            self._outgoing.begin_frame()
             try:
-                solved = self._solve_first(first)
+                solved = solve_first_frame(
+                    first.seen,
+                    self._rig,
+                    self._plan.actor,
+                    self._plan.take.settings.beginning_at(self._plan.frames.start),
+                    self._pool,
+                    self._engine,
+                    self._plan.settings.without_cameras(first.absent, self._rig.n_cameras),
+                    self._plan.fitted_pose,
+                    self._camera_names,
+                    self._made,
+                )
             except TakeError as problem:
                 if not self._incoming.is_live:
                     raise
@@ -259,20 +206,6 @@ class Session:
                 self._unsure.tell_first(first.seen, solved.solution.pose)
             return tracker
         return None
-
-    def _solve_first(self, first: Frame) -> FirstFrame:
-        return solve_first_frame(
-            first.seen,
-            self._rig,
-            self._plan.actor,
-            self._plan.take.settings.beginning_at(self._plan.frames.start),
-            self._pool,
-            self._engine,
-            self._plan.settings.without_cameras(first.absent, self._rig.n_cameras),
-            self._plan.fitted_pose,
-            self._camera_names,
-            self._made,
-        )
 
     def _go_on(self, held: Recording) -> Tracker:
         """Continue after the recorders' poses, as if this coordinator had solved them itself."""
@@ -292,6 +225,26 @@ class Session:
         self._unsure = UnsureParts(model, self._camera_names)
         self._board.announce(self._outgoing.take_info(actor, self._shards))
         return Tracker(model, self._plan.settings, self._limbs, poses)
+
+    def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
+        """The pool of workers for an actor."""
+        for blob in self._outgoing.contents(actor):
+            self._board.offer(blob)
+        dispatcher, pump = self._board.dispatcher, self._board.pump
+        ids = (self._outgoing.take, self._outgoing.run, actor.content_hash)
+        limbs = RemoteLimbs(model, *ids, dispatcher, pump, self._shards, self._overhead)
+        limbs.frame = self._plan.frames.start
+        return limbs
+
+    def _caught_up(self) -> bool:
+        """Take in the silhouettes of frames that an earlier coordinator has solved, if they are needed again;
+        False if a stop was requested before they came."""
+        while self._settling is not None and self._settling.next_frame < self._solved_end:
+            found = self._next_frame()
+            if found is None:
+                return False
+            self._settling.note(found.seen, None)
+        return True
 
     def _next_frame(self) -> Frame | None:
         """The next frame; None if a stop was requested or live input has ended."""
@@ -313,29 +266,17 @@ class Session:
                 if missing:
                     log.info("frame %d still lacks %s", incoming.next_frame, ", ".join(missing))
                 elif not self._is_kept_up_with():
-                    log.warning("waiting for recorders, which lack %d frames", self._board.n_unrecorded)
+                    lacking = self._board.recorders.n_unrecorded
+                    log.warning("waiting for recorders, which lack %d frames", lacking)
         return None
 
     def _is_kept_up_with(self) -> bool:
         """Whether the expected recorders keep up."""
-        return not self._recorders or self._board.n_unrecorded < _UNRECORDED_FRAMES
-
-    def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
-        """The pool of workers for an actor."""
-        for blob in self._outgoing.contents(actor):
-            self._board.offer(blob)
-        dispatcher, pump = self._board.dispatcher, self._board.pump
-        ids = (self._outgoing.take, self._outgoing.run, actor.content_hash)
-        limbs = RemoteLimbs(model, *ids, dispatcher, pump, self._shards, self._overhead)
-        limbs.frame = self._plan.frames.start
-        return limbs
+        return not self._n_recorders or self._board.recorders.n_unrecorded < _UNRECORDED_FRAMES
 
     def _publish(self, number: int, frame: Frame, solution: FrameSolution, tracker: Tracker) -> None:
-        now = time.perf_counter()
-        whole_s, self._published_s = now - self._published_s, now
-        memory, dispatcher = tracker.memory() | self._incoming.memory(), self._board.dispatcher
-        latency_s = self._incoming.note_latency(frame)
-        pose = self._outgoing.pose(number, frame, solution, dispatcher, whole_s, memory, latency_s)
+        memory = tracker.memory() | self._incoming.memory()
+        pose = self._outgoing.pose(number, frame, solution, memory)
         self._board.publish(pose)
         if frame.shutter_s is not None:  # recorded frames' silhouettes are kept on arrival
             self._board.keep(self._outgoing.silhouettes(number, frame))
@@ -346,3 +287,54 @@ class Session:
         self._stage = "tracking"
         if self._settling is not None:
             self._settling.note(frame.seen, solution.pose)
+
+    def _settle(self, settling: Settling) -> bool:
+        """Solve all frames both ways and publish them again; False if a stop was requested meanwhile."""
+
+        def look(timeout_s: float) -> bool:
+            beat()
+            self._board.pump(timeout_s)
+            return not self._stop
+
+        def begin(stage: CoordinatorStage, frame: int) -> bool:
+            self._stage, self._told_frame = stage, frame
+            about(frame=frame)
+            return look(0.0)
+
+        def publish(frame: int, seen: TriPlanes, solution: FrameSolution) -> None:
+            found = Frame(seen, frame / self._plan.take.settings.fps, frame)
+            self._board.publish(self._outgoing.pose(frame, found, solution))
+
+        if not settling.fetch(self._board.recorders, lambda: look(_LOOK_S)):
+            return False
+        return settling.settle(self._model, self._plan.settings, self._limbs, begin, publish)
+
+    def _end(self) -> None:
+        """Say that no pose will follow, and wait until all expected recorders have all frames.
+
+        Not for ever: only while one of them asks for some now and then.
+        """
+        self._stage = "ended"
+        about(frame=None)
+        if self._unsure is not None:
+            self._unsure.conclude()
+        self._board.end(
+            TakeEnd(
+                take=self._outgoing.take,
+                run=self._outgoing.run,
+                first_frame=self._plan.frames.start,
+                end_frame=self._solved_end,
+                end_shot=self._incoming.end_shot,
+                settled=self._is_settled,
+            )
+        )
+        recorders = self._board.recorders
+        while not recorders.have_all(self._solved_end, lambda: self._board.pump(0)):
+            beat()
+            if time.monotonic() - recorders.heard_s > _CONFIRM_S:
+                if self._n_recorders and recorders.n_unrecorded:
+                    raise LostFramesError(f"a recorder lacks {recorders.n_unrecorded} frames on disk")
+                log.error("a recorder has not confirmed all frames")
+                break
+            self._board.pump(_LOOK_S)
+        log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._incoming.dropped})

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from services.coordinator.limbs import RemoteLimbs
-from services.coordinator.switchboard import LostFramesError, Switchboard
+from services.coordinator.recorders import LostFramesError, Recorders
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.search.both_ways import Sweep, solve_both_ways
 from services.mocap.search.found import FrameSolution
@@ -42,7 +42,7 @@ class Settling:
             self._poses[self.next_frame] = pose
         self._seen.append(seen)
 
-    def fetch(self, board: Switchboard, look: Callable[[], bool]) -> bool:
+    def fetch(self, recorders: Recorders, look: Callable[[], bool]) -> bool:
         """Get the poses that are missing, from recorders; False if a stop was requested meanwhile.
 
         look: handles messages; returns False once a stop was requested. Raises LostFramesError if recorders
@@ -52,14 +52,14 @@ class Settling:
         frames = range(self._first_frame, self.next_frame)
         while missing := [frame for frame in frames if frame not in self._poses]:
             now_s = time.monotonic()
-            if returned := board.take_returned():
+            if returned := recorders.take_returned():
                 self._poses |= {frame: message.pose for frame, message in returned.items()}
                 heard_s = now_s
             if now_s - heard_s > _PATIENCE_S:
                 raise LostFramesError(f"no recorder sends frame {missing[0]} back, which was solved before")
             if now_s - asked_s > _ASK_AGAIN_S:
                 asked_s = now_s
-                board.ask_recorders(missing[0], min(missing[0] + _ASK_FRAMES, missing[-1] + 1))
+                recorders.ask_back(missing[0], min(missing[0] + _ASK_FRAMES, missing[-1] + 1))
             if not look():
                 return False
         return True

@@ -14,7 +14,7 @@ from proto.messages import Hello
 from proto.streams import DEFAULT_ENDPOINT
 from services.health import beat
 from services.limb_worker.worker import Worker
-from services.mocap.energy.engine import Engine, open_engine
+from services.mocap.energy.engine import open_engine
 from services.mocap.errors import UserError
 from services.mocap.search.warm_up import warm_up
 from services.options import (
@@ -30,27 +30,6 @@ from services.options import (
 from services.process import StopRequest, client_name, give_way, run_service
 
 log = logging.getLogger(__name__)
-
-
-def serve(
-    endpoints: Sequence[str], engine: Engine, stop: StopRequest, keys: Sequence[ClientKeys | None]
-) -> None:
-    """Solve limb tasks for these coordinators in turn until a stop is requested. keys: one for each."""
-    warm_up(engine)
-    log.info("%s", engine)
-    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    hello = Hello(role="limb_worker", name=client_name("limb_worker"), backend=engine.name)
-    links = [Link(context, endpoint, hello, own) for endpoint, own in zip(endpoints, keys, strict=True)]
-    worker = Worker(links, engine)
-    log.info("ready, coordinator at %s", ", ".join(endpoints))
-    while not stop:
-        beat()
-        worker.listen()
-        worker.work()
-        worker.tick()
-    for link in links:
-        link.close()
-    context.term()
 
 
 def _keys_for(endpoints: Sequence[str], folders: Sequence[Path]) -> list[ClientKeys | None]:
@@ -93,13 +72,28 @@ def main(
     """Solve limb tasks for coordinators until stopped."""
     endpoints = connect or [DEFAULT_ENDPOINT]
 
-    def start(stop: StopRequest) -> None:
+    def serve(stop: StopRequest) -> None:
         give_way(niceness)
         own_keys = _keys_for(endpoints, keys or [])
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         with open_engine(engine_settings(backend, threads)) as engine:
-            serve(endpoints, engine, stop, own_keys)
+            warm_up(engine)
+            log.info("%s", engine)
+            hello = Hello(role="limb_worker", name=client_name("limb_worker"), backend=engine.name)
+            places = zip(endpoints, own_keys, strict=True)
+            links = [Link(context, endpoint, hello, own) for endpoint, own in places]
+            worker = Worker(links, engine)
+            log.info("ready, coordinator at %s", ", ".join(endpoints))
+            while not stop:
+                beat()
+                worker.listen()
+                worker.work()
+                worker.tick()
+            for link in links:
+                link.close()
+        context.term()
 
-    run_service("limb_worker", start, metrics)
+    run_service("limb_worker", serve, metrics)
 
 
 if __name__ == "__main__":

@@ -3,9 +3,8 @@
 import json
 import logging
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -16,7 +15,6 @@ from proto.streams import DEFAULT_ENDPOINT
 from services.health import beat
 from services.listener import PosesListener
 from services.logs import about
-from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import partial_of
 from services.mocap.take.live import open_source
 from services.options import (
@@ -90,9 +88,9 @@ class Listener(PosesListener):
         self._asked_s = time.monotonic()
         for content in self.collection.missing_blobs():
             self._link.send(BlobRequest(hash=content))
-        info, first = self.collection.info, self.collection.missing_frames()
-        unsettled = self.collection.missing_settled()
-        for gap, settled in ((first, False), (unsettled, True)):
+        info = self.collection.info
+        gaps = (self.collection.missing_frames(), self.collection.missing_settled())
+        for gap, settled in zip(gaps, (False, True), strict=True):
             if info is not None and gap is not None:
                 ASKED.inc()
                 request = PoseRequest(run=info.run, first_frame=gap[0], end_frame=gap[1], settled=settled)
@@ -100,7 +98,7 @@ class Listener(PosesListener):
 
     def _tell(self) -> None:
         """Report from time to time what is on disk, so that the coordinator need not keep it."""
-        now, end = time.monotonic(), (self.collection.held_end, self.collection.settled_end)
+        now, end = time.monotonic(), self.collection.held_ends
         if end != self._told_end and now - self._told_s > _TELL_AGAIN_S:
             self._told_s, self._told_end = now, end
             self._link.send(self.collection.recording(self._take))
@@ -110,52 +108,6 @@ class Listener(PosesListener):
         if self.collection.info is not None:
             self._link.send(self.collection.recording(self._take))
             self._link.send(Recorded(run=self.collection.info.run, end_frame=self.collection.end_frame))
-
-
-def serve(
-    take_folder: Path,
-    out: Path,
-    endpoint: str,
-    stop: StopRequest,
-    overlay: bool,
-    report: bool,
-    output: OutputSettings,
-    keys: ClientKeys | None = None,
-    known: Mapping[str, Any] | None = None,
-) -> None:
-    """Listen until the take has ended, then write its results; known: further entries of run.json.
-
-    After a stop the coordinator has a moment to end the take; then the frames so far are written. A second
-    stop leaves the overlay out. A journal keeps all messages until all frames are in the results.
-    """
-    take = open_source(take_folder)
-    about(take=take.settings.name)
-    check_out(out)
-    store, is_whole = Store(partial_of(out)), False
-    try:
-        clear_leftovers(out)
-        listener = Listener(take.settings.name, endpoint, store, keys)
-        log.info("ready with %d frames, coordinator at %s", len(store.frames), endpoint)
-        collection = listener.collection
-        _listen(listener, stop)
-        if collection.complete:
-            listener.confirm()
-        listener.close()
-        if collection.foreign:
-            log.warning("dropped %d messages of other runs", collection.foreign)
-        if collection.n_recorded:  # else the coordinator reports why there is nothing
-            is_whole = write_results(
-                out,
-                take,
-                collection,
-                output,
-                overlay=overlay,
-                report=report,
-                hurry=lambda: stop.count > 1,
-                known=known,
-            )
-    finally:
-        store.close(remove=is_whole)
 
 
 def _listen(listener: Listener, stop: StopRequest) -> None:
@@ -189,10 +141,36 @@ def main(
     """Record a take's poses and write its results."""
 
     def work(stop: StopRequest) -> None:
+        """Listen until the take has ended, then write its results.
+
+        After a stop the coordinator has a moment to end the take; then the frames so far are written. A
+        second stop leaves the overlay out. A journal keeps all messages until all frames are in the results.
+        """
         own_keys = keys_of_client(keys, "recorder")
         entries = None if known is None else json.loads(known.read_text(encoding="utf-8"))
-        settings = output_settings(smooth, cutoff_hz)
-        serve(take, out, connect, stop, overlay, report, settings, own_keys, entries)
+        output = output_settings(smooth, cutoff_hz)
+        source = open_source(take)
+        about(take=source.settings.name)
+        check_out(out)
+        store, is_whole = Store(partial_of(out)), False
+        try:
+            clear_leftovers(out)
+            listener = Listener(source.settings.name, connect, store, own_keys)
+            log.info("ready with %d frames, coordinator at %s", len(store.first.frames), connect)
+            collection = listener.collection
+            _listen(listener, stop)
+            if collection.complete:
+                listener.confirm()
+            listener.close()
+            if collection.foreign:
+                log.warning("dropped %d messages of other runs", collection.foreign)
+            if collection.n_recorded:  # else the coordinator reports why there is nothing
+                is_whole = write_results(
+                    out, source, collection, output, overlay=overlay, report=report,
+                    hurry=lambda: stop.count > 1, known=entries,
+                )  # fmt: skip
+        finally:
+            store.close(remove=is_whole)
 
     run_service("recorder", work, metrics)
 

@@ -10,14 +10,13 @@ from services.blob_store import BlobStore, UnusableBlobError
 from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.search.settings import SearchSettings
-from services.mocap.types import Floats
 from services.recorder.store import Store
 
 log = logging.getLogger(__name__)
 
 _REMEMBERED = 2
 """Number of poses that a tracker needs to continue."""
-_SETTLED = ("energy_px", "confidence", "distrusted", "measured", "pose")
+_SETTLED = ("energy_px", "confidence", "distrusted", "measured", "pose", "settled")
 """What a settled pose replaces; times and effort stay those of the first one."""
 
 
@@ -31,7 +30,6 @@ class Collection:
         self._end: int | None = None
         self._is_empty = self._is_settled = False
         self._run: str | None = None
-        self._held_end = self._settled_end = 0
         self.is_live = False
         """Whether a coordinator has described this run, and not only the journal of an earlier recorder."""
         self._blobs = BlobStore()
@@ -39,9 +37,9 @@ class Collection:
         """Number of dropped messages of other runs."""
         for message in store.described:
             self._describe(message)
-        if store.frames:
-            self._run = store.pose(store.frames[0]).run
-        if self.info is not None and self.held_end == self.info.end_frame:
+        if frames := store.first.frames:
+            self._run = store.first[frames[0]].run
+        if self.info is not None and store.first.end == self.info.end_frame:
             self._is_settled = SearchSettings.from_wire(self.info.search).goes_both_ways
             if not self._is_settled or self.missing_settled() is None:  # else more is to follow
                 self._end = self.info.end_frame
@@ -54,8 +52,7 @@ class Collection:
         """
         if isinstance(message, TakeInfo):
             if self._run not in (None, message.run):
-                self.info, self._end, self._held_end, self._settled_end = None, None, 0, 0
-                self._blobs = BlobStore()
+                self.info, self._end, self._blobs = None, None, BlobStore()
                 self._store.forget()
             self.is_live = True
         if isinstance(message, TakeInfo | Blob):
@@ -70,7 +67,7 @@ class Collection:
             if isinstance(message, TakeEnd):
                 self._end, self._is_empty = message.end_frame, message.first_frame == message.end_frame
                 self._is_settled = message.settled
-            elif not self._store.holds(message):
+            elif message.frame not in (self._store.settled if message.settled else self._store.first):
                 self._store.keep(message)
 
     def _describe(self, message: TakeInfo | Blob) -> bool:
@@ -80,7 +77,8 @@ class Collection:
             if self.info is not None:
                 return False
             self.info, self._run = message, message.run
-            self._held_end = self._settled_end = message.first_frame
+            for poses in (self._store.first, self._store.settled):
+                poses.begin(message.first_frame)
             return True
         if message.hash not in self.missing_blobs():
             return False
@@ -106,67 +104,53 @@ class Collection:
         take."""
         if self.info is None:
             return None
-        end = self._end if self._end is not None else self._store.last_frame
-        first = self.held_end
-        if first >= end:
-            return None
-        return first, next((f for f in range(first, end) if f in self._store), end)
+        end = self._end if self._end is not None else max(self._store.first.frames, default=0)
+        return self._store.first.gap_before(end)
 
     def missing_settled(self) -> tuple[int, int] | None:
         """The first gap in the settled poses, as a range, of a run that has them for all frames."""
         if self.info is None or not self._is_settled:
             return None
-        has, first, end = self._store.has_settled, self.settled_end, self.held_end
-        return (first, next((f for f in range(first, end) if has(f)), end)) if first < end else None
+        return self._store.settled.gap_before(self._store.first.end)
 
     @property
-    def settled_end(self) -> int:
-        """One past the last frame up to which all settled poses are here."""
-        while self.info is not None and self._store.has_settled(self._settled_end):
-            self._settled_end += 1
-        return self._settled_end
-
-    @property
-    def held_end(self) -> int:
-        """One past the last frame up to which all frames are here."""
-        while self.info is not None and self._held_end in self._store:
-            self._held_end += 1
-        return self._held_end
+    def held_ends(self) -> tuple[int, int]:
+        """One past the last frame up to which all first poses are here, and all settled ones."""
+        return self._store.first.end, self._store.settled.end
 
     @property
     def n_recorded(self) -> int:
         """Number of poses from the first frame up to the first missing one."""
-        return 0 if self.info is None else self.held_end - self.info.first_frame
+        return 0 if self.info is None else self._store.first.end - self.info.first_frame
+
+    def first_poses(self) -> list[Pose]:
+        """The poses from the first frame up to the first missing one, as the way forwards found them."""
+        end = self._store.first.end
+        return [self._store.first[frame] for frame in range(end - self.n_recorded, end)]
 
     def recorded(self) -> list[Pose]:
-        """The poses from the first frame up to the first missing one, settled if all of them are."""
-        frames = range(self.held_end - self.n_recorded, self.held_end)
-        if self.settled_end < self.held_end:
-            return [self._store.pose(frame) for frame in frames]
-        return [self._settled(frame) for frame in frames]
-
-    def first_poses(self) -> Floats:
-        """(N, D) the poses of the same frames as the way forwards found them."""
-        frames = range(self.held_end - self.n_recorded, self.held_end)
-        return np.array([self._store.pose(frame).pose for frame in frames])
-
-    def _settled(self, frame: int) -> Pose:
-        settled = self._store.settled(frame)
-        changed = {name: getattr(settled, name) for name in (*_SETTLED, "settled")}
-        return self._store.pose(frame).model_copy(update=changed)
+        """The same frames, settled if all of them are."""
+        poses, settled = self.first_poses(), self._store.settled
+        if settled.end < self._store.first.end:
+            return poses
+        for n, pose in enumerate(poses):
+            found = settled[pose.frame]
+            poses[n] = pose.model_copy(update={name: getattr(found, name) for name in _SETTLED})
+        return poses
 
     def sent_back(self, request: PoseRequest) -> Iterator[Pose]:
         """The first poses that a restarted coordinator requests, as far as they are here."""
         if request.run == self._run:
-            asked = range(request.first_frame, request.end_frame)
-            yield from (self._store.pose(frame) for frame in asked if frame in self._store)
+            asked, first = range(request.first_frame, request.end_frame), self._store.first
+            yield from (first[frame] for frame in asked if frame in first)
 
     def recording(self, take: str) -> Recording:
         """What is here, for a coordinator that may have to continue from it."""
-        info, end = self.info, self.held_end
-        last = self._store.pose(end - 1) if self.n_recorded else None
+        info, (end, settled_end) = self.info, self.held_ends
         remembered = range(max(end - _REMEMBERED, end - self.n_recorded), end)
-        poses = np.array([self._store.pose(frame).pose for frame in remembered], np.float64)
+        latest = [self._store.first[frame] for frame in remembered]
+        last = latest[-1] if latest else None
+        poses = np.array([message.pose for message in latest], np.float64)
         actor = "" if info is None else self._blobs.actor_text(info)
         return Recording(
             take=take,
@@ -174,7 +158,7 @@ class Collection:
             plan=info.plan if info else "",
             shards=info.shards if info else 1,
             end_frame=end,
-            settled_end=self.settled_end,
+            settled_end=settled_end,
             retries=last.retries if last else 0,
             worker_backends=last.worker_backends if last else {},
             memory=last.memory if last else {},

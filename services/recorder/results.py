@@ -65,9 +65,8 @@ def write_results(
     marks = Marks.of(recorded)
     known = dict(known or {})
     if recorded[-1].settled:
-        known |= {
-            "corrected_frames_by_part": corrected_frames(collection.first_poses(), poses, body.offsets_m)
-        }
+        first_poses = np.array([message.pose for message in collection.first_poses()])
+        known["corrected_frames_by_part"] = corrected_frames(first_poses, poses, body.offsets_m)
     live = is_live(info)
     times_s = increasing(times_s)
     shown = smoothed(poses, info.fps, output, values_to_bridge(marks), times_s if live else None)

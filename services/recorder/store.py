@@ -11,16 +11,53 @@ from services.mocap.take.journal import JOURNAL, Journal
 log = logging.getLogger(__name__)
 
 
+class StoredPoses:
+    """Poses by frame; only their places in the journal are held in memory."""
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._offsets: dict[int, int] = {}
+        self._end: int | None = None
+
+    def __contains__(self, frame: int) -> bool:
+        return frame in self._offsets
+
+    def __getitem__(self, frame: int) -> Pose:
+        return cast(Pose, decode(self._journal.at(self._offsets[frame])))
+
+    def note(self, frame: int, offset: int) -> None:
+        """Add a frame whose pose is in the journal at this offset."""
+        self._offsets[frame] = offset
+
+    @property
+    def frames(self) -> list[int]:
+        """The frames with a pose, in order of arrival."""
+        return list(self._offsets)
+
+    def begin(self, first_frame: int) -> None:
+        """The take's first frame is known."""
+        self._end = first_frame
+
+    @property
+    def end(self) -> int:
+        """One past the last frame up to which all are here; 0 while the first frame is not known."""
+        while self._end is not None and self._end in self._offsets:
+            self._end += 1
+        return self._end or 0
+
+    def gap_before(self, end: int) -> tuple[int, int] | None:
+        """The first range of frames before `end` that are missing."""
+        first = self.end
+        return (first, next((f for f in range(first, end) if f in self), end)) if first < end else None
+
+
 class Store:
     """Stores a take's description, its content and its poses; the many poses only on disk."""
 
     def __init__(self, folder: Path) -> None:
         """Take in what the journal in a folder holds, or begin one; raises UserError or TakeError."""
         self._journal = journal = Journal(folder / JOURNAL)
-        self._poses: dict[int, int] = {}
-        self._settled: dict[int, int] = {}
-        self.described: list[TakeInfo | Blob] = []
-        """The take's description and content, in order of arrival."""
+        self._empty()
         try:
             for offset, frames in journal.records():
                 self._note(decode(frames), offset)
@@ -30,40 +67,17 @@ class Store:
         if journal.torn_bytes:
             log.warning("%s: cut off %d bytes of a torn record", journal.path, journal.torn_bytes)
 
+    def _empty(self) -> None:
+        self.first, self.settled = StoredPoses(self._journal), StoredPoses(self._journal)
+        """Poses as first tracked, and those solved again with the frames after them."""
+        self.described: list[TakeInfo | Blob] = []
+        """The take's description and content, in order of arrival."""
+
     def _note(self, message: Message, offset: int) -> None:
         if isinstance(message, Pose):
-            (self._settled if message.settled else self._poses)[message.frame] = offset
+            (self.settled if message.settled else self.first).note(message.frame, offset)
         elif isinstance(message, TakeInfo | Blob):
             self.described.append(message)
-
-    @property
-    def frames(self) -> list[int]:
-        """The frames with a pose, in order of arrival."""
-        return list(self._poses)
-
-    @property
-    def last_frame(self) -> int:
-        """The latest frame with a pose; 0 if there is none."""
-        return max(self._poses, default=0)
-
-    def __contains__(self, frame: int) -> bool:
-        return frame in self._poses
-
-    def holds(self, pose: Pose) -> bool:
-        """Whether a pose of the same frame and kind is here."""
-        return pose.frame in (self._settled if pose.settled else self._poses)
-
-    def has_settled(self, frame: int) -> bool:
-        """Whether the settled pose of a frame is here."""
-        return frame in self._settled
-
-    def pose(self, frame: int) -> Pose:
-        """The first pose of a frame that is here."""
-        return cast(Pose, decode(self._journal.at(self._poses[frame])))
-
-    def settled(self, frame: int) -> Pose:
-        """The settled pose of a frame that has one here."""
-        return cast(Pose, decode(self._journal.at(self._settled[frame])))
 
     def keep(self, message: TakeInfo | Blob | Pose) -> None:
         """Store a message; it is safely on disk after `sync`."""
@@ -76,7 +90,7 @@ class Store:
     def forget(self) -> None:
         """Delete everything."""
         self._journal.clear()
-        self._poses, self._settled, self.described = {}, {}, []
+        self._empty()
 
     def close(self, *, remove: bool) -> None:
         """Close the journal, or remove it because the results are complete."""

@@ -122,7 +122,10 @@ def fit_take(
 
             @cache
             def later() -> list[TriPlanes]:
-                return _later_frames(take, frames, made)
+                """What is seen (P, H, W) in each of the frames that tell which way round the actor is."""
+                longer = range(frames.start, min(frames.stop + MOTION_FRAMES, take.settings.frames))
+                _, more = seen_of(take, longer, made, lambda _: None)
+                return [more[frame] for frame in range(len(frames), len(longer))]
 
             way = fit_best_way_round(
                 guess.first,
@@ -137,13 +140,6 @@ def fit_take(
         _check_alone(rig, seen[0], way.fit, names, is_told=height_m is not None)
         start = (guess.actor, way.pose)
         return concluded(frames, cameras, seen, start, way.fit, clock.seconds, warnings)
-
-
-def _later_frames(take: Take, frames: range, segmenter: Segmenter) -> list[TriPlanes]:
-    """What is seen (P, H, W) in each of the frames after a fit that tell which way round the actor is."""
-    longer = range(frames.start, min(frames.stop + MOTION_FRAMES, take.settings.frames))
-    _, seen = seen_of(take, longer, segmenter, lambda _: None)
-    return [seen[frame] for frame in range(len(frames), len(longer))]
 
 
 def _check_alone(rig: Rig, seen: TriPlanes, fit: Fit, names: Sequence[str], *, is_told: bool) -> None:

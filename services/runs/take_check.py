@@ -24,7 +24,14 @@ def check_before(
 
     Raises TakeError where it is certain that the take cannot be tracked.
     """
-    return tuple(_cause(mistake) for mistake in _mistakes(take, frames, progress, segmenter))
+    return tuple(
+        Cause(
+            what=f"{mistake.file}: {mistake.what}" if mistake.file else mistake.what,
+            remedy=mistake.remedy,
+            level="usable with gaps" if mistake.is_out_of_step else "good",
+        )
+        for mistake in _mistakes(take, frames, progress, segmenter)
+    )
 
 
 def _mistakes(
@@ -36,11 +43,21 @@ def _mistakes(
     kind = chosen_segmenter(take, segmenter)
     if kind != READY and not all(map(take.has_background, take.cameras)):
         if kind.partition(":")[0] in KINDS and KINDS[kind.partition(":")[0]].needs_plate:
-            yield _no_background(take)
+            folder = background_video_path(take.folder, take.cameras[0].name).parent.name
+            yield Mistake(
+                f"{folder}/",
+                "there is no picture of the empty stage; it is estimated from the videos, and silhouettes "
+                "will be wrong where the actor stays",
+                f"record the empty stage for a second into {folder}/<camera>.mp4",
+            )
         return  # what is estimated from the videos is no proof of anything
     if len(take.cameras) < 2:
         return
-    looked_at = range(frames.start, min(frames.stop, frames.start + _n_frames(take, kind)))
+    n_frames = _MOST_FRAMES
+    if kind != READY:
+        each_px = sum(camera.width_px * camera.height_px for camera in take.cameras)
+        n_frames = min(max(_MOST_PX // each_px, _FEWEST_FRAMES), _MOST_FRAMES)
+    looked_at = range(frames.start, min(frames.stop, frames.start + n_frames))
     with kept_warnings() as warnings:
         cameras, outlines, middle = outlines_of(take, looked_at, 1, progress, segmenter)
     found = mistakes_in(cameras, outlines, take.settings.up)
@@ -53,29 +70,5 @@ def _mistakes(
     yield from silhouette_faults(cameras, outlines, middle)
 
 
-def _n_frames(take: Take, kind: str) -> int:
-    if kind == READY:
-        return _MOST_FRAMES
-    each_px = sum(camera.width_px * camera.height_px for camera in take.cameras)
-    return min(max(_MOST_PX // each_px, _FEWEST_FRAMES), _MOST_FRAMES)
-
-
-def _no_background(take: Take) -> Mistake:
-    expected = background_video_path(take.folder, take.cameras[0].name)
-    return Mistake(
-        f"{expected.parent.name}/",
-        "there is no picture of the empty stage; it is estimated from the videos, and silhouettes will be "
-        "wrong where the actor stays",
-        f"record the empty stage for a second into {expected.parent.name}/<camera>.mp4",
-    )
-
-
 def _refused(take: Take, mistake: Mistake) -> TakeError:
     return TakeError(f"{take.folder}/{mistake} (--no-check goes on nevertheless)")
-
-
-def _cause(mistake: Mistake) -> Cause:
-    what = f"{mistake.file}: {mistake.what}" if mistake.file else mistake.what
-    return Cause(
-        what=what, remedy=mistake.remedy, level="usable with gaps" if mistake.is_out_of_step else "good"
-    )

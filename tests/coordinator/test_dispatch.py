@@ -55,7 +55,7 @@ def test_without_workers_the_coordinator_gets_all(floor: Floor) -> None:
     taken = []
     while (task := floor.dispatcher.take_waiting()) is not None:
         taken.append(task)
-        floor.dispatcher.solved_here(result_of(task))
+        floor.dispatcher.add_result(result_of(task))
     assert limbs_of(taken) == limbs_of(pass_tasks())
     assert not floor.dispatcher.pending
     assert limbs_of(floor.dispatcher.collect()) == limbs_of(pass_tasks())
@@ -287,7 +287,7 @@ def test_a_worker_that_beats_long_after_it_was_given_a_task_is_free_again(floor:
     floor.later(FIRST_DEADLINE_S + 1.0)
     task = floor.dispatcher.take_waiting()
     assert task is not None
-    floor.dispatcher.solved_here(result_of(task))
+    floor.dispatcher.add_result(result_of(task))
     floor.dispatcher.submit([limb_task(frame=1)])
     assert floor.n_given() == 1
     assert floor.dispatcher.heard(one)
@@ -346,7 +346,7 @@ def test_results_that_count_are_told_apart_by_backend(floor: Floor) -> None:
     floor.solve(two)
     task = floor.dispatcher.take_waiting()
     if task is not None:
-        floor.dispatcher.solved_here(result_of(task))
+        floor.dispatcher.add_result(result_of(task))
     assert floor.dispatcher.helped == {"gl": 1, "cpu": 1}
 
 

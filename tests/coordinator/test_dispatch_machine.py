@@ -82,7 +82,7 @@ class DispatchMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.taken)
     @rule()
     def coordinator_solves(self) -> None:
-        self.floor.dispatcher.solved_here(result_of(self.taken.pop(0)))
+        self.floor.dispatcher.add_result(result_of(self.taken.pop(0)))
 
     @rule()
     def collect(self) -> None:
@@ -121,10 +121,10 @@ class DispatchMachine(RuleBasedStateMachine):
     def teardown(self) -> None:
         """All workers fall silent; the coordinator finishes alone, in bounded time."""
         for task in self.taken:
-            self.floor.dispatcher.solved_here(result_of(task))
+            self.floor.dispatcher.add_result(result_of(task))
         for _ in range(2 * len(_NAMES) + 2):
             while (waiting := self.floor.dispatcher.take_waiting()) is not None:
-                self.floor.dispatcher.solved_here(result_of(waiting))
+                self.floor.dispatcher.add_result(result_of(waiting))
             self.floor.later(self.floor.dispatcher.deadline_s + 1.0)
         assert not self.floor.dispatcher.pending
         self._all_solved_once()

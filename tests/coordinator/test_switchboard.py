@@ -11,7 +11,8 @@ import zmq
 from proto.link import Link
 from proto.messages import Hello, Message, Pose, PoseRequest, Recorded, Recording
 from services.coordinator.incoming import RecordedFrames
-from services.coordinator.switchboard import LostFramesError, Switchboard
+from services.coordinator.recorders import LostFramesError
+from services.coordinator.switchboard import Switchboard
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.runs.launcher import free_endpoint
@@ -31,7 +32,7 @@ def board(endpoint: str) -> Iterator[Switchboard]:
     """A coordinator whose take has begun, with one recorder to come."""
     rig = Rig(np.ones((1, 3, 4)), np.array([[4, 4]], np.int32))
     board = Switchboard(endpoint, RecordedFrames("walk", rig, range(END_FRAME), 25.0))
-    board.begin(RUN, first_frame=0, recorders=1)
+    board.recorders.begin(RUN, first_frame=0, n_expected=1)
     yield board
     board.close()
 
@@ -43,7 +44,7 @@ def recorder(board: Switchboard, endpoint: str) -> Iterator[Link]:
     hello = Hello(role="recorder", name="recorder@test:1", backend="")
     link = Link(context, endpoint, hello)
     deadline_s = time.monotonic() + _PATIENCE_S
-    while not board.recorders:
+    while not board.recorders.recorded_ends:
         assert time.monotonic() < deadline_s, "never registered"
         board.pump(0.01)
         link.receive()
@@ -59,7 +60,7 @@ def test_a_recorder_that_confirms_and_leaves_at_once_is_not_lost(
     recorder.close()
     time.sleep(0.3)  # its connection is gone, its word unread
     with caplog.at_level(logging.WARNING):
-        assert board.recorded_up_to(END_FRAME, recorders=1)
+        assert board.recorders.have_all(END_FRAME, lambda: board.pump(0))
     assert not caplog.records
 
 
@@ -69,7 +70,7 @@ def test_a_recorder_that_leaves_without_a_word_is_lost(
     recorder.close()
     time.sleep(0.3)
     with caplog.at_level(logging.WARNING):
-        assert not board.recorded_up_to(END_FRAME, recorders=1)
+        assert not board.recorders.have_all(END_FRAME, lambda: board.pump(0))
     assert "lost recorder@test:1" in caplog.text
 
 
@@ -97,10 +98,10 @@ def test_settled_poses_are_kept_until_recorders_have_them(board: Switchboard, re
     first = PoseRequest(run=RUN, first_frame=0, end_frame=2, settled=True)
     told(board, holds, recorder)
     for frame in range(1200):
-        board.publish_settled(settled.model_copy(update={"frame": frame}))
+        board.publish(settled.model_copy(update={"frame": frame}))
     assert [(pose.frame, pose.settled) for pose in told(board, first, recorder)] == [(0, True), (1, True)]
     told(board, holds.model_copy(update={"settled_end": 150}), recorder)
-    board.publish_settled(settled.model_copy(update={"frame": 1200}))
+    board.publish(settled.model_copy(update={"frame": 1200}))
     last = first.model_copy(update={"first_frame": 150, "end_frame": 152})
     assert [pose.frame for pose in told(board, last, recorder)] == [150, 151]
     with pytest.raises(LostFramesError, match="lacks frame 0, which is no longer kept"):

@@ -213,7 +213,7 @@ def test_a_coordinator_that_dies_again_and_again_is_said_and_its_frames_are_kept
     assert run.frames() == list(range(len(run.frames())))
     shutil.rmtree(str(failure.value).rpartition(" ")[2])  # the logs
     store = Store(run.out.with_name("out.partial"))
-    assert sorted(store.frames) == run.frames()
+    assert sorted(store.first.frames) == run.frames()
     store.close(remove=False)
     run.go()  # the same run again goes on from there
     assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
