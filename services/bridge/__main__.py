@@ -9,7 +9,7 @@ from proto.streams import DEFAULT_ENDPOINT
 from services.bridge.puppeteer import Puppeteer
 from services.bridge.sender import DEFAULT_LISTENER, address_of, open_sender
 from services.health import beat
-from services.mocap.motion.settings import CUTOFFS_HZ
+from services.mocap.motion.settings import ONE_EURO_HZ
 from services.options import KeysOption, keys_of_client
 from services.process import StopRequest, run_service
 
@@ -35,7 +35,7 @@ def bridge(
             metavar="HZ",
             help="Cutoff of the one-euro smoothing for a body at rest; 0: no smoothing.",
         ),
-    ] = CUTOFFS_HZ["one-euro"],
+    ] = ONE_EURO_HZ,
     keys: KeysOption = None,
 ) -> None:
     """Send poses during tracking to animation tools that receive the VMC protocol."""
