@@ -69,7 +69,8 @@ SmoothOption: TypeAlias = Annotated[
 CutoffOption: TypeAlias = Annotated[
     float | None,
     typer.Option(
-        metavar="HZ", help="Cutoff frequency of the smoothing, in hertz; the default depends on --smooth."
+        metavar="HZ",
+        help="Cutoff frequency of the smoothing, in hertz; by default rts finds what suits the motion.",
     ),
 ]
 DEFAULT_SEGMENTER = "auto"

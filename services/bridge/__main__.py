@@ -19,7 +19,7 @@ from services.follower import Follower
 from services.health import beat
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.camera.rig import Rig
-from services.mocap.motion.settings import CUTOFFS_HZ
+from services.mocap.motion.settings import ONE_EURO_HZ
 from services.mocap.motion.smoothing import OneEuro
 from services.mocap.types import Floats
 from services.options import KeysOption, keys_of_client
@@ -102,7 +102,7 @@ def bridge(
             metavar="HZ",
             help="Cutoff of the one-euro smoothing for a body at rest; 0: no smoothing.",
         ),
-    ] = CUTOFFS_HZ["one-euro"],
+    ] = ONE_EURO_HZ,
     keys: KeysOption = None,
 ) -> None:
     """Send poses during tracking to animation tools that receive the VMC"""

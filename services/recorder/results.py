@@ -12,7 +12,7 @@ from services.mocap.errors import UserError
 from services.mocap.export.formats import DEFAULT_FORMATS, write_defaults
 from services.mocap.export.overlay import write_overlay
 from services.mocap.motion.settings import OutputSettings
-from services.mocap.motion.smoothing import smoothed
+from services.mocap.motion.smoothing import cutoff_of, smoothed
 from services.mocap.result.frame_files import write_frame_files
 from services.mocap.result.layout import OVERLAY, RUN_JSON
 from services.mocap.result.result import add_to_run, load_result, write_tracked
@@ -69,7 +69,9 @@ def write_results(
         known["corrected_frames_by_part"] = corrected_frames(first_poses, poses, body.offsets_m)
     live = is_live(info)
     times_s = increasing(times_s)
-    shown = smoothed(poses, info.fps, output, values_to_bridge(marks), times_s if live else None)
+    bridged = values_to_bridge(marks)
+    output = output.model_copy(update={"cutoff_hz": cutoff_of(poses, info.fps, output, bridged)})
+    shown = smoothed(poses, info.fps, output, bridged, times_s if live else None)
     is_whole = collection.complete if live else len(recorded) == info.end_frame - info.first_frame
     with results_into(out, complete=is_whole) as part:
         extra = further_columns(recorded, is_live=live)

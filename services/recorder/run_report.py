@@ -50,7 +50,7 @@ def write_run_json(
     """
     smoothing: dict[str, Any] = {"smooth": output.smooth}
     if output.smooth != "none":
-        smoothing |= {"cutoff_hz": output.hz, "smoothed": list(_SMOOTHED)}
+        smoothing |= {"cutoff_hz": output.cutoff_hz, "smoothed": list(_SMOOTHED)}
     report: dict[str, Any] = {
         "take": {
             "name": info.take,

@@ -167,6 +167,10 @@ def _resampled(controls: Floats, n_controls: int) -> Floats:
     return np.clip(np.asarray(nearest, np.float64), controls.min(), controls.max())
 
 
+_HEIGHT_ROUNDS = 2
+"""The body changes by some millimetres when its height is restated, hardly when that is done again."""
+
+
 def with_true_height(x: Floats, base: Actor = GENERIC_ACTOR) -> Floats:
     """The shape vector of the same body, to a millimetre or two, whose height parameter is its standing
     height without shoes.
@@ -174,8 +178,10 @@ def with_true_height(x: Floats, base: Actor = GENERIC_ACTOR) -> Floats:
     A fit may find a tall actor with short bones and slim profiles; written results should have the height
     that a measuring rod shows. Within the bounds.
     """
-    body = body_of(without_shoes(x), base)
-    return clip_to_bounds(x + np.log(body.standing_height_m / body.height_m) * _RESTATED)
+    for _ in range(_HEIGHT_ROUNDS):
+        body = body_of(without_shoes(x), base)
+        x = clip_to_bounds(x + np.log(body.standing_height_m / body.height_m) * _RESTATED)
+    return x
 
 
 def without_shoes(x: Floats) -> Floats:

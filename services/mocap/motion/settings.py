@@ -5,8 +5,8 @@ from typing import Literal, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field
 
 Smoother: TypeAlias = Literal["none", "rts", "one-euro"]
-CUTOFFS_HZ: dict[Smoother, float] = {"rts": 5.0, "one-euro": 4.0}
-"""The best cutoff of each smoother, by the joint errors of tracked takes with a reference."""
+ONE_EURO_HZ = 4.0
+"""The best cutoff of one-euro, by the joint errors of tracked takes with a reference."""
 
 
 class OutputSettings(BaseModel):
@@ -24,9 +24,5 @@ class OutputSettings(BaseModel):
         default=None, gt=0, le=1000, description="a number of hertz, above 0 and at most 1000"
     )
     """Cutoff frequency: rts keeps slower motion and removes faster motion; for one-euro it is the minimum,
-    for a body at rest, and rises with speed. None: the smoother's default."""
-
-    @property
-    def hz(self) -> float:
-        """The cutoff in hertz, given or default; raises KeyError if nothing is smoothed."""
-        return CUTOFFS_HZ[self.smooth] if self.cutoff_hz is None else self.cutoff_hz
+    for a body at rest, and rises with speed. None: rts finds the one that suits the motion; one-euro has
+    ONE_EURO_HZ."""

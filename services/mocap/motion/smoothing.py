@@ -5,13 +5,15 @@ kept.
 """
 
 import numpy as np
+from scipy.fft import dct
 from scipy.interpolate import make_smoothing_spline
 from scipy.spatial.transform import Rotation
 
-from services.mocap.body.kinematics import N_DOF, clip_to_limits
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.actor import DEFAULT_HEIGHT_M
+from services.mocap.body.kinematics import N_DOF, clip_to_limits, joint_positions
+from services.mocap.body.skeleton import DOFS, JOINTS
 from services.mocap.motion.root import ROOT_TURN, root_angles, root_rotations, without_flips
-from services.mocap.motion.settings import CUTOFFS_HZ, OutputSettings
+from services.mocap.motion.settings import ONE_EURO_HZ, OutputSettings
 from services.mocap.types import Floats, Mask
 
 _FEWEST = 5
@@ -19,6 +21,11 @@ _FEWEST = 5
 _DISTRUSTED_WEIGHT = 1e-4
 """Weight of an unreliable value, relative to 1. It lowers the cutoff to a tenth, so that gaps of some frames
 are interpolated, while gaps of seconds still follow the values."""
+_CUTOFFS_HZ: Floats = np.geomspace(4.0, 12.0, 12).round(1)
+"""Those that rts chooses from. Errors of a track are alike from frame to frame, so that cross-validation
+would choose still higher ones, which improve nothing: 14 Hz was no better than 12 on any take of people."""
+_OFFSETS_M: Floats = DEFAULT_HEIGHT_M * np.array([joint.offset_heights for joint in JOINTS])
+"""(J, 3) of the generic body, whose joints tell the size of a motion."""
 
 SPEED_CUTOFF_HZ = 10.0
 """By how much the cutoff rises per radian a second; chosen on tracked takes by their joint errors."""
@@ -40,13 +47,41 @@ def smoothed(
     distrusted: (N, D) values that should not be trusted; rts bridges them from both sides.
     times_s: (N,) of frames that do not come evenly, which one-euro heeds.
     """
-    if settings.smooth == "none":
+    cutoff_hz = cutoff_of(poses, fps, settings, distrusted)
+    if cutoff_hz is None:
         return poses.copy()
     if settings.smooth == "rts":
-        return rts(poses, fps, settings.hz, distrusted)
-    one_euro = OneEuro(settings.hz)
+        return rts(poses, fps, cutoff_hz, distrusted)
+    one_euro = OneEuro(cutoff_hz)
     moments_s = np.arange(len(poses)) / fps if times_s is None else times_s
     return np.array([one_euro(pose, at_s) for pose, at_s in zip(poses, moments_s.tolist(), strict=True)])
+
+
+def cutoff_of(
+    poses: Floats, fps: float, settings: OutputSettings, distrusted: Mask | None = None
+) -> float | None:
+    """The cutoff frequency in hertz with which `smoothed` smooths poses (N, D); None if it does not.
+
+    If none is given, rts takes the one of least generalised cross-validation (Craven and Wahba 1979; Woltring
+    1986 introduced it for movements): a fast motion keeps its peaks, the noise of a slow one goes. With y the
+    spectrum of the joints' paths and g the gain of the cutoff, it is |(1 - g) y|² / (sum of 1 - g)².
+    """
+    if settings.smooth == "none":
+        return None
+    if settings.cutoff_hz is not None or settings.smooth == "one-euro":
+        return settings.cutoff_hz or ONE_EURO_HZ
+    known, rows = poses.copy(), np.arange(len(poses))
+    for d in [] if distrusted is None else np.flatnonzero(distrusted.any(axis=0) & ~distrusted.all(axis=0)):
+        kept = ~distrusted[:, d]
+        known[:, d] = np.interp(rows, rows[kept], poses[kept, d])
+    paths_m = joint_positions(known, _OFFSETS_M).reshape(len(poses), -1)
+    # Without the line from end to end, so that the ends do not look like jumps.
+    paths_m -= np.linspace(paths_m[0], paths_m[-1], len(poses))
+    power = (dct(paths_m, axis=0, norm="ortho") ** 2).sum(axis=1)
+    frequencies_hz = fps * rows / (2 * len(poses))
+    removed = 1.0 - 1.0 / (1.0 + (frequencies_hz[:, None] / _CUTOFFS_HZ) ** 4)
+    errors = power @ removed**2 / np.maximum(removed.sum(axis=0), 1e-9) ** 2
+    return float(_CUTOFFS_HZ[int(errors.argmin())])
 
 
 def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = None) -> Floats:
@@ -90,9 +125,7 @@ class OneEuro:
     long time, and fast motion hardly at all, so that it lags little.
     """
 
-    def __init__(
-        self, rest_cutoff_hz: float = CUTOFFS_HZ["one-euro"], speed_cutoff_hz: float = SPEED_CUTOFF_HZ
-    ) -> None:
+    def __init__(self, rest_cutoff_hz: float = ONE_EURO_HZ, speed_cutoff_hz: float = SPEED_CUTOFF_HZ) -> None:
         self._rest_hz, self._per_speed_hz = rest_cutoff_hz, speed_cutoff_hz
         self._before: tuple[float, Floats, Floats] | None = None
         """Time, the filtered pose (D,) and its filtered velocity (D,), with the root's turn as a vector."""

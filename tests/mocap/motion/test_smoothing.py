@@ -11,7 +11,7 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.motion.root import ROOT_TURN, root_rotations
 from services.mocap.motion.settings import OutputSettings, Smoother
-from services.mocap.motion.smoothing import rts, smoothed
+from services.mocap.motion.smoothing import cutoff_of, rts, smoothed
 from services.mocap.synth.walk import walk
 from services.mocap.take.tables import reference_joints
 from services.mocap.types import Floats
@@ -144,6 +144,36 @@ def test_rts_bridges_what_should_not_be_trusted(walking: tuple[Floats, Floats]) 
     assert error_told < 0.2 * error_blind
     others = np.delete(np.arange(N_DOF), lost)
     np.testing.assert_allclose(told[:, others], blind[:, others], atol=1e-9)
+
+
+@pytest.mark.parametrize("fps", [15.0, 30.0, 60.0])
+def test_the_cutoff_follows_the_motion(fps: float) -> None:
+    """Of a slow swing noise is taken away, of a fast one its peaks are kept."""
+    times_s, rng = np.arange(240) / fps, np.random.default_rng(2)
+    cutoffs_hz, offsets_m = [], build_body(Actor()).offsets_m
+    for frequency_hz in (0.3, 3.0):
+        truth = np.zeros((len(times_s), N_DOF))
+        truth[:, DOF_INDEX["left_shoulder_elevation"]] = np.sin(2 * np.pi * frequency_hz * times_s)
+        noisy = truth + rng.normal(0.0, 0.01, truth.shape)
+        found_hz = cutoff_of(noisy, fps, OutputSettings())
+        assert found_hz is not None
+        cutoffs_hz.append(found_hz)
+        true_m = reference_joints(truth, offsets_m)
+        off_m = [
+            np.linalg.norm(reference_joints(rts(noisy, fps, hz), offsets_m) - true_m, axis=-1).mean()
+            for hz in (found_hz, 4.0, 12.0)
+        ]
+        assert off_m[0] < 1.1 * min(off_m)
+    assert cutoffs_hz[0] < cutoffs_hz[1]
+
+
+def test_what_should_not_be_trusted_does_not_raise_the_cutoff(walking: tuple[Floats, Floats]) -> None:
+    wrong, distrusted = walking[1].copy(), np.zeros(walking[1].shape, bool)
+    wrong[50:54, WRIST] += 1.0
+    distrusted[50:54, WRIST] = True
+    expected = cutoff_of(walking[1], FPS, OutputSettings())
+    assert cutoff_of(wrong, FPS, OutputSettings(), distrusted) == expected
+    assert cutoff_of(wrong, FPS, OutputSettings(cutoff_hz=3.5), distrusted) == 3.5
 
 
 def test_none_leaves_everything_as_it_was_tracked(walking: tuple[Floats, Floats]) -> None:
