@@ -71,9 +71,10 @@ def cutoff_of(
     if settings.cutoff_hz is not None or settings.smooth == "one-euro":
         return settings.cutoff_hz or ONE_EURO_HZ
     known, rows = poses.copy(), np.arange(len(poses))
-    for d in [] if distrusted is None else np.flatnonzero(distrusted.any(axis=0) & ~distrusted.all(axis=0)):
-        kept = ~distrusted[:, d]
-        known[:, d] = np.interp(rows, rows[kept], poses[kept, d])
+    if distrusted is not None:
+        for d in np.flatnonzero(distrusted.any(axis=0) & ~distrusted.all(axis=0)):
+            kept = ~distrusted[:, d]
+            known[:, d] = np.interp(rows, rows[kept], poses[kept, d])
     paths_m = joint_positions(known, _OFFSETS_M).reshape(len(poses), -1)
     # Without the line from end to end, so that the ends do not look like jumps.
     paths_m -= np.linspace(paths_m[0], paths_m[-1], len(poses))
