@@ -1,6 +1,6 @@
 """The Jacobian of the rim in the pictures by pose and shape."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -23,12 +23,17 @@ from services.mocap.types import Floats, Ints
 
 _STEP = 1e-4
 """Of finite differences, in radians, metres and logarithms."""
+_NEAR = 0.01
+"""Slopes hold until a shape parameter has changed by this logarithm: they change by as small a share."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeSlopes:
     """A body, and its derivatives by S shape parameters."""
 
+    parameters: tuple[int, ...]
+    taken_at: Floats
+    """(len(PARAMETERS),) the shape vector of the derivatives: the body's, or one near it."""
     body: Body
     vertices_m: Floats
     """(V, 3) all surfaces' vertices, each in its own frame."""
@@ -52,7 +57,14 @@ class ShapeSlopes:
             other = shape_space.body_of(moved, base)
             vertex_slopes_m[:, k] = (_vertices_m(other) - vertices_m) / _STEP
             offset_slopes_m[k] = (other.offsets_m - body.offsets_m) / _STEP
-        return cls(body, vertices_m, vertex_slopes_m, offset_slopes_m)
+        return cls(parameters, x, body, vertices_m, vertex_slopes_m, offset_slopes_m)
+
+    def near(self, x: Floats, base: Actor) -> "ShapeSlopes":
+        """The body of a shape vector (len(PARAMETERS),), with these derivatives if it is near theirs."""
+        if np.abs(x - self.taken_at).max() > _NEAR:
+            return ShapeSlopes.at(x, self.parameters, base)
+        body = shape_space.body_of(x, base)
+        return replace(self, body=body, vertices_m=_vertices_m(body))
 
 
 def _vertices_m(body: Body) -> Floats:

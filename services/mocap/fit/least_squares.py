@@ -66,17 +66,18 @@ class Fitting:
         Every step changes the matches, so that costs vary by a few hundredths in the end: all steps are
         taken, and the mean of the last ones is returned.
         """
-        self._camera_weights = self._weigh_cameras(self._match(state))
-        current = best = self._matched(state, stage)
+        matches = self._match(state)
+        self._camera_weights = self._weigh_cameras(matches)
+        current = best = self._matched(state, stage, matches)
         if len(stage.parameters) > 1:
             self._prior.misfit = _misfit(current)
-            current = best = self._matched(state, stage)
-        trail, since_best = [current], 0
+            current = best = self._matched(state, stage, matches)
+        trail, since_best, slopes = [current], 0, ShapeSlopes.at(state.x, stage.parameters, self._base)
         for _ in range(stage.steps):
             on_step()
             if since_best >= stage.patience:
                 continue
-            slopes = ShapeSlopes.at(current.state.x, stage.parameters, self._base)
+            slopes = slopes.near(current.state.x, self._base)
             stepped = self._linearise(current, slopes, stage).step(current.state, stage)
             current = self._matched(stepped, stage)
             trail.append(current)
@@ -119,8 +120,9 @@ class Fitting:
             for pose, contours in zip(state.poses, self._contours, strict=True)
         ]
 
-    def _matched(self, state: State, stage: Stage) -> _Matched:
-        matches = self._match(state)
+    def _matched(self, state: State, stage: Stage, matches: list[list[Matches]] | None = None) -> _Matched:
+        """A state with its cost; matches: its own, where they are known."""
+        matches = self._match(state) if matches is None else matches
         cost = self._prior.cost(state, self._n_views)
         for views in matches:
             for view, camera_weight in zip(views, self._camera_weights, strict=True):
