@@ -20,9 +20,9 @@ from services.mocap.calibration.coverage import covered_share, draw_coverage
 from services.mocap.calibration.from_clips import calibrate_clips
 from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.calibration.lens import Lens
+from services.mocap.calibration.placing import read_points
 from services.mocap.calibration.remarks import remarks_on, remarks_on_views
 from services.mocap.calibration.rig_solving import Solution
-from services.mocap.calibration.scene_points import read_points
 from services.mocap.camera.calibration import Up, write_calibration
 from services.mocap.errors import CalibrationError, UserError, load_toml, validated
 from services.mocap.take.writer import write_picture

@@ -1,6 +1,7 @@
 """`xormocap calibrate`: calibrates cameras from clips of a board or other tools' files, or checks or refines
 them with silhouettes."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +21,8 @@ from services.mocap.camera.calibration import Up
 from services.mocap.camera.formats import Axis, Format, Units
 from services.mocap.errors import UserError
 
-_BOARD, _FILES = "Board", "Files of other tools"
+_board_option = partial(typer.Option, rich_help_panel="Board")
+_import_option = partial(typer.Option, rich_help_panel="Files of other tools")
 
 
 def calibrate(
@@ -40,79 +42,53 @@ def calibrate(
     ] = None,
     board: Annotated[
         BoardKind | None,
-        typer.Option(
-            help="The kind of board: charuco (default), aruco (a sheet of markers with gaps) or chessboard.",
-            rich_help_panel=_BOARD,
+        _board_option(
+            help="The kind of board: charuco (default), aruco (a sheet of markers with gaps) or chessboard."
         ),
     ] = None,
     squares: Annotated[
         str | None,
-        typer.Option(
-            help="Number of squares per row, and number of rows, such as 7x10.",
-            metavar="CxR",
-            rich_help_panel=_BOARD,
-        ),
+        _board_option(help="Number of squares per row, and number of rows, such as 7x10.", metavar="CxR"),
     ] = None,
-    square: Annotated[
-        float | None, typer.Option(help="Side length of a square in metres.", rich_help_panel=_BOARD)
-    ] = None,
+    square: Annotated[float | None, _board_option(help="Side length of a square in metres.")] = None,
     marker: Annotated[
-        float | None,
-        typer.Option(
-            help="Side length of a marker in metres; by default 3/4 of a square's.", rich_help_panel=_BOARD
-        ),
+        float | None, _board_option(help="Side length of a marker in metres; by default 3/4 of a square's.")
     ] = None,
     markers: Annotated[
         str | None,
-        typer.Option(
-            help="Of a sheet of ArUco markers: markers per row, and rows, such as 5x7.",
-            metavar="CxR",
-            rich_help_panel=_BOARD,
+        _board_option(
+            help="Of a sheet of ArUco markers: markers per row, and rows, such as 5x7.", metavar="CxR"
         ),
     ] = None,
     gap: Annotated[
-        float | None,
-        typer.Option(
-            help="Of a sheet of ArUco markers: the gap between two in metres.", rich_help_panel=_BOARD
-        ),
+        float | None, _board_option(help="Of a sheet of ArUco markers: the gap between two in metres.")
     ] = None,
     first_id: Annotated[
-        int | None,
-        typer.Option(
-            help="Of a sheet of ArUco markers: number of the first; 0 by default.", rich_help_panel=_BOARD
-        ),
+        int | None, _board_option(help="Of a sheet of ArUco markers: number of the first; 0 by default.")
     ] = None,
     dictionary: Annotated[
-        str | None,
-        typer.Option(help="Dictionary of the markers; 5x5_100 by default.", rich_help_panel=_BOARD),
+        str | None, _board_option(help="Dictionary of the markers; 5x5_100 by default.")
     ] = None,
-    legacy: Annotated[
-        bool | None, typer.Option(help="The board was drawn by OpenCV before 4.6.", rich_help_panel=_BOARD)
-    ] = None,
+    legacy: Annotated[bool | None, _board_option(help="The board was drawn by OpenCV before 4.6.")] = None,
     draw: Annotated[
-        Path | None,
-        typer.Option(help="Write the board as a PNG file to print, and exit.", rich_help_panel=_BOARD),
+        Path | None, _board_option(help="Write the board as a PNG file to print, and exit.")
     ] = None,
     lens: Annotated[
         str,
-        typer.Option(
+        _board_option(
             help="Lens model: normal, wide (one more coefficient) or fisheye; or a calibration file of any "
             "tool, whose lenses are held.",
             metavar="MODEL|FILE",
-            rich_help_panel=_BOARD,
         ),
     ] = "normal",
     level: Annotated[
         str | None,
-        typer.Option(
-            help="Without origin/: the camera whose pictures are upright and level.",
-            metavar="CAMERA",
-            rich_help_panel=_BOARD,
+        _board_option(
+            help="Without origin/: the camera whose pictures are upright and level.", metavar="CAMERA"
         ),
     ] = None,
     inverted: Annotated[
-        bool | None,
-        typer.Option(help="The board is white on black; tried by default.", rich_help_panel=_BOARD),
+        bool | None, _board_option(help="The board is white on black; tried by default.")
     ] = None,
     points: Annotated[
         Path | None,
@@ -141,36 +117,24 @@ def calibrate(
         ),
     ] = None,
     source: Annotated[
-        Path | None,
-        typer.Option("--import", help="Convert this calibration file or folder.", rich_help_panel=_FILES),
+        Path | None, _import_option("--import", help="Convert this calibration file or folder.")
     ] = None,
-    kind: Annotated[
-        Format | None,
-        typer.Option("--from", help="Its format; detected by default.", rich_help_panel=_FILES),
-    ] = None,
+    kind: Annotated[Format | None, _import_option("--from", help="Its format; detected by default.")] = None,
     target: Annotated[
-        Target,
-        typer.Option(
-            "--to", help="Format to write: pose2sim (also xormocap's own) or opencv.", rich_help_panel=_FILES
-        ),
+        Target, _import_option("--to", help="Format to write: pose2sim (also xormocap's own) or opencv.")
     ] = "pose2sim",
     size: Annotated[
-        str | None,
-        typer.Option(help="Picture size WxH, if the file does not contain it.", rich_help_panel=_FILES),
+        str | None, _import_option(help="Picture size WxH, if the file does not contain it.")
     ] = None,
     units: Annotated[
-        Units,
-        typer.Option(help="Its unit of length, if the format does not define it.", rich_help_panel=_FILES),
+        Units, _import_option(help="Its unit of length, if the format does not define it.")
     ] = "auto",
-    scale: Annotated[
-        float, typer.Option(help="Factor for all lengths, for example for COLMAP.", rich_help_panel=_FILES)
-    ] = 1.0,
+    scale: Annotated[float, _import_option(help="Factor for all lengths, for example for COLMAP.")] = 1.0,
     world: Annotated[
         Axis | None,
-        typer.Option(
+        _import_option(
             "--its-up",
             help="The axis that points up in the imported file; that of its format by default, else z.",
-            rich_help_panel=_FILES,
         ),
     ] = None,
 ) -> None:

@@ -9,11 +9,16 @@ from rich.markup import escape
 
 from services.commands.consoles import say, table_of, warn
 from services.mocap.calibration.known_lenses import known_lenses
-from services.mocap.calibration.placing import Placed, moved_to_points, placed_one_by_one
+from services.mocap.calibration.placing import (
+    Placed,
+    ScenePoints,
+    moved_to_points,
+    placed_one_by_one,
+    read_points,
+)
 from services.mocap.calibration.remarks import remarks_on
 from services.mocap.calibration.rig_solving import camera_of
 from services.mocap.calibration.rigid_transform import IDENTITY
-from services.mocap.calibration.scene_points import ScenePoints, read_points
 from services.mocap.camera.calibration import Up, write_calibration
 from services.mocap.camera.camera import Camera
 

@@ -28,6 +28,11 @@ _FEWEST_MARKERS = 2
 """Least number of markers of a sheet: one alone has too few corners for a reliable pose."""
 
 
+def dictionary_of(name: str) -> cv2.aruco.Dictionary:
+    """OpenCV's dictionary of markers."""
+    return cv2.aruco.getPredefinedDictionary(DICTIONARIES[name])
+
+
 class Board(BaseModel):
     """A flat board; a description states a field's valid values."""
 
@@ -73,7 +78,7 @@ class Board(BaseModel):
             raise ValueError(f"columns: expected {_FEWEST_CHARUCO} or more squares each way")
         if self.kind == "aruco" and self.n_markers < _FEWEST_MARKERS:
             raise ValueError(f"columns: expected {_FEWEST_MARKERS} or more markers on a sheet")
-        held = len(cv2.aruco.getPredefinedDictionary(DICTIONARIES[self.dictionary]).bytesList)
+        held = len(dictionary_of(self.dictionary).bytesList)
         if held < self.first_id + self.n_markers:
             raise ValueError(
                 f"dictionary: {self.dictionary} holds {held} markers, but {self.in_words(short=True)} needs "

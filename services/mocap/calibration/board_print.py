@@ -3,22 +3,18 @@
 import cv2
 import numpy as np
 
-from services.mocap.calibration.board import DICTIONARIES, Board
+from services.mocap.calibration.board import Board, dictionary_of
 from services.mocap.types import Bytes
 
 _MARGIN_PITCHES = 0.5
 """White margin around a drawn board, which detection needs."""
 
 
-def dictionary_of(board: Board) -> cv2.aruco.Dictionary:
-    """The dictionary of a board's markers."""
-    return cv2.aruco.getPredefinedDictionary(DICTIONARIES[board.dictionary])
-
-
 def charuco_of(board: Board) -> cv2.aruco.CharucoBoard:
     """The ChArUco board of the same print."""
     size = (board.columns, board.rows)
-    charuco = cv2.aruco.CharucoBoard(size, board.pitch_m, board.marker_side_m, dictionary_of(board))
+    dictionary = dictionary_of(board.dictionary)
+    charuco = cv2.aruco.CharucoBoard(size, board.pitch_m, board.marker_side_m, dictionary)
     charuco.setLegacyPattern(board.legacy)
     return charuco
 
@@ -43,5 +39,5 @@ def drawn(board: Board, pitch_px: int) -> Bytes:
 
 def _sheet_of(board: Board) -> cv2.aruco.GridBoard:
     ids = np.arange(board.first_id, board.first_id + board.n_markers)
-    size = (board.columns, board.rows)
-    return cv2.aruco.GridBoard(size, board.marker_side_m, board.gap_m or 0.0, dictionary_of(board), ids)
+    size, dictionary = (board.columns, board.rows), dictionary_of(board.dictionary)
+    return cv2.aruco.GridBoard(size, board.marker_side_m, board.gap_m or 0.0, dictionary, ids)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from services.mocap.calibration.board import DICTIONARIES, Board
-from services.mocap.calibration.markers import marker_detector, markers_in
+from services.mocap.calibration.detection import marker_detector, markers_in
 from services.mocap.types import Bytes, Floats, Ints
 
 _FEW_SAMPLES = 4
@@ -42,7 +42,7 @@ def wrong_markers(pictures: list[Bytes], board: Board) -> str | None:
 
 def _views(pictures: list[Bytes], dictionary: str) -> list[_View]:
     """The markers of each picture that shows some."""
-    detector = marker_detector(cv2.aruco.getPredefinedDictionary(DICTIONARIES[dictionary]))
+    detector = marker_detector(dictionary)
     views = [markers_in(picture, detector) for picture in pictures]
     return [(ids, quads_px) for ids, quads_px in views if len(ids) >= _FEWEST_MARKERS]
 

@@ -1,4 +1,4 @@
-"""Places cameras by measured points of the scene, or moves calibrated cameras to their world."""
+"""Measured points of the scene: their table, cameras placed by them, calibrations moved to their world."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,17 +9,47 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from services.mocap.calibration.rigid_transform import RigidTransform
-from services.mocap.calibration.scene_points import ScenePoints
 from services.mocap.camera.camera import Camera
-from services.mocap.errors import CalibrationError
+from services.mocap.errors import CalibrationError, nearest
+from services.mocap.take.csv_columns import read_columns
 from services.mocap.types import Floats, Ints
 
+_COLUMNS = ("camera", "u", "v", "x", "y", "z")
 _FEWEST_SEEN, _FEWEST_SHARED = 4, 3
 """Points that place one camera, and points in two or more pictures that place a world."""
 _FLATTEST = 0.02
 """Least ratio of the spread across points to that along them: about one line, everything may turn."""
 _WRONG_RATIO, _WRONG_PX, _WRONG_M = 4.0, 5.0, 0.02
 """A point that is off by more than the others' median, times this, and by more than this, is named."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePoints:
+    """Measured points in pictures, one row for each point in a camera's picture."""
+
+    path: Path
+    cameras: tuple[str, ...]
+    """(N,) names."""
+    points_px: Floats
+    """(N, 2) in the raw picture, pixel centres at whole coordinates."""
+    points_world_m: Floats
+    """(N, 3) in the z-up world. Rows with equal coordinates are of the same point."""
+    lines: tuple[int, ...]
+    """(N,) of the file."""
+
+
+def read_points(path: Path, names: Sequence[str] | None = None) -> ScenePoints:
+    """Read a table with the columns camera, u, v (pixels) and x, y, z (metres); raises TakeError.
+
+    names: the cameras that may be named in it, if they are known.
+    """
+    table = read_columns(path, _COLUMNS, allow_extra=True)
+    cameras = tuple(cell.strip() for cell in table.cells["camera"])
+    for name, line in zip(cameras, table.lines, strict=True):
+        if names is not None and name not in names:
+            raise CalibrationError(f"{path}: line {line}: camera: unknown {name}: {nearest(name, names)}")
+    u, v, *xyz = (table.numbers(column) for column in _COLUMNS[1:])
+    return ScenePoints(path, cameras, np.stack([u, v], 1), np.stack(xyz, 1), tuple(table.lines))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from board_stage import centres_apart_m, distorted_px, ring, turn_of, with_fisheye
 from services.commands.calibrate.points import in_world_of, place_by_points
-from services.mocap.calibration.placing import moved_to_points
-from services.mocap.calibration.scene_points import read_points
+from services.mocap.calibration.placing import moved_to_points, read_points
 from services.mocap.camera.calibration import read_calibration, write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
