@@ -105,7 +105,7 @@ def bridge(
     ] = ONE_EURO_HZ,
     keys: KeysOption = None,
 ) -> None:
-    """Send poses during tracking to animation tools that receive the VMC"""
+    """Send poses during tracking to animation tools that receive the VMC protocol."""
 
     def work(stop: StopRequest) -> None:
         own_keys, send = keys_of_client(keys, "viewer"), open_sender(*address_of(vmc))
