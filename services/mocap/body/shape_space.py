@@ -167,8 +167,9 @@ def _resampled(controls: Floats, n_controls: int) -> Floats:
     return np.clip(np.asarray(nearest, np.float64), controls.min(), controls.max())
 
 
-_HEIGHT_ROUNDS = 2
-"""The body changes by some millimetres when its height is restated, hardly when that is done again."""
+_HEIGHT_ROUNDS, _SAME_HEIGHT = 4, 2e-4
+"""What counts as shoes depends on the height, which is therefore restated until its logarithm is right by so
+much."""
 
 
 def with_true_height(x: Floats, base: Actor = GENERIC_ACTOR) -> Floats:
@@ -180,7 +181,10 @@ def with_true_height(x: Floats, base: Actor = GENERIC_ACTOR) -> Floats:
     """
     for _ in range(_HEIGHT_ROUNDS):
         body = body_of(without_shoes(x), base)
-        x = clip_to_bounds(x + np.log(body.standing_height_m / body.height_m) * _RESTATED)
+        off = np.log(body.standing_height_m / body.height_m)
+        if abs(off) < _SAME_HEIGHT:
+            break
+        x = clip_to_bounds(x + off * _RESTATED)
     return x
 
 

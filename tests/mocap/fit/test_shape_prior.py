@@ -58,9 +58,10 @@ def test_random_shapes_are_of_the_height_asked_for_and_repeat(seed: int) -> None
 @settings(max_examples=30, deadline=None)
 def test_restating_the_height_changes_the_numbers_and_not_the_body(seed: int) -> None:
     x = random_shape(np.random.default_rng(seed))
-    body, restated = body_of(x), actor_of(with_true_height(x))
+    body, found = body_of(x), with_true_height(x)
+    restated = actor_of(found)
     same = build_body(restated)
-    assert restated.height == pytest.approx(body_of(without_shoes(x)).standing_height_m, abs=5e-4)
+    assert restated.height == pytest.approx(body_of(without_shoes(found)).standing_height_m, abs=5e-4)
     assert same.standing_height_m == pytest.approx(body.standing_height_m, abs=5e-4)
     for mine, others in zip(same.vertices_m, body.vertices_m, strict=True):
         np.testing.assert_allclose(mine, others, atol=5e-3)
