@@ -70,7 +70,7 @@ CutoffOption: TypeAlias = Annotated[
     float | None,
     typer.Option(
         metavar="HZ",
-        help="Cutoff frequency of the smoothing, in hertz; by default rts finds what suits the motion.",
+        help="Cutoff frequency of the smoothing, in hertz; default: rts finds it, one-euro 4.",
     ),
 ]
 DEFAULT_SEGMENTER = "auto"

@@ -168,8 +168,8 @@ def _resampled(controls: Floats, n_controls: int) -> Floats:
 
 
 _HEIGHT_ROUNDS, _SAME_HEIGHT = 4, 2e-4
-"""What counts as shoes depends on the height, which is therefore restated until its logarithm is right by so
-much."""
+"""The height is restated at most so many times, until its logarithm is right to the second number: how deep a
+foot without a shoe is depends on the height itself."""
 
 
 def with_true_height(x: Floats, base: Actor = GENERIC_ACTOR) -> Floats:

@@ -123,7 +123,10 @@ DOFS: tuple[Dof, ...] = tuple(
         sided(row.name, segment.side),
         row.role,
         mirrored(row.axis, segment.side, is_axis=True),
-        *(row.lower_deg, row.upper_deg, row.rest, row.in_paper),
+        row.lower_deg,
+        row.upper_deg,
+        row.rest,
+        row.in_paper,
         joint=segment.joint,
     )
     for segment in SEGMENTS

@@ -24,7 +24,8 @@ from services.mocap.types import Floats, Ints
 _STEP = 1e-4
 """Of finite differences, in radians, metres and logarithms."""
 _NEAR = 0.01
-"""Slopes hold until a shape parameter has changed by this logarithm: they change by as small a share."""
+"""Derivatives are computed again only if a shape parameter, a logarithm, has changed by more than this since:
+lengths scale with the factors, so that a change of 1 % changes their derivatives by about 1 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,8 @@ class ShapeSlopes:
         return cls(parameters, x, body, vertices_m, vertex_slopes_m, offset_slopes_m)
 
     def near(self, x: Floats, base: Actor) -> "ShapeSlopes":
-        """The body of a shape vector (len(PARAMETERS),), with these derivatives if it is near theirs."""
+        """Those of a shape vector (len(PARAMETERS),): its own body, with these derivatives if it is near the
+        shape that they were taken at."""
         if np.abs(x - self.taken_at).max() > _NEAR:
             return ShapeSlopes.at(x, self.parameters, base)
         body = shape_space.body_of(x, base)

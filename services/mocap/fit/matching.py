@@ -77,7 +77,9 @@ def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:
     if contour.near_unsure is not None:
         told = ~_hidden(rim, forth, contour.points_px[on_contour], contour.near_unsure)
         forth, on_contour = forth[told], on_contour[told]
-    tree = cKDTree(features, compact_nodes=False, balanced_tree=False)  # a quick one: it is used once
+    tree = cKDTree(
+        features, compact_nodes=False, balanced_tree=False
+    )  # balancing takes longer than one query gains
     _, on_rim = tree.query(contour.tree.data[contour.chosen])
     rows, targets = np.concatenate([forth, on_rim]), np.concatenate([on_contour, contour.chosen])
     back_px = contour.length_px / max(len(on_rim), 1)

@@ -22,8 +22,8 @@ _DISTRUSTED_WEIGHT = 1e-4
 """Weight of an unreliable value, relative to 1. It lowers the cutoff to a tenth, so that gaps of some frames
 are interpolated, while gaps of seconds still follow the values."""
 _CUTOFFS_HZ: Floats = np.geomspace(4.0, 12.0, 12).round(1)
-"""Those that rts chooses from. Errors of a track are alike from frame to frame, so that cross-validation
-would choose still higher ones, which improve nothing: 14 Hz was no better than 12 on any take of people."""
+"""What rts chooses from. Cross-validation takes errors of neighbouring frames for independent, which those
+of a track are not, so it tends to too high cutoffs. On takes of people 14 Hz was no better than 12."""
 _OFFSETS_M: Floats = DEFAULT_HEIGHT_M * np.array([joint.offset_heights for joint in JOINTS])
 """(J, 3) of the generic body, whose joints tell the size of a motion."""
 
@@ -63,8 +63,8 @@ def cutoff_of(
     """The cutoff frequency in hertz with which `smoothed` smooths poses (N, D); None if it does not.
 
     If none is given, rts takes the one of least generalised cross-validation (Craven and Wahba 1979; Woltring
-    1986 introduced it for movements): a fast motion keeps its peaks, the noise of a slow one goes. With y the
-    spectrum of the joints' paths and g the gain of the cutoff, it is |(1 - g) y|² / (sum of 1 - g)².
+    1986 for movements): fast motion keeps its peaks, slow motion loses its noise. With y the spectrum of
+    the joints' paths and g the smoother's gain with a cutoff, it is |(1 - g) y|² / (sum of 1 - g)².
     """
     if settings.smooth == "none":
         return None
