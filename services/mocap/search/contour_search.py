@@ -10,13 +10,13 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.energy.bitplanes import count_bits
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
-from services.mocap.search.alignment.aligner import Aligned
+from services.mocap.search.alignment.aligner import Aligned, SeenRim
 from services.mocap.search.alignment.contacts import PRICED
-from services.mocap.search.alignment.matching import SHARES
 from services.mocap.search.chains import ALL_SURFACES, LIMBS
 from services.mocap.search.error_by_part import error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
+from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import Differences, PartConfidence, confidences, differences
 from services.mocap.search.settings import SearchSettings
@@ -76,8 +76,8 @@ class _Search:
 
     def best_of(self, poses: Floats) -> _Seen:
         """The first of the cheapest poses (N, D)."""
-        nothing = np.zeros((len(ALL_SURFACES), SHARES))
-        return min((self.see(Aligned(pose.copy(), 0.0, nothing)) for pose in poses), key=lambda s: s.energy)
+        starts = (Aligned(pose.copy(), 0.0, SeenRim.nothing()) for pose in poses)
+        return min(map(self.see, starts), key=lambda s: s.energy)
 
     def align(self, start: _Seen) -> _Seen:
         """Align from a pose; returns the pose itself, with the rim that was found, if alignment makes
@@ -88,7 +88,7 @@ class _Search:
         self.clock.book("torso")
         if aligned.energy <= _SLACK * start.energy:
             return aligned
-        return replace(start, aligned=replace(start.aligned, rim_px=aligned.aligned.rim_px))
+        return replace(start, aligned=replace(start.aligned, rim=aligned.aligned.rim))
 
     def differences(self, seen: _Seen) -> Differences:
         """The differences between a pose and the input; what limbs inside others cost is among them."""
@@ -182,8 +182,8 @@ def solve_by_contours(
     solution.note_shares(shares)
     solution.measured["prior"] = [float(best.aligned.prior_cost)]
     solution.evaluations += 1
-    solution.evidence = trust.evidence(left, best.aligned.rim_px)
-    solution.confidence = confidences(solution.evidence, best.aligned.rim_px)
+    solution.evidence = evidence_of(best.aligned.rim, left.nearest_px)
+    solution.confidence = confidences(solution.evidence, best.aligned.rim)
     solution.distrusted = trust.distrusted(left, solution.confidence)
     trust.remember(left)
     search.clock.book("torso")

@@ -8,34 +8,27 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from services.mocap.search.alignment.matching import KNOWN, LOST, ON, UNSURE
+from services.mocap.search.alignment.aligner import SeenRim
+from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats
 
 LOST_M = 0.15
 """A joint farther off than this is lost."""
-EVIDENCE = (
-    "outline_matched",
-    "outline_visible",
-    "outline_missed",
-    "pixels_near",
-    "pixels_share",
-    "pixels_usual",
-    "is_limb",
-    "is_head",
-)
+EVIDENCE = ("outline_matched", "placed", "pixels_near", "is_limb", "is_leg", "is_head")
 """What is known of a part, in the order of its evidence.
 
-Outlines are visible ones, of forearm and hand, of shank and foot, or of all of torso or head: the share that
-lies on a contour, and the share of the whole body's outline (both 0 for torso and head), and the share with
-no contour in reach. Pixels are those that differ by more than the rim: n nearest to the part, and n that are
-allowed in its window (0 for the torso), as log(1 + 10 n / whole outline); and their share of the input's. The
-last two are 1 or 0."""
-WEIGHTS: Floats = np.array([-5.596, -2.401, -34.771, 3.854, 0.929, 20.572, -0.807, 6.244, -0.268])
-"""The bias, and the weights of the evidence: from 17 takes with 3 to 16 cameras, seeds below 100."""
-_USUAL_SHARES = (0.8, 0.07)
-"""Of limbs' outlines, on a contour and with no contour in reach, in those takes."""
+Outlines are visible ones, of forearm and hand, of shank and foot, or of all of torso or head.
+outline_matched: the share that lies on a contour. placed: how well what is matched tells where these segments
+are, in the direction in which it tells that least, as log(1 + 1000 n): n is the least eigenvalue of their
+normal matrix, over the trace of the whole body's. A leg inside a coat shows little outline, and cameras that
+face each other do not tell how far away a hand is. pixels_near: log(1 + 10 n / whole outline) of the n pixels
+nearest to the part that differ by more than the rim. The last three are 1 or 0."""
+WEIGHTS: Floats = np.array([6.144, -9.102, -2.447, 0.387, 1.455, 1.717, -0.734])
+"""The bias, and the weights of the evidence: from 24 takes with 3 to 16 cameras, seeds below 100."""
+_USUALLY_MATCHED = 0.87
+"""Of limbs' outlines in those takes."""
 _RIVAL_FROM_M, _RIVAL_M = 0.12, 0.15
 """Two tracks that have a part within the first distance agree; from the second on they differ wholly."""
 _RIVAL_LOST, _RIVAL_FALL_PX = 0.25, 400.0
@@ -43,32 +36,31 @@ _RIVAL_LOST, _RIVAL_FALL_PX = 0.25, 400.0
 to 400 pixels more, and 13 % above; of those that they had 12 to 15 cm apart, 6 %: 325 such limbs in 20 takes
 with 3 to 16 cameras."""
 _TRUNK: tuple[Part, ...] = ("torso", "head")
+_LEGS: tuple[Part, ...] = ("left_leg", "right_leg")
 
 
-def evidence_of(
-    rim_px: Floats, nearest_px: Mapping[Part, int], usual_px: Mapping[Part, float], share: float
-) -> Floats:
-    """(6, len(EVIDENCE)) of the parts (PARTS).
+def evidence_of(rim: SeenRim, nearest_px: Mapping[Part, int]) -> Floats:
+    """(6, len(EVIDENCE)) of the parts (PARTS); nearest_px as in Differences.
 
-    rim_px (S, SHARES) as in Aligned; nearest_px and share as in Differences; usual_px: how many pixels may
-    differ near limbs and head, as they usually do.
+    What unsure pixels hide counts as if it were matched as usual, and told as much as the rest.
     """
-    outlines_px = rim_px.copy()  # what unsure pixels hide counts as it usually is
-    outlines_px[:, [KNOWN, ON, LOST]] += rim_px[:, UNSURE, None] * [1.0, *_USUAL_SHARES]
-    whole_px = max(float(outlines_px[:, KNOWN].sum()), 1.0)
+    lengths_px = rim.lengths_px
+    whole_px = max(float(lengths_px[:, [KNOWN, UNSURE]].sum()), 1.0)
+    whole_place = max(float(np.trace(rim.places.sum(axis=0))), 1e-9)
     evidence = np.zeros((len(PARTS), len(EVIDENCE)))
     for row, part in zip(evidence, PARTS, strict=True):
         is_limb = part not in _TRUNK
-        outline_px = outlines_px[list(PART_SEGMENTS[part][1 if is_limb else 0 :])].sum(axis=0)
-        all_px = max(float(outline_px[KNOWN]), 1.0)
+        segments = list(PART_SEGMENTS[part][1 if is_limb else 0 :])
+        known_px, on_px, _, unsure_px = lengths_px[segments].sum(axis=0)
+        told = np.linalg.eigvalsh(rim.places[segments].sum(axis=0))[0] * (
+            1.0 + unsure_px / max(known_px, 1.0)
+        )
         row[:] = (
-            is_limb * outline_px[ON] / all_px,
-            is_limb * outline_px[KNOWN] / whole_px,
-            outline_px[LOST] / all_px,
+            (on_px + _USUALLY_MATCHED * unsure_px) / max(known_px + unsure_px, 1.0),
+            np.log1p(1000.0 * max(told, 0.0) / whole_place),
             np.log1p(10.0 * nearest_px[part] / whole_px),
-            share,
-            np.log1p(10.0 * usual_px.get(part, 0.0) / whole_px),
             is_limb,
+            part in _LEGS,
             part == "head",
         )
     return evidence

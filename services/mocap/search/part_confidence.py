@@ -13,6 +13,7 @@ import numpy as np
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import camera_bit, count_bits
 from services.mocap.energy.picture import Picture
+from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.chains import (
     Stage,
@@ -22,7 +23,7 @@ from services.mocap.search.chains import (
 )
 from services.mocap.search.error_by_part import PART_SEGMENTS, PART_STAGES, pixels_by_part
 from services.mocap.search.found import FrameSolution
-from services.mocap.search.lost_probability import evidence_of, lost_probabilities
+from services.mocap.search.lost_probability import lost_probabilities
 from services.mocap.search.model import Model
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats
@@ -133,11 +134,6 @@ class PartConfidence:
         low: list[Part] = [part for part in PART_STAGES if confidence.get(part, 1.0) < 1.0 - _MARKED_FROM]
         return ["torso", *low] if found.share > self._allowed_share() else low
 
-    def evidence(self, found: Differences, rim_px: Floats) -> Floats:
-        """(6, n) of the parts, as in lost_probability; rim_px as in Aligned."""
-        allowed_px = {part: self._allowed_px(part) for part in PART_STAGES}
-        return evidence_of(rim_px, found.nearest_px, allowed_px, found.share)
-
     def _allowed_px(self, part: Part) -> float:
         usual = self._usual.get(part)
         return self._doubt_px + (_OVER_USUAL * float(np.median(usual)) if usual else 0.0)
@@ -176,12 +172,12 @@ def doubt_rivals(solution: FrameSolution, lost: Floats) -> None:
                 solution.distrusted.append(part)
 
 
-def confidences(evidence: Floats, rim_px: Floats) -> dict[Part, float]:
-    """Per part the probability that it is not lost; evidence (6, n), rim_px as in Aligned.
+def confidences(evidence: Floats, rim: SeenRim) -> dict[Part, float]:
+    """Per part the probability that it is not lost; evidence (6, n) as in lost_probability.
 
     Parts whose rim is mostly among unsure pixels are left out: nothing is known of them.
     """
-    shown = {part: rim_px[list(segments)].sum(axis=0) for part, segments in PART_SEGMENTS.items()}
+    shown = {part: rim.lengths_px[list(segments)].sum(axis=0) for part, segments in PART_SEGMENTS.items()}
     return {
         part: 1.0 - float(lost)
         for part, lost in zip(PARTS, lost_probabilities(evidence), strict=True)

@@ -5,15 +5,21 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX
-from services.mocap.energy.picture import Picture
+from services.mocap.body.skirt import Skirt
+from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.picture import Picture, Region
+from services.mocap.search.best_path import apart_m
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.lost_probability import LOST_M
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats
 
 Maker = Callable[..., Floats]
@@ -100,7 +106,25 @@ def test_what_no_pose_explains_is_marked(
     without_arms[:, upper] = 0  # a belt of the picture is lost in all cameras
     found = solve_frame(model, Picture.whole(model.rig, without_arms), truth[None], *args, trust=trust)
     assert clean.distrusted == []
-    assert {"left_arm", "right_arm"} <= set(found.distrusted)
+    apart = apart_m(found.pose, truth, model.body.offsets_m)
+    lost = {part for part, off_m in zip(PARTS, apart, strict=True) if off_m > LOST_M}
+    assert lost & {"left_arm", "right_arm"}
+    assert set(found.distrusted) == {"torso", *lost}
+
+
+@pytest.mark.parametrize("flexion", [110, 120])
+def test_a_leg_that_is_lost_in_a_skirt_is_marked(model: Model, standing: Maker, flexion: int) -> None:
+    body = build_body(Actor(height=1.75, skirt=Skirt(length=0.45, flare=0.08)))
+    dressed = Model(body, model.rig, CpuBackend(body, model.rig))
+    truth = standing(shoulder_elevation=-50, right_hip_flexion=35, right_knee_flexion=70)
+    picture = Picture.whole(
+        model.rig, dressed.backend.coverage(truth[None], ALL_SURFACES, Region.whole(model.rig))[0]
+    )
+    start = standing(shoulder_elevation=-50, right_hip_flexion=20, right_knee_flexion=flexion)
+    trust = PartConfidence(model.rig, SearchSettings().doubt_px)
+    found = solve_frame(dressed, picture, start[None], SearchSettings(), LocalLimbs(dressed), trust=trust)
+    assert apart_m(found.pose, truth, body.offsets_m)[PARTS.index("right_leg")] > LOST_M
+    assert found.distrusted == ["right_leg"]
 
 
 def test_searching_always_searches_all(

@@ -6,6 +6,7 @@ import numpy as np
 
 from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_INDEX, SEGMENT_NAMES
 from services.mocap.energy.picture import Picture
+from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.lost_probability import evidence_of, rival_probabilities
 from services.mocap.search.model import Model
@@ -22,7 +23,18 @@ from services.mocap.types import Bytes, Floats
 NOTHING: dict[Part, int] = dict.fromkeys(
     ("torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"), 0
 )
-USUAL_RIM_PX = np.tile([100.0, 85.0, 5.0, 0.0], (len(SEGMENT_NAMES), 1))
+USUAL_RIM = SeenRim(
+    np.tile([100.0, 87.0, 5.0, 0.0], (len(SEGMENT_NAMES), 1)), np.tile(np.eye(3), (len(SEGMENT_NAMES), 1, 1))
+)
+LOWER_ARM = [SEGMENT_INDEX["left_forearm"], SEGMENT_INDEX["left_hand"]]
+
+
+def _rim(lengths_px: tuple[float, ...], told: float = 1.0) -> SeenRim:
+    """The usual rim, but for that of the left forearm and hand; told: how much of their place it tells."""
+    rim = SeenRim(USUAL_RIM.lengths_px.copy(), USUAL_RIM.places.copy())
+    rim.lengths_px[LOWER_ARM] = lengths_px
+    rim.places[LOWER_ARM] *= told
+    return rim
 
 
 def _left_arm(px: int) -> Differences:
@@ -38,7 +50,7 @@ def test_the_right_pose_leaves_nothing(
     found = differences(model, Picture.whole(model.rig, planes), pose, planes)
     assert found == Differences(NOTHING, NOTHING, 0.0)
     trust = PartConfidence(model.rig, 30.0)
-    confidence = confidences(trust.evidence(found, USUAL_RIM_PX), USUAL_RIM_PX)
+    confidence = confidences(evidence_of(USUAL_RIM, found.nearest_px), USUAL_RIM)
     assert trust.doubtful(found) == trust.distrusted(found, confidence) == []
     assert min(confidence.values()) > 0.98
 
@@ -50,9 +62,8 @@ def test_an_arm_that_is_elsewhere_is_in_doubt_and_the_legs_are_not(
     wrong = pose.copy()
     wrong[DOF_INDEX["left_shoulder_elevation"]] += 1.0
     found = differences(model, Picture.whole(model.rig, silhouettes_of(pose)), wrong, silhouettes_of(wrong))
-    trust, rim_px = PartConfidence(model.rig, 30.0), USUAL_RIM_PX.copy()
-    rim_px[[SEGMENT_INDEX["left_forearm"], SEGMENT_INDEX["left_hand"]]] = 100.0, 20.0, 70.0, 0.0
-    confidence = confidences(trust.evidence(found, rim_px), rim_px)
+    trust, rim = PartConfidence(model.rig, 30.0), _rim((100.0, 20.0, 70.0, 0.0), told=0.2)
+    confidence = confidences(evidence_of(rim, found.nearest_px), rim)
     assert "left_arm" in trust.doubtful(found)
     assert trust.distrusted(found, confidence) == ["left_arm"]
     assert confidence["left_arm"] < 0.5 < 0.98 < min(confidence[part] for part in ("left_leg", "right_leg"))
@@ -127,27 +138,28 @@ def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Mode
 
 
 def test_confidence_falls_with_what_speaks_against_a_limb() -> None:
-    def of_arm(rim_px: Floats, near_px: int = 0, share: float = 0.02) -> float:
-        evidence = evidence_of(rim_px, {**NOTHING, "left_arm": near_px}, {"left_arm": 30.0}, share)
-        return confidences(evidence, rim_px)["left_arm"]
+    def of_arm(rim: SeenRim, near_px: int = 0) -> float:
+        return confidences(evidence_of(rim, {**NOTHING, "left_arm": near_px}), rim)["left_arm"]
 
-    far, usual = [SEGMENT_INDEX["left_forearm"], SEGMENT_INDEX["left_hand"]], of_arm(USUAL_RIM_PX)
-    hidden, off = USUAL_RIM_PX.copy(), USUAL_RIM_PX.copy()
-    hidden[far] = 5.0, 4.0, 0.5, 0.0
-    off[far] = 100.0, 30.0, 60.0, 0.0
+    usual, flat = of_arm(USUAL_RIM), _rim((100.0, 87.0, 5.0, 0.0))
+    flat.places[LOWER_ARM] = np.diag([1.0, 0.01, 1.0])  # cameras that face each other see it
+    hidden, off = _rim((5.0, 4.0, 0.5, 0.0), told=0.05), _rim((100.0, 30.0, 60.0, 0.0), told=0.05)
     assert usual > 0.98
-    assert max(of_arm(hidden), of_arm(off), of_arm(USUAL_RIM_PX, 2000), of_arm(USUAL_RIM_PX, 0, 0.3)) < usual
+    assert of_arm(off) < 0.5
+    assert max(of_arm(hidden), of_arm(flat), of_arm(USUAL_RIM, 2000)) < usual
 
 
 def test_what_unsure_pixels_hide_is_as_usual_and_a_part_behind_them_is_not_judged() -> None:
-    far = [SEGMENT_INDEX["left_forearm"], SEGMENT_INDEX["left_hand"]]
-    unsure, whole = USUAL_RIM_PX.copy(), USUAL_RIM_PX.copy()
-    unsure[far], whole[far] = (0.0, 0.0, 0.0, 40.0), (40.0, 32.0, 2.8, 0.0)
-    seen, hidden = (evidence_of(rim_px, NOTHING, {}, 0.02) for rim_px in (whole, unsure))
-    np.testing.assert_allclose(hidden, seen)
-    assert "left_arm" in confidences(hidden, unsure)
-    unsure[far, 3] = 60.0
-    assert "left_arm" not in confidences(hidden, unsure)
+    whole, half, behind = (
+        _rim((40.0, 34.8, 2.0, 0.0)),
+        _rim((20.0, 17.4, 1.0, 20.0), 0.5),
+        _rim((20.0, 20.0, 0.0, 100.0)),
+    )
+    half.places[0] += 0.5 * len(LOWER_ARM) * np.eye(3)  # so that what is told of the whole body is the same
+    seen, hidden = (evidence_of(rim, NOTHING) for rim in (whole, half))
+    np.testing.assert_allclose(hidden[2], seen[2])
+    assert "left_arm" in confidences(hidden, half)
+    assert "left_arm" not in confidences(evidence_of(behind, NOTHING), behind)
 
 
 def test_a_limb_that_two_tracks_have_elsewhere_is_doubtful_unless_one_of_them_fits_far_better() -> None:

@@ -13,6 +13,7 @@ from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence, confidences, differences
 from services.mocap.search.plausibility import look_first
@@ -71,8 +72,8 @@ def test_half_a_leg_that_is_unsure_pulls_nothing(
     pulled = aligner.align(Picture.whole(model.rig, half_leg.silhouettes), start, SETTINGS)
     assert joint_errors_mm(kept.pose, truth).max() < 30
     assert joint_errors_mm(pulled.pose, truth).max() > 2 * joint_errors_mm(kept.pose, truth).max()
-    assert kept.rim_px[list(SHANK), 3].sum() > 5 * kept.rim_px[list(SHANK), 0].sum()
-    assert kept.rim_px[:, 2].sum() < 0.02 * kept.rim_px[:, 0].sum()
+    assert kept.rim.lengths_px[list(SHANK), 3].sum() > 5 * kept.rim.lengths_px[list(SHANK), 0].sum()
+    assert kept.rim.lengths_px[:, 2].sum() < 0.02 * kept.rim.lengths_px[:, 0].sum()
 
 
 def test_a_leg_that_is_unsure_is_not_judged_and_the_others_are_trusted(
@@ -80,10 +81,10 @@ def test_a_leg_that_is_unsure_is_not_judged_and_the_others_are_trusted(
 ) -> None:
     whole_leg = about(model, truth, (*SHANK, SEGMENT_INDEX["left_thigh"]))
     picture = Picture.whole(model.rig, half_leg.silhouettes, half_leg.unsure | whole_leg)
-    aligned, trust = model.aligner(SETTINGS).align(picture, start, SETTINGS), PartConfidence(model.rig, 30.0)
+    aligned = model.aligner(SETTINGS).align(picture, start, SETTINGS)
     covered = model.backend.coverage(aligned.pose[None], ALL_SURFACES, picture.region)[0]
     found = differences(model, picture, aligned.pose, covered)
-    confidence = confidences(trust.evidence(found, aligned.rim_px), aligned.rim_px)
+    confidence = confidences(evidence_of(aligned.rim, found.nearest_px), aligned.rim)
     assert "left_leg" not in confidence
     assert min(confidence[part] for part in ("torso", "head", "right_arm", "right_leg")) > 0.9
 

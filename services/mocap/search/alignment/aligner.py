@@ -25,7 +25,7 @@ from services.mocap.energy.cpu.outline import scratch_for
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.contacts import Contacts, depths_m
-from services.mocap.search.alignment.matching import OWN_REACH_PX, input_of, room_for, views_of
+from services.mocap.search.alignment.matching import OWN_REACH_PX, SHARES, input_of, room_for, views_of
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SURFACES, REFERENCE_WIDTH_PX
@@ -48,11 +48,30 @@ _FINE = 0.2
 """Of the level of detail, in the last steps."""
 _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
 """Largest step, in metres and radians."""
+_NEAR_PX = 2.0
+"""A rim point this far from the contour lies on it, in pictures 320 wide."""
 _CONTACT_WEIGHT = 1e4
 """Of the square of a depth in metres, for each unit of the setting and each camera."""
 _EVERYTHING = np.array(ALL_SURFACES, np.int32)
 _LIMITS = np.array([LOWER, UPPER])
 _REST_SHARES = np.array([dof.rest for dof in DOFS])
+
+
+@dataclass(frozen=True, eq=False)
+class SeenRim:
+    """What is seen of each segment's rim, over all cameras."""
+
+    lengths_px: Floats
+    """(S + 3, SHARES) of visible rim; of that, on a contour and without a contour in reach; and of rim that
+    unsure pixels hide."""
+    places: Floats
+    """(S + 3, 3, 3) what the rim tells of the segment's place: its normal matrix, in cubic pixels per square
+    metre, the lower half."""
+
+    @classmethod
+    def nothing(cls) -> "SeenRim":
+        """Of a body whose rim was not looked for."""
+        return cls(np.zeros((len(ALL_SURFACES), SHARES)), np.zeros((len(ALL_SURFACES), 3, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +82,7 @@ class Aligned:
     """(D,)"""
     prior_cost: float
     """Prior cost: weighted squared deviation from the expected pose."""
-    rim_px: Floats
-    """(S, SHARES) per segment, summed over the cameras: the length of its visible rim; of that, the length on
-    a contour and the length without a contour in reach; and the length of rim that unsure pixels hide."""
+    rim: SeenRim
 
 
 class Aligner:
@@ -109,17 +126,17 @@ class Aligner:
         pulling, seen = np.array(segments, np.int32), input_of(picture)
         coarse_rim, fine_rim = self._rims
         contact_weight = _CONTACT_WEIGHT * settings.contact * float(views[2].sum()) * self._scale**3
-        pose, _, _ = follow(
+        pose, _, _, _ = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, settings.detail_px,
             (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, prior, _LIMITS,
             self._contacts, contact_weight,
         )  # fmt: skip
-        pose, prior_cost, rim_px = follow(
+        pose, prior_cost, rim_px, places = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, _FINE * settings.detail_px,
             (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, prior, _LIMITS,
             self._contacts, contact_weight,
         )  # fmt: skip
-        return Aligned(pose, prior_cost, rim_px)
+        return Aligned(pose, prior_cost, SeenRim(rim_px, places[SURFACE_FRAMES]))
 
     def contact_px(self, poses: Floats, settings: SearchSettings) -> Floats:
         """(N, 4) what limbs (contacts.PRICED) cost for being inside others in poses (N, D)."""
@@ -128,12 +145,16 @@ class Aligner:
         return np.asarray(settings.contact * weights.sum() * self._scale**2 * depths_cm)
 
     def _steps(self, settings: SearchSettings) -> Floats:
-        """(K, 3) as follow takes them: from far to near."""
+        """(K, 4) as follow takes them: from far to near."""
         share = np.linspace(0.0, 1.0, settings.contour_steps)
         reach_px = settings.contour_reach_px * self._scale * (1.0 + (_LAST_REACH - 1.0) * share)
         cap_px = self._scale * _FIRST_CAP_PX * (_LAST_CAP_PX / _FIRST_CAP_PX) ** share
         damping = _FIRST_DAMPING * (_LAST_DAMPING / _FIRST_DAMPING) ** share
-        return np.column_stack([np.maximum(np.ceil(reach_px), OWN_REACH_PX), cap_px, damping])
+        reach_px, near_px = (
+            np.maximum(np.ceil(reach_px), OWN_REACH_PX),
+            np.full(len(share), _NEAR_PX * self._scale),
+        )
+        return np.column_stack([reach_px, near_px, cap_px, damping])
 
 
 def _prior(expected: Floats, settings: SearchSettings) -> Floats:

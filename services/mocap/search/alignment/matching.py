@@ -44,8 +44,6 @@ OWN_REACH_PX = 2
 silhouette."""
 _BORDER_PX = 2.0
 """This near to a picture's border, an outline may be the end of the picture."""
-_NEAR_PX = 2.0
-"""A rim point lies on the contour if the model's contour is at most this far from the input's."""
 
 
 def views_of(rig: Rig, region: Region, weights: Floats) -> Views:
@@ -83,13 +81,15 @@ def match_view(
     seen: Input,
     model_planes: Bytes,
     reach_px: int,
+    near_px: float,
     scratch: RimScratch,
     matches: Matches,
     shares_px: Floats,
 ) -> int:
     """Write the matches of camera c and return how many there are; add to shares_px (S + 3, SHARES).
 
-    surfaces: whose rim counts. seen and model_planes (P, H, W): the input and the whole model in the same
+    surfaces: whose rim counts. near_px: a rim point lies on the contour if the model's contour is at most
+    this far from the input's. seen and model_planes (P, H, W): the input and the whole model in the same
     region. A rim point that comes to unsure pixels before it comes to the input's contour has no match. A
     residual r is the distance of the model's contour beyond the input's, both measured in pixels, so that it
     is zero where the model covers exactly the input's pixels. Lengths are weighted by the camera.
@@ -125,7 +125,7 @@ def match_view(
             if r != r:
                 shares_px[s, LOST] += length_px
                 continue
-            shares_px[s, ON] += length_px * (abs(r) < _NEAR_PX)
+            shares_px[s, ON] += length_px * (abs(r) < near_px)
             edges[n], frames[n], residuals_px[n], lengths_px[n] = e, frame, r, length_px
             _write_row(rim, e, T, P_px_world[c], u, v, nx, ny, depth_m, rows[n])
             n += 1

@@ -46,13 +46,14 @@ def follow(
     limits: Floats,
     contacts: Contacts,
     contact_weight: float,
-) -> tuple[Floats, float, Floats]:
+) -> tuple[Floats, float, Floats, Floats]:
     """Move a pose (D,) so that the rim comes to lie on the contours.
 
-    steps (K, 3): for every step the reach, the cap, and the damping as a share of the diagonal. free (D,): 1
-    for parameters that vary. prior (3, D): target, weight of its square, and the largest step. limits (2,
-    D). contact_weight: as for add_contacts. Returns the pose, the prior's cost (with that of contacts) at
-    the last match, and the rim's shares (S + 3, SHARES) there.
+    steps (K, 4): for every step the reach, what is near, the cap, and the damping as a share of the diagonal.
+    free (D,): 1 for parameters that vary. prior (3, D): target, weight of its square, and the largest step.
+    limits (2, D). contact_weight: as for add_contacts. Returns the pose, and of the last match the prior's
+    cost (with that of contacts), the rim's shares (S + 3, SHARES), and the normal matrices of the places of
+    the frames (J + 3, 3, 3), their lower halves.
     """
     still, moving, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
@@ -62,9 +63,9 @@ def follow(
     still_planes, model_planes = np.zeros((2, 1, *seen[0].shape), np.uint8)
     cover(T_world_frame, still, cameras, detail_px, mesh, scratch, canvas, still_planes)
     twists, wrenches = np.zeros((N_DOF, TWIST_SIZE)), np.empty((N_FRAMES, TWIST_SIZE, TWIST_SIZE))
-    pulls = np.empty((N_FRAMES, TWIST_SIZE))
+    pulls, places = np.empty((N_FRAMES, TWIST_SIZE)), np.zeros((N_FRAMES, 3, 3))
     for k in range(len(steps)):
-        reach_px, cap_px, damping = steps[k]
+        reach_px, near_px, cap_px, damping = steps[k]
         place_frames(pose, offsets_m, frames, T_world_frame[0])
         model_planes[:] = still_planes
         cover(T_world_frame, moving, cameras, detail_px, mesh, scratch, canvas, model_planes)
@@ -74,9 +75,10 @@ def follow(
             if views[2][c] > 0.0:
                 n = match_view(
                     c, rim, pulling, T_world_frame[0], views, seen, model_planes[0],
-                    int(reach_px), rim_scratch, matches, shares_px,
+                    int(reach_px), near_px, rim_scratch, matches, shares_px,
                 )  # fmt: skip
                 add_matches(matches, n, cap_px, wrenches, pulls)
+        places[:] = wrenches[:, 3:, 3:]
         hessian, slope = normal_equations(twists, wrenches, pulls)
         prior_cost = add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
         for d in range(N_DOF):
@@ -86,7 +88,7 @@ def follow(
             slope[d] += prior[1, d] * off
             hessian[d, d] += damping * hessian[d, d] + _SINGULAR
         _step(pose, hessian, slope, free, prior[2], limits)
-    return pose, prior_cost, shares_px
+    return pose, prior_cost, shares_px, places
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -50,7 +50,7 @@ def test_it_finds_back(
     assert joint_errors_mm(found.pose, truth).mean() < 5
     assert joint_errors_mm(found.pose, truth).max() < 25
     assert np.all((found.pose >= LOWER) & (found.pose <= UPPER))
-    shown, on, lost, unsure = found.rim_px.sum(axis=0)
+    shown, on, lost, unsure = found.rim.lengths_px.sum(axis=0)
     assert on > 0.95 * shown
     assert lost < 0.02 * shown
     assert unsure == 0.0
@@ -68,7 +68,7 @@ def test_legs_that_swing_a_skirt_are_found_back(
     found = dressed.aligner(SETTINGS).align(picture, start, SETTINGS)
     assert joint_errors_mm(start, truth).mean() > 25
     assert joint_errors_mm(found.pose, truth).mean() < 10
-    cloth_px = found.rim_px[len(SEGMENTS) :].sum(axis=0)
+    cloth_px = found.rim.lengths_px[len(SEGMENTS) :].sum(axis=0)
     assert cloth_px[ON] > 0.9 * cloth_px[KNOWN] > 100.0
 
 
@@ -89,7 +89,7 @@ def test_nothing_pulls_where_the_model_covers_just_what_is_seen(
     truth, full = standing(**BENT), SearchSettings(detail_px=0.0, rest=0.0)
     found = model.aligner(full).align(picture_of(truth), truth, full)
     np.testing.assert_array_equal(found.pose, truth)
-    assert found.rim_px[:, 2].max() == 0.0
+    assert found.rim.lengths_px[:, 2].max() == 0.0
 
 
 def test_the_last_steps_are_the_fine_ones(
