@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from services.mocap.search.alignment.aligner import SeenRim
-from services.mocap.search.alignment.matching import KNOWN, UNSURE
+from services.mocap.search.alignment.matching import KNOWN
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats
@@ -27,8 +27,6 @@ face each other do not tell how far away a hand is. pixels_near: log(1 + 10 n / 
 nearest to the part that differ by more than the rim. The last three are 1 or 0."""
 WEIGHTS: Floats = np.array([6.144, -9.102, -2.447, 0.387, 1.455, 1.717, -0.734])
 """The bias, and the weights of the evidence: from 24 takes with 3 to 16 cameras, seeds below 100."""
-_USUALLY_MATCHED = 0.87
-"""Of limbs' outlines in those takes."""
 _RIVAL_FROM_M, _RIVAL_M = 0.12, 0.15
 """Two tracks that have a part within the first distance agree; from the second on they differ wholly."""
 _RIVAL_LOST, _RIVAL_FALL_PX = 0.25, 400.0
@@ -40,24 +38,18 @@ _LEGS: tuple[Part, ...] = ("left_leg", "right_leg")
 
 
 def evidence_of(rim: SeenRim, nearest_px: Mapping[Part, int]) -> Floats:
-    """(6, len(EVIDENCE)) of the parts (PARTS); nearest_px as in Differences.
-
-    What unsure pixels hide counts as if it were matched as usual, and told as much as the rest.
-    """
-    lengths_px = rim.lengths_px
-    whole_px = max(float(lengths_px[:, [KNOWN, UNSURE]].sum()), 1.0)
+    """(6, len(EVIDENCE)) of the parts (PARTS); nearest_px as in Differences."""
+    whole_px = max(float(rim.lengths_px[:, KNOWN].sum()), 1.0)
     whole_place = max(float(np.trace(rim.places.sum(axis=0))), 1e-9)
     evidence = np.zeros((len(PARTS), len(EVIDENCE)))
     for row, part in zip(evidence, PARTS, strict=True):
         is_limb = part not in _TRUNK
         segments = list(PART_SEGMENTS[part][1 if is_limb else 0 :])
-        known_px, on_px, _, unsure_px = lengths_px[segments].sum(axis=0)
-        told = np.linalg.eigvalsh(rim.places[segments].sum(axis=0))[0] * (
-            1.0 + unsure_px / max(known_px, 1.0)
-        )
+        known_px, on_px, _ = rim.lengths_px[segments].sum(axis=0)
+        least_told = np.linalg.eigvalsh(rim.places[segments].sum(axis=0))[0]
         row[:] = (
-            (on_px + _USUALLY_MATCHED * unsure_px) / max(known_px + unsure_px, 1.0),
-            np.log1p(1000.0 * max(told, 0.0) / whole_place),
+            on_px / max(known_px, 1.0),
+            np.log1p(1000.0 * max(least_told, 0.0) / whole_place),
             np.log1p(10.0 * nearest_px[part] / whole_px),
             is_limb,
             part in _LEGS,

@@ -62,8 +62,7 @@ class SeenRim:
     """What is seen of each segment's rim, over all cameras."""
 
     lengths_px: Floats
-    """(S + 3, SHARES) of visible rim; of that, on a contour and without a contour in reach; and of rim that
-    unsure pixels hide."""
+    """(S + 3, SHARES) of visible rim; of that, on a contour; and of rim that unsure pixels hide."""
     places: Floats
     """(S + 3, 3, 3) what the rim tells of the segment's place: its normal matrix, in cubic pixels per square
     metre, the lower half."""

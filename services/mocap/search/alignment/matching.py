@@ -29,11 +29,11 @@ Matches: TypeAlias = tuple[Ints, Ints, Floats, Floats, Floats]
 outline in pixels (E,), and the row of the Jacobian by the frame's twist (E, 6)."""
 RimScratch: TypeAlias = tuple[Bytes, Indices, Floats, Singles]
 """(E,) flags, (E + 1,) edges found, a projection (3, 4) and where the camera is (3,)."""
-SHARES = 4
-"""Columns of what is said of a segment's rim: KNOWN, ON, LOST, UNSURE."""
-KNOWN, ON, LOST, UNSURE = range(SHARES)
-"""Its length where the input's contour may be known, what of that lies near a contour, what found none; and
-the length where unsure pixels hide it."""
+SHARES = 3
+"""Columns of what is said of a segment's rim: KNOWN, ON, UNSURE."""
+KNOWN, ON, UNSURE = range(SHARES)
+"""Its length where the input's contour may be known, what of that lies near a contour; and the length where
+unsure pixels hide it."""
 
 _NEAREST_M = 0.1
 """Rim points nearer to a camera's plane are left out."""
@@ -123,7 +123,6 @@ def match_view(
             shares_px[s, KNOWN] += length_px
             r = own_px - input_px
             if r != r:
-                shares_px[s, LOST] += length_px
                 continue
             shares_px[s, ON] += length_px * (abs(r) < near_px)
             edges[n], frames[n], residuals_px[n], lengths_px[n] = e, frame, r, length_px
