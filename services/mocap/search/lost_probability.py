@@ -26,7 +26,7 @@ normal matrix, over the trace of the whole body's. A leg inside a coat shows lit
 face each other do not tell how far away a hand is. pixels_near: log(1 + 10 n / whole outline) of the n pixels
 nearest to the part that differ by more than the rim. The last three are 1 or 0."""
 WEIGHTS: Floats = np.array([6.144, -9.102, -2.447, 0.387, 1.455, 1.717, -0.734])
-"""The bias, and the weights of the evidence: from 24 takes with 3 to 16 cameras, seeds below 100."""
+"""The bias, and the weights of the evidence: from 24 takes with 3 to 8 cameras, seeds below 100."""
 _RIVAL_FROM_M, _RIVAL_M = 0.12, 0.15
 """Two tracks that have a part within the first distance agree; from the second on they differ wholly."""
 _RIVAL_LOST, _RIVAL_FALL_PX = 0.25, 400.0
