@@ -17,6 +17,8 @@ of about a quarter turn.
 Joint centres in body heights follow de Leva 1996 (J. Biomechanics 29(9)) and Drillis and Contini 1966.
 Deviations and ranges of lengths follow the spread over both sexes in the 2012 US Army survey (Gordon et al.
 2014, NATICK/TR-15/007) of each measure over stature, with room for heavier people, children and clothes.
+For the arm they are 0.034 and 0.046 there; besides, models differ by 1.6 cm in where they have shoulder and
+wrist, which a fit has to follow.
 The waist stands for the lumbar and the thoracic spine. Young adults flex the lumbar spine by 73, extend it by
 29 and bend it sideways by 28 degrees (Troke et al. 2005, Manual Therapy 10, 198-206); the thoracic spine adds
 to the bending and does nearly all the turning (White and Panjabi 1990, Clinical Biomechanics of the Spine).
@@ -147,7 +149,7 @@ UPPER_ARM = SegmentRow(
             ("shoulder_axial_rotation", 1, "inward (internal), after both"),
         )),
     ),
-    lengths=(Length("upper_arm", 0.165, "y", 0.035, 0.75, 1.30),),
+    lengths=(Length("upper_arm", 0.165, "y", 0.07, 0.75, 1.30),),
     section=Section("yzx", 0.0, 0.165),
     width=_controls("arm_girth", "shoulder", "biceps", "elbow"),
     depth=_controls("arm_girth", "shoulder", "biceps", "elbow"),
@@ -162,7 +164,7 @@ FOREARM = SegmentRow(
     paired=True, part="arm", window_px=_LIMB_WINDOW_PX,
     parameters=(Parameter("elbow_flexion", "swing", _DOWN, 0.0, 150.0),),
     angles=(Turns("ZXY", (("elbow_flexion", 1, "forearm to the upper arm"),)),),
-    lengths=(Length("forearm", 0.152, "y", 0.045, 0.75, 1.30),),
+    lengths=(Length("forearm", 0.152, "y", 0.08, 0.75, 1.30),),
     section=Section("yzx", 0.0, 0.152),
     width=_controls("arm_girth", "elbow", "forearm", "wrist"),
     depth=_controls("arm_girth", "elbow", "forearm", "wrist"),

@@ -149,9 +149,7 @@ def test_confidence_falls_with_what_speaks_against_a_limb() -> None:
     assert max(of_arm(hidden), of_arm(flat), of_arm(USUAL_RIM, 2000)) < usual
 
 
-def test_a_part_that_unsure_pixels_hide_is_trusted_less_and_not_judged_if_they_hide_most_of_it() -> (
-    None
-):
+def test_a_part_that_unsure_pixels_hide_is_trusted_less_and_not_judged_if_they_hide_most_of_it() -> None:
     def judged(rim: SeenRim) -> float | None:
         return confidences(evidence_of(rim, NOTHING), rim).get("left_arm")
 
