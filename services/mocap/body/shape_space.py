@@ -29,7 +29,8 @@ class ShapeParameter:
     name: str
     kind: Kind
     deviation: float
-    """Standard deviation of the factor's logarithm among people, clothes included."""
+    """Standard deviation of the factor's logarithm among people; clothes and what differs between body
+    models are included."""
     lowest: float
     """The smallest factor."""
     highest: float

@@ -9,22 +9,22 @@ from collections.abc import Mapping
 import numpy as np
 
 from services.mocap.search.alignment.aligner import SeenRim
-from services.mocap.search.alignment.matching import KNOWN
+from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats
 
 LOST_M = 0.15
 """A joint farther off than this is lost."""
-EVIDENCE = ("outline_matched", "placed", "pixels_near", "is_limb", "is_leg", "is_head")
+EVIDENCE = ("outline_matched", "place_told", "pixels_near", "is_limb", "is_leg", "is_head")
 """What is known of a part, in the order of its evidence.
 
-Outlines are visible ones, of forearm and hand, of shank and foot, or of all of torso or head.
-outline_matched: the share that lies on a contour. placed: how well what is matched tells where these segments
-are, in the direction in which it tells that least, as log(1 + 1000 n): n is the least eigenvalue of their
-normal matrix, over the trace of the whole body's. A leg inside a coat shows little outline, and cameras that
-face each other do not tell how far away a hand is. pixels_near: log(1 + 10 n / whole outline) of the n pixels
-nearest to the part that differ by more than the rim. The last three are 1 or 0."""
+Outlines are visible ones, of the part's JUDGED_SEGMENTS. outline_matched: the share that lies on a contour; 0
+without an outline. place_told: log(1 + 1000 n), where n is the least eigenvalue of these segments' normal
+matrix over the trace of the whole body's: how well the matched outline tells where they are, in the direction
+that it tells least. A leg inside a coat shows little outline, and cameras that face each other do not tell
+how far away a hand is. pixels_near: log(1 + 10 n / visible outline of the whole body), where n pixels that
+differ by more than the rim are nearer to this part than to any other. The last three are 1 or 0."""
 WEIGHTS: Floats = np.array([6.144, -9.102, -2.447, 0.387, 1.455, 1.717, -0.734])
 """The bias, and the weights of the evidence: from 24 takes with 3 to 8 cameras, seeds below 100."""
 _RIVAL_FROM_M, _RIVAL_M = 0.12, 0.15
@@ -35,23 +35,30 @@ to 400 pixels more, and 13 % above; of those that they had 12 to 15 cm apart, 6 
 with 3 to 16 cameras."""
 _TRUNK: tuple[Part, ...] = ("torso", "head")
 _LEGS: tuple[Part, ...] = ("left_leg", "right_leg")
+JUDGED_SEGMENTS: dict[Part, list[int]] = {
+    part: list(segments if part in _TRUNK else segments[1:]) for part, segments in PART_SEGMENTS.items()
+}
+"""The segments whose outline tells whether a part is lost: of limbs all but the first."""
 
 
 def evidence_of(rim: SeenRim, nearest_px: Mapping[Part, int]) -> Floats:
-    """(6, len(EVIDENCE)) of the parts (PARTS); nearest_px as in Differences."""
-    whole_px = max(float(rim.lengths_px[:, KNOWN].sum()), 1.0)
-    whole_place = max(float(np.trace(rim.places.sum(axis=0))), 1e-9)
+    """(6, len(EVIDENCE)) of the parts (PARTS); nearest_px as in Differences.
+
+    Outline that unsure pixels hide counts like the rest of the part's.
+    """
+    whole_px = max(float(rim.lengths_px[:, [KNOWN, UNSURE]].sum()), 1.0)
+    whole_trace = max(float(np.trace(rim.place_normals.sum(axis=0))), 1e-9)
     evidence = np.zeros((len(PARTS), len(EVIDENCE)))
     for row, part in zip(evidence, PARTS, strict=True):
-        is_limb = part not in _TRUNK
-        segments = list(PART_SEGMENTS[part][1 if is_limb else 0 :])
-        known_px, on_px, _ = rim.lengths_px[segments].sum(axis=0)
-        least_told = np.linalg.eigvalsh(rim.places[segments].sum(axis=0))[0]
+        segments = JUDGED_SEGMENTS[part]
+        known_px, on_px, unsure_px = rim.lengths_px[segments].sum(axis=0)
+        known_px = max(known_px, 1.0)
+        least = max(np.linalg.eigvalsh(rim.place_normals[segments].sum(axis=0))[0], 0.0)
         row[:] = (
-            on_px / max(known_px, 1.0),
-            np.log1p(1000.0 * max(least_told, 0.0) / whole_place),
+            on_px / known_px,
+            np.log1p(1000.0 * least * (1.0 + unsure_px / known_px) / whole_trace),
             np.log1p(10.0 * nearest_px[part] / whole_px),
-            is_limb,
+            part not in _TRUNK,
             part in _LEGS,
             part == "head",
         )

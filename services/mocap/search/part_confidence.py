@@ -21,9 +21,9 @@ from services.mocap.search.chains import (
     window_origins_px,
     window_size_px,
 )
-from services.mocap.search.error_by_part import PART_SEGMENTS, PART_STAGES, pixels_by_part
+from services.mocap.search.error_by_part import PART_STAGES, pixels_by_part
 from services.mocap.search.found import FrameSolution
-from services.mocap.search.lost_probability import lost_probabilities
+from services.mocap.search.lost_probability import JUDGED_SEGMENTS, lost_probabilities
 from services.mocap.search.model import Model
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats
@@ -173,11 +173,11 @@ def doubt_rivals(solution: FrameSolution, lost: Floats) -> None:
 
 
 def confidences(evidence: Floats, rim: SeenRim) -> dict[Part, float]:
-    """Per part the probability that it is not lost; evidence (6, n) as in lost_probability.
+    """Per part the probability that it is not lost; evidence (6, len(EVIDENCE)).
 
-    Parts whose rim is mostly among unsure pixels are left out: nothing is known of them.
+    A part is left out if unsure pixels hide most of the outline that it is judged by.
     """
-    shown = {part: rim.lengths_px[list(segments)].sum(axis=0) for part, segments in PART_SEGMENTS.items()}
+    shown = {part: rim.lengths_px[segments].sum(axis=0) for part, segments in JUDGED_SEGMENTS.items()}
     return {
         part: 1.0 - float(lost)
         for part, lost in zip(PARTS, lost_probabilities(evidence), strict=True)

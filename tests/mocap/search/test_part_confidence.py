@@ -3,10 +3,12 @@
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
-from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_INDEX, SEGMENT_NAMES
+from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_INDEX
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import SeenRim
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.lost_probability import evidence_of, rival_probabilities
 from services.mocap.search.model import Model
@@ -24,16 +26,16 @@ NOTHING: dict[Part, int] = dict.fromkeys(
     ("torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"), 0
 )
 USUAL_RIM = SeenRim(
-    np.tile([100.0, 87.0, 0.0], (len(SEGMENT_NAMES), 1)), np.tile(np.eye(3), (len(SEGMENT_NAMES), 1, 1))
+    np.tile([100.0, 87.0, 0.0], (len(ALL_SURFACES), 1)), np.tile(np.eye(3), (len(ALL_SURFACES), 1, 1))
 )
 LOWER_ARM = [SEGMENT_INDEX["left_forearm"], SEGMENT_INDEX["left_hand"]]
 
 
 def _rim(lengths_px: tuple[float, ...], told: float = 1.0) -> SeenRim:
     """The usual rim, but for that of the left forearm and hand; told: how much of their place it tells."""
-    rim = SeenRim(USUAL_RIM.lengths_px.copy(), USUAL_RIM.places.copy())
+    rim = SeenRim(USUAL_RIM.lengths_px.copy(), USUAL_RIM.place_normals.copy())
     rim.lengths_px[LOWER_ARM] = lengths_px
-    rim.places[LOWER_ARM] *= told
+    rim.place_normals[LOWER_ARM] *= told
     return rim
 
 
@@ -142,23 +144,21 @@ def test_confidence_falls_with_what_speaks_against_a_limb() -> None:
         return confidences(evidence_of(rim, {**NOTHING, "left_arm": near_px}), rim)["left_arm"]
 
     usual, flat = of_arm(USUAL_RIM), _rim((100.0, 87.0, 0.0))
-    flat.places[LOWER_ARM] = np.diag([1.0, 0.01, 1.0])  # cameras that face each other see it
-    hidden, off = _rim((5.0, 4.0, 0.0), told=0.05), _rim((100.0, 30.0, 0.0), told=0.05)
+    flat.place_normals[LOWER_ARM] = np.diag([1.0, 0.01, 1.0])  # cameras that face each other see it
+    hidden, off = _rim((5.0, 4.35, 0.0), told=0.05), _rim((100.0, 30.0, 0.0), told=0.05)
     assert usual > 0.98
     assert of_arm(off) < 0.5
     assert max(of_arm(hidden), of_arm(flat), of_arm(USUAL_RIM, 2000)) < usual
 
 
-def test_a_part_that_unsure_pixels_hide_is_trusted_less_and_not_judged_if_they_hide_most_of_it() -> None:
+def test_what_unsure_pixels_hide_counts_like_the_rest_and_a_part_behind_them_is_not_judged() -> None:
     def judged(rim: SeenRim) -> float | None:
         return confidences(evidence_of(rim, NOTHING), rim).get("left_arm")
 
-    half, behind = judged(_rim((50.0, 43.5, 50.0), told=0.5)), judged(_rim((10.0, 8.7, 150.0), told=0.1))
-    usual = judged(USUAL_RIM)
-    assert half is not None
-    assert usual is not None
-    assert half < usual
-    assert behind is None
+    half, shown = _rim((50.0, 43.5, 50.0), told=0.5), _rim((50.0, 43.5, 0.0), told=0.5)
+    assert judged(half) == pytest.approx(judged(USUAL_RIM), abs=1e-3)
+    assert judged(shown) < judged(half)
+    assert judged(_rim((0.0, 0.0, 40.0), told=0.0)) is None
 
 
 def test_a_limb_that_two_tracks_have_elsewhere_is_doubtful_unless_one_of_them_fits_far_better() -> None:

@@ -49,7 +49,7 @@ _FINE = 0.2
 _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
 """Largest step, in metres and radians."""
 _NEAR_PX = 2.0
-"""A rim point this far from the contour lies on it, in pictures 320 wide."""
+"""A rim point nearer to the contour than this lies on it, in pictures 320 wide."""
 _CONTACT_WEIGHT = 1e4
 """Of the square of a depth in metres, for each unit of the setting and each camera."""
 _EVERYTHING = np.array(ALL_SURFACES, np.int32)
@@ -62,10 +62,10 @@ class SeenRim:
     """What is seen of each segment's rim, over all cameras."""
 
     lengths_px: Floats
-    """(S + 3, SHARES) of visible rim; of that, on a contour; and of rim that unsure pixels hide."""
-    places: Floats
+    """(S + 3, SHARES) summed over the cameras, each by its weight."""
+    place_normals: Floats
     """(S + 3, 3, 3) what the rim tells of the segment's place: its normal matrix, in cubic pixels per square
-    metre, the lower half."""
+    metre. Only the lower half is filled, which np.linalg.eigvalsh reads."""
 
     @classmethod
     def nothing(cls) -> "SeenRim":
@@ -149,11 +149,8 @@ class Aligner:
         reach_px = settings.contour_reach_px * self._scale * (1.0 + (_LAST_REACH - 1.0) * share)
         cap_px = self._scale * _FIRST_CAP_PX * (_LAST_CAP_PX / _FIRST_CAP_PX) ** share
         damping = _FIRST_DAMPING * (_LAST_DAMPING / _FIRST_DAMPING) ** share
-        reach_px, near_px = (
-            np.maximum(np.ceil(reach_px), OWN_REACH_PX),
-            np.full(len(share), _NEAR_PX * self._scale),
-        )
-        return np.column_stack([reach_px, near_px, cap_px, damping])
+        near_px = np.full_like(share, _NEAR_PX * self._scale)
+        return np.column_stack([np.maximum(np.ceil(reach_px), OWN_REACH_PX), near_px, cap_px, damping])
 
 
 def _prior(expected: Floats, settings: SearchSettings) -> Floats:

@@ -88,7 +88,7 @@ def match_view(
 ) -> int:
     """Write the matches of camera c and return how many there are; add to shares_px (S + 3, SHARES).
 
-    surfaces: whose rim counts. near_px: a rim point lies on the contour if the model's contour is at most
+    surfaces: whose rim counts. near_px: a rim point lies on the contour if the model's contour is less than
     this far from the input's. seen and model_planes (P, H, W): the input and the whole model in the same
     region. A rim point that comes to unsure pixels before it comes to the input's contour has no match. A
     residual r is the distance of the model's contour beyond the input's, both measured in pixels, so that it

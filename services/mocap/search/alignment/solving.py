@@ -49,11 +49,11 @@ def follow(
 ) -> tuple[Floats, float, Floats, Floats]:
     """Move a pose (D,) so that the rim comes to lie on the contours.
 
-    steps (K, 4): for every step the reach, what is near, the cap, and the damping as a share of the diagonal.
-    free (D,): 1 for parameters that vary. prior (3, D): target, weight of its square, and the largest step.
-    limits (2, D). contact_weight: as for add_contacts. Returns the pose, and of the last match the prior's
-    cost (with that of contacts), the rim's shares (S + 3, SHARES), and the normal matrices of the places of
-    the frames (J + 3, 3, 3), their lower halves.
+    steps (K, 4): for every step, in pixels, the reach, the distance that counts as on the contour, and the
+    cap; and the damping as a share of the diagonal. free (D,): 1 for parameters that vary. prior (3, D):
+    target, weight of its square, and the largest step. limits (2, D). contact_weight: as for add_contacts.
+    Returns the pose, and of the last match the prior's cost (with that of contacts), the rim's shares (S + 3,
+    SHARES), and the normal matrices of the places of the frames (J + 3, 3, 3), their lower halves.
     """
     still, moving, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
@@ -78,7 +78,7 @@ def follow(
                     int(reach_px), near_px, rim_scratch, matches, shares_px,
                 )  # fmt: skip
                 add_matches(matches, n, cap_px, wrenches, pulls)
-        places[:] = wrenches[:, 3:, 3:]
+        places[:] = wrenches[:, 3:, 3:]  # now: normal_equations adds to a joint what its children carry
         hessian, slope = normal_equations(twists, wrenches, pulls)
         prior_cost = add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
         for d in range(N_DOF):

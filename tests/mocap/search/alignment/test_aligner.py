@@ -7,7 +7,7 @@ import pytest
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.body.skeleton import DOF_INDEX, LOWER, SEGMENTS, UPPER
+from services.mocap.body.skeleton import DOF_INDEX, LOWER, SEGMENT_INDEX, SEGMENTS, UPPER
 from services.mocap.body.skirt import Skirt
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend
@@ -89,7 +89,26 @@ def test_nothing_pulls_where_the_model_covers_just_what_is_seen(
     found = model.aligner(full).align(picture_of(truth), truth, full)
     np.testing.assert_array_equal(found.pose, truth)
     known_px, on_px, _ = found.rim.lengths_px.T
+    assert known_px.sum() > 100.0
     np.testing.assert_array_equal(on_px, known_px)
+
+
+def test_cameras_that_face_each_other_do_not_tell_how_far_away_a_hand_is(
+    model: Model, standing: Maker, picture_of: Callable[[Floats], Picture]
+) -> None:
+    P_px_world, truth = model.rig.P_px_world, standing(shoulder_elevation=-20.0)
+    centres_m = -np.linalg.solve(P_px_world[:, :, :3], P_px_world[:, :, 3:])[:, :, 0]
+    flat_m = (centres_m - centres_m.mean(axis=0))[:, :2]
+    opposite = int(np.argmin(flat_m @ flat_m[0]))
+    facing = tuple(float(c in (0, opposite)) for c in range(model.rig.n_cameras))
+    between, told = flat_m[0] / np.linalg.norm(flat_m[0]), []
+    for weights in ((), facing):
+        settings = SearchSettings(camera_weights=weights)
+        found = model.aligner(settings).align(picture_of(truth), truth, settings)
+        lower = np.tril(found.rim.place_normals[SEGMENT_INDEX["left_forearm"]])
+        normal = lower + np.tril(lower, -1).T
+        told.append(between @ normal[:2, :2] @ between / np.trace(normal))
+    assert told[1] < 0.2 * told[0]
 
 
 def test_the_last_steps_are_the_fine_ones(
