@@ -17,8 +17,8 @@ of about a quarter turn.
 Joint centres in body heights follow de Leva 1996 (J. Biomechanics 29(9)) and Drillis and Contini 1966.
 Deviations and ranges of lengths follow the spread over both sexes in the 2012 US Army survey (Gordon et al.
 2014, NATICK/TR-15/007) of each measure over stature, with room for heavier people, children and clothes.
-In that survey the upper arm's deviation is 0.034 and the forearm's 0.046. Body models also differ in where
-they put shoulder and wrist, by 1.6 cm (standard deviation), and a fit has to follow that: 0.07 and 0.08.
+Those of the arm, 0.034 and 0.046 in that survey, are wider here, as body models differ in where they put its
+joints: over stature, MakeHuman's upper arm is 7 % shorter than de Leva's, and its forearm 9 %.
 The waist stands for the lumbar and the thoracic spine. Young adults flex the lumbar spine by 73, extend it by
 29 and bend it sideways by 28 degrees (Troke et al. 2005, Manual Therapy 10, 198-206); the thoracic spine adds
 to the bending and does nearly all the turning (White and Panjabi 1990, Clinical Biomechanics of the Spine).

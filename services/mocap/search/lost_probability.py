@@ -1,7 +1,7 @@
 """The probability that a part of the body is lost: that one of its joints is more than 15 cm off.
 
-A logistic regression on what a solved frame shows of the part. Its weights are fitted by
-`scripts/bench confidence` to takes of people of known motion, who are not the body model.
+A logistic regression on what a solved frame shows of the part. Its weights are fitted, as by
+`scripts/bench confidence`, to takes of people of known motion, who are not the body model.
 """
 
 from collections.abc import Mapping
