@@ -1,7 +1,7 @@
-"""Motion as a binary glTF 2.0 file: the body's segments as meshes on nodes that move.
+"""Motion as a binary glTF 2.0 file: one skinned mesh, and an armature that moves.
 
-A node for each segment stands where its joint is and carries its mesh; head_top is a node without one. Axes
-are those of motion.bvh: y up, facing +z at heading zero, as glTF has it. Lengths are metres.
+A node for each segment stands where its joint is; head_top is one, too. Axes are those of motion.bvh: y up,
+facing +z at heading zero, as glTF has it. Lengths are metres.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from services.mocap.atomic import atomic_file
-from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import (
     DOFS,
     JOINT_INDEX,
@@ -25,6 +25,7 @@ from services.mocap.body.skeleton import (
     TIP_JOINTS,
 )
 from services.mocap.camera.colour import linear_of
+from services.mocap.export.skin import Skin, skin_of
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
 from services.mocap.motion.motion import Motion, rest_rotations, rotations_to_y_up, to_y_up, turns_from_rest
 from services.mocap.motion.root import without_flips
@@ -48,9 +49,10 @@ def write_glb(path: Path, motion: Motion) -> None:
     quaternions = without_flips(turns.as_quat().reshape(len(R), len(nodes), 4))
     root_m = to_y_up(motion.T_world_joint[:, 0, :3, 3])
     offsets_m = to_y_up(body.offsets_m)
-    offsets_m[0] = root_m[0]
+    offsets_m[0], skin = root_m[0], skin_of(body)
     file.add_materials()
-    file.add_body(body)
+    file.add_mesh(skin)
+    file.add_skin(joint_transforms(skin.pose[None], body.offsets_m)[0])
     file.add_nodes(offsets_m[nodes], quaternions[0])
     file.add_animation(motion.name, motion.fps, root_m, quaternions)
     with atomic_file(path) as part:
@@ -64,7 +66,7 @@ class _File:
         self._document = gltf.GLTF2(
             asset=gltf.Asset(version="2.0", generator="xormocap"),
             scene=0,
-            scenes=[gltf.Scene(nodes=[0])],
+            scenes=[gltf.Scene(nodes=[0, len(_NODE_NAMES)])],
             buffers=[gltf.Buffer()],
         )
         self._numbers = bytearray()
@@ -79,34 +81,57 @@ class _File:
             )
             self._document.materials.append(gltf.Material(name=name, pbrMetallicRoughness=look))
 
-    def add_body(self, body: Body) -> None:
-        """One mesh for each segment, in their order."""
-        for segment, (vertices_m, faces) in zip(SEGMENTS, body.shown, strict=True):
-            position, normal = (
-                self._accessor(values, "VEC3", with_range=True, target=gltf.ARRAY_BUFFER)
-                for values in (to_y_up(vertices_m), _normals(vertices_m, faces))
-            )
-            small = int(faces.max()) < np.iinfo(np.uint16).max  # the largest number itself is reserved
+    def add_mesh(self, skin: Skin) -> None:
+        """The skin as one mesh, whose triangles have the colours of their segments' sides."""
+        joints, weights = _influences(skin.weights)
+        vertices: dict[str, tuple[NDArray[Any], str]] = {
+            "POSITION": (to_y_up(skin.vertices_m), "VEC3"),
+            "NORMAL": (_normals(skin.vertices_m, skin.faces), "VEC3"),
+            "JOINTS_0": (joints, "VEC4"),
+            "WEIGHTS_0": (weights, "VEC4"),
+        }
+        attributes = {
+            name: self._accessor(values, kind, with_range=name == "POSITION", target=gltf.ARRAY_BUFFER)
+            for name, (values, kind) in vertices.items()
+        }
+        sides, primitives = list(_COLOURS_BGR), list[gltf.Primitive]()
+        materials = np.array([sides.index(segment.side or "centre") for segment in SEGMENTS])
+        small = len(skin.vertices_m) <= np.iinfo(np.uint16).max  # the largest number itself is reserved
+        for material in range(len(sides)):
+            faces = skin.faces[materials[skin.face_segments] == material]
             indices = faces.reshape(-1, 1).astype("<u2" if small else "<u4")
             primitive = gltf.Primitive(
-                attributes=gltf.Attributes(POSITION=position, NORMAL=normal),
+                attributes=gltf.Attributes(**attributes),
                 indices=self._accessor(indices, "SCALAR", target=gltf.ELEMENT_ARRAY_BUFFER),
-                material=list(_COLOURS_BGR).index(segment.side or "centre"),
+                material=material,
             )
-            self._document.meshes.append(gltf.Mesh(name=segment.name, primitives=[primitive]))
+            primitives.append(primitive)
+        self._document.meshes.append(gltf.Mesh(name="body", primitives=primitives))
+
+    def add_skin(self, T_world_joint: Floats) -> None:
+        """What binds the mesh to the nodes: where the joints (J, 4, 4) were when it was made."""
+        R = rotations_to_y_up(T_world_joint[:, :3, :3])
+        T_joint_world = np.tile(np.eye(4), (len(R), 1, 1))
+        T_joint_world[:, :3, :3] = R.transpose(0, 2, 1)
+        T_joint_world[:, :3, 3] = -np.einsum("jba,jb->ja", R, to_y_up(T_world_joint[:, :3, 3]))
+        by_column = T_joint_world[[JOINT_INDEX[joint] for joint in _NODE_JOINTS]].transpose(0, 2, 1)
+        inverses = self._accessor(by_column.reshape(-1, 16), "MAT4")
+        nodes = list(range(len(_NODE_NAMES)))
+        self._document.skins.append(gltf.Skin(joints=nodes, skeleton=0, inverseBindMatrices=inverses))
 
     def add_nodes(self, offsets_m: Floats, quaternions: Floats) -> None:
-        """The skeleton, in one pose: each node's place (J, 3) and turn (J, 4) against its parent."""
+        """The armature in one pose, each node's place (J, 3) and turn (J, 4) against its parent, and the
+        skinned mesh."""
         for n, name in enumerate(_NODE_NAMES):
             children = [k for k, parent in enumerate(_NODE_PARENTS) if parent == _NODE_JOINTS[n]]
             node = gltf.Node(
                 name=name,
                 translation=_single(offsets_m[n]),
                 rotation=_single(quaternions[n]),
-                mesh=n if n < len(SEGMENT_NAMES) else None,
             )
             node.children = children or None  # an empty list is not glTF
             self._document.nodes.append(node)
+        self._document.nodes.append(gltf.Node(name="body", mesh=0, skin=0))
 
     def add_animation(self, name: str, fps: float, root_m: Floats, quaternions: Floats) -> None:
         """The root's places (N, 3), and the turns (N, J, 4) of all nodes whose joint has parameters."""
@@ -158,6 +183,14 @@ def _single(values: Floats) -> list[float]:
     """Numbers as 32 bits hold them, as a list."""
     numbers: list[float] = values.astype(np.float32).tolist()
     return numbers
+
+
+def _influences(weights: Floats) -> tuple[NDArray[np.uint16], Floats]:
+    """The four segments (V, 4) that move each vertex most, and how much; weights (V, S)."""
+    segments = np.argsort(-weights, axis=1, kind="stable")[:, :4]
+    shares = np.take_along_axis(weights, segments, axis=1)
+    segments[shares == 0.0] = 0
+    return segments.astype("<u2"), shares / shares.sum(axis=1, keepdims=True)
 
 
 def _normals(vertices_m: Floats, faces: Ints) -> Floats:

@@ -1,8 +1,8 @@
 """Runs inside Blender: imports files of motion and writes where Blender puts their joints.
 
 `blender --background --factory-startup --python in_blender.py -- FRAMES FPS OUT.json FILE…`. The output has
-for each file the names of its joints, and their places in Blender's world as [frame][joint][xyz]. A bone of a
-.bvh file is named by where it begins, its end with .tip behind the name; of a .glb file it is the nodes.
+for each file the names of its joints, and their places in Blender's world as [frame][joint][xyz]. A bone is
+named by where it begins, its end with .tip behind the name.
 """
 
 import importlib
@@ -24,16 +24,16 @@ def places_of(file: Path, n_frames: int, fps: float) -> tuple[list[str], list[li
     if file.suffix == ".bvh":
         _mend_bvh_importer()
         bpy.ops.import_anim.bvh(filepath=str(file), frame_start=1, axis_forward="-Z", axis_up="Y")
-        at, places = [1.0 + n for n in range(n_frames)], _bones
+        at = [1.0 + n for n in range(n_frames)]
     else:
         _lend_numpy()
         bpy.ops.import_scene.gltf(filepath=str(file))
         scene_fps = scene.render.fps / scene.render.fps_base
-        at, places = [n * scene_fps / fps for n in range(n_frames)], _nodes
+        at = [n * scene_fps / fps for n in range(n_frames)]
     found = []
     for frame in at:
         scene.frame_set(int(frame), subframe=frame - int(frame))
-        found.append(dict(places()))
+        found.append(dict(_bones()))
     names = list(found[0])
     return names, [[row[name] for name in names] for row in found]
 
@@ -58,11 +58,6 @@ def _bones() -> Iterator[tuple[str, list[float]]]:
     for bone in armature.pose.bones:
         yield bone.name, list(armature.matrix_world @ bone.head)
         yield f"{bone.name}.tip", list(armature.matrix_world @ bone.tail)
-
-
-def _nodes() -> Iterator[tuple[str, list[float]]]:
-    for thing in bpy.data.objects:
-        yield thing.name, list(thing.matrix_world.translation)
 
 
 def main(arguments: list[str]) -> None:
