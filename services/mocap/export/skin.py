@@ -71,7 +71,7 @@ def bind_pose(body: Body) -> Floats:
 
 
 def skin_of(body: Body) -> Skin:
-    """The skin of a body; its largest piece, if the segments do not all hang together."""
+    """The skin of a body; in several pieces if the segments do not all hang together."""
     pose = bind_pose(body)
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
     pieces = [
@@ -80,7 +80,8 @@ def skin_of(body: Body) -> Skin:
         for piece in _solids(_drawn_in(s, vertices_m, faces, body), faces, T_world_segment[s], s)
     ]
     united = manifold3d.Manifold.batch_boolean(pieces, manifold3d.OpType.Add)
-    mesh = max(united.decompose(), key=lambda solid: solid.volume()).to_mesh()
+    outer = [surface for surface in united.decompose() if surface.volume() > 0.0]  # without hollows
+    mesh = manifold3d.Manifold.compose(outer).to_mesh()
     rows = np.asarray(mesh.vert_properties, np.float64)
     segments, faces = np.rint(rows[:, 3]).astype(np.int32), np.asarray(mesh.tri_verts, np.int32)
     # Along a seam there is a vertex for either side, in the same place.
