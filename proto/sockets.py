@@ -107,7 +107,10 @@ def connect(socket: "zmq.Socket[bytes]", endpoint: str, keys: ClientKeys | None 
             "xormocap keys made for this service where the coordinator runs"
         )
     _allow_ipv6(socket, endpoint)
-    socket.connect(endpoint)
+    try:
+        socket.connect(endpoint)
+    except zmq.ZMQError as error:
+        raise AddressError(f"{endpoint}: cannot connect to it ({error}): name a host and a port") from None
 
 
 def cut_all(socket: "zmq.Socket[bytes]", endpoint: str) -> None:

@@ -95,12 +95,22 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+def _may_be_host(host: str) -> bool:
+    """Whether an address in brackets is one; names are looked up later."""
+    if not host.startswith("["):
+        return True
+    try:
+        return isinstance(ipaddress.ip_address(host[1:-1]), ipaddress.IPv6Address)
+    except ValueError:
+        return False
+
+
 def stream_endpoint(endpoint: str, stream: StreamName) -> str:
     """The endpoint of a stream, from the endpoint that names all; raises AddressError if that is not an
     address."""
     parts = _ENDPOINT.fullmatch(endpoint)
     port = int(parts["port"]) if parts else 0
-    if parts is None or not 0 < port <= _LAST_PORT:
+    if parts is None or not 0 < port <= _LAST_PORT or not _may_be_host(parts["host"]):
         raise AddressError(
             f"{endpoint}: expected an address such as {DEFAULT_ENDPOINT}, its port from 1 to {_LAST_PORT}"
         )

@@ -81,6 +81,11 @@ def live(
             raise UserError(f"--group: {config} does not say where the coordinator is: add endpoint to it")
         serve_group(job, group, take.live.endpoint)
         return
+    if record is not None and set(take.groups()) <= set(take.live.elsewhere):
+        raise UserError(
+            f"--record {record}: {config} has no camera of this host: give --record with --group where the "
+            "cameras are"
+        )
     check_out(folder)
     stderr.print(_body(take), markup=False, soft_wrap=True)
     if watch:

@@ -17,6 +17,7 @@ from services.mocap.errors import TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_take_file
+from services.mocap.take.video_index import index_video
 from services.runs.outlines import outlines_of
 
 _MOST_FRAMES = 900
@@ -68,7 +69,7 @@ def _write(take: Take, found: TimeOffsets) -> None:
     names = [camera.name for camera in take.cameras]
     offsets = {name: int(offset) for name, offset in zip(names, whole, strict=True)}
     if take.source == "videos":
-        held = [take.video(camera, 0, 0).index.n_frames for camera in take.cameras]
+        held = [index_video(take.videos[name]).n_frames for name in names]
     else:
         folders = [layout.silhouette_folder(take.folder, name) for name in names]
         held = [len(list(folder.glob("*.png"))) for folder in folders]
@@ -84,7 +85,8 @@ def _write(take: Take, found: TimeOffsets) -> None:
         part.write_text(f"{text.rstrip()}\n\n{table}", encoding="utf-8")
         if read_take_file(part).offsets != offsets:
             raise TakeError(f"{path}: sync cannot edit this file: add {offsets} by hand")
-    say(f"{path}: offsets of {len(names)} cameras, frames = {frames}")
+    told = f", frames = {frames}" if _FRAMES.search(text) else ""
+    say(f"{path}: offsets of {len(names)} cameras{told}")
 
 
 def _table(take: Take, found: TimeOffsets) -> Table:

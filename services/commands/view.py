@@ -19,7 +19,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.verdict.judging import verdict_of
 from services.process import StopRequest
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import make_segmenter
+from services.segmentation.segmenters import AUTO, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Segmenter
 from services.viewer.address import LOOPBACK, Address
 from services.viewer.finished import FinishedFrames
@@ -95,12 +95,17 @@ def finished_show(folder: Path, take: Path | None) -> Show:
     if opened is None:
         return Show(name, fps, history, body, None, (), None, is_live=False, remark=remark, verdict=verdict)
     rig = Rig.of(opened.cameras)
+    try:
+        name_of_segmenter = chosen_segmenter(opened, result.segmenter)
+    except UserError:  # such as a plug-in that this machine lacks
+        name_of_segmenter = AUTO
 
     @cache  # clean plates are learnt when silhouettes, as the tracker had them, are first asked for
     def segmenter() -> Segmenter:
-        return make_segmenter(opened, opened.cameras, SegmentationSettings())
+        return make_segmenter(opened, opened.cameras, SegmentationSettings(), name_of_segmenter)
 
-    pictures = TakePictures(opened, lambda start, stop: segmenter().trimaps(start, stop))
+    shown = dict(zip(result.frames.tolist(), result.tracked.frames_shown.tolist(), strict=True))
+    pictures = TakePictures(opened, lambda start, stop: segmenter().trimaps(start, stop), shown)
     artist = TileArtist(body, rig, pictures)
     names = tuple(camera.name for camera in opened.cameras)
     return Show(name, fps, history, body, rig, names, artist, is_live=False, verdict=verdict)
@@ -112,6 +117,8 @@ def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:
     if folder is None:
         where = result.folder / RUN_JSON
         return None, f"{where} does not name the take: give --take to see its cameras."
+    if take is None and "live" in result.run:
+        return None, "These are results of live cameras: give --take, their recording, to see what they saw."
     if take is None and not folder.is_dir():
         return None, f"The take is not at {folder} any more: give --take to see its cameras."
     return open_take(folder), ""

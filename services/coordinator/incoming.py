@@ -54,8 +54,8 @@ class Incoming(ABC):
         self._run, self.next_frame = run, first_frame
 
     @abstractmethod
-    def add(self, message: Silhouettes | LiveSilhouettes) -> None:
-        """Add some cameras' silhouettes; unwanted ones are counted and dropped."""
+    def add(self, message: Silhouettes | LiveSilhouettes) -> bool:
+        """Add some cameras' silhouettes; returns False for unwanted ones, which are counted and dropped."""
 
     def _fits(self, message: Silhouettes | LiveSilhouettes) -> bool:
         """Whether cameras and planes of a message suit each other and the rig."""
@@ -130,7 +130,7 @@ class RecordedFrames(Incoming):
         """Frames from this one on were not asked for, so that memory stays bounded."""
         return min(self.next_frame + _AHEAD_FRAMES, self._end)
 
-    def add(self, message: Silhouettes | LiveSilhouettes) -> None:
+    def add(self, message: Silhouettes | LiveSilhouettes) -> bool:
         """See Incoming.add."""
         if (
             not isinstance(message, Silhouettes)
@@ -139,10 +139,11 @@ class RecordedFrames(Incoming):
             or not self._fits(message)
         ):
             self.dropped += 1
-            return
+            return False
         planes = TriPlanes.of_sent(message.planes, message.unsure)
         places = {camera: (planes, k) for k, camera in enumerate(message.cameras)}
         self._partial.setdefault(message.frame, {}).update(places)
+        return True
 
     def credit(self) -> Credit:
         """See Incoming.credit."""

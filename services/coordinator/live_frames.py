@@ -75,7 +75,7 @@ class LiveFrames(Incoming):
             period_s=self._pace.period_s,
         )
 
-    def add(self, message: Silhouettes | LiveSilhouettes) -> None:
+    def add(self, message: Silhouettes | LiveSilhouettes) -> bool:
         """See Incoming.add."""
         if (
             not isinstance(message, LiveSilhouettes)
@@ -84,15 +84,16 @@ class LiveFrames(Incoming):
             or not self._fits(message)
         ):
             self.dropped += 1
-            return
+            return False
         now_s = self._now()
         self._came_s[message.cameras] = now_s
         self._pace.hear(message.shot, message.times_s)
         self._highest = max(self._highest, message.shot)
         if message.shot <= self._last_shot:
             self._shots.passed[message.cameras] += 1
-            return
+            return False
         self._shots.add(message, now_s)
+        return True
 
     def take_next(self) -> Frame | None:
         """See Incoming.take_next."""

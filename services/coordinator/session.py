@@ -329,7 +329,8 @@ class Session:
             )
         )
         recorders = self._board.recorders
-        while not recorders.have_all(self._solved_end, lambda: self._board.pump(0)):
+        is_empty = self._solved_end == self._plan.frames.start
+        while not is_empty and not recorders.have_all(self._solved_end, lambda: self._board.pump(0)):
             beat()
             if time.monotonic() - recorders.heard_s > _CONFIRM_S:
                 if self._n_recorders and recorders.n_unrecorded:

@@ -132,10 +132,8 @@ class Switchboard:
         if stream == "tasks":
             self._act(identity, message)
         elif isinstance(message, Silhouettes):
-            credit = self._credit
-            if credit is not None and credit.next_frame <= message.frame < credit.end_frame:
+            if self._incoming.add(message):
                 self.keep(message)
-            self._incoming.add(message)
         elif isinstance(message, LiveSilhouettes):
             self._incoming.add(message)
         else:

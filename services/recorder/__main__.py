@@ -117,7 +117,7 @@ def _listen(listener: Listener, stop: StopRequest) -> None:
     announced its new run yet.
     """
     collection, began_s, stopped_s = listener.collection, time.monotonic(), None
-    while not (collection.complete and (collection.is_live or time.monotonic() - began_s > _ALONE_S)):
+    while not (collection.complete and (collection.is_announced or time.monotonic() - began_s > _ALONE_S)):
         beat()
         if stop:
             stopped_s = stopped_s or time.monotonic()

@@ -30,7 +30,7 @@ class Collection:
         self._end: int | None = None
         self._is_empty = self._is_settled = False
         self._run: str | None = None
-        self.is_live = False
+        self.is_announced = False
         """Whether a coordinator has described this run, and not only the journal of an earlier recorder."""
         self._blobs = BlobStore()
         self.foreign = 0
@@ -54,13 +54,13 @@ class Collection:
             if self._run not in (None, message.run):
                 self.info, self._end, self._blobs = None, None, BlobStore()
                 self._store.forget()
-            self.is_live = True
+            self.is_announced = True
         if isinstance(message, TakeInfo | Blob):
             if self._describe(message):
                 self._store.keep(message)
         elif self._run not in (None, message.run):
             self.foreign += 1
-            if isinstance(message, TakeEnd) and not self.is_live:  # nobody will continue the journal's run
+            if isinstance(message, TakeEnd) and not self.is_announced:  # nobody continues the journal
                 self.info, self._end, self._is_empty = None, message.end_frame, True
         else:
             self._run = message.run

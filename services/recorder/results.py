@@ -18,6 +18,7 @@ from services.mocap.result.layout import OVERLAY, RUN_JSON
 from services.mocap.result.result import add_to_run, load_result, write_tracked
 from services.mocap.search.best_path import corrected_frames
 from services.mocap.search.chains import values_to_bridge
+from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import Marks
 from services.mocap.take.quantities import further_columns
@@ -72,7 +73,9 @@ def write_results(
     bridged = values_to_bridge(marks)
     output = output.model_copy(update={"cutoff_hz": cutoff_of(poses, info.fps, output, bridged)})
     shown = smoothed(poses, info.fps, output, bridged, times_s if live else None)
-    is_whole = collection.complete if live else len(recorded) == info.end_frame - info.first_frame
+    is_settled = recorded[-1].settled or not SearchSettings.from_wire(info.search).goes_both_ways
+    has_all = len(recorded) == info.end_frame - info.first_frame
+    is_whole = collection.complete if live else has_all and is_settled
     with results_into(out, complete=is_whole) as part:
         extra = further_columns(recorded, is_live=live)
         table = PoseTable(frames, times_s, poses, energies_px, extra, marks)

@@ -101,8 +101,10 @@ def serve_group(job: LiveJob, group: str, endpoint: str) -> None:
         Launcher(Path(logs), ["segmentation"]) as launcher,
     ):
         start_segmentation(launcher, job, job.config, endpoint, _cameras(job, group, recording))
-        while not stop.count and not launcher.has_ended("segmentation"):
+        while not stop.count:
             launcher.watch()
+            if launcher.is_done("segmentation"):
+                break
             time.sleep(LOOK_S)
     if recording is not None and job.record is not None:
         recording.rename(job.record.resolve())

@@ -13,7 +13,7 @@ from services.mocap.take.folder import Take
 from services.runs.fit import Show, kept_warnings, trimaps_of
 from services.runs.refine import reliable_rows, result_of
 from services.segmentation.cleanup import SegmentationSettings
-from services.segmentation.segmenters import AUTO, make_segmenter
+from services.segmentation.segmenters import make_segmenter
 
 N_FRAMES = 48
 """Half of them are kept out, to judge by; more hardly make the cameras more exact."""
@@ -35,10 +35,11 @@ class TakeCameras:
     warnings: list[str]
 
 
-def refine_take_cameras(take: Take, result: Path, show: Show, segmenter: str = AUTO) -> TakeCameras:
+def refine_take_cameras(take: Take, result: Path, show: Show) -> TakeCameras:
     """Refine a take's cameras by the body and poses of a result, in frames spread over those without a mark.
 
-    Cameras that a fit would leave out, because they disagree with the others, are among them. Raises
+    Silhouettes are made as for the result. Cameras that a fit would leave out, because they disagree with
+    the others, are among them. Raises
     UserError if the result cannot be used, belongs to another take or has fewer than eight such frames, and
     TakeError if there is but one camera.
     """
@@ -50,7 +51,7 @@ def refine_take_cameras(take: Take, result: Path, show: Show, segmenter: str = A
     rows = reliable_rows(found, np.asarray(found.distrusted.any(axis=1), bool), N_FRAMES, LEAST_FRAMES)
     frames = tuple(found.tracked.frames[rows].tolist())
     with kept_warnings() as warnings:
-        made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+        made = make_segmenter(take, take.cameras, SegmentationSettings(), found.segmenter)
         trimaps = trimaps_of(
             take, frames, made, lambda share: show("looking at silhouettes", _SEEN_AT * share)
         )

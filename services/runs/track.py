@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from services.mocap.export.formats import write_defaults
-from services.mocap.result.layout import partial_of
+from services.mocap.result.layout import LOGS, partial_of
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
@@ -64,12 +64,14 @@ def track(
         report = _completed(folder, job)
         keep_logs(ended.logs, folder)
         write_defaults(folder, load_result(folder), ("report",), warn)
-        if report["take"]["frames"] == len(job.frames):
+        is_settled = "corrected_frames_by_part" in report or not job.search.goes_both_ways
+        if is_settled and report["take"]["frames"] == len(job.frames):
             return report
     if ended.was_stopped:
         shutil.rmtree(ended.logs, ignore_errors=True)
         raise Interrupted(folder)
-    raise ServiceFailedError(f"the run ended before its last frame; the logs are in {ended.logs}")
+    logs = ended.logs if folder is None else folder / LOGS
+    raise ServiceFailedError(f"the run ended before its last frame was final; the logs are in {logs}")
 
 
 def _plan(job: TakeJob, known: Path) -> Plan:

@@ -144,9 +144,9 @@ class Sender:
 
 
 def _choose(take: Take, names: str) -> list[int]:
-    """Camera indices from names separated by commas; empty: all."""
+    """Camera indices from names separated by commas, each once; empty: all."""
     known = [camera.name for camera in take.cameras]
-    wanted = [name.strip() for name in names.split(",") if name.strip()] or known
+    wanted = list(dict.fromkeys(name.strip() for name in names.split(",") if name.strip())) or known
     for name in wanted:
         if name not in known:
             raise UserError(f"--cameras {name}: {take.folder} has no such camera: {nearest(name, known)}")

@@ -3,7 +3,7 @@
 import threading
 import zlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache, lru_cache
 from typing import Generic, Protocol, TypeVar
 
@@ -64,9 +64,10 @@ class Reader(Generic[Content]):
 class TakePictures:
     """A take folder's pictures and silhouettes."""
 
-    def __init__(self, take: Take, trimaps: Trimaps | None) -> None:
-        """trimaps: makes the silhouettes of takes without any; None: no silhouettes."""
-        self._take, self._segment = take, trimaps
+    def __init__(self, take: Take, trimaps: Trimaps | None, shown: Mapping[int, int] | None = None) -> None:
+        """trimaps: makes the silhouettes of takes without any; None: no silhouettes. shown: the take's frame
+        that a frame of the results shows, where they differ (PoseTable.frames_shown)."""
+        self._take, self._segment, self._shown = take, trimaps, shown or {}
         self._lock = threading.Lock()
         self._video = cache(self._open_video)
         self._trimaps = Reader(self._trimaps_from)
@@ -83,7 +84,7 @@ class TakePictures:
         if not self._take.has_video(self._take.cameras[camera]):
             return None
         with self._lock:
-            return self._video(camera)(frame)
+            return self._video(camera)(self._shown.get(frame, frame))
 
     def _open_video(self, c: int) -> Callable[[int], Bytes]:
         """What reads a camera's undistorted picture (h, w, 3) of a frame and keeps the last one."""
@@ -97,7 +98,7 @@ class TakePictures:
         if self._take.source == "videos" and self._segment is None:
             return None
         with self._lock:
-            return self._trimaps.read(frame)[camera]
+            return self._trimaps.read(self._shown.get(frame, frame))[camera]
 
     def _trimaps_from(self, start: int) -> Iterator[list[Trimap]]:
         take = self._take

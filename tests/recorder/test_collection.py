@@ -255,9 +255,9 @@ def test_another_recorder_goes_on_with_the_journal(tmp_path: Path) -> None:
     assert two.missing_blobs() == []
     assert [message.frame for message in two.recorded()] == [3, 4]
     assert not two.complete
-    assert not two.is_live
+    assert not two.is_announced
     two.add(info(3, 9))
-    assert two.is_live
+    assert two.is_announced
     assert len(two.recorded()) == 2
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -50,23 +51,26 @@ class _Hurried(Exception):  # noqa: N818  (a request, not an error)
 def write_overlay(
     path: Path, take: Take, body: Body, table: PoseTable, verdict: Verdict, hurry: Callable[[], bool]
 ) -> None:
-    """Draw poses of consecutive frames of a take; a camera without a video shows its silhouettes.
+    """Draw poses of frames of a take in their order; a camera without a video shows its silhouettes.
 
     verdict: on the whole result, written over every frame; in each frame its doubtful parts are hatched.
     hurry: called at every frame; if it returns True nothing is written.
     """
-    start, stop = int(table.frames[0]), int(table.frames[-1]) + 1
+    shown = table.frames_shown
     painter = ModelPainter(body, Rig.of(take.cameras))
     title = " - ".join(filter(None, (verdict.headline, verdict.doubts_in_words)))
     with suppress(_Hurried), ExitStack() as stack:
-        of_cameras = [pictures_of(take, camera, start, stop, stack) for camera in take.cameras]
+        first, stop = int(shown[0]), int(shown[-1]) + 1
+        of_cameras = [pictures_of(take, camera, first, stop, stack) for camera in take.cameras]
+        moments = zip(*of_cameras, strict=True)
         writer = stack.enter_context(overlay_writer(path, take.cameras, take.settings.fps, title=title))
-        marks = table.marks
+        marks, at = table.marks, first
         for n, frame in enumerate(table.frames.tolist()):
             if hurry():
                 raise _Hurried
             masks = painter.segment_masks(table.poses[n])
-            pictures = [next(of_camera) for of_camera in of_cameras]
+            pictures = list(next(islice(moments, int(shown[n]) - at, None)))
+            at = int(shown[n]) + 1
             is_judged = marks is not None and not np.isnan(marks.confidence[n]).all()
             marked = marks.distrusted[n].tolist() if marks is not None and is_judged else []
             doubtful = None
@@ -195,6 +199,7 @@ def draw_frame(result: Result, take: Take, camera: str, frame: int, *, width_px:
         raise UserError(f"frame {frame}: expected one from {result.frames[0]} to {result.frames[-1]}")
     seen = by_name[camera]
     with ExitStack() as stack:
-        picture = next(pictures_of(take, seen, frame, frame + 1, stack))
+        shown = int(result.tracked.frames_shown[rows[0]])
+        picture = next(pictures_of(take, seen, shown, shown + 1, stack))
     mask = ModelPainter(result.motion.body, Rig.of((seen,))).segment_masks(result.poses[rows[0]])[0]
     return draw_tile(picture, mask, grid_for([seen], width_px or seen.width_px))

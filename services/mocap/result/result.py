@@ -20,6 +20,7 @@ from services.mocap.take.actor_file import read_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import DISTRUSTED, PARTS
 from services.mocap.take.quantities import FURTHER, Labelled
+from services.mocap.take.segmenter_name import AUTO
 from services.mocap.take.tables import (
     PoseTable,
     read_poses_csv,
@@ -72,6 +73,11 @@ class Result:
         """The take that was tracked, if run.json names it."""
         folder = self.run.get("take", {}).get("folder")
         return Path(folder) if isinstance(folder, str) else None
+
+    @property
+    def segmenter(self) -> str:
+        """What made the silhouettes, as --segmenter names it, if run.json tells."""
+        return str(self.run.get("settings", {}).get("segmenter", AUTO))
 
     @cached_property
     def joints_world_m(self) -> Floats:

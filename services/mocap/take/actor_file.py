@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import shutil
 from pathlib import Path
 
 from services.mocap.atomic import atomic_file
@@ -10,6 +11,7 @@ from services.mocap.body.body_mesh import MeshContentError, OwnMesh
 from services.mocap.body.profiles import Profile
 from services.mocap.errors import TakeError, UserError, load_toml, validated
 from services.mocap.take.folder import Take
+from services.mocap.take.layout import ACTOR
 
 _HASH = "# sha256 = "
 _DIGITS = 4
@@ -49,6 +51,15 @@ def _read_mesh(actor_toml: Path, named: object) -> OwnMesh:
         ) from None
     except MeshContentError as error:
         raise TakeError(f"{path}: {error}: run xormocap fit --mesh again") from None
+
+
+def copy_actor(path: Path, folder: Path) -> None:
+    """Copy an actor.toml to a folder, with the mesh that it names, if any; raises as read_actor."""
+    read_actor(path)
+    shutil.copy(path, folder / ACTOR)
+    mesh = load_toml(path, TakeError).get("mesh")
+    if mesh is not None:
+        shutil.copy(path.with_name(mesh["file"]), folder)
 
 
 def rounded(actor: Actor) -> Actor:

@@ -6,7 +6,7 @@ from pathlib import Path
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take import layout
-from services.mocap.take.actor_file import take_actor, write_actor
+from services.mocap.take.actor_file import copy_actor
 from services.mocap.take.live import LiveTake
 from services.mocap.take.settings import TakeSettings, write_settings
 from services.mocap.take.video_index import index_video
@@ -57,8 +57,7 @@ def finish_recording(take: LiveTake, folder: Path) -> list[str]:
             shutil.copy(plate, plates)
     if take.colour_path is not None:
         shutil.copy(take.colour_path, part / layout.COLOURS)  # its videos have no colour correction
-    actor = take_actor(take)
-    if actor is not None:
-        write_actor(part / layout.ACTOR, actor, take.settings.name)
+    if take.actor_path is not None:
+        copy_actor(take.actor_path, part)
     part.rename(folder)
     return [camera.name for camera in take.cameras if camera.name not in lengths]

@@ -87,6 +87,11 @@ class PoseTable:
     marks: Marks | None = None
     """The marks of the N frames; None if they were not judged, as in references."""
 
+    @property
+    def frames_shown(self) -> Ints:
+        """(N,) the frame of the take that shows each pose: of live poses the shot, as recordings count."""
+        return np.asarray(self.extra.get("shot", self.frames), np.int32)
+
 
 def write_joints_csv(path: Path, frames: Ints, times_s: Floats, joints_take_m: Floats) -> None:
     """joints_take_m: (N, 15, 3) in the world of the take's files; written to 0.01 mm."""

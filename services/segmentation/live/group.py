@@ -143,10 +143,11 @@ class Group:
         return all(feed.has_ended for feed in self._feeds)
 
     def check(self) -> None:
-        """Raise a feed's user error, if any."""
-        for feed in self._feeds:
-            if feed.problem is not None:
-                raise feed.problem
+        """Raise the user error of a feed or a recording, if any."""
+        problems = [feed.problem for feed in self._feeds]
+        problems += [recording.problem for recording in self._recordings]
+        for problem in filter(None, problems):
+            raise problem
 
     def end_before(self, end_shot: int) -> None:
         """Do not record this shot and later ones."""

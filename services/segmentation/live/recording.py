@@ -5,9 +5,11 @@ import queue
 import threading
 from pathlib import Path
 
+import av
 import numpy as np
 
 from services.mocap.camera.camera import Camera
+from services.mocap.errors import UserError
 from services.mocap.take.csv_columns import write_columns
 from services.mocap.take.layout import video_path
 from services.mocap.take.writer import VideoWriter, video_writer
@@ -37,6 +39,8 @@ class CameraRecording:
         self._end_shot: int | None = None
         self.lost = 0
         """Number of pictures that could not be written in time."""
+        self.problem: UserError | None = None
+        """Why nothing more is recorded."""
         self._thread = threading.Thread(target=self._run, name=f"recording-{camera.name}", daemon=True)
         self._thread.start()
 
@@ -61,6 +65,20 @@ class CameraRecording:
             log.warning("%s: %d pictures could not be written in time", self._camera.name, self.lost)
 
     def _run(self) -> None:
+        try:
+            self._write_all()
+        except UserError as error:
+            self._give_up(error)
+        except (OSError, av.FFmpegError) as error:
+            self._give_up(UserError(f"{self._folder}: cannot record there: {error}"))
+
+    def _give_up(self, problem: UserError) -> None:
+        """Note why, and drop what comes until the end, so that nobody waits for room in the queue."""
+        self.problem = problem
+        while self._waiting.get()[1] is not None:
+            pass
+
+    def _write_all(self) -> None:
         path = video_path(self._folder, self._camera.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         size = (self._camera.width_px, self._camera.height_px)

@@ -1,6 +1,5 @@
 """The one skin of a body: closed, whole, and moved by neighbouring segments only."""
 
-
 import numpy as np
 import pytest
 import trimesh

@@ -157,11 +157,11 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
         )
     fit = result.run.get("fit")
     if fit:
+        frames = f"{len(fit['energy_after_px'])} frames from {fit['first_frame']} to {fit['end_frame'] - 1}"
         yield (
             "Overlap of the fit, by camera",
-            f"Intersection over union of model and silhouette, mean of frames {fit['first_frame']} to "
-            f"{fit['end_frame'] - 1}, to which the actor was fitted. A camera that stands out is badly "
-            "calibrated or badly segmented.",
+            f"Intersection over union of model and silhouette, mean of the {frames} to which the actor was "
+            "fitted. A camera that stands out is badly calibrated or badly segmented.",
             svg_of(charts.overlaps, fit["iou_after"]),
         )
     if result.tracked.marks is not None:
