@@ -184,15 +184,6 @@ def test_deaths_on_the_way_back_and_while_poses_are_settled_change_nothing(
     assert [path.name for path in run.out.parent.iterdir()] == ["out"]
 
 
-def test_a_stop_on_the_way_back_leaves_the_first_poses(exact_take: Path, tmp_path: Path) -> None:
-    run = Run(exact_take, tmp_path / "out", search=BOTH_WAYS)
-    report = run.when(lambda progress: progress.stage == "tracking back", ask_to_stop).go()
-    assert report["take"]["frames"] == FRAMES
-    one_way = Run(exact_take, tmp_path / "one-way", search=BOTH_WAYS.model_copy(update={"both_ways": False}))
-    one_way.go()
-    assert (run.out / "poses.csv").read_text() == (one_way.out / "poses.csv").read_text()
-
-
 def test_a_recorder_that_dies_while_it_writes_results_writes_them_after_all(
     exact_take: Path, tmp_path: Path, undisturbed: Path
 ) -> None:
@@ -247,6 +238,21 @@ def test_a_stopped_run_does_not_replace_a_complete_one(run: Run, undisturbed: Pa
         run.when(after(1), ask_to_stop).go()
     assert stopped.value.folder == run.out.with_name("out.partial")
     assert (run.out / "poses.csv").read_text() == (undisturbed / "poses.csv").read_text()
+
+
+def test_a_stop_on_the_way_back_ends_the_run_which_goes_on_from_there(
+    exact_take: Path, tmp_path: Path
+) -> None:
+    whole, run = (Run(exact_take, tmp_path / name, search=BOTH_WAYS) for name in ("whole", "out"))
+    whole.when(after(1), lambda _: None).go()
+    with pytest.raises(Interrupted) as stopped:
+        run.when(lambda progress: progress.stage == "tracking back", ask_to_stop).go()
+    assert stopped.value.folder == run.out
+    one_way = Run(exact_take, tmp_path / "one-way", search=BOTH_WAYS.model_copy(update={"both_ways": False}))
+    one_way.when(after(1), lambda _: None).go()
+    assert (run.out / "poses.csv").read_text() == (one_way.out / "poses.csv").read_text()
+    run.when(after(1), lambda _: None).go()
+    assert (run.out / "poses.csv").read_text() == (whole.out / "poses.csv").read_text()
 
 
 @pytest.mark.parametrize("seconds", [0.0, 2.0])

@@ -59,19 +59,25 @@ def recorded(poses: Floats, **changed: dict[int, Any]) -> list[Pose]:
     return messages
 
 
-def results(folder: Path, take: Path, messages: list[Pose], output: OutputSettings) -> dict[str, Any]:
-    """Write into folder; returns run.json."""
+def collected(store: Store, messages: list[Pose], *, both_ways: bool = False) -> Collection:
+    """What a recorder has at the end of a run that has these first poses and was not settled."""
     actor, rig = blob(ACTOR.to_toml(), "actor"), blob(RIG.to_json(), "rig")
     info = TakeInfo(
         take="walk", run=RUN, plan="0" * 64, shards=1, fps=FPS, first_frame=0, end_frame=N,
         actor=actor.hash, rig=rig.hash, backend="cpu",
-        backend_reason="asked for", threads=1, search={},
+        backend_reason="asked for", threads=1, search={"both_ways": both_ways},
     )  # fmt: skip
-    store = Store(folder.with_name("out.partial"))
     collection = Collection(store)
     for message in (info, actor, rig, *messages, TakeEnd(take="walk", run=RUN, first_frame=0, end_frame=N)):
         collection.add(message)
     assert collection.complete
+    return collection
+
+
+def results(folder: Path, take: Path, messages: list[Pose], output: OutputSettings) -> dict[str, Any]:
+    """Write into folder; returns run.json."""
+    store = Store(folder.with_name("out.partial"))
+    collection = collected(store, messages)
     assert write_results(
         folder, open_take(take), collection, output, overlay=False, report=False, hurry=lambda: False
     )
@@ -108,6 +114,25 @@ def test_what_was_tracked_is_kept_beside_what_is_smoothed(take: Path, noisy: Flo
     assert motion <= {file.name for file in (tmp_path / "out").iterdir()}
     assert report["accuracy"]["mean_mm"] != report["accuracy_before_smoothing"]["mean_mm"]
     assert report["accuracy_before_smoothing"]["mean_mm"] > 1
+
+
+def test_poses_that_were_to_be_settled_are_not_the_whole_result(
+    take: Path, noisy: Floats, tmp_path: Path
+) -> None:
+    """A stop on the way back: older results stay, and the journal, from which the run goes on."""
+    out = tmp_path / "out"
+    results(out, take, recorded(noisy), OutputSettings())
+    before = (out / "run.json").read_bytes()
+    store = Store(out.with_name("out.partial"))
+    stopped = collected(store, recorded(noisy), both_ways=True)
+    opened, quick = open_take(take), {"overlay": False, "report": False, "hurry": lambda: False}
+    assert not write_results(out, opened, stopped, OutputSettings(), **quick)
+    store.close(remove=False)
+    assert (out / "run.json").read_bytes() == before
+    assert (out.with_name("out.partial") / "run.json").exists()
+    again = Store(out.with_name("out.partial"))
+    assert len(again.first.frames) == N
+    again.close(remove=True)
 
 
 def test_without_smoothing_there_is_one_motion(take: Path, noisy: Floats, tmp_path: Path) -> None:

@@ -147,7 +147,8 @@ class Body:
 
     @cached_property
     def shown(self) -> tuple[tuple[Floats, Ints], ...]:
-        """The same of the segments alone, for what moves nothing else: a skirt hangs from the pelvis."""
+        """Vertices (V, 3) and faces (F, 3) of the segments, for what moves no cloth: a skirt's cone is part
+        of the pelvis, the tube between the legs is left out."""
         meshes, cone_m = list(zip(self.vertices_m, self.faces, strict=True)), self.cloth_m[0]
         pelvis_m, faces = meshes[SEGMENT_INDEX["pelvis"]]
         cone_faces = self.mesh.cloth[0].faces + len(pelvis_m)

@@ -83,6 +83,8 @@ def fit_actor(
     step = _step_counter(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
     state = _place(rig, contours, begun, following, partial(step, 1), body, start)
+    if following:
+        starts = state.poses
     prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3, height_m)
     fitting = Fitting(rig, contours, prior, start)
     for stage in shaping:
@@ -117,7 +119,9 @@ def _place(
         stages = _of_body(_FOLLOWING if f else _PLACING, body)
         starts = [poses[f]]
         if following and f:
-            starts = [poses[f - 1], clip_to_limits(2.0 * poses[f - 1] - poses[max(f - 2, 0)])]
+            starts = [poses[f - 1]]
+            if f > 1:
+                starts.append(clip_to_limits(2.0 * poses[f - 1] - poses[f - 2]))
         found = list[tuple[State, float]]()
         for pose in starts:
             fitting, at = Fitting(rig, [views], Prior(pose[None]), start), State(x, pose[None])

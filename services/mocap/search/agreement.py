@@ -116,7 +116,7 @@ def _is_decided(n_cameras: int, filled: float, next_filled: float) -> bool:
 
 
 def _suspects(choices: list[_Choice]) -> tuple[int, ...]:
-    """The single cameras without which the others agree, best first; none if it may be any."""
+    """The single cameras without which the others agree, in their order; none if it may be any."""
     likely = [c for c in choices if c.filled >= max(WELL_FILLED, choices[0].filled - _DECISIVE)]
     return tuple(sorted(c.odd[0] for c in likely)) if len(likely) < len(choices) else ()
 
@@ -134,7 +134,6 @@ class _Space:
 
     def __init__(self, rig: Rig, silhouettes: Mask, cameras: tuple[int, ...], possible: Mask) -> None:
         """Look up all voxels once in the possible actor pixels of all cameras (C, H, W)."""
-        self._rig = rig
         centre_m = meeting_point(rig, silhouettes, list(cameras))
         self._points_m = cube_about(centre_m, _REACH_M, _VOXEL_M)
         self._carves = np.zeros((rig.n_cameras, len(self._points_m)), bool)

@@ -47,7 +47,7 @@ class Chosen:
     """(6,) how far the two poses of the frame are apart in each of PARTS."""
     margin_px: Floats
     """(6,) how much more it costs at least to take each of PARTS from the other pose, in pixels of eight
-    pictures 320 wide; infinite where they agree."""
+    pictures 320 wide."""
 
 
 @dataclass(frozen=True, eq=False)

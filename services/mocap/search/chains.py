@@ -132,8 +132,8 @@ _DOFS: dict[str, tuple[int, ...]] = {"head": HEAD.dofs, **{name: limb.dofs for n
 
 
 def values_to_bridge(marks: Marks) -> Mask:
-    """Which values of the poses (N, D) smoothing bridges from both sides: those of marked parts that lie on
-    few contours, and all where that is the torso.
+    """Which values of the poses (N, D) smoothing bridges from both sides: those of marked parts that are
+    more likely lost than not, and all where that is the torso.
 
     Of people in clothes most marked parts are not far off, and nearer to the truth than what is between the
     frames before and after.

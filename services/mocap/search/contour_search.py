@@ -159,8 +159,9 @@ def solve_by_contours(
     left, gained = search.differences(best), False
     farther = settings.widened().model_copy(update={"windows": False})
     everything = thorough or settings.search_limbs == "always"
-    parts = list[Part](LIMBS) if everything else trust.to_search(left)
-    searched = set(parts)
+    doubtful = trust.to_search(left)
+    parts = list[Part](LIMBS) if everything else doubtful
+    searched = set(doubtful)
     if parts:
         found = _better(best, search.round(best, parts, farther if thorough else settings))
         gained = _gains(found, best, settings)

@@ -37,7 +37,7 @@ class FrameSolution:
     """Parts whose pose is probably wrong; the torso stands for the whole body."""
     measured: dict[str, list[float]] = field(default_factory=lambda: {"prior": [0.0]})
     """What is only reported, by the name of its row in services.mocap.take.quantities: part_px and iou (see
-    ErrorByPart), prior: what being off the pose that is likely without looking counts, beside the energy."""
+    ErrorByPart), prior: the cost of the distance from the predicted pose and the rest pose."""
 
     def note_limb(self, name: LimbName, solution: Solution) -> None:
         """Note a limb's effort."""

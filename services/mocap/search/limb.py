@@ -7,7 +7,6 @@ from services.mocap.body.skeleton import DOFS
 from services.mocap.energy.backend import Energy
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import LIMBS, Limb, LimbName, Stage
-from services.mocap.search.descent import Minimum
 from services.mocap.search.grid import Tried, best_of, grid_points
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
@@ -68,18 +67,16 @@ def solve_limb(
     if settings.method == "contours":
         energy = _with_contacts(model, limb.main, pose, settings, energy)
         return _align_limb(model, limb, seen, pose, settings, Tried(points, energy(points)))
-    return _descend_limb(model, limb, seen, pose, settings, best_of(energy, points))
+    main = descend_from(energy, best_of(energy, points), limb.main, box, settings)
+    return _with_extremity(model, limb, seen, main.applied_to(pose), settings, main)
 
 
-def _descend_limb(
-    model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, best: Minimum
+def _with_extremity(
+    model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, main: Solution
 ) -> Solution:
-    """From the best point of the grid downhill on XOR, then the hand or foot (the paper, section 3)."""
-    energy, _, box = prepare(model, limb.main, seen, pose, settings)
-    main = descend_from(energy, best, limb.main, box, settings)
-    found = main.applied_to(pose)
-    window = looked_at(model, limb.extremity, seen, found, settings)
-    extremity = descend_stage(model, limb.extremity, window, found, settings)
+    """A limb's solution, which the pose has, and that of its hand or foot (the paper, section 3)."""
+    window = looked_at(model, limb.extremity, seen, pose, settings)
+    extremity = descend_stage(model, limb.extremity, window, pose, settings)
     return Solution(
         limb.dofs,
         np.concatenate([main.values, extremity.values]),

@@ -139,8 +139,9 @@ class PartConfidence:
         return self._doubt_px + (_OVER_USUAL * float(np.median(usual)) if usual else 0.0)
 
     def to_search(self, found: Differences) -> list[Part]:
-        """The doubtful parts except those that were just searched in vain."""
-        return [part for part in self.doubtful(found) if self._rest.get(part, 0) == 0]
+        """The doubtful limbs and head, except those that were just searched in vain."""
+        doubtful = self.doubtful(found)
+        return [part for part in PART_STAGES if part in doubtful and self._rest.get(part, 0) == 0]
 
     def note_search(self, parts: Iterable[Part], *, gained: bool) -> None:
         """Note a search of parts; after a search in vain they pause for some frames, and longer each time."""

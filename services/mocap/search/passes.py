@@ -1,6 +1,5 @@
 """The paper's search: passes of torso, limbs and head until the energy stops falling."""
 
-from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.error_by_part import error_by_part
 from services.mocap.search.found import Clock, FrameSolution
@@ -36,17 +35,10 @@ def solve_by_passes(
             best.pose, best.energy_px = pose, energy_px
         if before - energy_px <= settings.pass_tolerance * before:
             break
-    _report_plainly(model, whole, settings, best)
-    best.note_shares(error_by_part(model, whole, best.pose))
+    shares = error_by_part(model, whole, best.pose)
+    best.energy_px = float(shares.energy_px)  # plain XOR of the full mesh, whatever was minimised
+    best.note_shares(shares)
     return best
-
-
-def _report_plainly(model: Model, whole: Picture, settings: SearchSettings, found: FrameSolution) -> None:
-    """Report plain XOR of the full mesh even if another energy was minimised."""
-    if (settings.cost, settings.detail_px) != (Cost(), 0.0):
-        energy = whole_body_energy(model, whole, found.pose, Cost(), 0.0)
-        found.energy_px = float(energy(found.pose[None])[0])
-        found.evaluations += 1
 
 
 def _one_pass(

@@ -64,7 +64,8 @@ def look_first(
     empty = tuple(c for c, share in enumerate(shares) if share < _EMPTY_SHARE)
     full = tuple(c for c, share in enumerate(shares) if share > _FULL_SHARE)
     usable = tuple(c for c in range(rig.n_cameras) if c not in empty and c not in full)
-    unsure = tuple(c for c in empty if _foreground_shares(rig, possible)[c] >= _EMPTY_SHARE)
+    possible_shares = _foreground_shares(rig, possible)
+    unsure = tuple(c for c in empty if possible_shares[c] >= _EMPTY_SHARE)
     _check_counts(empty, full, usable, unsure, names)
     unsure_shares = UnsureShares(silhouettes, possible, names)
     with unsure_shares.blamed_first():

@@ -50,8 +50,8 @@ class SearchSettings(BaseModel):
     """Prior weight towards the predicted pose: cost of a deviation of one radian or metre, in units of one
     squared pixel on one pixel of contour."""
     rest: float = Field(default=100.0, ge=0, le=1e6, description="a number from 0 to 1000000")
-    """Prior weight towards the rest pose: hands straight; feet at a right angle and the waist not turned with
-    a third of it, limbs without twist and the waist not bent with a tenth; in the unit of steadiness."""
+    """Weight of a prior that holds the hands straight (full weight), feet at a right angle and the waist not
+    turned (a third), limbs untwisted and the waist not bent (a tenth); in the unit of steadiness."""
     contact: float = Field(default=6.0, ge=0, le=1000, description="a number from 0 to 1000")
     """Price of an arm inside the trunk or the head, and of a leg inside the other one: differing pixels for
     each camera and centimetre that its axis is inside, in pictures 320 wide."""

@@ -71,8 +71,8 @@ QUANTITIES = (
     Quantity("seconds", "s", "timings.csv", "{}_s", "stage", ".6f", chart="Milliseconds"),
     Quantity(
         "prior", "1", "poses.csv", "prior",
-        meaning="What it costs, beside the energy, to be off the pose that is likely without looking: the "
-        "settings steadiness and rest.",
+        meaning="Cost of the pose's distance from the predicted pose and from the rest pose (the settings "
+        "steadiness and rest), beside the energy.",
     ),
     Quantity("shot", "1", "poses.csv", "shot", is_live=True),
     Quantity("latency_s", "s", "poses.csv", "latency_s", is_live=True),

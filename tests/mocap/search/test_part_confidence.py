@@ -139,6 +139,13 @@ def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Mode
     assert trust.to_search(_left_arm(500)) == ["left_arm"]
 
 
+def test_the_torso_is_not_searched_like_a_limb(model: Model) -> None:
+    lost = Differences(_left_arm(500).px, NOTHING, 0.5)
+    trust = PartConfidence(model.rig, 30.0)
+    assert trust.doubtful(lost) == ["torso", "left_arm"]
+    assert trust.to_search(lost) == ["left_arm"]
+
+
 def test_confidence_falls_with_what_speaks_against_a_limb() -> None:
     def of_arm(rim: SeenRim, near_px: int = 0) -> float:
         return confidences(evidence_of(rim, {**NOTHING, "left_arm": near_px}), rim)["left_arm"]

@@ -1,11 +1,13 @@
 """Live pictures on disk: frame n is shot n, and a shot without a picture repeats the one before."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from services.mocap.camera.camera import Camera
+from services.mocap.errors import UserError
 from services.mocap.take.csv_columns import read_columns
 from services.mocap.take.video import VideoReader
 from services.segmentation.live.recording import CameraRecording, stamps_path
@@ -23,3 +25,15 @@ def test_frames_are_shots(tmp_path: Path, small_cameras: Callable[[int], list[Ca
     columns = read_columns(stamps_path(tmp_path, "cam01"), ["frame", "time_s"], allow_extra=False)
     assert columns.cells["time_s"][2] == "0.201000"
     assert [bool(cell) for cell in columns.cells["time_s"]] == [n in (2, 3, 6, 7) for n in range(10)]
+
+
+def test_a_recording_that_fails_says_why_and_holds_nobody_up(
+    tmp_path: Path, small_cameras: Callable[[int], list[Camera]]
+) -> None:
+    odd = replace(small_cameras(1)[0], width_px=63)
+    recording = CameraRecording(tmp_path, odd, 10.0)
+    for shot in range(300):  # more than wait in the queue
+        recording.add(shot, np.zeros((48, 63, 3), np.uint8), shot / 10)
+    recording.finish(300)
+    assert isinstance(recording.problem, UserError)
+    assert "even width" in str(recording.problem)

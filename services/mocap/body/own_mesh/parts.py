@@ -59,13 +59,15 @@ def _parts_of_obj(text: str) -> list[Part]:
     lines = [line for line in text.splitlines() if line[:2] in ("v ", "f ", "o ", "g ")]
     key = "o" if len({line for line in lines if line[0] == "o"}) > 1 else "g"
     vertices = [line for line in lines if line[0] == "v"]
-    name = ""
+    name, n_before = "", 0
     for line in lines:
         if line[0] == key:
             name = line[2:].strip()
+        elif line[0] == "v":
+            n_before += 1
         elif line[0] == "f":
-            parts.setdefault(name, []).append(line)
-    # Repeating all vertices before each part's faces keeps their numbers right, even negative ones.
+            parts.setdefault(name, []).append(_counted_from_first(line, n_before))
+    # All vertices are repeated before each part's faces, so that their numbers stay right.
     found = []
     for name, faces in parts.items():
         part = trimesh.util.wrap_as_stream("\n".join([*vertices, *faces]))
@@ -74,8 +76,15 @@ def _parts_of_obj(text: str) -> list[Part]:
     return found
 
 
+def _counted_from_first(face: str, n_before: int) -> str:
+    """A face whose corners name vertices from the first on; negative numbers count back from it."""
+    corners = [int(corner.split("/")[0]) for corner in face.split()[1:]]
+    return "f " + " ".join(str(v if v > 0 else n_before + 1 + v) for v in corners)
+
+
 def parts_of_gltf(gltf: Gltf) -> list[Part]:
-    """Every node's mesh in the scene; if all nodes are at one position, they give no pivots."""
+    """Every node's mesh in the scene; if fewer positions of nodes differ than there are segments, they give
+    no pivots."""
     parts = []
     for node in gltf.nodes:
         for primitive in gltf.meshes[node.mesh] if node.mesh is not None else ():

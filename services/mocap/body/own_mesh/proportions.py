@@ -93,6 +93,8 @@ def _into_body_axes(joints: dict[str, Floats]) -> Floats:
     up = _snapped(joints["head"] - hips)
     across = sum((joints[f"left_{j}"] - joints[f"right_{j}"] for j in ("shoulder", "hip")), np.zeros(3))
     left = _snapped(across - (across @ up) * up)
+    left -= (left @ up) * up  # an axis next to it need not be at a right angle to up
+    left /= np.linalg.norm(left)
     return np.array([np.cross(left, up), left, up])
 
 

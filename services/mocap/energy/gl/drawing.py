@@ -38,7 +38,7 @@ class Drawing:
     width_px: int
     height_px: int
     gain_sums: Counts | None = None
-    """(C, W + 1, H) what the pixels left of each column gain; none: the covered pixels are wanted."""
+    """(C, W + 1, H) in each row, what the pixels left of a column gain; None: covered pixels are wanted."""
 
     @property
     def n_cameras(self) -> int:

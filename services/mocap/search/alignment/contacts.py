@@ -20,6 +20,8 @@ from services.mocap.types import Floats, Ints, Mask
 PRICED: tuple[LimbName, ...] = ("left_arm", "right_arm", "left_leg", "right_leg")
 """The limbs, in the order of what contacts cost."""
 _ELLIPSES = 24
+_NOTHING_M = 1e-3
+"""Half axes of a section that is empty."""
 _TRUNK = ("pelvis", "torso", "head")
 _FOREARM_SHARES = (0.25, 0.5, 0.75, 1.0)
 _HAND_SHARES = (0.33, 0.66, 0.9)
@@ -102,7 +104,11 @@ def _stack(vertices_m: Floats, faces: Ints, lowest_m: float) -> Floats:
     rows = []
     for height_m in np.linspace(low_m, high_m, _ELLIPSES + 2)[1:-1]:
         above = ends_m[:, :, 2] > height_m
-        a, b = ends_m[above[:, 0] != above[:, 1]].transpose(1, 2, 0)
+        crossing = ends_m[above[:, 0] != above[:, 1]]
+        if not len(crossing):  # between pieces that hang apart, such as a head and its hat
+            rows.append((height_m, 0.0, _NOTHING_M, _NOTHING_M))
+            continue
+        a, b = crossing.transpose(1, 2, 0)
         share = (height_m - a[2]) / (b[2] - a[2])
         depths_m, widths_m = (a + share * (b - a))[:2]
         back_m, front_m = depths_m.min(), depths_m.max()

@@ -80,7 +80,8 @@ def follow(
                 add_matches(matches, n, cap_px, wrenches, pulls)
         places[:] = wrenches[:, 3:, 3:]  # now: normal_equations adds to a joint what its children carry
         hessian, slope = normal_equations(twists, wrenches, pulls)
-        prior_cost = add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
+        add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
+        prior_cost = 0.0
         for d in range(N_DOF):
             off = pose[d] - prior[0, d]
             prior_cost += prior[1, d] * off * off

@@ -99,6 +99,19 @@ def test_parts_are_joined_where_they_touch(person: Body, tmp_path: Path) -> None
         assert len(ours) == len(theirs)
 
 
+def test_faces_may_count_vertices_back_from_where_they_stand(tmp_path: Path) -> None:
+    ahead, back = tmp_path / "ahead.obj", tmp_path / "back.obj"
+    write_parts_obj(ahead, PERSON, bind_pose())
+    lines, n_before = [], 0
+    for line in ahead.read_text().splitlines():
+        n_before += line.startswith("v ")
+        if line.startswith("f "):
+            line = "f " + " ".join(str(int(v) - n_before - 1) for v in line.split()[1:])
+        lines.append(line)
+    back.write_text("\n".join(lines))
+    assert import_mesh(back).mesh == import_mesh(ahead).mesh
+
+
 def test_the_fit_shapes_an_own_mesh_as_it_does_the_generic_one(imported: Imported) -> None:
     zero = np.zeros(len(PARAMETERS))
     plain = Actor(height=1.72, mesh=imported.mesh)

@@ -1,6 +1,7 @@
 """Arms inside the trunk or the head, legs inside each other: found, priced, and pulled out; else nothing."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import given, settings
@@ -131,3 +132,15 @@ def test_the_price_is_of_centimetres_and_cameras(model: Model, standing: Callabl
     depth_cm = 100 * depths_m(Contacts.of(model.body), model.body.offsets_m, inside[None])
     np.testing.assert_allclose(model.aligner(told).contact_px(inside[None], told), 2.0 * 8 * depth_cm)
     assert not model.aligner(told).contact_px(inside[None], SearchSettings(contact=0.0)).any()
+
+
+def test_a_hat_that_hangs_over_the_head_is_no_harm() -> None:
+    head = SEGMENT_INDEX["head"]
+    vertices_m, faces = BODY.vertices_m[head], BODY.faces[head]
+    hat_m = 0.3 * vertices_m + [0.0, 0.0, 1.3 * vertices_m[:, 2].max()]
+    parts, of_faces = list(BODY.vertices_m), list(BODY.faces)
+    parts[head], of_faces[head] = np.vstack([vertices_m, hat_m]), np.vstack([faces, faces + len(vertices_m)])
+    hatted = Contacts.of(replace(BODY, vertices_m=tuple(parts), faces=tuple(of_faces)))
+    assert all(np.isfinite(numbers).all() for numbers in hatted if numbers.dtype.kind == "f")
+    pose = np.zeros(N_DOF)
+    assert not depths_m(hatted, BODY.offsets_m, pose[None]).any()
