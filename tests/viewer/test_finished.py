@@ -1,16 +1,21 @@
 """Results as a show, with their take and without."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from services.commands.view import finished_show
+from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
+from services.mocap.result.result import load_result
 from services.mocap.take.folder import Take
-from services.mocap.take.tables import read_poses_csv
+from services.mocap.take.tables import read_poses_csv, write_poses_csv
 from services.viewer.finished import FinishedTake
-from services.viewer.tiles import Look
+from services.viewer.pictures import TakePictures
+from services.viewer.tiles import Look, TileArtist
 
 
 def test_results_with_their_take(result: Path, walk: Take) -> None:
@@ -30,6 +35,25 @@ def test_results_without_their_take_show_the_body_and_say_what_is_missing(result
     assert show.rig is None and show.artist is None and show.camera_names == ()
     assert "give --take to see its cameras" in show.remark
     assert show.fps == pytest.approx(15)
+
+
+def test_live_results_ask_for_their_recording_and_show_the_pictures_of_its_shots(
+    result: Path, walk: Take
+) -> None:
+    table = read_poses_csv(result / "poses.csv")
+    last = table.poses.shape[0] - 1
+    shots = np.minimum(2.0 * table.frames, last)  # every other shot was too late
+    write_poses_csv(result / "poses.csv", replace(table, extra={"shot": shots}))
+    (result / "run.json").write_text(json.dumps({"live": {}, "take": {"folder": str(result)}}))
+    assert "give --take, their recording" in finished_show(result, None).remark
+    show = finished_show(result, walk.folder)
+    solved = show.history.solved(5)
+    assert solved is not None and show.artist is not None
+    (tile,) = show.artist.draw(solved, Look("picture", (2,), None))
+    (expected,) = TileArtist(
+        load_result(result).motion.body, Rig.of(walk.cameras), TakePictures(walk, None)
+    ).draw(replace(solved, frame=10), Look("picture", (2,), None))
+    assert tile.jpeg == expected.jpeg
 
 
 def test_the_take_may_be_elsewhere(result: Path, walk: Take) -> None:
