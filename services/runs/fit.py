@@ -24,7 +24,9 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.quality import in_best_skirt
+from services.mocap.search.both_ways import found_anew
 from services.mocap.search.first_frame import FirstFrame, first_guess
+from services.mocap.search.frame import solve_frame
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -133,13 +135,31 @@ def fit_take(
                 lambda fit: tracked_px(rig, later(), fit, told),
                 progress,
             )
-            skirt = in_best_skirt(way.fit.actor, way.fit.poses, rig, seen).skirt
-            if skirt is not None:
-                dressed = fit_from(guess.actor.wearing(skirt), way.pose, lambda _: None)
-                way = min(way, Way(way.pose, dressed), key=lambda way: way.energy_px)
+            ways, quiet = [way], lambda _: None
+            dressed = guess.actor.wearing(in_best_skirt(way.fit.actor, way.fit.poses, rig, seen).skirt)
+            if dressed.skirt is not None:
+                ways.append(Way(way.pose, fit_from(dressed, way.pose, quiet)))
+            fit = ways[-1].fit
+            pose = _found_again(rig, seen[0], fit.actor, fit.poses[0], told)
+            ways.append(Way(pose, fit_from(dressed, pose, quiet)))
+            way = min(ways, key=lambda way: way.energy_px)
         _check_alone(rig, seen[0], way.fit, names, is_told=height_m is not None)
         start = (guess.actor, way.pose)
         return concluded(frames, cameras, seen, start, way.fit, clock.seconds, warnings)
+
+
+def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: SearchSettings) -> Floats:
+    """The pose (D,) of the first frame (P, H, W) for a fitted actor: the fit's, or a better one.
+
+    The generic body, by which the first pose was found, has other limbs and no skirt.
+    """
+    body = build_body(actor)
+    with closing(CpuBackend(body, rig)) as backend:
+        model = Model(body, rig, backend)
+        limbs, picture = LocalLimbs(model), Picture.whole(rig, seen.silhouettes, seen.unsure)
+        starts = pose, found_anew(model, search, limbs, seen, pose)
+        fitted, anew = (solve_frame(model, picture, start[None], search, limbs) for start in starts)
+    return min(fitted, anew, key=lambda solution: solution.energy_px).pose
 
 
 def _check_alone(rig: Rig, seen: TriPlanes, fit: Fit, names: Sequence[str], *, is_told: bool) -> None:
