@@ -52,6 +52,8 @@ _SKIRT = (
     "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what the legs do in "
     "it is estimated from what is visible of them"
 )
+_FIRST_FITS = 0.6
+"""Progress of the fits from the generic body's pose; one from the fitted body's follows."""
 _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}
 """Total progress at the end of each stage; drawing follows."""
 
@@ -133,15 +135,18 @@ def fit_take(
                 guess.first,
                 partial(fit_from, guess.actor),
                 lambda fit: tracked_px(rig, later(), fit, told),
-                progress,
+                lambda share: progress(_FIRST_FITS * share),
             )
-            ways, quiet = [way], lambda _: None
+            ways = [way]
             dressed = guess.actor.wearing(in_best_skirt(way.fit.actor, way.fit.poses, rig, seen).skirt)
             if dressed.skirt is not None:
-                ways.append(Way(way.pose, fit_from(dressed, way.pose, quiet)))
+                ways.append(Way(way.pose, fit_from(dressed, way.pose, lambda _: None)))
             fit = ways[-1].fit
-            pose = _found_again(rig, seen[0], fit.actor, fit.poses[0], told)
-            ways.append(Way(pose, fit_from(dressed, pose, quiet)))
+            pose = fit.poses[0]
+            if not take.settings.initial_pose:
+                pose = _found_again(rig, seen[0], fit.actor, pose, told)
+            last = fit_from(dressed, pose, lambda share: progress(_FIRST_FITS + (1.0 - _FIRST_FITS) * share))
+            ways.append(Way(pose, last))
             way = min(ways, key=lambda way: way.energy_px)
         _check_alone(rig, seen[0], way.fit, names, is_told=height_m is not None)
         start = (guess.actor, way.pose)

@@ -329,7 +329,7 @@ def test_the_body_of_the_search_is_fitted(folder: Path) -> None:
 
     take, search = open_take(folder), QUICK.model_copy(update={"body": "paper"})
     found = fit_take(take, init_frames(take), CPU, search, lambda *_: None, fitter)
-    assert fitted == ["paper"]
+    assert set(fitted) == {"paper"}
     np.testing.assert_array_equal(found.start_pose, pose_of_body(found.start_pose, "paper"))
 
 

@@ -174,7 +174,7 @@ foot without a shoe is depends on the height itself."""
 
 
 def with_true_height(x: Floats, base: Actor = GENERIC_ACTOR) -> Floats:
-    """The shape vector of the same body, to a millimetre or two, whose height parameter is its standing
+    """The shape vector of the same body, to three millimetres, whose height parameter is its standing
     height without shoes.
 
     A fit may find a tall actor with short bones and slim profiles; written results should have the height

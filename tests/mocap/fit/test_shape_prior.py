@@ -65,7 +65,9 @@ def test_restating_the_height_changes_the_numbers_and_not_the_body(seed: int) ->
     assert same.standing_height_m == pytest.approx(body.standing_height_m, abs=5e-4)
     for mine, others in zip(same.vertices_m, body.vertices_m, strict=True):
         np.testing.assert_allclose(mine, others, atol=5e-3)
-    np.testing.assert_allclose(same.offsets_m, body.offsets_m, atol=2.5e-3)
+    # How deep the hip joints lie is stated in heights, so it changes by a share of what the height does.
+    change_m = abs(restated.height - body.height_m)
+    np.testing.assert_allclose(same.offsets_m, body.offsets_m, atol=0.03 * change_m + 1e-4)
 
 
 def test_restating_the_generic_body_changes_nothing() -> None:
