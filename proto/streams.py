@@ -100,9 +100,10 @@ def _may_be_host(host: str) -> bool:
     if not host.startswith("["):
         return True
     try:
-        return isinstance(ipaddress.ip_address(host[1:-1]), ipaddress.IPv6Address)
+        ipaddress.IPv6Address(host[1:-1])
     except ValueError:
         return False
+    return True
 
 
 def stream_endpoint(endpoint: str, stream: StreamName) -> str:

@@ -46,11 +46,11 @@ def write_results(
 ) -> bool:
     """Write poses.csv, joints.csv, actor.toml, run.json, the DEFAULT_FORMATS, and overlay.mp4 if wanted.
 
-    Returns whether every requested frame was written.
+    Returns whether every requested frame was written, and is final if the take is tracked both ways.
 
     With smoothing, poses.csv and the overlay still show the poses as tracked; joints.csv, the exported motion
     and poses_smooth.csv have the smoothed motion. Older results are replaced once the new ones are written,
-    unless these lack frames (see results_into). hurry: called at every frame of the overlay, which is left
+    unless these are not whole (see results_into). hurry: called at every frame of the overlay, which is left
     out if it returns True. known: further entries of run.json, from who started the run. Raises UserError if
     there is nothing to write.
     """
@@ -91,7 +91,7 @@ def write_results(
         add_to_run(part, verdict=verdict.model_dump())
         if overlay:
             log.info("drawing the overlay")
-            write_overlay(part / OVERLAY, take, body, table, verdict, hurry)
+            write_overlay(part / OVERLAY, take, body, table, result.fps, verdict, hurry)
         formats = [name for name in DEFAULT_FORMATS if report or name != "report"]
         write_defaults(part, result, formats, log.warning)
     return is_whole

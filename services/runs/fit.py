@@ -75,7 +75,7 @@ class TakeFit:
     start: Actor
     """The body before the fit."""
     start_pose: Floats
-    """… and its pose (D,) in the first frame."""
+    """The pose (D,) of the first frame from which the fit began."""
     actor: Actor
     """The fitted actor, as written to actor.toml."""
     fit: Fit
@@ -156,7 +156,7 @@ def fit_take(
 def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: SearchSettings) -> Floats:
     """The pose (D,) of the first frame (P, H, W) for a fitted actor: the fit's, or a better one.
 
-    The generic body, by which the first pose was found, has other limbs and no skirt.
+    The body by which the first pose was found had other limbs and no skirt.
     """
     body = build_body(actor)
     with closing(CpuBackend(body, rig)) as backend:

@@ -36,6 +36,7 @@ from services.mocap.take.settings import read_settings, write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.take.writer import write_picture
 from services.mocap.types import UNSURE, Floats, Mask, Trimap
+from services.runs import fit as fit_module
 from services.runs.facing import fit_best_way_round, tracked_px
 from services.runs.fit import TakeFit, concluded, fit_take, init_frames, seen_of
 from services.runs.fit_files import write_fit
@@ -329,8 +330,30 @@ def test_the_body_of_the_search_is_fitted(folder: Path) -> None:
 
     take, search = open_take(folder), QUICK.model_copy(update={"body": "paper"})
     found = fit_take(take, init_frames(take), CPU, search, lambda *_: None, fitter)
-    assert set(fitted) == {"paper"}
+    assert fitted == ["paper", "paper"]
     np.testing.assert_array_equal(found.start_pose, pose_of_body(found.start_pose, "paper"))
+
+
+def test_the_fit_begins_again_from_where_the_fitted_body_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[Floats] = []
+
+    def fitter(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, *others: Any) -> Fit:
+        begun.append(pose)
+        return stretch(rig, seen, actor, pose, *others)
+
+    def found_again(*arguments: Any) -> Floats:
+        _, _, actor, pose, _ = arguments
+        assert actor.height == TALLER_M
+        return np.asarray(pose + 0.01)
+
+    monkeypatch.setattr(fit_module, "_found_again", found_again)
+    write_synthetic_take(tmp_path / "walk", n_frames=3, n_cameras=3)
+    take = open_take(tmp_path / "walk")
+    fit_take(take, init_frames(take), CPU, QUICK, lambda *_: None, fitter)
+    assert len(begun) >= 2
+    assert any(np.array_equal(begun[-1], pose + 0.01) for pose in begun[:-1])
 
 
 def test_the_command_keeps_what_a_person_wrote(folder: Path, command: Callable[..., str]) -> None:

@@ -93,16 +93,17 @@ def _angles(folder: Path, result: Result, _: Options) -> None:
 def _overlay(folder: Path, result: Result, options: Options) -> None:
     """Of the poses as they were tracked."""
     tracked = options.take or result.take_folder
-    if tracked is None:
-        raise UserError(f"{result.folder}: does not name its take: add --take FOLDER")
+    if tracked is None or (options.take is None and "live" in result.run):
+        raise UserError(f"{result.folder}: does not name its take or recording: add --take FOLDER")
     take = open_take(tracked)
-    if int(result.frames[-1]) >= take.settings.frames:
+    last = int(result.tracked.frames_shown[-1])
+    if last >= take.settings.frames:
         raise UserError(
-            f"{tracked}: has {take.settings.frames} frames, but the result extends to frame "
-            f"{result.frames[-1]}: expected the take that was tracked"
+            f"{tracked}: has {take.settings.frames} frames, but the result extends to frame {last}: expected "
+            "the take that was tracked"
         )
-    verdict = verdict_of(result)
-    write_overlay(folder / OVERLAY, take, result.motion.body, result.tracked, verdict, hurry=lambda: False)
+    body, verdict = result.motion.body, verdict_of(result)
+    write_overlay(folder / OVERLAY, take, body, result.tracked, result.fps, verdict, hurry=lambda: False)
 
 
 def _report(folder: Path, result: Result, _: Options) -> None:

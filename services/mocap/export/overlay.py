@@ -49,12 +49,18 @@ class _Hurried(Exception):  # noqa: N818  (a request, not an error)
 
 
 def write_overlay(
-    path: Path, take: Take, body: Body, table: PoseTable, verdict: Verdict, hurry: Callable[[], bool]
+    path: Path,
+    take: Take,
+    body: Body,
+    table: PoseTable,
+    fps: float,
+    verdict: Verdict,
+    hurry: Callable[[], bool],
 ) -> None:
     """Draw poses of frames of a take in their order; a camera without a video shows its silhouettes.
 
-    verdict: on the whole result, written over every frame; in each frame its doubtful parts are hatched.
-    hurry: called at every frame; if it returns True nothing is written.
+    fps: poses per second. verdict: on the whole result, written over every frame; in each frame its doubtful
+    parts are hatched. hurry: called at every frame; if it returns True nothing is written.
     """
     shown = table.frames_shown
     painter = ModelPainter(body, Rig.of(take.cameras))
@@ -63,7 +69,7 @@ def write_overlay(
         first, stop = int(shown[0]), int(shown[-1]) + 1
         of_cameras = [pictures_of(take, camera, first, stop, stack) for camera in take.cameras]
         moments = zip(*of_cameras, strict=True)
-        writer = stack.enter_context(overlay_writer(path, take.cameras, take.settings.fps, title=title))
+        writer = stack.enter_context(overlay_writer(path, take.cameras, fps, title=title))
         marks, at = table.marks, first
         for n, frame in enumerate(table.frames.tolist()):
             if hurry():
@@ -188,8 +194,8 @@ def _write_header(
 def draw_frame(result: Result, take: Take, camera: str, frame: int, *, width_px: int | None = None) -> Bytes:
     """A camera's picture of a frame with the motion's model over it, (H, W, 3) in BGR order.
 
-    camera: its name; frame: its number in the take; width_px: of the drawn picture, the camera's by default.
-    Raises UserError if the take has no such camera, or the result no such frame.
+    camera: its name; frame: its number in the result; width_px: of the drawn picture, the camera's by
+    default. Raises UserError if the take has no such camera, or the result no such frame.
     """
     by_name = {one.name: one for one in take.cameras}
     if camera not in by_name:

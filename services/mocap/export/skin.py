@@ -1,9 +1,9 @@
 """One closed skin for a body whose segments overlap, with weights that blend at the joints.
 
-The segments are united in a bind pose in which no two limbs touch. Each vertex moves with the segment that it
-comes from. About the seam of two neighbouring segments it moves with both: half with each at the seam, and
-less with the other one the farther away it is. Posed by linear blending, the skin differs from the segments
-only there.
+The segments are united in a bind pose with limbs apart. Each vertex moves with the segment that it comes
+from. About the seam of two neighbouring segments it moves with both: half with each at the seam, and less
+with the other one the farther away it is. Posed by linear blending, the skin differs from the segments only
+there. The cone of a skirt is a piece of its own that moves with the pelvis.
 """
 
 from dataclasses import dataclass
@@ -21,6 +21,7 @@ from services.mocap.body.skeleton import (
     DOF_INDEX,
     JOINT_INDEX,
     JOINTS,
+    SEGMENT_INDEX,
     SEGMENT_JOINT,
     SEGMENTS,
     SIDES,
@@ -34,6 +35,8 @@ _BLEND_M = 0.06
 _INSET_PER_M, _MOST_INSET_M = 0.2, 0.004
 """Where one segment continues another, both have the same surface about the joint. Beyond the joint each is
 drawn in a little, so that the seam is one line and not a ragged band."""
+_CLOTH = len(SEGMENTS)
+"""The number of the cloth's vertices."""
 _CARRIED = {joint: s for s, joint in enumerate(SEGMENT_JOINT.values())}
 _NEIGHBOURS = [
     (_CARRIED[parent], s)
@@ -71,28 +74,37 @@ def bind_pose(body: Body) -> Floats:
 
 
 def skin_of(body: Body) -> Skin:
-    """The skin of a body; in several pieces if the segments do not all hang together."""
+    """The skin of a body; in several pieces if it wears a skirt or the segments do not all hang together."""
     pose = bind_pose(body)
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
     pieces = [
         piece
-        for s, (vertices_m, faces) in enumerate(body.shown)
+        for s, (vertices_m, faces) in enumerate(zip(body.vertices_m, body.faces, strict=True))
         for piece in _solids(_drawn_in(s, vertices_m, faces, body), faces, T_world_segment[s], s)
     ]
     united = manifold3d.Manifold.batch_boolean(pieces, manifold3d.OpType.Add)
-    outer = [surface for surface in united.decompose() if surface.volume() > 0.0]  # without hollows
-    mesh = manifold3d.Manifold.compose(outer).to_mesh()
-    rows = np.asarray(mesh.vert_properties, np.float64)
-    segments, faces = np.rint(rows[:, 3]).astype(np.int32), np.asarray(mesh.tri_verts, np.int32)
+    shown = [surface for surface in united.decompose() if surface.volume() > 0.0]  # without hollows
+    pelvis, cone_m = SEGMENT_INDEX["pelvis"], body.cloth_m[0]
+    if len(cone_m):
+        shown += _solids(cone_m, body.mesh.cloth[0].faces, T_world_segment[pelvis], _CLOTH)
+    meshes = [surface.to_mesh() for surface in shown]
+    firsts = np.cumsum([0, *(len(mesh.vert_properties) for mesh in meshes[:-1])])
+    rows = np.concatenate([mesh.vert_properties for mesh in meshes]).astype(np.float64)
+    faces = np.concatenate([mesh.tri_verts + k for mesh, k in zip(meshes, firsts, strict=True)])
+    segments = np.rint(rows[:, 3]).astype(np.int32)
     # Along a seam there is a vertex for either side, in the same place.
-    pairs = np.asarray(mesh.merge_from_vert, np.int64), np.asarray(mesh.merge_to_vert, np.int64)
-    joined = coo_array((np.ones(len(pairs[0])), pairs), shape=(len(rows), len(rows)))
+    twins = [np.array([mesh.merge_from_vert, mesh.merge_to_vert]) for mesh in meshes]
+    pairs = np.concatenate([pair + k for pair, k in zip(twins, firsts, strict=True)], axis=1)
+    joined = coo_array((np.ones(len(pairs[0])), tuple(pairs)), shape=(len(rows), len(rows)))
     n_places, places = connected_components(joined, directed=False)  # (rows,) int32
     vertices_m: Floats = np.empty((n_places, 3))
     vertices_m[places] = rows[:, :3]
-    comes_from = np.zeros((n_places, len(SEGMENTS)), bool)
+    comes_from = np.zeros((n_places, len(SEGMENTS) + 1), bool)
     comes_from[places, segments] = True
-    return Skin(vertices_m, places[faces], segments[faces[:, 0]], _weights(vertices_m, comes_from), pose)
+    weights = _weights(vertices_m, comes_from)
+    weights[:, pelvis] += weights[:, _CLOTH]
+    face_segments = np.where(segments == _CLOTH, pelvis, segments)[faces[:, 0]]
+    return Skin(vertices_m, places[faces], face_segments, weights[:, :_CLOTH], pose)
 
 
 def _solids(
@@ -127,7 +139,7 @@ def _drawn_in(segment: int, vertices_m: Floats, faces: Ints, body: Body) -> Floa
 
 
 def _weights(vertices_m: Floats, comes_from: Mask) -> Floats:
-    """(V, S) of vertices (V, 3) that come from segments (V, S); from more than one at a seam."""
+    """(V, S + 1) of vertices (V, 3) that come from segments or cloth (V, S + 1); from several at a seam."""
     weights = comes_from.astype(np.float64)
     for pair in _NEIGHBOURS:
         at_seam = comes_from[:, pair].all(axis=1)

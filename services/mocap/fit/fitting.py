@@ -72,7 +72,8 @@ def fit_actor(
     poses: (F, D), or (D,) for the first frame, from which those of the others are followed. progress is
     called with the share done, 0 to 1. body: whose pose parameters vary; the others become zero. apart:
     whether the frames are from a whole motion, so that the prior on shapes counts less. The result never has
-    more energy than the start. Raises ValueError for inconsistent array shapes.
+    more energy than the start, in the first frame's pose if no other is given. Raises ValueError for
+    inconsistent array shapes.
     """
     n_frames, following = len(seen), poses.ndim == 1
     starts = np.tile(poses, (n_frames, 1)) if following else np.array(poses, np.float64)
@@ -83,8 +84,6 @@ def fit_actor(
     step = _step_counter(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
     state = _place(rig, contours, begun, following, partial(step, 1), body, start)
-    if following:
-        starts = state.poses
     prior = Prior(state.poses, WEIGHT_APART_PX3 if apart else WEIGHT_PX3, height_m)
     fitting = Fitting(rig, contours, prior, start)
     for stage in shaping:
@@ -142,8 +141,8 @@ def _of_body(stages: tuple[Stage, ...], body: BodyName) -> tuple[Stage, ...]:
 
 def _step_counter(progress: Callable[[float], None], n_frames: int, n_starts: int) -> Callable[[int], None]:
     """A function to call at every step with its number of frames, which reports the share that is done."""
-    following = sum(stage.steps for stage in _FOLLOWING) * (n_frames - 1)
-    total = sum(stage.steps for stage in _PLACING) + n_starts * following
+    followed = 1 + n_starts * (n_frames - 2) if n_frames > 1 else 0  # the second frame has one start
+    total = sum(stage.steps for stage in _PLACING) + followed * sum(stage.steps for stage in _FOLLOWING)
     total += n_frames * sum(stage.steps for stage in _SHAPING)
     done = 0
 

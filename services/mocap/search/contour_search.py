@@ -161,10 +161,12 @@ def solve_by_contours(
     everything = thorough or settings.search_limbs == "always"
     doubtful = trust.to_search(left)
     parts = list[Part](LIMBS) if everything else doubtful
-    searched = set(doubtful)
+    searched = set(parts) & set(doubtful)  # others that were searched in vain need no rest
     if parts:
         found = _better(best, search.round(best, parts, farther if thorough else settings))
         gained = _gains(found, best, settings)
+        if gained:
+            searched.update(parts)
         best, left = found, search.differences(found)
         for _ in range(1, settings.max_passes):
             parts = trust.to_search(left)

@@ -41,6 +41,7 @@ class CameraRecording:
         """Number of pictures that could not be written in time."""
         self.problem: UserError | None = None
         """Why nothing more is recorded."""
+        self._has_end = False
         self._thread = threading.Thread(target=self._run, name=f"recording-{camera.name}", daemon=True)
         self._thread.start()
 
@@ -75,8 +76,8 @@ class CameraRecording:
     def _give_up(self, problem: UserError) -> None:
         """Note why, and drop what comes until the end, so that nobody waits for room in the queue."""
         self.problem = problem
-        while self._waiting.get()[1] is not None:
-            pass
+        while not self._has_end:
+            self._has_end = self._waiting.get()[1] is None
 
     def _write_all(self) -> None:
         path = video_path(self._folder, self._camera.name)
@@ -85,6 +86,7 @@ class CameraRecording:
         with video_writer(path, *size, self._fps, _CRF, is_quick=True) as writer:
             while True:
                 shot, image, time_s = self._waiting.get()
+                self._has_end = image is None
                 if image is not None and not self._times_s:
                     self._last = image  # shots before the first picture repeat it
                 while len(self._times_s) < shot:

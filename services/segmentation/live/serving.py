@@ -190,6 +190,7 @@ def serve_live(
             _serve(talk, group, silhouetter, stop)
         finally:
             group.stop(talk.end_shot())
+        group.check()  # of recordings that failed at their end
 
 
 def _serve(talk: Talk, group: Group, silhouetter: Silhouetter, stop: StopRequest) -> None:

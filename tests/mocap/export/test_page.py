@@ -107,7 +107,12 @@ def test_all_that_a_run_knows_is_told(folder: Path) -> None:
         "output": {"smooth": "rts", "cutoff_hz": 5.0},
         "speed": {"frames_per_s": 12.345, "first_frame_s": 0.76},
         "accuracy": {"mean_mm": 5.31, "p95_mm": 10.92, "lost_limbs": [1], "mean_by_joint_mm": {"neck": 2.72}},
-        "fit": {"first_frame": 0, "end_frame": 10, "iou_after": {"cam01": 0.951, "cam02": 0.62}},
+        "fit": {
+            "first_frame": 0,
+            "end_frame": 10,
+            "energy_after_px": [90.0] * 10,
+            "iou_after": {"cam01": 0.951, "cam02": 0.62},
+        },
     }
     (folder / "run.json").write_text(json.dumps(run))
     frames = np.arange(100, 116, dtype=np.int32)
@@ -122,7 +127,7 @@ def test_all_that_a_run_knows_is_told(folder: Path) -> None:
     for words in (
         *("left arm", "cam01 (0.900)", "cam &lt;2&gt; (0.863)"),
         *("dance &amp; more", "9.8.7", "max passes", "mean 5.3 mm, 95 % below 10.9 mm", "2.7 mm"),
-        *("12.3 frames per second", "cam02", "0.620", "whole frame", "frames 0 to 9"),
+        *("12.3 frames per second", "cam02", "0.620", "whole frame", "4 frames from 0 to 9"),
     ):
         assert words in page, words
     assert Reader(page).seen.count("svg") == 7

@@ -27,6 +27,16 @@ def test_frames_are_shots(tmp_path: Path, small_cameras: Callable[[int], list[Ca
     assert [bool(cell) for cell in columns.cells["time_s"]] == [n in (2, 3, 6, 7) for n in range(10)]
 
 
+def test_a_recording_that_fails_at_its_end_holds_nobody_up_either(
+    tmp_path: Path, small_cameras: Callable[[int], list[Camera]]
+) -> None:
+    (tmp_path / "stamps").write_text("a file in place of the folder")
+    recording = CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
+    recording.add(0, np.zeros((48, 64, 3), np.uint8), 0.0)
+    recording.finish(3)
+    assert "cannot record there" in str(recording.problem)
+
+
 def test_a_recording_that_fails_says_why_and_holds_nobody_up(
     tmp_path: Path, small_cameras: Callable[[int], list[Camera]]
 ) -> None:

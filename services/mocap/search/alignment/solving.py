@@ -52,7 +52,7 @@ def follow(
     steps (K, 4): for every step, in pixels, the reach, the distance that counts as on the contour, and the
     cap; and the damping as a share of the diagonal. free (D,): 1 for parameters that vary. prior (3, D):
     target, weight of its square, and the largest step. limits (2, D). contact_weight: as for add_contacts.
-    Returns the pose, and of the last match the prior's cost (with that of contacts), the rim's shares (S + 3,
+    Returns the pose, and of the last match the prior's cost, the rim's shares (S + 3,
     SHARES), and the normal matrices of the places of the frames (J + 3, 3, 3), their lower halves.
     """
     still, moving, mesh, scratch, cameras, canvas = drawing
