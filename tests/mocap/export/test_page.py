@@ -110,7 +110,7 @@ def test_all_that_a_run_knows_is_told(folder: Path) -> None:
         "fit": {
             "first_frame": 0,
             "end_frame": 10,
-            "energy_after_px": [90.0] * 10,
+            "energy_after_px": [90.0] * 4,
             "iou_after": {"cam01": 0.951, "cam02": 0.62},
         },
     }
