@@ -13,6 +13,7 @@ from services.coordinator.live_shots import Shots, SourceWords
 from services.coordinator.pace import Pace
 from services.mocap.camera.rig import Rig
 from services.mocap.take.live import LiveTake
+from services.mocap.take.live_settings import fresh_s
 from services.process import clock_name
 
 _GAINING = 1.5
@@ -23,9 +24,6 @@ _PRESENT_S, _PRESENT_SHOTS = 0.5, 3.0
 """A camera that has been silent for this time and this many shots is not waited for."""
 _REMEMBERED = 300
 """Poses whose latency counts."""
-_FRESH_SHOTS, _FRESH_S = 4.0, 0.3
-"""Shots older than both together have waited in queues during other work. They are skipped while newer ones
-may follow at once."""
 _DRAIN_SHOTS = 3.0
 _END_SHOTS = 4
 """Time from the end of tracking to the end of recordings, so that all recorders are told in advance."""
@@ -108,7 +106,8 @@ class LiveFrames(Incoming):
         if self._is_behind:
             return self._hand_out(self._on_the_way(whole))
         period_s = self._take.live.period_s
-        is_old = now_s - self._pace.due_s(whole[-1]) > _FRESH_SHOTS * period_s + _FRESH_S
+        # Older shots have waited in queues during other work, and newer ones may follow at once.
+        is_old = now_s - self._pace.due_s(whole[-1]) > fresh_s(self._take.live.fps)
         is_draining = now_s - self._returned_s < _DRAIN_SHOTS * period_s
         return None if is_old and is_draining else self._hand_out(whole[-1])
 

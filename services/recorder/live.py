@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 
 from proto.messages import OPEN_END, Pose, TakeInfo
+from services.mocap.take.live_settings import fresh_s
 from services.mocap.types import Floats
 
 _LEAST_STEP_S = 1e-6
-_FRESH_SHOTS, _FRESH_S = 4.0, 0.3
-"""A pose is abreast of the cameras if its latency is at most the sum of both."""
 
 
 def is_live(info: TakeInfo) -> bool:
@@ -39,7 +38,7 @@ def since_abreast(times_s: Floats, latencies_s: Floats, fps: float) -> dict[str,
 
     Earlier poses belong to shots that waited during the search for the first pose. None: never abreast.
     """
-    is_abreast = latencies_s <= _FRESH_S + _FRESH_SHOTS / fps
+    is_abreast = latencies_s <= fresh_s(fps)
     if not is_abreast.any():
         return None
     first = int(is_abreast.argmax())

@@ -6,7 +6,7 @@ from services.mocap.calibration.mistakes import Mistake, mistakes_in, wrong_up
 from services.mocap.calibration.silhouette_faults import silhouette_faults
 from services.mocap.errors import TakeError
 from services.mocap.take.folder import Take
-from services.mocap.take.layout import background_video_path
+from services.mocap.take.layout import BACKGROUND
 from services.mocap.verdict.verdict import Cause
 from services.runs.fit import kept_warnings
 from services.runs.outlines import outlines_of
@@ -43,12 +43,11 @@ def _mistakes(
     kind = chosen_segmenter(take, segmenter)
     if kind != READY and not all(map(take.has_background, take.cameras)):
         if kind.partition(":")[0] in KINDS and KINDS[kind.partition(":")[0]].needs_plate:
-            folder = background_video_path(take.folder, take.cameras[0].name).parent.name
             yield Mistake(
-                f"{folder}/",
+                f"{BACKGROUND}/",
                 "there is no picture of the empty stage; it is estimated from the videos, and silhouettes "
                 "will be wrong where the actor stays",
-                f"record the empty stage for a second into {folder}/<camera>.mp4",
+                f"record the empty stage for a second into {BACKGROUND}/<camera>.mp4",
             )
         return  # what is estimated from the videos is no proof of anything
     if len(take.cameras) < 2:

@@ -184,7 +184,7 @@ def _cameras(path: Path, up: Up) -> tuple[Camera, ...]:
 
 def _find_plates(folder: Path, names: list[str]) -> dict[str, Path]:
     """The clean plates: videos, or single pictures of cameras without one."""
-    plates = layout.background_video_path(folder, "any").parent
+    plates = folder / layout.BACKGROUND
     videos = match_by_name(names, files_of(plates))
     left = [name for name in names if name not in videos]
     return videos | match_by_name(left, files_of(plates, (".png",)))

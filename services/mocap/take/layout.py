@@ -6,23 +6,23 @@ SETTINGS = "take.toml"
 CALIBRATION = "calibration.toml"
 COLOURS = "colour.toml"
 ACTOR = "actor.toml"
-SILHOUETTES = "silhouettes"
+VIDEOS, BACKGROUND, SILHOUETTES = "videos", "background", "silhouettes"
 REFERENCE_JOINTS_CSV = "reference/joints.csv"
 
 
 def video_path(take_folder: Path, camera: str) -> Path:
     """The camera's recording."""
-    return take_folder / "videos" / f"{camera}.mp4"
+    return take_folder / VIDEOS / f"{camera}.mp4"
 
 
 def background_video_path(take_folder: Path, camera: str) -> Path:
     """The camera's clean plate as a video."""
-    return take_folder / "background" / f"{camera}.mp4"
+    return take_folder / BACKGROUND / f"{camera}.mp4"
 
 
 def background_picture_path(take_folder: Path, camera: str) -> Path:
     """The camera's clean plate as a single picture, in place of the video."""
-    return take_folder / "background" / f"{camera}.png"
+    return take_folder / BACKGROUND / f"{camera}.png"
 
 
 def colour_picture_path(take_folder: Path, camera: str) -> Path:

@@ -51,7 +51,7 @@ def finish_recording(take: LiveTake, folder: Path) -> list[str]:
     write_settings(part / layout.SETTINGS, TakeSettings.model_validate(settings.model_dump()))
     write_calibration(part / layout.CALIBRATION, take.cameras, take.settings.up)
     if take.background_folder is not None:
-        plates = layout.background_video_path(part, "any").parent
+        plates = part / layout.BACKGROUND
         plates.mkdir(exist_ok=True)
         for plate in filter(None, map(take.plate, take.cameras)):
             shutil.copy(plate, plates)

@@ -11,6 +11,8 @@ _URL = re.compile(r"(?:rtsps?|https?)://\S+")
 _RTSP = ("rtsp://", "rtsps://")
 _LEAST_CAMERAS = 3
 
+_FRESH_SHOTS, _FRESH_S = 4.0, 0.3
+
 Stamps: TypeAlias = Literal["container", "arrival"]
 
 
@@ -117,3 +119,8 @@ class LiveSettings(BaseModel):
         """Largest time difference of a picture and its shot: by default a little more than half the period,
         so that a picture half-way between two shots does not jump back and forth."""
         return 0.6 * self.period_s if self.tolerance_s is None else self.tolerance_s
+
+
+def fresh_s(fps: float) -> float:
+    """How old a shot, or the pose of one, may be and still count as abreast of the cameras, in seconds."""
+    return _FRESH_SHOTS / fps + _FRESH_S

@@ -37,7 +37,7 @@ def find_videos(folder: Path, cameras: Sequence[str], stated: Mapping[str, str])
                 f"{folder} to a video"
             )
     left = [camera for camera in cameras if camera not in found]
-    in_folder = files_of(layout.video_path(folder, "any").parent)
+    in_folder = files_of(folder / layout.VIDEOS)
     used = {path.resolve() for path in found.values()}
     return found | match_by_name(left, [path for path in in_folder if path.resolve() not in used])
 

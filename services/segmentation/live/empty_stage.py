@@ -8,7 +8,7 @@ from pathlib import Path
 
 from services.health import beat
 from services.mocap.errors import UserError
-from services.mocap.take.layout import background_video_path
+from services.mocap.take.layout import BACKGROUND, background_video_path
 from services.mocap.take.live import LiveTake
 from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import video_writer
@@ -53,7 +53,7 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
             for picture in pictures:
                 writer.write(picture)
     log.info("recorded the empty stage with %d cameras", len(seen))
-    return replace(take, background_folder=background_video_path(folder, "any").parent)
+    return replace(take, background_folder=folder / BACKGROUND)
 
 
 def _of_file(take: LiveTake, camera: int) -> list[Bytes]:
