@@ -1,5 +1,6 @@
 """`xormocap export`."""
 
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -81,6 +82,10 @@ def test_without_pyarrow_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPa
 
 def test_the_overlay_needs_the_take(folder: Path, small_take, tmp_path: Path) -> None:
     assert refusal(folder, "--to", "overlay").endswith("does not name its take: add --take FOLDER")
+    live = tmp_path / "live"
+    shutil.copytree(folder, live)
+    (live / "run.json").write_text(json.dumps({"live": {}, "take": {"folder": str(folder)}}))
+    assert refusal(live, "--to", "overlay").endswith("add --take with the folder of their recording")
     short = small_take(frames=4)
     assert "has 4 frames, but the result extends to frame 115" in refusal(
         folder, "--to", "overlay", "--take", short

@@ -93,8 +93,10 @@ def _angles(folder: Path, result: Result, _: Options) -> None:
 def _overlay(folder: Path, result: Result, options: Options) -> None:
     """Of the poses as they were tracked."""
     tracked = options.take or result.take_folder
-    if tracked is None or (options.take is None and "live" in result.run):
-        raise UserError(f"{result.folder}: does not name its take or recording: add --take FOLDER")
+    if tracked is None:
+        raise UserError(f"{result.folder}: does not name its take: add --take FOLDER")
+    if options.take is None and "live" in result.run:
+        raise UserError(f"{result.folder}: is of live cameras: add --take with the folder of their recording")
     take = open_take(tracked)
     last = int(result.tracked.frames_shown[-1])
     if last >= take.settings.frames:
