@@ -123,6 +123,14 @@ class Collection:
         """Number of poses from the first frame up to the first missing one."""
         return 0 if self.info is None else self._store.first.end - self.info.first_frame
 
+    @property
+    def is_final(self) -> bool:
+        """Whether every frame of a recorded take is here, and settled if it is tracked both ways."""
+        if self.info is None or self._store.first.end != self.info.end_frame:
+            return False
+        both_ways = SearchSettings.from_wire(self.info.search).goes_both_ways
+        return not both_ways or self._store.settled.end == self.info.end_frame
+
     def first_poses(self) -> list[Pose]:
         """The poses from the first frame up to the first missing one, as the way forwards found them."""
         end = self._store.first.end

@@ -18,7 +18,6 @@ from services.mocap.result.layout import OVERLAY, RUN_JSON
 from services.mocap.result.result import add_to_run, load_result, write_tracked
 from services.mocap.search.best_path import corrected_frames
 from services.mocap.search.chains import values_to_bridge
-from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import Marks
 from services.mocap.take.quantities import further_columns
@@ -46,7 +45,7 @@ def write_results(
 ) -> bool:
     """Write poses.csv, joints.csv, actor.toml, run.json, the DEFAULT_FORMATS, and overlay.mp4 if wanted.
 
-    Returns whether every requested frame was written, and is final if the take is tracked both ways.
+    Returns whether every requested frame was written as it stays (Collection.is_final).
 
     With smoothing, poses.csv and the overlay still show the poses as tracked; joints.csv, the exported motion
     and poses_smooth.csv have the smoothed motion. Older results are replaced once the new ones are written,
@@ -73,9 +72,7 @@ def write_results(
     bridged = values_to_bridge(marks)
     output = output.model_copy(update={"cutoff_hz": cutoff_of(poses, info.fps, output, bridged)})
     shown = smoothed(poses, info.fps, output, bridged, times_s if live else None)
-    is_settled = recorded[-1].settled or not SearchSettings.from_wire(info.search).goes_both_ways
-    has_all = len(recorded) == info.end_frame - info.first_frame
-    is_whole = collection.complete if live else has_all and is_settled
+    is_whole = collection.complete if live else collection.is_final
     with results_into(out, complete=is_whole) as part:
         extra = further_columns(recorded, is_live=live)
         table = PoseTable(frames, times_s, poses, energies_px, extra, marks)

@@ -79,7 +79,7 @@ def _parts_of_obj(text: str) -> list[Part]:
 def _counted_from_first(face: str, n_before: int) -> str:
     """A face whose corners name vertices from the first on; negative numbers count back from it."""
     corners = [int(corner.split("/")[0]) for corner in face.split()[1:]]
-    return "f " + " ".join(str(v if v > 0 else n_before + 1 + v) for v in corners)
+    return "f " + " ".join(str(v if v >= 0 else n_before + 1 + v) for v in corners)
 
 
 def parts_of_gltf(gltf: Gltf) -> list[Part]:
