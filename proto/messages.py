@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 10
+PROTOCOL_VERSION = 11
 MAX_SHARDS = 64
 """Workers that may share one limb's grid."""
 MAX_TOLD = 200
@@ -89,6 +89,7 @@ class OfRun(OfTake):
 
 
 _Unsure: TypeAlias = Annotated[NDArray[np.uint8], Array("uint8", ("Q", "H", "W"))]
+_Classes: TypeAlias = Annotated[NDArray[np.uint8], Array("uint8", ("B", "P", "H", "W"))]
 
 
 def _no_planes_like(field: str) -> Callable[[dict[str, Any]], NDArray[np.uint8]]:
@@ -96,6 +97,15 @@ def _no_planes_like(field: str) -> Callable[[dict[str, Any]], NDArray[np.uint8]]
 
     def none_of_them(fields: dict[str, Any]) -> NDArray[np.uint8]:
         return fields[field][:0] if field in fields else np.zeros((0, 0, 0), np.uint8)
+
+    return none_of_them
+
+
+def _no_classes_like(field: str) -> Callable[[dict[str, Any]], NDArray[np.uint8]]:
+    """A default factory: planes (0, P, H, W) to match another field's planes (P, H, W)."""
+
+    def none_of_them(fields: dict[str, Any]) -> NDArray[np.uint8]:
+        return fields[field][None][:0] if field in fields else np.zeros((0, 0, 0, 0), np.uint8)
 
     return none_of_them
 
@@ -156,6 +166,11 @@ class LimbTask(OfLimbTask, type="limb_task"):
         default_factory=_no_planes_like("window")
     )
     """Unsure pixels, in the layout of window: Q = P, or 0 if nothing is unsure."""
+    classes: Annotated[NDArray[np.uint8], Array("uint8", ("B", "P", "h", "w"))] = Field(
+        default_factory=_no_classes_like("window")
+    )
+    """Colour classes of actor pixels, numbers from 1 to 7 and 0 for none: bit b of each is in plane b, in the
+    layout of window. B = 3, or 0 if no classes are known."""
 
 
 class LimbResult(OfLimbTask, type="limb_result"):
@@ -211,6 +226,9 @@ class Silhouettes(OfRun, type="silhouettes"):
     unsure: _Unsure = Field(default_factory=_no_planes_like("planes"))
     """Pixels that may be actor or background, in the layout of planes; they are not counted. Q = P, or 0 if
     there are none. A bit that is set in both means unsure."""
+    classes: _Classes = Field(default_factory=_no_classes_like("planes"))
+    """Colour classes of actor pixels, numbers from 1 to 7 and 0 for none: bit b of each is in plane b, in the
+    layout of planes. B = 3, or 0 if no classes are known."""
 
 
 class Credit(OfRun, type="credit"):
@@ -415,6 +433,8 @@ class LiveSilhouettes(OfRun, type="live_silhouettes"):
     unsure: _Unsure = Field(default_factory=_no_planes_like("planes"))
     """Pixels that may be actor or background, in the layout of planes; they are not counted. Q = P, or 0 if
     there are none. A bit that is set in both means unsure."""
+    classes: _Classes = Field(default_factory=_no_classes_like("planes"))
+    """As in `silhouettes`."""
 
 
 class LiveSources(OfTake, type="live_sources"):

@@ -120,7 +120,7 @@ def track(
     if isinstance(actor, TakeFit):
         if first_pose is None and numbers.start in actor.frames:
             first_pose = actor.fit.poses[list(actor.frames).index(numbers.start)]
-        made, actor = made.knowing(actor.occluded), actor.actor
+        made, actor = made.knowing(actor.occluded, actor.colour_tables), actor.actor
     return _tracked(take, actor, numbers, first_pose, made, search, engine)
 
 
@@ -140,8 +140,8 @@ def _tracked(
 ) -> Iterator[TrackedFrame]:
     rig, names, fps = Rig.of(take.cameras), [camera.name for camera in take.cameras], take.settings.fps
     hints, (height_px, width_px) = take.settings.beginning_at(numbers.start), rig.shape_px
-    trimaps_of_frames = segmenter.trimaps(numbers.start, numbers.stop)
-    seen = (packed(trimaps, width_px, height_px) for trimaps in trimaps_of_frames)
+    moments = segmenter.moments(numbers.start, numbers.stop)
+    seen = (packed(moment.trimaps, width_px, height_px, moment.classes) for moment in moments)
     with open_engine(engine) as opened:
         begun = next(seen)
         first = solve_first_frame(

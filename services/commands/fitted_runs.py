@@ -97,7 +97,15 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
     without a mark: then a warning says so, or UserError is raised if it is asked for.
     """
     varied, before = job.search.body, read_actor(job.out / ACTOR)
-    fit = partial(refine_take, job.take, job.out, DEFAULT_REFINE_FRAMES, segmenter=job.segmenter, body=varied)
+    fit = partial(
+        refine_take,
+        job.take,
+        job.out,
+        DEFAULT_REFINE_FRAMES,
+        segmenter=job.segmenter,
+        body=varied,
+        learns_colours=job.search.colour > 0,
+    )
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         try:
             found = fit_with_bar(job.take, Path(temporary), fit)

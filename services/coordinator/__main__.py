@@ -22,7 +22,7 @@ from services.mocap.energy.engine import check_cost, open_engine
 from services.mocap.search.overrides import search_settings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
-from services.mocap.take.fit_record import FIT_FOLDER, fitted_pose, read_occluded
+from services.mocap.take.fit_record import FIT_FOLDER, fitted_pose, read_colour_tables, read_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.live import open_source
@@ -101,7 +101,8 @@ def _plan(take: Take, frames: range, search: SearchSettings, segmenter: str, fit
     fit_folder = fitted or take.folder / FIT_FOLDER
     pose = fitted_pose(fit_folder, actor, take.settings, frames.start)
     log.info("the first pose was %s", "fitted along with the actor" if pose is not None else "not fitted")
-    return Plan(take, frames, search, segmenter, actor, pose, read_occluded(fit_folder, take.cameras))
+    occluded, tables = read_occluded(fit_folder, take.cameras), read_colour_tables(fit_folder, take.cameras)
+    return Plan(take, frames, search, segmenter, actor, pose, occluded, tables)
 
 
 if __name__ == "__main__":

@@ -61,7 +61,8 @@ class Incoming(ABC):
         """Whether cameras and planes of a message suit each other and the rig."""
         cameras = message.cameras
         known = len(set(cameras)) == len(cameras) and max(cameras) < self._rig.n_cameras
-        return known and fit_together(message.planes, message.unsure, len(cameras), self._rig.shape_px)
+        planes = message.planes, message.unsure, message.classes
+        return known and fit_together(*planes, len(cameras), self._rig.shape_px)
 
     @abstractmethod
     def take_next(self) -> Frame | None:
@@ -140,7 +141,7 @@ class RecordedFrames(Incoming):
         ):
             self.dropped += 1
             return False
-        planes = TriPlanes.of_sent(message.planes, message.unsure)
+        planes = TriPlanes.of_sent(message.planes, message.unsure, message.classes)
         places = {camera: (planes, k) for k, camera in enumerate(message.cameras)}
         self._partial.setdefault(message.frame, {}).update(places)
         return True

@@ -73,6 +73,7 @@ class RemoteLimbs:
                         origin_px=job.window.region.origin_px,
                         window=job.window.silhouettes,
                         unsure=job.window.sent_unsure,
+                        classes=job.window.sent_classes,
                     )
                     for job in jobs
                     for shard in range(self._shards)

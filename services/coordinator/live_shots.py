@@ -45,7 +45,7 @@ class Shots:
     def add(self, message: LiveSilhouettes, now_s: float) -> None:
         """Add some cameras of a shot."""
         shot = self._shots.setdefault(message.shot, Shot(now_s))
-        planes = TriPlanes.of_sent(message.planes, message.unsure)
+        planes = TriPlanes.of_sent(message.planes, message.unsure, message.classes)
         shot.parts.append((message.cameras, planes))
         shot.times_s.update(zip(message.cameras, message.times_s, strict=True))
         if len(self._shots) * (planes.silhouettes.nbytes + planes.unsure.nbytes) > _KEPT_BYTES:

@@ -130,6 +130,7 @@ class OutgoingMessages:
             cameras=list(range(self._rig.n_cameras)),
             planes=frame.seen.silhouettes,
             unsure=frame.seen.sent_unsure,
+            classes=frame.seen.sent_classes,
         )
 
     def _steady(self, frame: Frame, pose: Floats) -> Floats:

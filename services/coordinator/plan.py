@@ -12,7 +12,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.segmenter_name import files_of_segmenter, looks_at_videos
-from services.mocap.types import Floats, Mask
+from services.mocap.types import Bytes, Floats, Mask
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,8 @@ class Plan:
     """(D,) of the first frame, where it was found along with the actor."""
     occluded: Mapping[str, Mask] = field(default_factory=dict)
     """By camera the pixels (h, w) in which the fit found the actor hidden; these are unsure."""
+    colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
+    """By camera what the actor's colour classes look like there, as the fit learnt it."""
 
     @property
     def name(self) -> str:
@@ -52,8 +54,11 @@ class Plan:
             "segmenter": self.segmenter,
             "actor": self.actor.content_hash if self.actor else None,
             "fitted_pose": None if self.fitted_pose is None else self.fitted_pose.tolist(),
-            "occluded": {
-                name: hashlib.sha256(mask.tobytes()).hexdigest() for name, mask in self.occluded.items()
-            },
+            "occluded": _hashes(self.occluded),
+            "colour_tables": _hashes(self.colour_tables),
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _hashes(pictures: Mapping[str, Mask | Bytes]) -> dict[str, str]:
+    return {name: hashlib.sha256(picture.tobytes()).hexdigest() for name, picture in pictures.items()}

@@ -2,6 +2,7 @@
 
 import time
 from collections import OrderedDict
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from proto.messages import LimbRefusal, LimbResult, LimbTask
 from services.blob_store import BlobStore, keep_latest
 from services.mocap.body.actor import build_body
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import CLASS_BITS
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.limb import solve_limb
@@ -41,6 +43,7 @@ class LimbSolver:
             region = Region(task.origin_px, task.window.shape[2], task.window.shape[1])
             unsure = task.unsure if len(task.unsure) else None
             window = Picture.of_region(model.rig, region, task.window, unsure)
+            window = replace(window, classes=task.classes if len(task.classes) else None)
             found = solve_limb(model, task.limb, window, task.pose, settings, (task.shard, task.shards))
         except ValueError as error:
             return LimbRefusal(**task.task_key, reason=str(error)[:1000])
@@ -75,5 +78,7 @@ def _check(task: LimbTask, rig: Rig) -> None:
         raise ValueError(f"window: expected sides of 1 to {largest_px} pixels, got {task.window.shape[1:]}")
     if np.any((task.origin_px < -largest_px) | (task.origin_px > largest_px)):
         raise ValueError(f"origin_px: a window is farther than {largest_px} pixels from its picture")
+    if len(task.classes) not in (0, CLASS_BITS):
+        raise ValueError(f"classes: expected {CLASS_BITS} bits or none, got {len(task.classes)}")
     if np.abs(task.pose).max() > _FARTHEST:
         raise ValueError(f"pose: expected metres and radians up to {_FARTHEST:.0f}")

@@ -38,11 +38,11 @@ from services.mocap.search.unsure_shares import UnsureShares, names_or_numbers
 from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
-from services.mocap.types import ACTOR, BACKGROUND, Floats, Mask, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, Bytes, Floats, Mask, Trimap
 from services.runs.facing import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
-from services.segmentation.silhouettes import Segmenter
+from services.segmentation.silhouettes import Moment, Segmenter
 
 log = logging.getLogger(__name__)
 
@@ -85,6 +85,8 @@ class TakeFit:
     occluded: Mapping[str, Mask] = field(default_factory=dict)
     """By camera the pixels (h, w) in which something hides the actor, found by tracking; they are unsure in
     `seen`."""
+    colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
+    """By camera what the actor's colour classes look like there, as tracking told them."""
 
 
 def init_frames(take: Take, asked: int | None = None) -> range:
@@ -161,7 +163,7 @@ def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: 
     body = build_body(actor)
     with closing(CpuBackend(body, rig)) as backend:
         model = Model(body, rig, backend)
-        limbs, picture = LocalLimbs(model), Picture.whole(rig, seen.silhouettes, seen.unsure)
+        limbs, picture = LocalLimbs(model), Picture.of_frame(rig, seen)
         starts = pose, found_anew(model, search, limbs, seen, pose)
         fitted, anew = (solve_frame(model, picture, start[None], search, limbs) for start in starts)
     return min(fitted, anew, key=lambda solution: solution.energy_px).pose
@@ -170,7 +172,7 @@ def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: 
 def _check_alone(rig: Rig, seen: TriPlanes, fit: Fit, names: Sequence[str], *, is_told: bool) -> None:
     """Raise TakeError if the fitted body covers too little of the first frame (P, H, W); warn if the height
     is told, as that may be wrong as well."""
-    body, picture = build_body(fit.actor), Picture.whole(rig, seen.silhouettes, seen.unsure)
+    body, picture = build_body(fit.actor), Picture.of_frame(rig, seen)
     with closing(CpuBackend(body, rig)) as backend:
         uncovered = uncovered_share(Model(body, rig, backend), picture, fit.poses[0], SearchSettings())
     if uncovered > MOST_UNCOVERED:
@@ -232,18 +234,18 @@ def trimaps_of(
     """The silhouettes (F, C, H, W) of all cameras."""
     height_px, width_px = Rig.of(take.cameras).shape_px
     trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
-    for f, of_frame in enumerate(read_trimaps(frames, segmenter)):
-        for c, trimap in enumerate(of_frame):
+    for f, moment in enumerate(read_moments(frames, segmenter)):
+        for c, trimap in enumerate(moment.trimaps):
             trimaps[f, c] = in_common_size(trimap, width_px, height_px)
         progress((f + 1) / len(frames))
     return trimaps
 
 
-def read_trimaps(frames: Sequence[int], segmenter: Segmenter) -> Iterator[list[Trimap]]:
-    """Trimaps (h, w) of all cameras, frame by frame."""
+def read_moments(frames: Sequence[int], segmenter: Segmenter) -> Iterator[Moment]:
+    """What all cameras show, frame by frame."""
     if isinstance(frames, range):
-        return islice(segmenter.trimaps(frames.start, frames.stop), len(frames))
-    return (next(iter(segmenter.trimaps(frame, frame + 1))) for frame in frames)
+        return islice(segmenter.moments(frames.start, frames.stop), len(frames))
+    return (next(iter(segmenter.moments(frame, frame + 1))) for frame in frames)
 
 
 def guess_first_pose(
@@ -260,7 +262,7 @@ def guess_first_pose(
     names: of the cameras. The model's backend is closed. Raises TakeError for an implausible height.
     """
     hull = carve(rig, unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras))
-    picture = Picture.whole(rig, seen.silhouettes, seen.unsure)
+    picture = Picture.of_frame(rig, seen)
     pool = lambda model, _: LocalLimbs(model)  # noqa: E731
     guess = first_guess(
         hull, picture, rig, None, hints, pool, engine, search, mesh, names=names, is_fitted_next=True

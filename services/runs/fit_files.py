@@ -27,6 +27,7 @@ from services.mocap.take.fit_record import (
     TURNTABLE,
     FitRecord,
     hints_of,
+    write_colour_tables,
     write_record,
 )
 from services.mocap.take.folder import Take
@@ -55,6 +56,7 @@ def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
     shutil.rmtree(folder / OCCLUDED, ignore_errors=True)
     for name, mask in found.occluded.items():
         write_picture(folder / OCCLUDED / f"{name}.png", mask)
+    write_colour_tables(folder, found.colour_tables)
     write_actor(folder / ACTOR, found.actor, origin_of(take, found))
     write_record(folder, _record(take, found))
 

@@ -1,7 +1,8 @@
 """Fitting the actor of a take again, to frames of the whole take, with the poses of an earlier run.
 
 In the first frames people often hold their arms and legs straight, and along a straight limb no outline shows
-where its joint is. Later they bend them. The poses also show where furniture hides the actor from a camera.
+where its joint is. Later they bend them. The poses also show where furniture hides the actor from a camera,
+and which colours each part of the actor has.
 """
 
 import logging
@@ -26,8 +27,10 @@ from services.mocap.search.occlusion import PosedFrame, find_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Ints, Mask
-from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, read_trimaps, seen_of
+from services.runs.colours import ColourLesson
+from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, read_moments, seen_of
 from services.segmentation.cleanup import SegmentationSettings
+from services.segmentation.colour_classes import ColourClasses
 from services.segmentation.segmenters import AUTO, make_segmenter
 from services.segmentation.silhouettes import Segmenter, packed
 
@@ -55,11 +58,14 @@ def refine_take(
     fitter: Fitter = fit_apart,
     segmenter: str = AUTO,
     body: BodyName = "anatomical",
+    *,
+    learns_colours: bool = True,
 ) -> TakeFit:
     """Fit the actor of a result again, to n frames evenly spread over its take.
 
     Frames that the result marks are left out; if furniture hides the actor from a camera and few frames are
-    without a mark, only those in which the whole body is lost. body: whose pose parameters vary. Raises
+    without a mark, only those in which the whole body is lost. body: whose pose parameters vary.
+    learns_colours: whether the actor's colour classes are learnt from the pictures as well. Raises
     UserError if the result belongs to another take or has fewer than two reliable frames; else as fit_take.
     """
     found = result_of(take, result)
@@ -69,7 +75,8 @@ def refine_take(
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
             made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
-            occluded = occluded_in(take, found, made, lambda share: progress(0.7 * share))
+            occluded, colours = look_over(take, found, made, lambda share: progress(0.7 * share))
+            colours = colours if learns_colours else None
             marked: Mask = np.asarray(found.distrusted.any(axis=1), bool)
             if occluded and np.count_nonzero(~marked) < n_frames:
                 marked = found.distrusted[:, _TORSO]  # furniture that was not known leaves marks of its own
@@ -80,17 +87,25 @@ def refine_take(
         with clock.stage("fitting the actor") as progress:
             height_m = take.settings.actor_height
             rig = Rig.of(cameras)
-            start = in_best_skirt(found.actor, poses, rig, seen)
+            coloured = found.actor.model_copy(update={"colours": dict(colours.colours) if colours else {}})
+            start = in_best_skirt(coloured, poses, rig, seen)
             fit = fitter(rig, seen, start, poses, progress, body, height_m)
         started = found.actor, poses[0]
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
-        return replace(refined, occluded=occluded)
+        return replace(
+            refined,
+            occluded=occluded,
+            colour_tables=dict(zip([c.name for c in take.cameras], colours.tables, strict=True))
+            if colours
+            else {},
+        )
 
 
-def occluded_in(
+def look_over(
     take: Take, found: Result, segmenter: Segmenter, progress: Callable[[float], None]
-) -> dict[str, Mask]:
-    """By camera the pixels (h, w) in which something hides the actor, as the poses of a result tell."""
+) -> tuple[dict[str, Mask], ColourClasses | None]:
+    """What the poses of a result tell: by camera the pixels (h, w) in which something hides the actor, and
+    the actor's colour classes, None without pictures or if there is one colour only."""
     rig, n_frames = Rig.of(take.cameras), len(found.tracked.frames)
     rows = spread(np.zeros(n_frames, bool), n_frames if n_frames <= _MOST_READ else _LOOKED_AT)
     frames: Sequence[int] = found.tracked.frames[rows].tolist()
@@ -99,20 +114,23 @@ def occluded_in(
     (height_px, width_px), body = rig.shape_px, build_body(found.actor)
 
     def posed() -> Iterator[PosedFrame]:
-        for k, (row, trimaps) in enumerate(zip(rows, read_trimaps(frames, segmenter), strict=True)):
-            is_lost = bool(found.distrusted[row, _TORSO])
-            yield PosedFrame(packed(trimaps, width_px, height_px), found.tracked.poses[row], is_lost)
+        for k, (row, moment) in enumerate(zip(rows, read_moments(frames, segmenter), strict=True)):
+            pose, distrusted = found.tracked.poses[row], found.distrusted[row]
+            lesson.add(moment, pose, distrusted)
+            yield PosedFrame(packed(moment.trimaps, width_px, height_px), pose, bool(distrusted[_TORSO]))
             progress((k + 1) / len(rows))
 
     with closing(CpuBackend(body, rig)) as backend:
-        masks = find_occluded(Model(body, rig, backend), posed())
+        model = Model(body, rig, backend)
+        lesson = ColourLesson(model, take.cameras)
+        masks = find_occluded(model, posed())
     occluded = {}
     for camera, mask in zip(take.cameras, masks, strict=True):
         of_camera = mask[: camera.height_px, : camera.width_px]
         if of_camera.any():
             log.warning(_OCCLUDED, take.folder, camera.name, 100.0 * of_camera.mean())
             occluded[camera.name] = of_camera
-    return occluded
+    return occluded, lesson.conclude()
 
 
 def result_of(take: Take, folder: Path) -> Result:

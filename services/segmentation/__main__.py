@@ -21,17 +21,16 @@ from services.logs import about
 from services.metrics import DROPPED
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError, nearest
-from services.mocap.take.fit_record import read_occluded
+from services.mocap.take.fit_record import read_colour_tables, read_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
-from services.mocap.types import Trimap
 from services.options import DEFAULT_SEGMENTER, KeysOption, MetricsOption, SegmenterOption, keys_of_client
 from services.process import StopRequest, run_service
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.live.serving import serve_live
 from services.segmentation.metrics import CREDIT, FRAMES, SECONDS
 from services.segmentation.segmenters import PlateCheck, make_segmenter
-from services.segmentation.silhouettes import packed
+from services.segmentation.silhouettes import Moment, packed
 
 _LOOK_S = 0.2
 _RESEND_S = 3.0
@@ -52,19 +51,22 @@ class Sender:
         keys: ClientKeys | None,
         fitted: Path | None = None,
     ) -> None:
-        """fitted: a folder written by xormocap fit; what its occluded pictures show is unsure."""
+        """fitted: a folder written by xormocap fit; what its occluded pictures show is unsure, and it knows
+        the actor's colour classes."""
         self._take, self._cameras = take, cameras
         self._height, self._width = Rig.of(take.cameras).shape_px
         self._checks = deque[PlateCheck]()
         chosen = [take.cameras[c] for c in cameras]
         made = make_segmenter(take, chosen, SegmentationSettings(), segmenter, self._checks.append)
-        self._segmenter = made if fitted is None else made.knowing(read_occluded(fitted, chosen))
+        if fitted is not None:
+            made = made.knowing(read_occluded(fitted, chosen), read_colour_tables(fitted, chosen))
+        self._segmenter = made
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._silhouettes = Line(self._context, endpoint, "silhouettes", keys)
         self._poses = Line(self._context, endpoint, "poses", keys)
         self._credit: Credit | None = None
         self._run, self._next = "", 0
-        self._trimaps: Iterator[list[Trimap]] | None = None
+        self._moments: Iterator[Moment] | None = None
         self._unsent: Silhouettes | None = None
         self._advanced_s = time.monotonic()
         log.info("ready: %s from %s", ", ".join(camera.name for camera in chosen), take.source)
@@ -77,7 +79,7 @@ class Sender:
                 self._check_a_plate()
                 wait([self._poses.socket], 0.0 if self._checks else _LOOK_S)
             if any([self._silhouettes.tick(), self._poses.tick()]):
-                self._trimaps = None  # what was sent to another connection may be lost with it
+                self._moments = None  # what was sent to another connection may be lost with it
         while not stop and self._checks:  # a take that is over before all plates were checked
             beat()
             self._check_a_plate()
@@ -112,9 +114,9 @@ class Sender:
         self._credit = credit
         stalled = credit.next_frame < self._next and time.monotonic() - self._advanced_s > _RESEND_S
         is_other = credit.run != self._run
-        if self._trimaps is None or stalled or is_other or credit.next_frame > self._next:
+        if self._moments is None or stalled or is_other or credit.next_frame > self._next:
             self._run, self._next, self._unsent = credit.run, credit.next_frame, None
-            self._trimaps = self._segmenter.trimaps(self._next, self._take.settings.frames)
+            self._moments = self._segmenter.moments(self._next, self._take.settings.frames)
             self._advanced_s = time.monotonic()
 
     def _send_next(self) -> bool:
@@ -122,11 +124,12 @@ class Sender:
         if self._credit is None:
             return False
         if self._unsent is None:
-            if self._trimaps is None or self._next >= self._credit.end_frame:
+            if self._moments is None or self._next >= self._credit.end_frame:
                 return False
             about(frame=self._next)
             with SECONDS.time():
-                planes = packed(next(self._trimaps), self._width, self._height)
+                moment = next(self._moments)
+                planes = packed(moment.trimaps, self._width, self._height, moment.classes)
             self._unsent = Silhouettes(
                 take=self._take.settings.name,
                 run=self._run,
@@ -134,6 +137,7 @@ class Sender:
                 cameras=self._cameras,
                 planes=planes.silhouettes,
                 unsure=planes.sent_unsure,
+                classes=planes.sent_classes,
             )
         if not send(self._silhouettes.socket, self._unsent):
             return False
@@ -162,7 +166,7 @@ def main(
     metrics: MetricsOption = None,
     fitted: Annotated[
         Path | None,
-        typer.Option(help="A folder of xormocap fit: where it found the actor hidden is unsure."),
+        typer.Option(help="A folder of xormocap fit: what it learnt of hidden pixels and of colours."),
     ] = None,
     record: Annotated[Path | None, typer.Option(help="Live: folder to record the pictures in.")] = None,
 ) -> None:

@@ -42,8 +42,8 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
     settings, thirds = SegmentationSettings(), [UnsureThirds() for _ in take.cameras]
     with atomic_folder(out) as part:
         made = make_segmenter(take, take.cameras, settings, segmenter)
-        for frame, trimaps in enumerate(made.raw_trimaps(0, take.settings.frames)):
-            for camera, trimap, of_camera in zip(take.cameras, trimaps, thirds, strict=True):
+        for frame, moment in enumerate(made.raw_moments(0, take.settings.frames)):
+            for camera, trimap, of_camera in zip(take.cameras, moment.trimaps, thirds, strict=True):
                 folder = part / layout.SILHOUETTES / camera.name
                 write_picture(layout.silhouette_path(folder, frame), trimap)
                 of_camera.add(frame, trimap)

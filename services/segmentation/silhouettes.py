@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import cv2
@@ -9,9 +10,16 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import Undistorter
-from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, n_planes
+from services.mocap.energy.bitplanes import (
+    CAMERAS_PER_PLANE,
+    TriPlanes,
+    in_common_size,
+    n_planes,
+    pack_classes,
+)
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
+from services.segmentation.colour_classes import classes_of
 from services.segmentation.lenses import Lenses
 from services.segmentation.voxels import MISS, MORE_MISS, VoxelGrid
 
@@ -73,56 +81,91 @@ class SeparateMattes:
         return trimaps
 
 
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What some cameras show at one moment."""
+
+    trimaps: list[Trimap]
+    """(h, w) of each camera."""
+    images_bgr: Mapping[int, Bytes] | None = None
+    """The raw pictures (h, w, 3) that they were made of, by camera's place; None for ready silhouettes."""
+    classes: list[Bytes] | None = None
+    """(h, w) of each camera, the colour class of every actor pixel, 0 for none; None if none are known."""
+
+
 class Segmenter:
     """The silhouettes of some cameras of a take. A frame is the same wherever reading starts."""
 
     def __init__(
         self,
         cameras: Sequence[Camera],
-        raw_trimaps: Callable[[int, int], Iterator[list[Trimap]]],
+        raw_moments: Callable[[int, int], Iterator[Moment]],
         occluded: Mapping[str, Mask] | None = None,
+        colour_tables: Mapping[str, Bytes] | None = None,
     ) -> None:
-        """occluded: by camera the pixels (h, w), without lens distortion, in which something hides the
-        actor."""
-        self.raw_trimaps = raw_trimaps
-        """Takes frames start and stop: trimaps (h, w), one per camera, of start up to and without stop, lens
-        distortion included."""
+        """occluded: by camera the pixels (h, w), without lens distortion, in which something hides the actor.
+        colour_tables: by camera what the colour classes look like there (colour_classes)."""
+        self.raw_moments = raw_moments
+        """Takes frames start and stop: the moments from start up to and without stop, lens distortion
+        included and without colour classes."""
         self._cameras, self._occluded = cameras, occluded or {}
+        self._tables = colour_tables or {}
         self._undistorters = [Undistorter(camera) for camera in cameras]
 
     @classmethod
     def of_videos(cls, take: Take, cameras: Sequence[Camera], matte: GroupMatte) -> "Segmenter":
         """What a matte makes of the cameras' videos."""
 
-        def raw_trimaps(start: int, stop: int) -> Iterator[list[Trimap]]:
+        def raw_moments(start: int, stop: int) -> Iterator[Moment]:
             for images in pictures_of(take, cameras, start, stop):
                 found = matte.trimaps(images)
-                yield [found[c] for c in range(len(cameras))]
+                yield Moment([found[c] for c in range(len(cameras))], images)
 
-        return cls(cameras, raw_trimaps)
+        return cls(cameras, raw_moments)
 
     @classmethod
     def of_silhouettes(cls, take: Take, cameras: Sequence[Camera]) -> "Segmenter":
         """The take's own silhouettes."""
 
-        def raw_trimaps(start: int, stop: int) -> Iterator[list[Trimap]]:
+        def raw_moments(start: int, stop: int) -> Iterator[Moment]:
             for trimaps in zip(*(take.trimaps(camera, start, stop) for camera in cameras), strict=True):
-                yield list(trimaps)
+                yield Moment(list(trimaps))
 
-        return cls(cameras, raw_trimaps)
+        return cls(cameras, raw_moments)
 
-    def knowing(self, occluded: Mapping[str, Mask]) -> "Segmenter":
-        """A segmenter with the same silhouettes, in which occluded pixels (see __init__) are unsure."""
-        return Segmenter(self._cameras, self.raw_trimaps, occluded)
+    def knowing(
+        self, occluded: Mapping[str, Mask], colour_tables: Mapping[str, Bytes] | None = None
+    ) -> "Segmenter":
+        """A segmenter with the same silhouettes, in which occluded pixels (see __init__) are unsure, and with
+        colour classes."""
+        return Segmenter(self._cameras, self.raw_moments, occluded, colour_tables)
 
-    def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
-        """Undistorted trimaps (h, w), one per camera, of frames start up to but not including stop."""
-        for raw in self.raw_trimaps(start, stop):
-            trimaps = [u.trimap(trimap) for u, trimap in zip(self._undistorters, raw, strict=True)]
+    def moments(self, start: int, stop: int) -> Iterator[Moment]:
+        """Undistorted trimaps and classes, and the raw pictures, of frames start up to but not including
+        stop."""
+        for raw in self.raw_moments(start, stop):
+            trimaps = [u.trimap(trimap) for u, trimap in zip(self._undistorters, raw.trimaps, strict=True)]
             for camera, trimap in zip(self._cameras, trimaps, strict=True):
                 if camera.name in self._occluded:
                     trimap[self._occluded[camera.name]] = UNSURE
-            yield trimaps
+            yield Moment(trimaps, raw.images_bgr, self._classes(raw.images_bgr, trimaps))
+
+    def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
+        """Undistorted trimaps (h, w), one per camera, of frames start up to but not including stop."""
+        return (moment.trimaps for moment in self.moments(start, stop))
+
+    def _classes(
+        self, images_bgr: Mapping[int, Bytes] | None, trimaps: Sequence[Trimap]
+    ) -> list[Bytes] | None:
+        if images_bgr is None or not self._tables:
+            return None
+        classes = [np.zeros_like(trimap) for trimap in trimaps]
+        for c, (camera, trimap) in enumerate(zip(self._cameras, trimaps, strict=True)):
+            is_actor = trimap == ACTOR
+            if camera.name in self._tables and is_actor.any():
+                raw = classes_of(images_bgr[c], self._tables[camera.name])
+                classes[c][is_actor] = self._undistorters[c].numbers(raw)[is_actor]
+        return classes
 
 
 def pictures_of(take: Take, cameras: Sequence[Camera], start: int, stop: int) -> Iterator[dict[int, Bytes]]:
@@ -134,8 +177,11 @@ def pictures_of(take: Take, cameras: Sequence[Camera], start: int, stop: int) ->
             yield dict(enumerate(images))
 
 
-def packed(trimaps: Sequence[Trimap], width_px: int, height_px: int) -> TriPlanes:
-    """Planes (P, height_px, width_px) of trimaps (h, w); smaller ones lie in the upper left.
+def packed(
+    trimaps: Sequence[Trimap], width_px: int, height_px: int, classes: Sequence[Bytes] | None = None
+) -> TriPlanes:
+    """Planes (P, height_px, width_px) of trimaps and colour classes (h, w); smaller ones lie in the upper
+    left.
 
     One trimap after the other: `pack_trimaps` would first have to stack them.
     """
@@ -147,4 +193,7 @@ def packed(trimaps: Sequence[Trimap], width_px: int, height_px: int) -> TriPlane
             plane = whole[c // CAMERAS_PER_PLANE, :height, :width]
             bit = np.left_shift((trimap == state).view(np.uint8), c % CAMERAS_PER_PLANE)
             np.bitwise_or(plane, bit, out=plane)
-    return planes
+    if classes is None:
+        return planes
+    whole = np.array([in_common_size(of_camera, width_px, height_px) for of_camera in classes])
+    return replace(planes, classes=pack_classes(whole))

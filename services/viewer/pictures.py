@@ -152,10 +152,11 @@ class LivePictures:
     def add(self, message: Silhouettes) -> None:
         """Add silhouettes of some cameras; those that do not fit the rig are ignored."""
         cameras = message.cameras
-        fits = fit_together(message.planes, message.unsure, len(cameras), self._rig.shape_px)
+        sent = message.planes, message.unsure, message.classes
+        fits = fit_together(*sent, len(cameras), self._rig.shape_px)
         if max(cameras) >= self._rig.n_cameras or not fits:
             return
-        planes = TriPlanes.of_sent(message.planes, message.unsure)
+        planes = TriPlanes.of_sent(*sent)
         with self._came:
             if message.frame not in self._asked:
                 return

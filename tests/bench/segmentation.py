@@ -79,10 +79,10 @@ def _measured(take: Take, name: str, every: int) -> list[Row]:
     segmenter = make_segmenter(take, take.cameras, SegmentationSettings(), name, lambda _: None)
     moments_ms: list[float] = []
     qualities: list[list[Quality]] = [[] for _ in take.cameras]
-    frames = iter(segmenter.raw_trimaps(0, take.settings.frames))
+    moments = iter(segmenter.raw_moments(0, take.settings.frames))
     for frame in range(take.settings.frames):
         began_ms = _now_ms()
-        trimaps = next(frames)
+        trimaps = next(moments).trimaps
         moments_ms.append((_now_ms() - began_ms) / len(take.cameras))
         if frame % every == 0:
             for camera, trimap, found in zip(take.cameras, trimaps, qualities, strict=True):

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from services import cli
 from services.mocap.types import ACTOR, UNSURE, Trimap
 from services.segmentation.files import UnsureThirds, thirds_in_words
+from services.segmentation.silhouettes import Moment
 
 SmallTake = Callable[..., Path]
 
@@ -31,9 +32,9 @@ class _Given:
     def __init__(self, unsure_frames: int) -> None:
         self._unsure_frames = unsure_frames
 
-    def raw_trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
+    def raw_moments(self, start: int, stop: int) -> Iterator[Moment]:
         for frame in range(start, stop):
-            yield [_actor(), _actor(slice(31, 42) if 0 < frame <= self._unsure_frames else None)]
+            yield Moment([_actor(), _actor(slice(31, 42) if 0 < frame <= self._unsure_frames else None)])
 
 
 @pytest.fixture

@@ -61,8 +61,8 @@ def test_header_says_version_type_and_shapes() -> None:
     header, *frames = encode(task)
     fields = msgpack.unpackb(header)
     assert (fields["v"], fields["type"]) == (PROTOCOL_VERSION, "limb_task")
-    assert fields["shapes"] == [[34], [8, 2], [1, 4, 6], [0, 4, 6]]
-    assert [len(frame) for frame in frames] == [34 * 8, 8 * 2 * 4, 24, 0]
+    assert fields["shapes"] == [[34], [8, 2], [1, 4, 6], [0, 4, 6], [0, 1, 4, 6]]
+    assert [len(frame) for frame in frames] == [34 * 8, 8 * 2 * 4, 24, 0, 0]
     assert not set(fields) & set(arrays_of(LimbTask))
 
 

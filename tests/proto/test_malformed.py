@@ -22,6 +22,8 @@ _V = PROTOCOL_VERSION
 _OTHER_VERSION = f"protocol version is not {_V}"
 _CROWDED = "header holds a list or map of more than 1000 entries"
 _NONE = [0, 2, 3]
+_NO_4D = [0, 1, 2, 3]
+_MOST = MAX_FRAME_BYTES
 """The shape of unsure planes that there are none of."""
 _BAD_SIZE = "silhouettes.planes: a size is not an integer in range"
 
@@ -100,24 +102,30 @@ def test_bad_headers(frames: list[bytes], reason: str) -> None:
 @pytest.mark.parametrize(
     ("frames", "reason"),
     [
-        (silhouettes_frames()[:1], "silhouettes: expected 2 arrays"),
-        ([*silhouettes_frames(), b""], "silhouettes: expected 2 arrays"),
-        ([silhouettes_frames()[0], b"12345", b""], "silhouettes.planes: 5 bytes where the shape needs 6"),
-        ([silhouettes_frames()[0], b"1234567", b""], "silhouettes.planes: 7 bytes where the shape needs 6"),
-        (silhouettes_with(shapes=[[6], _NONE]), "silhouettes.planes: expected 3 dimensions"),
-        (silhouettes_with(shapes=[6, _NONE]), "silhouettes.planes: expected 3 dimensions"),
-        (silhouettes_with(shapes=[[1, 2, -3], _NONE]), _BAD_SIZE),
-        (silhouettes_with(shapes=[[1, 2, 3.0], _NONE]), _BAD_SIZE),
-        (silhouettes_with(shapes=[[True, 2, 3], _NONE]), _BAD_SIZE),
-        (silhouettes_with(shapes=[[1, 2, 2**63], _NONE]), _BAD_SIZE),
+        (silhouettes_frames()[:1], "silhouettes: expected 3 arrays"),
+        ([*silhouettes_frames(), b""], "silhouettes: expected 3 arrays"),
         (
-            silhouettes_with(shapes=[[MAX_FRAME_BYTES] * 3, [0, MAX_FRAME_BYTES, MAX_FRAME_BYTES]]),
+            [silhouettes_frames()[0], b"12345", b"", b""],
+            "silhouettes.planes: 5 bytes where the shape needs 6",
+        ),
+        (
+            [silhouettes_frames()[0], b"1234567", b"", b""],
+            "silhouettes.planes: 7 bytes where the shape needs 6",
+        ),
+        (silhouettes_with(shapes=[[6], _NONE, _NO_4D]), "silhouettes.planes: expected 3 dimensions"),
+        (silhouettes_with(shapes=[6, _NONE, _NO_4D]), "silhouettes.planes: expected 3 dimensions"),
+        (silhouettes_with(shapes=[[1, 2, -3], _NONE, _NO_4D]), _BAD_SIZE),
+        (silhouettes_with(shapes=[[1, 2, 3.0], _NONE, _NO_4D]), _BAD_SIZE),
+        (silhouettes_with(shapes=[[True, 2, 3], _NONE, _NO_4D]), _BAD_SIZE),
+        (silhouettes_with(shapes=[[1, 2, 2**63], _NONE, _NO_4D]), _BAD_SIZE),
+        (
+            silhouettes_with(shapes=[[_MOST] * 3, [0, _MOST, _MOST], [0, _MOST, _MOST, _MOST]]),
             f"silhouettes.planes: 6 bytes where the shape needs {MAX_FRAME_BYTES**3}",
         ),
-        (silhouettes_with(shapes=[[1, 2, 3], [0, 2]]), "silhouettes.unsure: expected 3 dimensions"),
-        (silhouettes_with(shapes=[[1, 2, 3], [0, 3, 2]]), "silhouettes.unsure: size 3 where H is 2"),
+        (silhouettes_with(shapes=[[1, 2, 3], [0, 2], _NO_4D]), "silhouettes.unsure: expected 3 dimensions"),
+        (silhouettes_with(shapes=[[1, 2, 3], [0, 3, 2], _NO_4D]), "silhouettes.unsure: size 3 where H is 2"),
         (
-            silhouettes_with(shapes=[[1, 2, 3], [1, 2, 3]]),
+            silhouettes_with(shapes=[[1, 2, 3], [1, 2, 3], _NO_4D]),
             "silhouettes.unsure: 0 bytes where the shape needs 6",
         ),
         (silhouettes_with(take=""), "silhouettes.take: String should have at least 1 character"),

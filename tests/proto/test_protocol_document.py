@@ -73,12 +73,12 @@ def test_the_message_byte_by_byte(document: str) -> None:
     frames = [
         b"".join(bytes.fromhex(cells) for where, cells in rows if where == name)
         for name in ("header", "frame 1")
-    ] + [b""]
+    ] + [b""] * 2
     planes = np.array([[[0, 1, 0], [0, 3, 2]]], np.uint8)
     run = "0123456789abcdef0123456789abcdef"
     message = Silhouettes(take="walk", run=run, frame=7, cameras=[0, 1], planes=planes)
     assert [bytes(frame) for frame in encode(message)] == frames
-    told = f"a header of {len(frames[0])} bytes, one\narray frame of {len(frames[1])} and an empty one."
+    told = f"a header of {len(frames[0])} bytes, one\narray frame of {len(frames[1])} and two empty ones."
     assert told in document
     back = decode(frames)
     assert isinstance(back, Silhouettes)

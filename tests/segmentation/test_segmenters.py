@@ -235,7 +235,8 @@ def test_what_a_network_does_not_know_is_unsure(
 ) -> None:
     monkeypatch.setattr(RedNetwork, "doubt", opacity)
     take = open_take(small_take())
-    trimap = next(iter(make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}").raw_trimaps(0, 1)))[0]
+    made = make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}")
+    trimap = next(made.raw_moments(0, 1)).trimaps[0]
     assert (trimap[:7] == UNSURE).all() == unsure
     assert not (trimap[10:] == UNSURE).any()
 

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_valid
 
 from services.mocap.body.body_mesh import BodyMesh, OwnMesh, generic_mesh
 from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_widening
+from services.mocap.body.colours import check_colours, class_table
 from services.mocap.body.kinematics import CLOTH_FRAMES, N_DOF, segment_transforms
 from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
 from services.mocap.body.shape import SegmentMesh
@@ -19,7 +20,7 @@ from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
 from services.mocap.body.skeleton_table import PELVIS, THIGH
 from services.mocap.body.skirt import Skirt, with_skirt
 from services.mocap.body.surface import volume_m3
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Bytes, Floats, Ints
 
 DEFAULT_HEIGHT_M = 1.72
 """Body height if neither the take nor an actor gives one: about the mean of adults."""
@@ -61,6 +62,10 @@ class Actor(BaseModel):
 
     skirt: Skirt | None = Field(default=None, description="a table with length and flare")
     """A skirt or the tails of a coat, if the actor wears one."""
+    colours: dict[str, tuple[int, ...]] = Field(
+        default={}, description="a table of segments with four colour classes each"
+    )
+    """Segment, with its side, or skirt -> the colour class of each quarter (services.mocap.body.colours)."""
 
     @field_validator("bone_lengths")
     @classmethod
@@ -77,6 +82,12 @@ class Actor(BaseModel):
     def _clear_complaints(cls, profiles: object) -> object:
         check_profiles(profiles)
         return profiles
+
+    @field_validator("colours", mode="before")
+    @classmethod
+    def _known_classes(cls, colours: object) -> object:
+        check_colours(colours)
+        return colours
 
     @property
     def form(self) -> BodyMesh:
@@ -98,6 +109,7 @@ class Actor(BaseModel):
         skirt = None if self.skirt is None else self.skirt.model_dump()
         tables: dict[str, object] = {"height": self.height, "hip_depth": depth, "bone_lengths": lengths}
         tables |= {"profiles": profiles or None, "mesh": self._mesh_name(self.mesh), "skirt": skirt}
+        tables["colours"] = dict(sorted(self.colours.items())) or None
         return tomli_w.dumps({name: value for name, value in tables.items() if value is not None})
 
     @field_serializer("mesh")
@@ -137,6 +149,8 @@ class Body:
 
     cloth_m: tuple[Floats, ...] = _NO_CLOTH
     """Per part of a skirt (V, 3), in its frame of CLOTH_FRAMES."""
+    colour_classes: Bytes = field(default_factory=lambda: class_table({}))
+    """(S + 3, QUARTERS) the colour class of each piece of each surface, 0 where none is known."""
 
     @cached_property
     def surfaces(self) -> tuple[tuple[Floats, Ints], ...]:
@@ -215,6 +229,7 @@ def build_body(actor: Actor) -> Body:
         height_m=actor.height,
         mesh=mesh,
         cloth_m=_cloth(mesh, actor, ratios) if actor.skirt else _NO_CLOTH,
+        colour_classes=class_table(actor.colours),
     )
 
 

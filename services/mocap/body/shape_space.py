@@ -136,6 +136,7 @@ def actor_of(x: Floats, base: Actor = GENERIC_ACTOR) -> Actor:
         hip_depth=factors["hip_depth"],
         mesh=base.mesh,
         skirt=base.skirt,
+        colours=base.colours,
     )
 
 

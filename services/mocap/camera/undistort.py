@@ -35,6 +35,13 @@ class Undistorter:
             return bgr
         return np.asarray(cv2.remap(bgr, *self._maps, cv2.INTER_LINEAR), np.uint8)
 
+    def numbers(self, picture: Bytes) -> Bytes:
+        """(H, W) picture of numbers, each that of the nearest raw pixel; raises as image does."""
+        self._check(picture)
+        if self._maps is None:
+            return picture
+        return np.asarray(cv2.remap(picture, *self._maps, cv2.INTER_NEAREST), np.uint8)
+
     def mask(self, silhouette: Mask) -> Mask:
         """(H, W) silhouette; its outline is interpolated, then cut at one half. Raises as image does."""
         self._check(silhouette)

@@ -4,7 +4,7 @@ Camera c stands in bit c % 8 of plane c // 8, so that any number of cameras make
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -14,6 +14,8 @@ from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Mask, T
 
 _Pixel = TypeVar("_Pixel", np.bool_, np.uint8)
 CAMERAS_PER_PLANE = 8
+CLASS_BITS = 3
+"""Buffers that hold a colour class, a number from 0 to 7, of every pixel."""
 _BITS: Ints = (np.arange(256)[:, None] >> np.arange(CAMERAS_PER_PLANE) & 1).astype(np.int32)
 """(256, 8) the bits of every byte."""
 
@@ -36,6 +38,20 @@ def unpack(planes: Bytes, n_cameras: int) -> Mask:
     return np.array([camera_bit(planes, c) for c in range(n_cameras)], bool)
 
 
+def pack_classes(classes: Bytes) -> Bytes:
+    """Pack colour classes (C, H, W) into planes (CLASS_BITS, P, H, W), the lowest bit first."""
+    return np.array([pack((classes >> bit & 1).astype(bool)) for bit in range(CLASS_BITS)])
+
+
+def unpack_classes(planes: Bytes, n_cameras: int) -> Bytes:
+    """Unpack planes (CLASS_BITS, P, H, W) into colour classes (C, H, W)."""
+    classes: Bytes = np.zeros((n_cameras, *planes.shape[2:]), np.uint8)
+    for bit, of_bit in enumerate(planes):
+        for c in range(n_cameras):
+            classes[c] |= (of_bit[c // CAMERAS_PER_PLANE] >> c % CAMERAS_PER_PLANE & 1) << bit
+    return classes
+
+
 @dataclass(frozen=True, eq=False)
 class TriPlanes:
     """Trimaps of any number of cameras, packed into two buffers (P, H, W) that have no bit in common.
@@ -47,6 +63,8 @@ class TriPlanes:
     """What is surely actor."""
     unsure: Bytes
     """Unsure pixels."""
+    classes: Bytes | None = None
+    """(CLASS_BITS, P, H, W) colour classes of actor pixels, of a single frame; None where none are known."""
 
     @classmethod
     def sure(cls, silhouettes: Bytes) -> "TriPlanes":
@@ -59,9 +77,11 @@ class TriPlanes:
         return cls(np.array([one.silhouettes for one in frames]), np.array([one.unsure for one in frames]))
 
     @classmethod
-    def of_sent(cls, planes: Bytes, unsure: Bytes) -> "TriPlanes":
-        """What a message holds: planes (P, H, W), and as many of unsure pixels, which win, or none."""
-        return cls(planes & ~unsure, unsure) if len(unsure) else cls.sure(planes)
+    def of_sent(cls, planes: Bytes, unsure: Bytes, classes: Bytes) -> "TriPlanes":
+        """What a message holds: planes (P, H, W), and as many of unsure pixels, which win, or none; classes
+        (CLASS_BITS, P, H, W) or (0, P, H, W)."""
+        sure = cls(planes & ~unsure, unsure) if len(unsure) else cls.sure(planes)
+        return replace(sure, classes=classes) if len(classes) else sure
 
     def __len__(self) -> int:
         return len(self.silhouettes)
@@ -78,6 +98,12 @@ class TriPlanes:
     def sent_unsure(self) -> Bytes:
         """Unsure pixels as a message holds them: (P, H, W), or (0, H, W) where there is none."""
         return self.unsure if self.unsure.any() else self.unsure[:0]
+
+    @property
+    def sent_classes(self) -> Bytes:
+        """Colour classes as a message holds them: (CLASS_BITS, P, H, W), or (0, P, H, W) where there are
+        none."""
+        return self.silhouettes[None][:0] if self.classes is None else self.classes
 
 
 def pack_trimaps(trimaps: Sequence[Trimap] | Trimap) -> TriPlanes:
@@ -96,15 +122,26 @@ def unpack_trimaps(planes: TriPlanes, n_cameras: int) -> Trimap:
 def joined(sources: Sequence[tuple[TriPlanes, int]]) -> TriPlanes:
     """Planes of cameras that stand in different ones: in which, and at which place there, for each camera."""
     silhouettes = pack(np.array([camera_bit(planes.silhouettes, place) for planes, place in sources]))
-    if not any(planes.unsure.any() for planes in {id(planes): planes for planes, _ in sources}.values()):
-        return TriPlanes.sure(silhouettes)
-    return TriPlanes(silhouettes, pack(np.array([camera_bit(p.unsure, place) for p, place in sources])))
+    unsure = np.zeros_like(silhouettes)
+    if any(planes.unsure.any() for planes in {id(planes): planes for planes, _ in sources}.values()):
+        unsure = pack(np.array([camera_bit(planes.unsure, place) for planes, place in sources]))
+    if all(planes.classes is None for planes, _ in sources):
+        return TriPlanes(silhouettes, unsure)
+    nothing = np.zeros(silhouettes.shape[1:], bool)
+    classes = [
+        pack(np.array([nothing if p.classes is None else camera_bit(p.classes[k], at) for p, at in sources]))
+        for k in range(CLASS_BITS)
+    ]
+    return TriPlanes(silhouettes, unsure, np.array(classes))
 
 
-def fit_together(planes: Bytes, unsure: Bytes, n_cameras: int, shape_px: tuple[int, int]) -> bool:
-    """Whether the planes of a message, and its unsure ones, match this number of cameras."""
+def fit_together(
+    planes: Bytes, unsure: Bytes, classes: Bytes, n_cameras: int, shape_px: tuple[int, int]
+) -> bool:
+    """Whether the planes of a message, its unsure ones and those of classes match this number of cameras."""
     expected = (n_planes(n_cameras), *shape_px)
-    return planes.shape == expected and unsure.shape in (expected, (0, *shape_px))
+    fits = planes.shape == expected and unsure.shape in (expected, (0, *shape_px))
+    return fits and classes.shape in ((0, *expected), (CLASS_BITS, *expected))
 
 
 def trimap_of(silhouette: Mask) -> Trimap:

@@ -1,6 +1,6 @@
 """The cost of differing pixels, and of a camera's total: plain XOR, and two variations of it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import ceil
 from typing import TypeAlias
 
@@ -32,6 +32,9 @@ class Cost:
     """If positive, a camera's energy E enters as cap E / (cap + E), with cap this share of the foreground in
     the median camera (times distance_cap_px, if that is positive): one whose silhouette is wrong by more than
     that hardly pulls. Pre-rendering then no longer changes energies by a constant."""
+    colour: float = field(default=1.0, compare=False)
+    """What a pixel with a wrong colour class costs beside that, in pictures that have classes
+    (services.mocap.energy.colours); no backend has to know of it."""
 
     @property
     def margin_px(self) -> int:

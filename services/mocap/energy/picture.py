@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, camera_bit, count_bits, n_planes, pack
+from services.mocap.energy.bitplanes import (
+    CAMERAS_PER_PLANE,
+    TriPlanes,
+    camera_bit,
+    count_bits,
+    n_planes,
+    pack,
+)
 from services.mocap.types import Bytes, Floats, Ints
 
 _Pixel = TypeVar("_Pixel", np.bool_, np.int32)
@@ -65,11 +72,18 @@ class Picture:
     """(C, h, w) what each pixel costs if it differs, in steps as Cost.priced has them; None: all the same."""
     unsure: Bytes | None = None
     """(P, h, w) bit-planes of unsure pixels, where the input's contour is not known; None: there are none."""
+    classes: Bytes | None = None
+    """(CLASS_BITS, P, h, w) bit-planes of the input's colour classes; None where none are known."""
 
     @classmethod
     def whole(cls, rig: Rig, silhouettes: Bytes, unsure: Bytes | None = None) -> "Picture":
         """All of every camera's picture, from silhouettes (P, H, W) and unsure pixels, if there are any."""
         return cls.of_region(rig, Region.whole(rig), silhouettes, unsure)
+
+    @classmethod
+    def of_frame(cls, rig: Rig, seen: TriPlanes) -> "Picture":
+        """All that is seen (P, H, W) in one frame, with its colour classes."""
+        return replace(cls.whole(rig, seen.silhouettes, seen.unsure), classes=seen.classes)
 
     @classmethod
     def of_region(
@@ -103,7 +117,7 @@ class Picture:
     def halved(self) -> "Picture":
         """Half resolution: a pixel is set where at least two of its four are (the paper, section 4.2).
 
-        Without prices, which are another matter there.
+        Without prices, which are another matter there, and without colour classes.
         """
         n_cameras = len(self.region.origin_px)
         region = Region(
@@ -130,13 +144,21 @@ class Picture:
         if self.unsure is not None:
             cut = _cut_planes(self.unsure, corners, size, False)
             unsure = cut if cut.any() else None
+        classes = self.classes
+        if classes is not None:
+            classes = np.array([_cut_planes(of_bit, corners, size, False) for of_bit in classes])
         region = Region(origin_px, width_px, height_px, self.region.scale)
-        return Picture(region, silhouettes, ignored, prices, unsure)
+        return Picture(region, silhouettes, ignored, prices, unsure, classes)
 
     @property
     def sent_unsure(self) -> Bytes:
         """Unsure pixels as a message holds them: (P, h, w), or (0, h, w) where there is none."""
         return self.silhouettes[:0] if self.unsure is None else self.unsure
+
+    @property
+    def sent_classes(self) -> Bytes:
+        """Colour classes as a message holds them: (CLASS_BITS, P, h, w), or (0, P, h, w) for none."""
+        return self.silhouettes[None][:0] if self.classes is None else self.classes
 
     @property
     def n_foreground(self) -> int:

@@ -109,7 +109,7 @@ class PathSearch:
 
     def _energies_px(self, seen: TriPlanes, poses: Floats) -> Floats:
         """(K,) what poses (K, D) cost in a frame, with what limbs inside others cost."""
-        settings, picture = self._settings, Picture.whole(self._model.rig, seen.silhouettes, seen.unsure)
+        settings, picture = self._settings, Picture.of_frame(self._model.rig, seen)
         energy = whole_body_energy(self._model, picture, poses[0], settings.cost, settings.detail_px)
         contact_px = self._model.aligner(settings).contact_px(poses, settings)
         return np.asarray(energy(poses) + contact_px.sum(axis=1))

@@ -82,7 +82,7 @@ def found_anew(
 ) -> Floats:
     """Search the pose (D,) of a frame with silhouettes `seen` (P, H, W) like a first pose, with the heading
     of a known pose; returns the known pose if no whole person is visible."""
-    hull, picture = whole_person(model, seen), Picture.whole(model.rig, seen.silhouettes, seen.unsure)
+    hull, picture = whole_person(model, seen), Picture.of_frame(model.rig, seen)
     if hull is None:
         return pose
     facing_rad = float(pose[DOF_INDEX["root_heading"]])

@@ -7,20 +7,28 @@ from functools import cached_property
 import numpy as np
 
 from services.mocap.body.kinematics import N_DOF
+from services.mocap.energy.backend import Energy
 from services.mocap.energy.bitplanes import count_bits
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned, SeenRim
 from services.mocap.search.alignment.contacts import PRICED
 from services.mocap.search.chains import ALL_SURFACES, LIMBS
-from services.mocap.search.error_by_part import error_by_part
+from services.mocap.search.error_by_part import PART_STAGES, error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
-from services.mocap.search.part_confidence import Differences, PartConfidence, confidences, differences
+from services.mocap.search.part_confidence import (
+    Differences,
+    PartConfidence,
+    confidences,
+    differences,
+    inner,
+    within,
+)
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.stages import Solution, solve_head, whole_body_energy
+from services.mocap.search.stages import Solution, solve_head, whole_body_energy, whole_body_problem
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
 
@@ -60,9 +68,11 @@ class _Search:
         )[0]
         contact_px = self.contact_px(aligned.pose)
         if self.settings.cost == Cost():
-            differing = (covered ^ self.whole.silhouettes) & ~self.whole.ignored
-            return _Seen(aligned, covered, contact_px, float(count_bits(differing)) + contact_px.sum())
-        energy_px = float(self._priced(aligned.pose[None])[0])
+            energy_px = float(count_bits((covered ^ self.whole.silhouettes) & ~self.whole.ignored))
+            if self._wrong_px is not None:
+                energy_px += self.settings.colour * float(self._wrong_px(aligned.pose[None])[0])
+        else:
+            energy_px = float(self._priced(aligned.pose[None])[0])
         return _Seen(aligned, covered, contact_px, energy_px + contact_px.sum())
 
     def contact_px(self, pose: Floats) -> Floats:
@@ -73,6 +83,16 @@ class _Search:
     def _priced(self) -> Callable[[Floats], Floats]:
         s = self.settings
         return whole_body_energy(self.model, self.whole, np.zeros(N_DOF), s.cost, s.detail_px)
+
+    @cached_property
+    def _wrong_px(self) -> Energy | None:
+        """How many pixels have a wrong colour class; None where colours do not count."""
+        s = self.settings
+        if self.whole.classes is None or s.colour == 0.0:
+            return None
+        return self.model.colours.wrong_px(
+            whole_body_problem(self.whole, np.zeros(N_DOF), s.cost, s.detail_px)
+        )
 
     def best_of(self, poses: Floats) -> _Seen:
         """The first of the cheapest poses (N, D)."""
@@ -93,6 +113,10 @@ class _Search:
     def differences(self, seen: _Seen) -> Differences:
         """The differences between a pose and the input; what limbs inside others cost is among them."""
         found = differences(self.model, self.whole, seen.pose, seen.covered)
+        if self._wrong_px is not None:
+            wrong = inner(self.model.colours.wrong(self.whole, seen.pose))
+            for part, stage in PART_STAGES.items():
+                found.px[part] += round(self.settings.colour * within(wrong, self.model, stage, seen.pose))
         for limb, px in zip(PRICED, seen.contact_px, strict=True):
             found.px[limb] += round(px)
             found.nearest_px[limb] += round(px)

@@ -65,7 +65,7 @@ def solve_first_frame(
     cameras. made: the model of the told actor (told_actor), where there is one already. Raises TakeError
     where nobody is to be seen, or the silhouettes make no sense (look_first).
     """
-    picture = Picture.whole(rig, seen.silhouettes, seen.unsure)
+    picture = Picture.of_frame(rig, seen)
     if actor is not None and fitted_pose is not None:
         model = made or model_of(actor, rig, engine)
         limbs = pool(model, actor)

@@ -6,6 +6,7 @@ from functools import cached_property
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend
+from services.mocap.energy.colours import ColourPainter
 from services.mocap.search.alignment.aligner import Aligner
 from services.mocap.search.settings import SearchSettings
 
@@ -21,6 +22,11 @@ class Model:
     def aligner(self, settings: SearchSettings) -> Aligner:
         """The aligner of the body, with full meshes if the settings allow no level of detail."""
         return self._thinned if settings.detail_px > 0 else self._full
+
+    @cached_property
+    def colours(self) -> ColourPainter:
+        """Paints the body's colour classes."""
+        return ColourPainter(self.body, self.rig)
 
     @cached_property
     def _thinned(self) -> Aligner:

@@ -58,18 +58,18 @@ def differences(model: Model, whole: Picture, pose: Floats, covered: Bytes) -> D
     """Compare whole pictures with what the model covers there (P, H, W) in a pose (D,)."""
     counted = ~whole.ignored
     missing, surplus = whole.silhouettes & ~covered & counted, covered & ~whole.silhouettes & counted
-    thick = _inner(missing) | _inner(surplus)
+    thick = inner(missing) | inner(surplus)
     px: dict[Part, int] = dict.fromkeys(PARTS, 0)
     px["torso"] = count_bits(thick)
     share = px["torso"] / max(count_bits(whole.likely(covered)), 1)
     if not px["torso"]:
         return Differences(px, px.copy(), share)
     for part, stage in PART_STAGES.items():
-        px[part] = _within(thick, model, stage, pose)
+        px[part] = within(thick, model, stage, pose)
     return Differences(px, pixels_by_part(thick, model, pose), share)
 
 
-def _inner(planes: Bytes) -> Bytes:
+def inner(planes: Bytes) -> Bytes:
     """The pixels of planes (P, H, W) all of whose eight neighbours are set too."""
     inner = np.zeros_like(planes)
     rows = planes[:, :-2] & planes[:, 1:-1] & planes[:, 2:]
@@ -77,7 +77,7 @@ def _inner(planes: Bytes) -> Bytes:
     return inner
 
 
-def _within(planes: Bytes, model: Model, stage: Stage, pose: Floats) -> int:
+def within(planes: Bytes, model: Model, stage: Stage, pose: Floats) -> int:
     """Set bits in the windows of a stage."""
     size, total = window_size_px(stage, model.rig), 0
     for c, (x, y) in enumerate(window_origins_px(stage, pose, model.body, model.rig)):

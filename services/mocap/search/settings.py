@@ -99,6 +99,10 @@ class SearchSettings(BaseModel):
     """If positive, cameras whose energy exceeds this share of the median camera's foreground have little
     influence."""
 
+    colour: float = Field(default=1.0, ge=0, le=10, description="a number from 0 to 10")
+    """What a pixel with a wrong colour class costs, in differing pixels, where classes were learnt; 0:
+    colours do not count."""
+
     @field_validator("arm_grid", "leg_grid", "camera_weights", mode="before")
     @classmethod
     def _from_list(cls, value: object) -> object:
@@ -120,7 +124,7 @@ class SearchSettings(BaseModel):
     @property
     def cost(self) -> Cost:
         """The cost of differing pixels in the search; reported energies are always plain counts."""
-        return Cost(self.distance_cap_px, self.camera_weights, self.camera_cap)
+        return Cost(self.distance_cap_px, self.camera_weights, self.camera_cap, self.colour)
 
     def weights(self, n_cameras: int) -> Floats:
         """(C,) weight of each camera's pixels."""
@@ -158,7 +162,9 @@ class SearchSettings(BaseModel):
 Preset: TypeAlias = Literal["default", "paper", "plain"]
 PRESETS: dict[Preset, SearchSettings] = {
     "default": SearchSettings(),
-    "paper": SearchSettings(method="paper", body="paper"),
-    "plain": SearchSettings(method="paper", body="paper", windows=False, prerender=False, detail_px=0.0),
+    "paper": SearchSettings(method="paper", body="paper", colour=0.0),
+    "plain": SearchSettings(
+        method="paper", body="paper", windows=False, prerender=False, detail_px=0.0, colour=0.0
+    ),
 }
 """The searches by name, for `--search`; --set and --settings modify them."""

@@ -21,7 +21,7 @@ class SilhouetteSpool:
 
     def append(self, seen: TriPlanes) -> None:
         """Add the next frame's silhouettes (P, H, W)."""
-        planes = np.stack([seen.silhouettes, seen.unsure])
+        planes = np.stack([seen.silhouettes, seen.unsure, *([] if seen.classes is None else seen.classes)])
         self._shape = planes.shape
         self._file.seek(self._ends[-1])
         self._ends.append(self._ends[-1] + self._file.write(zlib.compress(planes.tobytes(), _FAST)))
@@ -38,7 +38,8 @@ class SilhouetteSpool:
         """The silhouettes (P, H, W) of a frame, from 0."""
         self._file.seek(self._ends[frame])
         content = zlib.decompress(self._file.read(self._ends[frame + 1] - self._ends[frame]))
-        return TriPlanes(*np.frombuffer(content, np.uint8).reshape(self._shape).copy())
+        silhouettes, unsure, *classes = np.frombuffer(content, np.uint8).reshape(self._shape).copy()
+        return TriPlanes(silhouettes, unsure, np.array(classes) if classes else None)
 
     def close(self) -> None:
         """Delete everything."""

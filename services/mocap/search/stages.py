@@ -45,8 +45,21 @@ class Solution:
 
 def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Energy:
     """The energy of all parameters with the whole body drawn; pose (D,) is any; the rest as in Problem."""
-    problem = Problem(pose, tuple(range(N_DOF)), ALL_SURFACES, cost.priced(picture), cost, detail_px)
-    return model.backend.energy(problem)
+    return _energy(model, whole_body_problem(picture, pose, cost, detail_px))
+
+
+def whole_body_problem(picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Problem:
+    """The problem of whole_body_energy."""
+    return Problem(pose, tuple(range(N_DOF)), ALL_SURFACES, cost.priced(picture), cost, detail_px)
+
+
+def _energy(model: Model, problem: Problem) -> Energy:
+    """The energy of a problem, with what wrong colours cost if its picture has classes."""
+    energy, price = model.backend.energy(problem), problem.cost.colour
+    if problem.picture.classes is None or price == 0.0:
+        return energy
+    wrong_px = model.colours.wrong_px(problem)
+    return lambda values: np.asarray(energy(values) + price * wrong_px(values))
 
 
 def solve_torso(model: Model, coarse: Picture, pose: Floats, settings: SearchSettings) -> Solution:
@@ -89,7 +102,7 @@ def prepare(
         drawn = stage.surfaces
         others = model.backend.coverage(pose[None], stage.others, picture.region, detail_px)
         picture = picture.ignoring(others[0])
-    energy = model.backend.energy(Problem(pose, stage.dofs, drawn, picture, cost, detail_px))
+    energy = _energy(model, Problem(pose, stage.dofs, drawn, picture, cost, detail_px))
     box = Box(*stage.limits())
     return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
 

@@ -73,7 +73,7 @@ class Tracker:
         found.
         """
         rig = self._model.rig
-        picture = Picture.whole(rig, seen.silhouettes, seen.unsure).without_cameras(absent)
+        picture = Picture.of_frame(rig, seen).without_cameras(absent)
         settings = self._settings.without_cameras(absent, rig.n_cameras)
         starts = extrapolated(self._poses[-2:]) if start is None else start[None]
         solution = solve_frame(

@@ -1,12 +1,14 @@
 """Compiles in advance: `python -m services.mocap.search.warm_up` fills the cache of all processes."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.compiled import forget_other_code
-from services.mocap.energy.bitplanes import n_planes
+from services.mocap.energy.bitplanes import CLASS_BITS, TriPlanes, n_planes
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
@@ -44,7 +46,8 @@ def rehearse(model: Model, limbs: LimbPool, settings: SearchSettings) -> None:
     workers.
     """
     rig = model.rig
-    nobody = Picture.whole(rig, np.zeros((n_planes(rig.n_cameras), *rig.shape_px), np.uint8))
+    nothing = np.zeros((n_planes(rig.n_cameras), *rig.shape_px), np.uint8)
+    nobody = Picture.of_frame(rig, replace(TriPlanes.sure(nothing), classes=np.stack([nothing] * CLASS_BITS)))
     look_up(rig, np.zeros(rig.shape_px, bool), 0, np.zeros((1, 3)))
     quick = settings.model_copy(update=_QUICK)
     solve_frame(model, nobody, np.zeros((1, N_DOF)), quick, limbs)

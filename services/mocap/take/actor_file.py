@@ -77,6 +77,7 @@ def rounded(actor: Actor) -> Actor:
         hip_depth=round(actor.hip_depth, _DIGITS),
         mesh=actor.mesh,
         skirt=actor.skirt,
+        colours=actor.colours,
     )
 
 

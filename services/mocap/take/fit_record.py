@@ -1,20 +1,22 @@
 """The files of a fit next to its actor.toml: their names, the record (fit.json), and reading its poses."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import Actor
+from services.mocap.body.colours import MOST_CLASSES
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
 from services.mocap.take.pictures import check_png, read_silhouette
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import read_poses_csv
-from services.mocap.types import Floats, Mask
+from services.mocap.types import Bytes, Floats, Mask
 
 FIT_FOLDER = "fit"
 """In a take folder, and in a folder of results."""
@@ -22,6 +24,10 @@ RECORD, POSES, MEASURES = "fit.json", "poses.csv", "measures.csv"
 OVERLAY, TURNTABLE = "overlay.png", "turntable.png"
 OCCLUDED = "occluded"
 """A folder of pictures, one per camera from which something hides the actor: white where it does."""
+COLOURS = "colours.npz"
+"""What the actor's colour classes look like: a table by camera's name."""
+COLOUR_BINS = (16, 32, 32)
+"""Of such a table: lightness, and the two chromatic axes of CIELAB."""
 
 
 class FitRecord(BaseModel):
@@ -96,3 +102,31 @@ def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
             check_png(path, camera)
             occluded[camera.name] = read_silhouette(path)
     return occluded
+
+
+def read_colour_tables(folder: Path, cameras: Iterable[Camera]) -> dict[str, Bytes]:
+    """By camera the class of each colour (COLOUR_BINS), 0 for none, as a fit learnt it; empty if none did.
+
+    Raises TakeError for a file that cannot be used.
+    """
+    path = folder / COLOURS
+    if not path.exists():
+        return {}
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            tables = {camera.name: file[camera.name] for camera in cameras if camera.name in file}
+    except (OSError, ValueError, BadZipFile):
+        raise TakeError(f"{path}: is not a file of xormocap fit: remove it or fit again") from None
+    for name, table in tables.items():
+        if table.shape != COLOUR_BINS or table.dtype != np.uint8 or table.max() > MOST_CLASSES:
+            raise TakeError(f"{path}: {name}: is not a table of colour classes: remove it or fit again")
+    return tables
+
+
+def write_colour_tables(folder: Path, tables: Mapping[str, Bytes]) -> None:
+    """Write the tables by camera, completely or not at all; without any, an earlier file goes."""
+    if not tables:
+        (folder / COLOURS).unlink(missing_ok=True)
+        return
+    with atomic_file(folder / COLOURS) as part, part.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **tables)

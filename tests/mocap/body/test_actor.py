@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, build_body
 from services.mocap.body.bones import BONES
+from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
 from services.mocap.body.profiles import FACTOR_RANGE, MOST_CONTROLS, SECTIONS, Profile
 from services.mocap.body.shape import generic_segments
@@ -37,6 +38,9 @@ ACTORS = st.builds(
         st.sampled_from(list(SECTIONS)), st.builds(Profile, width=FACTORS, depth=FACTORS), max_size=3
     ),
     skirt=st.none() | st.builds(Skirt, length=st.floats(0.05, 0.5), flare=st.floats(0.0, 0.2)),
+    colours=st.dictionaries(
+        st.sampled_from(COLOURED), st.tuples(*[st.integers(0, MOST_CLASSES)] * QUARTERS), max_size=3
+    ),
 )
 TRUNK_WIDTHS = {"hip_width", "shoulder_width"}  # they widen the trunk between them
 # Two joints whose distance along an axis is the bone's length, where it has such.
@@ -87,7 +91,7 @@ def changed_coordinates(body: Body, other: Body) -> tuple[set[tuple[str, str]], 
 def test_toml_round_trip(actor: Actor) -> None:
     assert Actor.from_toml(actor.to_toml()) == actor
     assert Actor.from_toml(actor.to_toml()).content_hash == actor.content_hash
-    unset = {name for name in ("mesh", "profiles", "skirt") if not getattr(actor, name)}
+    unset = {name for name in ("mesh", "profiles", "skirt", "colours") if not getattr(actor, name)}
     unset |= {"hip_depth"} if actor.hip_depth == 1.0 else set()
     fields = set(Actor.model_fields) - unset
     assert set(tomllib.loads(actor.to_toml())) == fields

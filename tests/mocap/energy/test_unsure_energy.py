@@ -107,7 +107,7 @@ def test_trimaps_survive_packing_and_cameras_another_order(ring: Ring, n_cameras
     np.testing.assert_array_equal(unpack_trimaps(seen, n_cameras), trimaps)
     reversed_ = joined([(seen, c) for c in range(n_cameras)[::-1]])
     np.testing.assert_array_equal(unpack_trimaps(reversed_, n_cameras), trimaps[::-1])
-    sent = TriPlanes.of_sent(seen.possible, seen.sent_unsure)
+    sent = TriPlanes.of_sent(seen.possible, seen.sent_unsure, seen.sent_classes)
     np.testing.assert_array_equal(unpack_trimaps(sent, n_cameras), trimaps)
 
 

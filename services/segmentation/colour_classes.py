@@ -1,0 +1,164 @@
+"""Colour classes: what each part of an actor looks like in each camera, learnt from a tracked take.
+
+Every quarter of every segment has a histogram of the colours that it shows in each camera. Pieces with
+similar histograms make one class: skin, hair, shirt, trousers, shoes. A pixel of the actor then has the class
+whose colours are clearly likelier than the others', or none.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
+from services.mocap.energy.cpu.arrays import Singles
+from services.mocap.take.fit_record import COLOUR_BINS
+from services.mocap.types import Bytes, Floats, Ints, Mask
+
+_SMOOTH_BINS = (1.2, 0.8, 0.8)
+"""Standard deviation by which histograms are smoothed."""
+_LEAST_PX = 150
+"""A piece that showed fewer pixels, over all cameras and frames, has no class."""
+_SAME = 0.35
+"""Pieces make one class where one minus the Bhattacharyya coefficient of their histograms is less."""
+_CLEARLY = 3.0
+"""How many times likelier than any other class a colour must be to have a class."""
+_LEAST_DENSITY = 1e-5
+"""A colour that every class has more seldom has no class."""
+_LEAST_SHARE = 0.6
+"""A piece has a class if so many of its pixels with any class have that one."""
+_ROUNDS = 3
+"""Of sorting pieces into classes and learning the classes' colours from what is sorted."""
+N_PIECES = len(COLOURED) * QUARTERS
+PIECES: Bytes = np.arange(1, 1 + N_PIECES, dtype=np.uint8).reshape(len(COLOURED), QUARTERS)
+"""(S + 3, QUARTERS) the number of each piece, from 1 on, as a table for ColourPainter.painted."""
+
+
+def classes_of(image_bgr: Bytes, table: Bytes) -> Bytes:
+    """(H, W) the class of every pixel of a picture (H, W, 3) by a camera's colour table (COLOUR_BINS)."""
+    classes: Bytes = table.ravel()[_bins_of(image_bgr)]
+    return classes
+
+
+def _bins_of(image_bgr: Bytes) -> NDArray[np.int32]:
+    """(H, W) numbers of bins, of the picture slightly blurred, as noise is larger than colours differ."""
+    lab = cv2.cvtColor(cv2.GaussianBlur(image_bgr, (3, 3), 0), cv2.COLOR_BGR2LAB).astype(np.int32)
+    chroma = np.clip((lab[..., 1:] - 128 >> 2) + 16, 0, 31)
+    return np.asarray((lab[..., 0] >> 4) * 1024 + chroma[..., 0] * 32 + chroma[..., 1], np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class ColourClasses:
+    """The classes of one actor in some cameras."""
+
+    colours: Mapping[str, tuple[int, ...]]
+    """As in Actor.colours."""
+    tables: Bytes
+    """(C, *COLOUR_BINS) by camera the class of each colour, 0 for none."""
+
+
+class ColourLearner:
+    """Collects the colours of an actor's pieces from pictures in which poses are known."""
+
+    def __init__(self, n_cameras: int) -> None:
+        self._counts: Ints = np.zeros((n_cameras, N_PIECES, int(np.prod(COLOUR_BINS))), np.int32)
+
+    def add(self, camera: int, image_bgr: Bytes, pieces: Bytes, actor: Mask) -> None:
+        """Add a picture (H, W, 3) without lens distortion; pieces (H, W): which of PIECES the body shows, 0
+        for none; actor (H, W): what is surely actor. Pixels near another segment or the outline are left
+        out."""
+        segments = np.where(actor & (pieces > 0), 1 + (pieces.astype(np.int32) - 1) // QUARTERS, 0)
+        kernel, numbers = np.ones((3, 3), np.uint8), segments.astype(np.uint8)
+        inside = (numbers > 0) & (cv2.erode(numbers, kernel) == cv2.dilate(numbers, kernel))
+        of_pieces = self._counts[camera]
+        np.add.at(of_pieces, (pieces[inside].astype(np.int32) - 1, _bins_of(image_bgr)[inside]), 1)
+
+    def conclude(self) -> ColourClasses | None:
+        """The classes; None if the actor shows one colour only."""
+        known = np.flatnonzero(self._counts.sum(axis=(0, 2)) >= _LEAST_PX)
+        if len(known) < 2:
+            return None
+        counts = self._counts[:, known].astype(np.float32)
+        groups = _grouped(np.array([[_smoothed(piece) for piece in camera] for camera in counts]))
+        classes: Ints = np.zeros(len(known), np.int32)
+        for number, group in enumerate(groups, 1):
+            classes[group] = number
+        tables = self._tables(counts, classes)
+        for _ in range(_ROUNDS - 1):
+            classes = _sorted_into(counts, tables)
+            tables = self._tables(counts, classes)
+        classes = _sorted_into(counts, tables)
+        if len(np.unique(classes[classes > 0])) < 2:
+            return None
+        of_pieces: Ints = np.zeros(N_PIECES, np.int32)
+        of_pieces[known] = classes
+        of_surfaces = of_pieces.reshape(PIECES.shape)
+        colours = {
+            name: tuple(of_surfaces[s].tolist())
+            for s, name in reversed(list(enumerate(COLOURED)))
+            if of_surfaces[s].any()
+        }
+        return ColourClasses(dict(sorted(colours.items())), tables)
+
+    def _tables(self, counts: Singles, classes: Ints) -> Bytes:
+        """(C, *COLOUR_BINS) from counts (C, K, bins) of pieces with classes (K,), 0 for none."""
+        numbers = np.unique(classes[classes > 0])
+        tables = np.zeros((len(counts), counts.shape[2]), np.uint8)
+        for of_camera, table in zip(counts, tables, strict=True):
+            density = np.array([_smoothed(of_camera[classes == k].sum(axis=0)) for k in numbers])
+            best = density.argmax(axis=0)
+            ranked = np.sort(density, axis=0)
+            clear = ranked[-1] > _LEAST_DENSITY
+            if len(numbers) > 1:
+                clear &= ranked[-1] > _CLEARLY * ranked[-2]
+            table[clear] = numbers[best[clear]]
+        return tables.reshape(-1, *COLOUR_BINS)
+
+
+def _smoothed(counts: Singles) -> Singles:
+    """A histogram (bins,) as a smooth density; zero where nothing was counted."""
+    density = gaussian_filter(counts.reshape(COLOUR_BINS), _SMOOTH_BINS).ravel()
+    return np.asarray(density / max(float(density.sum()), 1e-9), np.float32)
+
+
+def _grouped(densities: Singles) -> list[list[int]]:
+    """Pieces with densities (C, K, bins), put into at most MOST_CLASSES groups of similar ones, the most
+    similar first."""
+    groups = [[k] for k in range(densities.shape[1])]
+    roots = np.sqrt(densities)
+    apart = np.array([_apart(roots, k) for k in range(len(groups))])
+    np.fill_diagonal(apart, np.inf)
+    while len(groups) > 1:
+        i, j = sorted(divmod(int(apart.argmin()), len(groups)))
+        if apart[i, j] > _SAME and len(groups) <= MOST_CLASSES:
+            break
+        groups[i] += groups.pop(j)
+        roots[:, i] = np.sqrt(densities[:, groups[i]].mean(axis=1))
+        roots, apart = np.delete(roots, j, axis=1), np.delete(np.delete(apart, j, axis=0), j, axis=1)
+        apart[i] = apart[:, i] = _apart(roots, i)
+        apart[i, i] = np.inf
+    return groups
+
+
+def _apart(roots: Singles, k: int) -> Floats:
+    """(K,) one minus the Bhattacharyya coefficients of piece k and all, mean over the cameras that show both;
+    roots (C, K, bins): of their densities."""
+    shown: Mask = np.asarray(roots.any(axis=2))
+    n_both = (shown & shown[:, k, None]).sum(axis=0)
+    common = np.einsum("ckb,cb->k", roots, roots[:, k], optimize=True)
+    return np.where(n_both > 0, 1.0 - common / np.maximum(n_both, 1), 1.0).astype(np.float64)
+
+
+def _sorted_into(counts: Singles, tables: Bytes) -> Ints:
+    """(K,) the class that most pixels of each piece have, 0 where there is none; counts (C, K, bins)."""
+    flat = tables.reshape(len(tables), -1)
+    votes = np.zeros((counts.shape[1], 1 + MOST_CLASSES))
+    for of_camera, table in zip(counts, flat, strict=True):
+        for k in range(1, 1 + MOST_CLASSES):
+            votes[:, k] += of_camera[:, table == k].sum(axis=1)
+    best = votes.argmax(axis=1)
+    is_clear = votes.max(axis=1) > _LEAST_SHARE * np.maximum(votes.sum(axis=1), 1.0)
+    return np.where(is_clear, best, 0).astype(np.int32)
