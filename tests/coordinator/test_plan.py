@@ -13,6 +13,7 @@ import pytest
 from services.coordinator.plan import Plan
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take import segmenter_name
+from services.mocap.take.fit_record import COLOUR_BINS
 from services.mocap.take.folder import open_take
 
 SmallTake = Callable[..., Path]
@@ -92,3 +93,11 @@ def test_what_hides_the_actor_is_part_of_the_plan(small_take: SmallTake) -> None
     hidden += [replace(plan, occluded={name: mask}).name for name in ("cam01", "cam02")]
     assert len({plan.name, *hidden}) == 4
     assert replace(plan, occluded={"cam02": mask.copy()}).name == hidden[-1]
+
+
+def test_what_colours_look_like_is_part_of_the_plan(small_take: SmallTake) -> None:
+    take = open_take(small_take())
+    plan = Plan(take, range(take.settings.frames), SearchSettings(), "auto", None)
+    tables = [np.full(COLOUR_BINS, k, np.uint8) for k in (0, 1)]
+    names = {plan.name, *(replace(plan, colour_tables={"cam01": table}).name for table in tables)}
+    assert len(names) == 3

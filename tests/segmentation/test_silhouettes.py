@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.mocap.energy.bitplanes import in_common_size, pack_trimaps
+from services.mocap.energy.bitplanes import in_common_size, pack_trimaps, unpack_classes
+from services.mocap.take.fit_record import COLOUR_BINS
 from services.mocap.take.folder import open_take
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE
 from services.segmentation.cleanup import SegmentationSettings
@@ -35,3 +36,18 @@ def test_a_frame_is_the_same_wherever_reading_starts(shared_takes: Path, name: s
         for frame, trimaps in islice(enumerate(late, start), 3):
             for trimap, expected in zip(trimaps, through[frame], strict=True):
                 np.testing.assert_array_equal(trimap, expected)
+
+
+def test_actor_pixels_get_the_class_of_their_colour(shared_takes: Path) -> None:
+    take = open_take(shared_takes / "studio-a")
+    cameras = take.cameras[2:4]
+    made = make_segmenter(take, cameras, SegmentationSettings())
+    tables = {cameras[1].name: np.full(COLOUR_BINS, 5, np.uint8)}
+    (plain,), (known,) = list(made.moments(3, 4)), list(made.knowing({}, tables).moments(3, 4))
+    assert plain.classes is None
+    assert known.classes is not None
+    assert not known.classes[0].any(), "no table, no class"
+    np.testing.assert_array_equal(known.classes[1], np.where(known.trimaps[1] == ACTOR, 5, 0))
+    sent = packed(known.trimaps, 320, 240, known.classes).classes
+    assert sent is not None
+    np.testing.assert_array_equal(unpack_classes(sent, 2), known.classes)

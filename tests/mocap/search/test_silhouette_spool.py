@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.random import default_rng
 
-from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.energy.bitplanes import CLASS_BITS, TriPlanes
 from services.mocap.search.silhouette_spool import SilhouetteSpool
 
 
@@ -22,4 +22,14 @@ def test_silhouettes_come_out_as_they_went_in() -> None:
             np.testing.assert_array_equal(found.silhouettes, frames[j].silhouettes)
             np.testing.assert_array_equal(found.unsure, frames[j].unsure)
             assert found.silhouettes.flags.writeable  # compiled code takes no others
+    spool.close()
+
+
+def test_colour_classes_are_kept_with_them() -> None:
+    random, spool = default_rng(6), SilhouetteSpool()
+    silhouettes, unsure, *classes = random.integers(0, 256, (2 + CLASS_BITS, 2, 7, 9), np.uint8)
+    spool.append(TriPlanes(silhouettes, unsure, np.array(classes)))
+    found = spool[0].classes
+    assert found is not None
+    np.testing.assert_array_equal(found, classes)
     spool.close()

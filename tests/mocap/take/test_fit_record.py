@@ -7,8 +7,20 @@ import pytest
 
 from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
+from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
-from services.mocap.take.fit_record import POSES, RECORD, FitRecord, fitted_pose, hints_of, write_record
+from services.mocap.take.fit_record import (
+    COLOUR_BINS,
+    COLOURS,
+    POSES,
+    RECORD,
+    FitRecord,
+    fitted_pose,
+    hints_of,
+    read_colour_tables,
+    write_colour_tables,
+    write_record,
+)
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import PoseTable, write_poses_csv
 
@@ -69,3 +81,37 @@ def test_missing_poses_are_said(folder: Path) -> None:
     (folder / POSES).unlink()
     with pytest.raises(TakeError, match=r"poses\.csv: is missing"):
         fitted_pose(folder, ACTOR, _settings(facing=30.0), 0)
+
+
+def _camera(name: str) -> Camera:
+    return Camera(name, 64, 48, np.diag([60.0, 60.0, 1.0]), np.zeros(4), np.eye(3), np.zeros(3))
+
+
+CAMERAS = [_camera("cam01"), _camera("cam02")]
+
+
+def test_colour_tables_are_kept_by_camera_and_go_with_the_next_fit(tmp_path: Path) -> None:
+    table = np.random.default_rng(0).integers(0, 8, COLOUR_BINS).astype(np.uint8)
+    write_colour_tables(tmp_path, {"cam01": table, "gone": table})
+    found = read_colour_tables(tmp_path, CAMERAS)
+    assert found.keys() == {"cam01"}
+    np.testing.assert_array_equal(found["cam01"], table)
+    write_colour_tables(tmp_path, {})
+    assert read_colour_tables(tmp_path, CAMERAS) == {}
+
+
+@pytest.mark.parametrize(
+    "table", [np.full(COLOUR_BINS, 8, np.uint8), np.zeros((4, 4, 4), np.uint8), np.zeros(COLOUR_BINS)]
+)
+def test_a_table_without_sense_is_refused(tmp_path: Path, table: np.ndarray) -> None:
+    np.savez(tmp_path / COLOURS, cam02=table)
+    with pytest.raises(TakeError, match=r"colours\.npz: cam02: is not a table of colour classes: remove it"):
+        read_colour_tables(tmp_path, CAMERAS)
+
+
+def test_another_file_in_its_place_is_refused(tmp_path: Path) -> None:
+    (tmp_path / COLOURS).write_bytes(b"no archive")
+    with pytest.raises(
+        TakeError, match=r"colours\.npz: is not a file of xormocap fit: remove it or fit again"
+    ):
+        read_colour_tables(tmp_path, CAMERAS)
