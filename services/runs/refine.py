@@ -75,8 +75,9 @@ def refine_take(
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
             made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
-            occluded, colours = look_over(take, found, made, lambda share: progress(0.7 * share))
-            colours = colours if learns_colours else None
+            occluded, colours = look_over(
+                take, found, made, lambda share: progress(0.7 * share), learns_colours=learns_colours
+            )
             marked: Mask = np.asarray(found.distrusted.any(axis=1), bool)
             if occluded and np.count_nonzero(~marked) < n_frames:
                 marked = found.distrusted[:, _TORSO]  # furniture that was not known leaves marks of its own
@@ -87,7 +88,10 @@ def refine_take(
         with clock.stage("fitting the actor") as progress:
             height_m = take.settings.actor_height
             rig = Rig.of(cameras)
-            coloured = found.actor.model_copy(update={"colours": dict(colours.colours) if colours else {}})
+            coloured = found.actor
+            if learns_colours:
+                seen_colours = dict(colours.colours) if colours else {}
+                coloured = coloured.model_copy(update={"colours": seen_colours})
             start = in_best_skirt(coloured, poses, rig, seen)
             fit = fitter(rig, seen, start, poses, progress, body, height_m)
         started = found.actor, poses[0]
@@ -102,7 +106,12 @@ def refine_take(
 
 
 def look_over(
-    take: Take, found: Result, segmenter: Segmenter, progress: Callable[[float], None]
+    take: Take,
+    found: Result,
+    segmenter: Segmenter,
+    progress: Callable[[float], None],
+    *,
+    learns_colours: bool,
 ) -> tuple[dict[str, Mask], ColourClasses | None]:
     """What the poses of a result tell: by camera the pixels (h, w) in which something hides the actor, and
     the actor's colour classes, None without pictures or if there is one colour only."""
@@ -116,7 +125,8 @@ def look_over(
     def posed() -> Iterator[PosedFrame]:
         for k, (row, moment) in enumerate(zip(rows, read_moments(frames, segmenter), strict=True)):
             pose, distrusted = found.tracked.poses[row], found.distrusted[row]
-            lesson.add(moment, pose, distrusted)
+            if learns_colours:
+                lesson.add(moment, pose, distrusted)
             yield PosedFrame(packed(moment.trimaps, width_px, height_px), pose, bool(distrusted[_TORSO]))
             progress((k + 1) / len(rows))
 

@@ -87,12 +87,11 @@ class ColourLearner:
         for number, group in enumerate(groups, 1):
             classes[group] = number
         tables = self._tables(counts, classes)
-        for _ in range(_ROUNDS - 1):
+        for k in range(_ROUNDS):
+            tables = tables if k == 0 else self._tables(counts, classes)
             classes = _sorted_into(counts, tables)
-            tables = self._tables(counts, classes)
-        classes = _sorted_into(counts, tables)
-        if len(np.unique(classes[classes > 0])) < 2:
-            return None
+            if len(np.unique(classes[classes > 0])) < 2:
+                return None
         of_pieces: Ints = np.zeros(N_PIECES, np.int32)
         of_pieces[known] = classes
         of_surfaces = of_pieces.reshape(PIECES.shape)

@@ -34,7 +34,8 @@ class Cost:
     that hardly pulls. Pre-rendering then no longer changes energies by a constant."""
     colour: float = field(default=1.0, compare=False)
     """What a pixel with a wrong colour class costs beside that, in pictures that have classes
-    (services.mocap.energy.colours); no backend has to know of it."""
+    (services.mocap.energy.colours), whatever the camera's cap. No backend has to know of it, so it is left
+    out when costs are compared."""
 
     @property
     def margin_px(self) -> int:

@@ -38,7 +38,7 @@ class SilhouetteSpool:
         """The silhouettes (P, H, W) of a frame, from 0."""
         self._file.seek(self._ends[frame])
         content = zlib.decompress(self._file.read(self._ends[frame + 1] - self._ends[frame]))
-        silhouettes, unsure, *classes = np.frombuffer(content, np.uint8).reshape(self._shape).copy()
+        silhouettes, unsure, *classes = np.frombuffer(content, np.uint8).reshape(-1, *self._shape[1:]).copy()
         return TriPlanes(silhouettes, unsure, np.array(classes) if classes else None)
 
     def close(self) -> None:

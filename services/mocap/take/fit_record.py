@@ -1,5 +1,6 @@
 """The files of a fit next to its actor.toml: their names, the record (fit.json), and reading its poses."""
 
+import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ OCCLUDED = "occluded"
 """A folder of pictures, one per camera from which something hides the actor: white where it does."""
 COLOURS = "colours.npz"
 """What the actor's colour classes look like: a table by camera's name."""
+_ENTRY = "camera:"
+"""Before a camera's name in that file."""
 COLOUR_BINS = (16, 32, 32)
 """Of such a table: lightness, and the two chromatic axes of CIELAB."""
 
@@ -114,8 +117,8 @@ def read_colour_tables(folder: Path, cameras: Iterable[Camera]) -> dict[str, Byt
         return {}
     try:
         with np.load(path, allow_pickle=False) as file:
-            tables = {camera.name: file[camera.name] for camera in cameras if camera.name in file}
-    except (OSError, ValueError, BadZipFile):
+            tables = {c.name: file[_ENTRY + c.name] for c in cameras if _ENTRY + c.name in file}
+    except (OSError, EOFError, TypeError, ValueError, zlib.error, BadZipFile):
         raise TakeError(f"{path}: is not a file of xormocap fit: remove it or fit again") from None
     for name, table in tables.items():
         if table.shape != COLOUR_BINS or table.dtype != np.uint8 or table.max() > MOST_CLASSES:
@@ -128,5 +131,6 @@ def write_colour_tables(folder: Path, tables: Mapping[str, Bytes]) -> None:
     if not tables:
         (folder / COLOURS).unlink(missing_ok=True)
         return
+    entries: dict[str, Any] = {_ENTRY + name: table for name, table in tables.items()}
     with atomic_file(folder / COLOURS) as part, part.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **tables)
+        np.savez_compressed(file, **entries)

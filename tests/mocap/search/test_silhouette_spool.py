@@ -32,4 +32,7 @@ def test_colour_classes_are_kept_with_them() -> None:
     found = spool[0].classes
     assert found is not None
     np.testing.assert_array_equal(found, classes)
+    spool.append(TriPlanes(silhouettes, unsure))  # of a segmentation that knows no classes
+    assert spool[1].classes is None
+    assert spool[0].classes is not None
     spool.close()

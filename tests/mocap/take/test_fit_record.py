@@ -104,13 +104,14 @@ def test_colour_tables_are_kept_by_camera_and_go_with_the_next_fit(tmp_path: Pat
     "table", [np.full(COLOUR_BINS, 8, np.uint8), np.zeros((4, 4, 4), np.uint8), np.zeros(COLOUR_BINS)]
 )
 def test_a_table_without_sense_is_refused(tmp_path: Path, table: np.ndarray) -> None:
-    np.savez(tmp_path / COLOURS, cam02=table)
+    np.savez(tmp_path / COLOURS, **{"camera:cam02": table})
     with pytest.raises(TakeError, match=r"colours\.npz: cam02: is not a table of colour classes: remove it"):
         read_colour_tables(tmp_path, CAMERAS)
 
 
-def test_another_file_in_its_place_is_refused(tmp_path: Path) -> None:
-    (tmp_path / COLOURS).write_bytes(b"no archive")
+@pytest.mark.parametrize("content", [b"no archive", b"", b"\x93NUMPY"])
+def test_another_file_in_its_place_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / COLOURS).write_bytes(content)
     with pytest.raises(
         TakeError, match=r"colours\.npz: is not a file of xormocap fit: remove it or fit again"
     ):
