@@ -123,6 +123,7 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
         detail_px=0,
         arm_grid=(3, 3, 1, 3),
         camera_weights=(1, 1, 1, 1, 0.5),
+        colour=0,
     )
     assert settings["worker_limbs_by_backend"]["cpu"] > 0
     logs = [(out / "logs" / f"{name}.log").read_text() for name in ("coordinator-0", "limb_worker-1")]

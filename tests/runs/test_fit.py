@@ -35,14 +35,14 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_settings, write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.take.writer import write_picture
-from services.mocap.types import UNSURE, Floats, Mask, Trimap
+from services.mocap.types import UNSURE, Floats, Mask
 from services.runs import fit as fit_module
 from services.runs.facing import fit_best_way_round, tracked_px
 from services.runs.fit import TakeFit, concluded, fit_take, init_frames, seen_of
 from services.runs.fit_files import write_fit
 from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
-from services.segmentation.silhouettes import Segmenter
+from services.segmentation.silhouettes import Moment, Segmenter
 
 CPU, QUICK = EngineSettings(backend="cpu"), SearchSettings(max_passes=1)
 TALLER_M = 1.76543219
@@ -239,17 +239,18 @@ def masks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Mask]:
         take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str
     ) -> Segmenter:
         real = make_segmenter(take, cameras, settings, name)
-        monkeypatch.setattr(real, "trimaps", partial(changed, real.trimaps, cameras))
+        monkeypatch.setattr(real, "moments", partial(changed, real.moments, cameras))
         return real
 
     def changed(
-        made: Callable[[int, int], Iterator[list[Trimap]]], cameras: Sequence[Camera], start: int, stop: int
-    ) -> Iterator[list[Trimap]]:
-        for trimaps in made(start, stop):
-            yield [
+        made: Callable[[int, int], Iterator[Moment]], cameras: Sequence[Camera], start: int, stop: int
+    ) -> Iterator[Moment]:
+        for moment in made(start, stop):
+            trimaps = [
                 trimap_of(shown[camera.name]) if camera.name in shown else trimap
-                for camera, trimap in zip(cameras, trimaps, strict=True)
+                for camera, trimap in zip(cameras, moment.trimaps, strict=True)
             ]
+            yield replace(moment, trimaps=trimaps)
 
     monkeypatch.setattr("services.runs.fit.make_segmenter", segmenter)
     return shown
