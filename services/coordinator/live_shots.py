@@ -48,7 +48,10 @@ class Shots:
         planes = TriPlanes.of_sent(message.planes, message.unsure, message.classes)
         shot.parts.append((message.cameras, planes))
         shot.times_s.update(zip(message.cameras, message.times_s, strict=True))
-        if len(self._shots) * (planes.silhouettes.nbytes + planes.unsure.nbytes) > _KEPT_BYTES:
+        if (
+            len(self._shots) * (planes.silhouettes.nbytes + planes.unsure.nbytes + planes.sent_classes.nbytes)
+            > _KEPT_BYTES
+        ):
             self._pass_over(min(self._shots))
 
     def _pass_over(self, number: int) -> None:

@@ -96,13 +96,9 @@ def refine_take(
             fit = fitter(rig, seen, start, poses, progress, body, height_m)
         started = found.actor, poses[0]
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
-        return replace(
-            refined,
-            occluded=occluded,
-            colour_tables=dict(zip([c.name for c in take.cameras], colours.tables, strict=True))
-            if colours
-            else {},
-        )
+        names = [camera.name for camera in take.cameras]
+        tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
+        return replace(refined, occluded=occluded, colour_tables=tables)
 
 
 def look_over(

@@ -86,9 +86,8 @@ class ColourLearner:
         classes: Ints = np.zeros(len(known), np.int32)
         for number, group in enumerate(groups, 1):
             classes[group] = number
-        tables = self._tables(counts, classes)
-        for k in range(_ROUNDS):
-            tables = tables if k == 0 else self._tables(counts, classes)
+        for _ in range(_ROUNDS):
+            tables = self._tables(counts, classes)
             classes = _sorted_into(counts, tables)
             if len(np.unique(classes[classes > 0])) < 2:
                 return None

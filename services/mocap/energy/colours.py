@@ -19,7 +19,7 @@ from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import CENTRE_X, lenses_of
 from services.mocap.energy.cpu.mesh import FlatMesh
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, scratch_for
-from services.mocap.energy.cpu.painting import Coat, Rest, count_wrong, paint, room_for
+from services.mocap.energy.cpu.painting import Coat, Drawing, Rest, count_wrong, paint, room_for
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Bytes, Floats, Ints
@@ -56,19 +56,13 @@ class ColourPainter:
         wrong = (seen != 0) & (rest[0] != 0) & (rest[0] != seen)
         blank_px = float(wrong.sum(axis=(1, 2)) @ weights)
         plan = (np.array(problem.dofs, np.int32), moving_frames(problem.dofs, problem.segments), drawn)
-        canvas, room, painted = (
-            empty_canvas(*seen.shape[1:]),
-            room_for(len(drawn), seen.shape[1]),
-            rest[0].copy(),
-        )
-        mesh, scratch = self._detailed if detail_px > 0 else self._full
+        drawing, painted = self._drawing(picture.region, len(drawn), detail_px), rest[0].copy()
 
         def evaluate(values: Floats) -> Floats:
             more_px, poses = np.empty(len(values)), np.array(values, order="C")
             count_wrong(
                 poses, plan, problem.base_pose.copy(), T_world_frame.copy(), self._body.offsets_m, coat,
-                cameras, detail_px, mesh, scratch, canvas, room, rest, painted, seen, weights,
-                more_px,
+                cameras, drawing, rest, painted, seen, weights, more_px,
             )  # fmt: skip
             return more_px + blank_px
 
@@ -98,13 +92,15 @@ class ColourPainter:
     ) -> Rest:
         shape = self._rig.n_cameras, region.height_px, region.width_px
         rest = np.zeros(shape, np.uint8), np.full(shape, np.inf, np.float32)
-        mesh, scratch = self._detailed if detail_px > 0 else self._full
-        paint(
-            T_world_frame, surfaces, coat, self._cameras(region), detail_px, mesh, scratch,
-            empty_canvas(region.height_px, region.width_px), room_for(len(surfaces), region.height_px),
-            np.ones(shape[1:], np.uint8), rest,
-        )  # fmt: skip
+        drawing = self._drawing(region, len(surfaces), detail_px)
+        everywhere = np.ones(shape[1:], np.uint8)
+        paint(T_world_frame, surfaces, coat, self._cameras(region), drawing, everywhere, rest)
         return rest
+
+    def _drawing(self, region: Region, n_surfaces: int, detail_px: float) -> Drawing:
+        mesh, scratch = self._detailed if detail_px > 0 else self._full
+        canvas = empty_canvas(region.height_px, region.width_px)
+        return detail_px, mesh, scratch, canvas, room_for(n_surfaces, region.height_px)
 
     def _coat(self, table: Bytes) -> Coat:
         return table, self.ends_m, self.nearer_m

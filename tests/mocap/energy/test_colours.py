@@ -27,7 +27,7 @@ from services.mocap.energy.colours import ColourPainter
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.chains import ALL_SURFACES, LIMBS
+from services.mocap.search.chains import ALL_SURFACES, LIMBS, LimbName
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import prepare, whole_body_energy
@@ -141,10 +141,10 @@ def test_wrong_pixels_are_those_of_another_class(
 @ANY
 @given(seed=st.integers(0, 10_000), limb=st.sampled_from(sorted(LIMBS)))
 def test_a_limb_before_the_painted_rest_costs_what_the_whole_body_costs(
-    dressed: Body, ring: Ring, random_poses: RandomPoses, seed: int, limb: str
+    dressed: Body, ring: Ring, random_poses: RandomPoses, seed: int, limb: LimbName
 ) -> None:
     rig, base = ring(N), random_poses(1, seed)[0]
-    stage, picture = LIMBS[limb].main, picture_with(rig, some_classes(rig, seed))  # type: ignore[index]
+    stage, picture = LIMBS[limb].main, picture_with(rig, some_classes(rig, seed))
     painter, values = ColourPainter(dressed, rig), random_poses(4, seed + 1)[:, list(stage.dofs)]
     problem = Problem(base, stage.dofs, stage.surfaces, picture)
     whole = painter.wrong_px(replace(problem, dofs=EVERY_DOF, segments=ALL_SURFACES))

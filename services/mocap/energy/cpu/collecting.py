@@ -12,11 +12,11 @@ from services.mocap.energy.cost import Counts
 from services.mocap.energy.cpu.arrays import Shorts, Words
 from services.mocap.types import Bytes, Ints
 
-Canvas: TypeAlias = tuple[Shorts, Words, Ints]
+Canvas: TypeAlias = tuple[Shorts, Words, Ints, Ints]
 """winding (H, W): signed outline crossings at the left edge of each pixel; a pixel is covered where the
 running sum of its row is positive. crossed (H, words): a bit for every column of a row that is crossed.
-extent (2,): the first row and the last row + 1 of those that may be crossed. Crossings right of the picture
-leave nothing."""
+extent (2,): the first row and the last row + 1 of those that may be crossed. spans (w // 2 + 1, 2): room for
+those of a row. Crossings right of the picture leave nothing."""
 _BITS, _LOG2_BITS = 64, 6
 """Of a word."""
 
@@ -36,7 +36,8 @@ lowest_bit = cast(Callable[[np.uint64], np.uint64], intrinsic(_lowest_bit))
 def empty_canvas(height_px: int, width_px: int) -> Canvas:
     """Room for what outlines leave behind in a picture: nothing yet."""
     crossed = np.zeros((height_px, -(-width_px // _BITS)), np.uint64)
-    return np.zeros((height_px, width_px), np.int16), crossed, np.array([height_px, 0], np.int32)
+    extent, spans = np.array([height_px, 0], np.int32), np.zeros((width_px // 2 + 1, 2), np.int32)
+    return np.zeros((height_px, width_px), np.int16), crossed, extent, spans
 
 
 def summed_gain(gain: Counts) -> Counts:
@@ -62,7 +63,7 @@ def cross(canvas: Canvas, row: np.uint32, column: np.uint32, sign: int) -> None:
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def collect_gain(canvas: Canvas, gain_sums: Counts) -> int:
     """Sum the gain of covered pixels and empty the canvas; gain_sums (H, W + 1): one camera's summed_gain."""
-    winding, crossed, extent = canvas
+    winding, crossed, extent, _ = canvas
     total = 0
     for r in range(extent[0], extent[1]):
         row, depth = np.uint32(r), 0
@@ -84,25 +85,37 @@ def collect_gain(canvas: Canvas, gain_sums: Counts) -> int:
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def row_spans(canvas: Canvas, row: int) -> int:
+    """Write from and to where pixels of a row are covered into the canvas's spans, empty the row, and return
+    how many spans there are."""
+    winding, crossed, _, spans = canvas
+    depth, n = 0, 0
+    for word in range(crossed.shape[1]):
+        bits = crossed[row, word]
+        crossed[row, word] = 0
+        while bits:
+            column = int(_BITS * word + lowest_bit(bits))
+            bits &= bits - np.uint64(1)
+            was_covered = depth > 0
+            depth += winding[row, column]
+            winding[row, column] = 0
+            if was_covered and not depth > 0:
+                spans[n, 1] = column
+                n += 1
+            elif depth > 0 and not was_covered:
+                spans[n, 0] = column
+    if depth > 0:
+        spans[n, 1] = winding.shape[1]
+        n += 1
+    return n
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def collect_bits(canvas: Canvas, plane: Bytes, bit: np.uint8) -> None:
     """Set the bit of covered pixels in plane (H, W), and empty the canvas."""
-    winding, crossed, extent = canvas
-    width_px = winding.shape[1]
+    extent, spans = canvas[2], canvas[3]
     for row in range(extent[0], extent[1]):
-        depth, covered_from = 0, width_px
-        for word in range(crossed.shape[1]):
-            bits = crossed[row, word]
-            crossed[row, word] = 0
-            while bits:
-                column = int(_BITS * word + lowest_bit(bits))
-                bits &= bits - np.uint64(1)
-                if depth > 0:
-                    for x in range(covered_from, column):
-                        plane[row, x] |= bit
-                depth += winding[row, column]
-                winding[row, column] = 0
-                covered_from = column
-        if depth > 0:
-            for x in range(covered_from, width_px):
+        for k in range(row_spans(canvas, row)):
+            for x in range(spans[k, 0], spans[k, 1]):
                 plane[row, x] |= bit
-    extent[0], extent[1] = winding.shape[0], 0
+    extent[0], extent[1] = plane.shape[0], 0

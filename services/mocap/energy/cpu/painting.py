@@ -11,7 +11,7 @@ import numpy as np
 
 from services.mocap.body.kinematics import SURFACE_FRAMES, place_frames
 from services.mocap.energy.cpu.arrays import Singles
-from services.mocap.energy.cpu.collecting import Canvas, lowest_bit
+from services.mocap.energy.cpu.collecting import Canvas, row_spans
 from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, draw
 from services.mocap.types import Bytes, Floats, Ints
@@ -25,8 +25,10 @@ Rest: TypeAlias = tuple[Bytes, Singles]
 Room: TypeAlias = tuple[Ints, Floats, Floats, Ints]
 """What painting needs room for: an order (K,) and the distances (K,) of K surfaces, a line (3,), and from and
 to where each row was painted (h, 2)."""
-_BITS = 64
-"""Of a word of a canvas."""
+Layers: TypeAlias = tuple[Bytes, Bytes, Singles]
+"""One camera's classes of the input, the painted ones, and how far what is painted is away, all (h, w)."""
+Drawing: TypeAlias = tuple[float, MeshArrays, Scratch, Canvas, Room]
+"""The level of detail in pixels, and what drawing takes."""
 _NEAREST_M = 0.05
 """Where an end lies nearer to the camera, or behind it, quarters cannot be told: the first one counts."""
 _SHORTEST_PX2 = 1e-9
@@ -45,11 +47,7 @@ def paint(
     surfaces: Ints,
     coat: Coat,
     cameras: tuple[Floats, Floats, Floats],
-    detail_px: float,
-    mesh: MeshArrays,
-    scratch: Scratch,
-    canvas: Canvas,
-    room: Room,
+    drawing: Drawing,
     everywhere: Bytes,
     rest: Rest,
 ) -> None:
@@ -57,17 +55,9 @@ def paint(
 
     cameras: projections (C, 3, 4), lenses, and centres in the world (C, 3). everywhere (h, w): ones.
     """
-    P_px_world, lenses, centres_world_m = cameras
-    order, far_m, line, spans = room
-    for c in range(len(P_px_world)):
-        _sort_by_distance(T_world_frame, surfaces, coat, centres_world_m[c], order, far_m)
-        for k in order:
-            s = surfaces[k]
-            draw(
-                T_world_frame, surfaces[k : k + 1], P_px_world[c], lenses[c], detail_px, mesh, scratch, canvas
-            )
-            _find_line(T_world_frame[SURFACE_FRAMES[s]], coat[1][s], P_px_world[c], coat[0].shape[1], line)
-            _collect(canvas, everywhere, rest[0][c], rest[1][c], far_m[k], line, coat[0][s], spans, True)
+    for c in range(len(cameras[0])):
+        layers = (everywhere, rest[0][c], rest[1][c])
+        _paint_view(c, T_world_frame, surfaces, coat, cameras, drawing, layers, True)
 
 
 @njit_without_refcounts
@@ -79,11 +69,7 @@ def count_wrong(
     offsets_m: Floats,
     coat: Coat,
     cameras: tuple[Floats, Floats, Floats],
-    detail_px: float,
-    mesh: MeshArrays,
-    scratch: Scratch,
-    canvas: Canvas,
-    room: Room,
+    drawing: Drawing,
     rest: Rest,
     painted: Bytes,
     seen: Bytes,
@@ -96,37 +82,50 @@ def count_wrong(
     body. weights (C,): of the cameras. painted: a copy of the rest's classes, and again so at the end.
     """
     dofs, frames, surfaces = plan
-    P_px_world, lenses, centres_world_m = cameras
-    order, far_m, line, spans = room
+    painted_rows = drawing[4][3]
     for n in range(len(values)):
         for k in range(len(dofs)):
             pose[dofs[k]] = values[n, k]
         place_frames(pose, offsets_m, frames, T_world_frame)
         total = 0.0
-        for c in range(len(P_px_world)):
+        for c in range(len(weights)):
             if weights[c] == 0.0:
                 continue
-            _sort_by_distance(T_world_frame, surfaces, coat, centres_world_m[c], order, far_m)
-            more = 0
-            for row in range(len(spans)):
-                spans[row, 0], spans[row, 1] = seen.shape[2], 0
-            for k in order:
-                s = surfaces[k]
-                draw(
-                    T_world_frame, surfaces[k : k + 1], P_px_world[c], lenses[c], detail_px, mesh, scratch,
-                    canvas,
-                )  # fmt: skip
-                _find_line(
-                    T_world_frame[SURFACE_FRAMES[s]], coat[1][s], P_px_world[c], coat[0].shape[1], line
-                )
-                more += _collect(
-                    canvas, seen[c], painted[c], rest[1][c], far_m[k], line, coat[0][s], spans, False
-                )
-            for row in range(len(spans)):
-                for x in range(spans[row, 0], spans[row, 1]):
+            layers = (seen[c], painted[c], rest[1][c])
+            more = _paint_view(c, T_world_frame, surfaces, coat, cameras, drawing, layers, False)
+            for row in range(len(painted_rows)):
+                for x in range(painted_rows[row, 0], painted_rows[row, 1]):
                     painted[c, row, x] = rest[0][c, row, x]
             total += weights[c] * more
         wrong_px[n] = total
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _paint_view(
+    c: int,
+    T_world_frame: Floats,
+    surfaces: Ints,
+    coat: Coat,
+    cameras: tuple[Floats, Floats, Floats],
+    drawing: Drawing,
+    layers: Layers,
+    keeps: bool,
+) -> int:
+    """Paint surfaces as camera c sees them, and return how many more pixels are wrong then; keeps: the layer
+    of distances is updated too."""
+    P_px_world, lenses, centres_world_m = cameras
+    detail_px, mesh, scratch, canvas, room = drawing
+    order, far_m, line, painted_rows = room
+    for row in range(len(painted_rows)):
+        painted_rows[row, 0], painted_rows[row, 1] = canvas[0].shape[1], 0
+    _sort_by_distance(T_world_frame, surfaces, coat, centres_world_m[c], order, far_m)
+    more = 0
+    for k in order:
+        s = surfaces[k]
+        draw(T_world_frame, surfaces[k : k + 1], P_px_world[c], lenses[c], detail_px, mesh, scratch, canvas)
+        _find_line(T_world_frame[SURFACE_FRAMES[s]], coat[1][s], P_px_world[c], coat[0].shape[1], line)
+        more += _collect(canvas, layers, far_m[k], line, coat[0][s], painted_rows, keeps)
+    return more
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -179,79 +178,33 @@ def _pixel(T: Floats, point_m: Floats, P: Floats) -> tuple[bool, float, float]:
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _collect(
     canvas: Canvas,
-    seen: Bytes,
-    painted: Bytes,
-    nearest_m: Singles,
+    layers: Layers,
     far_m: float,
     line: Floats,
     classes: Bytes,
-    spans: Ints,
+    painted_rows: Ints,
     keeps: bool,
 ) -> int:
     """Paint one surface from the canvas, empty it, and return how many more pixels are wrong then.
 
-    Only pixels whose seen class (h, w) is not 0 are painted. spans (h, 2): from and to where each row was
-    painted, widened. keeps: nearest_m is updated too.
+    Only pixels that have a class in the input are painted. painted_rows (h, 2): widened.
     """
-    winding, crossed, extent = canvas
-    width_px, more = winding.shape[1], 0
-    for row in range(extent[0], extent[1]):
-        depth, covered_from = 0, width_px
-        for word in range(crossed.shape[1]):
-            bits = crossed[row, word]
-            crossed[row, word] = 0
-            while bits:
-                column = int(_BITS * word + lowest_bit(bits))
-                bits &= bits - np.uint64(1)
-                if depth > 0:
-                    more += _paint_span(
-                        row,
-                        covered_from,
-                        column,
-                        seen,
-                        painted,
-                        nearest_m,
-                        far_m,
-                        line,
-                        classes,
-                        spans,
-                        keeps,
-                    )
-                depth += winding[row, column]
-                winding[row, column] = 0
-                covered_from = column
-        if depth > 0:
-            more += _paint_span(
-                row, covered_from, width_px, seen, painted, nearest_m, far_m, line, classes, spans, keeps
-            )
-    extent[0], extent[1] = winding.shape[0], 0
-    return more
-
-
-@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _paint_span(
-    row: int,
-    first: int,
-    end: int,
-    seen: Bytes,
-    painted: Bytes,
-    nearest_m: Singles,
-    far_m: float,
-    line: Floats,
-    classes: Bytes,
-    spans: Ints,
-    keeps: bool,
-) -> int:
-    """Paint pixels first to end of a row; the rest as in _collect."""
+    extent, spans = canvas[2], canvas[3]
     more, last = 0, len(classes) - 1
-    spans[row, 0], spans[row, 1] = min(spans[row, 0], first), max(spans[row, 1], end)
-    begun, new = first, classes[_piece(line, first, row, last)]
-    for x in range(first + 1, end):
-        following = classes[_piece(line, x, row, last)]
-        if following != new:
-            more += _paint_run(seen[row], painted[row], nearest_m[row], far_m, begun, x, new, keeps)
-            begun, new = x, following
-    return more + _paint_run(seen[row], painted[row], nearest_m[row], far_m, begun, end, new, keeps)
+    for row in range(extent[0], extent[1]):
+        for i in range(row_spans(canvas, row)):
+            first, end = spans[i, 0], spans[i, 1]
+            painted_rows[row, 0] = min(painted_rows[row, 0], first)
+            painted_rows[row, 1] = max(painted_rows[row, 1], end)
+            begun, new = first, classes[_piece(line, first, row, last)]
+            for x in range(first + 1, end):
+                following = classes[_piece(line, x, row, last)]
+                if following != new:
+                    more += _paint_run(layers, row, far_m, begun, x, new, keeps)
+                    begun, new = x, following
+            more += _paint_run(layers, row, far_m, begun, end, new, keeps)
+    extent[0], extent[1] = canvas[0].shape[0], 0
+    return more
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
@@ -261,17 +214,10 @@ def _piece(line: Floats, x: int, y: int, last: int) -> int:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _paint_run(
-    seen: Bytes,
-    painted: Bytes,
-    nearest_m: Singles,
-    far_m: float,
-    first: int,
-    end: int,
-    new: np.uint8,
-    keeps: bool,
+    layers: Layers, row: int, far_m: float, first: int, end: int, new: np.uint8, keeps: bool
 ) -> int:
-    """Paint pixels first to end of a row (w,) in one class; without a branch, so that it becomes vector
-    code."""
+    """Paint pixels first to end of a row in one class; without a branch, so that it becomes vector code."""
+    seen, painted, nearest_m = layers[0][row], layers[1][row], layers[2][row]
     more, far = np.int32(0), np.float32(far_m)
     is_class = np.int32(new != 0)
     for at in range(first, end):
