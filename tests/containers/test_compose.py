@@ -19,6 +19,14 @@ def stack(take: Path, tmp_path: Path) -> Iterator[Stack]:
         yield made
 
 
+def test_no_service_compiles_at_its_start(image: str) -> None:
+    before, after = (f"find {at} -name '*.nbc' | wc -l" for at in ("/app/warm/compiled", "$NUMBA_CACHE_DIR"))
+    script = f"{before} && entrypoint compile && {after}"
+    in_image, with_more = docker("run", "--rm", "--entrypoint", "sh", image, "-c", script).split()
+    assert int(in_image) > 100
+    assert with_more == in_image
+
+
 def test_up_tracks_a_take_and_returns_and_the_page_stays(stack: Stack, local_poses: str) -> None:
     stack.compose("up", "--no-build", timeout_s=400)
     assert stack.is_over()
