@@ -2,9 +2,11 @@
 
 import socket
 import time
+from collections.abc import Iterator
 from contextlib import closing
 from functools import cache
 from importlib.util import find_spec
+from itertools import repeat
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +17,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
+from services.mocap.take.fit_record import FIT_FOLDER, read_colour_tables, read_occluded
 from services.mocap.take.folder import Take, open_take
 from services.mocap.verdict.judging import verdict_of
 from services.process import StopRequest
@@ -24,7 +27,7 @@ from services.segmentation.silhouettes import Segmenter
 from services.viewer.address import LOOPBACK, Address
 from services.viewer.finished import FinishedFrames
 from services.viewer.frame_history import FrameHistory
-from services.viewer.pictures import TakePictures
+from services.viewer.pictures import Segmented, TakePictures
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 
@@ -100,12 +103,23 @@ def finished_show(folder: Path, take: Path | None) -> Show:
     except UserError:  # such as a plug-in that this machine lacks
         name_of_segmenter = AUTO
 
+    fit = folder / FIT_FOLDER
+    if "fit" in result.run and not fit.is_dir():
+        fit = opened.folder / FIT_FOLDER
+
     @cache  # clean plates are learnt when silhouettes, as the tracker had them, are first asked for
     def segmenter() -> Segmenter:
-        return make_segmenter(opened, opened.cameras, SegmentationSettings(), name_of_segmenter)
+        made = make_segmenter(opened, opened.cameras, SegmentationSettings(), name_of_segmenter)
+        return made.knowing(read_occluded(fit, opened.cameras), read_colour_tables(fit, opened.cameras))
 
     shown = dict(zip(result.frames.tolist(), result.tracked.frames_shown.tolist(), strict=True))
-    pictures = TakePictures(opened, lambda start, stop: segmenter().trimaps(start, stop), shown)
+
+    def segment(start: int, stop: int) -> Iterator[list[Segmented]]:
+        for moment in segmenter().moments(start, stop):
+            classes = moment.classes or repeat(None)
+            yield [Segmented(*seen) for seen in zip(moment.trimaps, classes, strict=False)]
+
+    pictures = TakePictures(opened, segment, shown)
     artist = TileArtist(body, rig, pictures)
     names = tuple(camera.name for camera in opened.cameras)
     return Show(name, fps, history, body, rig, names, artist, is_live=False, verdict=verdict)

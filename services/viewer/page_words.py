@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from services.mocap.export.tiles import BEYOND_BGR, MISSED_BGR
+from services.mocap.body.colours import parts_of_classes
+from services.mocap.export.tiles import BEYOND_BGR, CLASSES_BGR, MISSED_BGR
 from services.mocap.take.marks import PARTS
 from services.mocap.take.quantities import STAGES
 from services.mocap.verdict.verdict import frame_in_words, part_in_words
@@ -22,6 +23,7 @@ Message = tuple[list[bytes], dict[str, Any]]
 def show_words(show: Show, charts: tuple[str, ...], controls: Controls) -> dict[str, Any]:
     """A take, and what a user can choose."""
     verdict, look = show.verdict, controls.look
+    classes = parts_of_classes(show.body.colour_classes)
     return {
         "take": show.take,
         "fps": show.fps,
@@ -29,7 +31,9 @@ def show_words(show: Show, charts: tuple[str, ...], controls: Controls) -> dict[
         "remark": show.remark,
         "cameras": list(show.camera_names),
         "has_tiles": show.artist is not None,
-        "contents": ["pictures"] * show.has_pictures + ["silhouettes", "difference"],
+        "contents": ["pictures"] * show.has_pictures
+        + ["silhouettes", "difference"]
+        + ["colours"] * bool(classes),
         "content": look.content,
         "parts": [{"name": part, "words": part_in_words(part)} for part in PARTS],
         "charts": list(charts),
@@ -39,10 +43,13 @@ def show_words(show: Show, charts: tuple[str, ...], controls: Controls) -> dict[
             (rgb_of("right_hand"), "right"),
             (DISTRUSTED_RGB, "doubtful"),
         ],
-        "differences": [
-            (MISSED_BGR[::-1], "actor without model"),
-            (BEYOND_BGR[::-1], "model without actor"),
-        ],
+        "legends": {
+            "difference": [
+                (MISSED_BGR[::-1], "actor without model"),
+                (BEYOND_BGR[::-1], "model without actor"),
+            ],
+            "colours": [(CLASSES_BGR[k - 1][::-1], words) for k, words in classes.items()],
+        },
         "verdict": None
         if verdict is None
         else {

@@ -3,7 +3,8 @@
 import threading
 import zlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Generic, Protocol, TypeVar
 
@@ -13,7 +14,7 @@ from proto.messages import Silhouettes
 from services.blob_store import keep_latest
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
-from services.mocap.energy.bitplanes import TriPlanes, fit_together, unpack_trimaps
+from services.mocap.energy.bitplanes import TriPlanes, fit_together, unpack_classes, unpack_trimaps
 from services.mocap.take.folder import Take
 from services.mocap.take.video_index import index_video
 from services.mocap.take.video_picker import PicturePicker
@@ -22,8 +23,20 @@ from services.mocap.types import Bytes, Trimap
 Content = TypeVar("Content")
 _SPARED_FRAMES = 24
 """From this many skipped frames on, it is faster to reopen the video."""
-Trimaps = Callable[[int, int], Iterator[list[Trimap]]]
-"""Undistorted trimaps (h, w) of all cameras, from a frame up to but not including another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segmented:
+    """What the tracker gets of one camera's picture."""
+
+    trimap: Trimap
+    """(h, w)"""
+    classes: Bytes | None = None
+    """(h, w) the colour class of every actor pixel, 0 for none; None if no classes are known."""
+
+
+Segment = Callable[[int, int], Iterator[Sequence[Segmented]]]
+"""What all cameras show, undistorted, from a frame up to but not including another."""
 
 
 class Pictures(Protocol):
@@ -32,8 +45,8 @@ class Pictures(Protocol):
     def picture(self, camera: int, frame: int) -> Bytes | None:
         """(h, w, 3); None if there is none."""
 
-    def trimap(self, camera: int, frame: int) -> Trimap | None:
-        """(h, w); None if there is none."""
+    def segmented(self, camera: int, frame: int) -> Segmented | None:
+        """The silhouette and colour classes; None if there is no silhouette."""
 
 
 class Reader(Generic[Content]):
@@ -64,13 +77,13 @@ class Reader(Generic[Content]):
 class TakePictures:
     """A take folder's pictures and silhouettes."""
 
-    def __init__(self, take: Take, trimaps: Trimaps | None, shown: Mapping[int, int] | None = None) -> None:
-        """trimaps: makes the silhouettes of takes without any; None: no silhouettes. shown: the take's frame
+    def __init__(self, take: Take, segment: Segment | None, shown: Mapping[int, int] | None = None) -> None:
+        """segment: makes the silhouettes of takes without any; None: no silhouettes. shown: the take's frame
         that a frame of the results shows, where they differ (PoseTable.frames_shown)."""
-        self._take, self._segment, self._shown = take, trimaps, shown or {}
+        self._take, self._segment, self._shown = take, segment, shown or {}
         self._lock = threading.Lock()
         self._video = cache(self._open_video)
-        self._trimaps = Reader(self._trimaps_from)
+        self._segmented = Reader(self._segmented_from)
 
     def open(self) -> None:
         """Open all videos before the first picture is needed; raises TakeError."""
@@ -93,14 +106,14 @@ class TakePictures:
         ahead, undistorter = take.settings.offset(camera.name), Undistorter(camera)
         return lru_cache(1)(lambda frame: undistorter.image(picker.read(frame + ahead)))
 
-    def trimap(self, camera: int, frame: int) -> Trimap | None:
-        """See Pictures.trimap."""
+    def segmented(self, camera: int, frame: int) -> Segmented | None:
+        """See Pictures.segmented."""
         if self._take.source == "videos" and self._segment is None:
             return None
         with self._lock:
-            return self._trimaps.read(self._shown.get(frame, frame))[camera]
+            return self._segmented.read(self._shown.get(frame, frame))[camera]
 
-    def _trimaps_from(self, start: int) -> Iterator[list[Trimap]]:
+    def _segmented_from(self, start: int) -> Iterator[Sequence[Segmented]]:
         take = self._take
         if take.source == "videos" and self._segment is not None:
             yield from self._segment(start, take.settings.frames)
@@ -108,7 +121,7 @@ class TakePictures:
         undistorters = [Undistorter(camera) for camera in take.cameras]
         readers = [take.trimaps(camera, start) for camera in take.cameras]
         for trimaps in zip(*readers, strict=True):
-            yield [undo.trimap(raw) for undo, raw in zip(undistorters, trimaps, strict=True)]
+            yield [Segmented(undo.trimap(raw)) for undo, raw in zip(undistorters, trimaps, strict=True)]
 
 
 _KEPT_FRAMES = 512
@@ -124,7 +137,8 @@ class LivePictures:
         """folder: the take folder, if it is on this host. ask: requests a frame's silhouettes from the
         coordinator."""
         self._rig, self._folder, self._ask = rig, folder, ask
-        self._packed: OrderedDict[int, dict[int, bytes]] = OrderedDict()
+        self._packed: OrderedDict[int, dict[int, tuple[bytes, ...]]] = OrderedDict()
+        """By frame and camera the trimap, and the classes if they are known."""
         self._asked: OrderedDict[int, None] = OrderedDict()
         self._came = threading.Condition()
 
@@ -132,11 +146,11 @@ class LivePictures:
         """See Pictures.picture."""
         return None if self._folder is None else self._folder.picture(camera, frame)
 
-    def trimap(self, camera: int, frame: int) -> Trimap | None:
-        """See Pictures.trimap."""
-        trimap = None if self._folder is None else self._folder.trimap(camera, frame)
-        if trimap is not None:
-            return trimap
+    def segmented(self, camera: int, frame: int) -> Segmented | None:
+        """See Pictures.segmented."""
+        here = None if self._folder is None else self._folder.segmented(camera, frame)
+        if here is not None:
+            return here
         with self._came:
             if frame not in self._asked and frame not in self._packed:
                 keep_latest(self._asked, frame, None, _KEPT_FRAMES)
@@ -147,7 +161,9 @@ class LivePictures:
         width, height = self._rig.sizes_px[camera].tolist()
         if packed is None:
             return None
-        return np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, width)
+        return Segmented(
+            *(np.frombuffer(zlib.decompress(one), np.uint8).reshape(height, width) for one in packed)
+        )
 
     def add(self, message: Silhouettes) -> None:
         """Add silhouettes of some cameras; those that do not fit the rig are ignored."""
@@ -161,9 +177,12 @@ class LivePictures:
             if message.frame not in self._asked:
                 return
             frame = self._packed.setdefault(message.frame, {})
-            for camera, trimap in zip(cameras, unpack_trimaps(planes, len(cameras)), strict=True):
+            layers = [unpack_trimaps(planes, len(cameras))]
+            if planes.classes is not None:
+                layers.append(unpack_classes(planes.classes, len(cameras)))
+            for camera, *of_camera in zip(cameras, *layers, strict=True):
                 width, height = self._rig.sizes_px[camera].tolist()
-                frame[camera] = zlib.compress(trimap[:height, :width].tobytes(), 1)
+                frame[camera] = tuple(zlib.compress(one[:height, :width].tobytes(), 1) for one in of_camera)
             while len(self._packed) > _KEPT_FRAMES:
                 self._packed.popitem(last=False)
             self._came.notify_all()

@@ -11,15 +11,22 @@ import numpy as np
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
 from services.mocap.export.model_painter import ModelPainter
-from services.mocap.export.tiles import Grid, differing_pixels, draw_difference, draw_outline, trimap_picture
+from services.mocap.export.tiles import (
+    Grid,
+    differing_pixels,
+    draw_classes,
+    draw_difference,
+    draw_outline,
+    trimap_picture,
+)
 from services.mocap.search.chains import window_origins_px, window_size_px
 from services.mocap.search.error_by_part import PART_STAGES
 from services.mocap.take.marks import Part
-from services.mocap.types import Bytes, Trimap
+from services.mocap.types import Bytes
 from services.viewer.frame_history import SolvedFrame
-from services.viewer.pictures import Pictures
+from services.viewer.pictures import Pictures, Segmented
 
-Content = Literal["pictures", "silhouettes", "difference"]
+Content = Literal["pictures", "silhouettes", "difference", "colours"]
 _JPEG = (
     *(cv2.IMWRITE_JPEG_QUALITY, 80),
     # Thin lines keep their colours.
@@ -79,8 +86,8 @@ class TileArtist:
         width, height = self._rig.sizes_px[camera].tolist()
         with self._lock:
             picture = self._pictures.picture(camera, frame)
-            trimap = self._pictures.trimap(camera, frame) if picture is None else None
-        return _background(picture, trimap, (height, width))
+            segmented = self._pictures.segmented(camera, frame) if picture is None else None
+        return _background(picture, segmented, (height, width))
 
     def _draw(self, solved: SolvedFrame, look: Look) -> tuple[Tile, ...]:
         masks = self._painter.segment_masks(solved.pose)
@@ -95,26 +102,33 @@ class TileArtist:
     def _tile(self, frame: int, camera: int, model: Bytes, window: tuple[slice, slice], look: Look) -> Tile:
         picture = None if look.content == "silhouettes" else self._pictures.picture(camera, frame)
         is_needed = picture is None or look.content != "pictures"  # making silhouettes may be expensive
-        trimap = self._pictures.trimap(camera, frame) if is_needed else None
-        background, model = _background(picture, trimap, model.shape)[window], model[window]
+        segmented = self._pictures.segmented(camera, frame) if is_needed else None
+        background, model = _background(picture, segmented, model.shape)[window], model[window]
         height = max(2, round(look.tile_width_px * model.shape[0] / model.shape[1]))
         grid = Grid(1, 1, look.tile_width_px, height)
-        seen = None if trimap is None else trimap[window]
+        seen = None if segmented is None else segmented.trimap[window]
+        classes = None if segmented is None or segmented.classes is None else segmented.classes[window]
         if look.content == "difference" and seen is not None:
-            grey = cv2.cvtColor(background, cv2.COLOR_BGR2GRAY) // 2 + 20  # so that colours over it tell
-            faded = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
-            drawn = draw_difference(faded, seen, model, grid)
+            drawn = draw_difference(_faded(background), seen, model, grid)
+        elif look.content == "colours" and classes is not None:
+            drawn = draw_classes(_faded(background), classes, model, grid)
         else:
             drawn = draw_outline(background, model, grid)
         differing = None if seen is None else int(np.count_nonzero(differing_pixels(seen, model)))
         jpeg = cv2.imencode(".jpg", drawn, _JPEG)[1]
-        return Tile(camera, jpeg.tobytes(), differing, picture is not None or trimap is not None)
+        return Tile(camera, jpeg.tobytes(), differing, picture is not None or segmented is not None)
 
 
-def _background(picture: Bytes | None, trimap: Trimap | None, shape: tuple[int, ...]) -> Bytes:
+def _faded(picture: Bytes) -> Bytes:
+    """A picture (h, w, 3) in dark greys, so that colours over it tell."""
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) // 2 + 20
+    return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
+
+
+def _background(picture: Bytes | None, segmented: Segmented | None, shape: tuple[int, ...]) -> Bytes:
     """The background of the model, (h, w, 3): black if nothing is known of a frame."""
     if picture is not None:
         return picture
-    if trimap is not None:
-        return trimap_picture(trimap)
+    if segmented is not None:
+        return trimap_picture(segmented.trimap)
     return np.zeros((*shape, 3), np.uint8)

@@ -1,6 +1,9 @@
 """Where the page's scene puts bodies and cameras."""
 
+from queue import Queue
+
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from services.mocap.body.actor import Actor, build_body
@@ -9,7 +12,24 @@ from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
 from services.mocap.types import Floats
-from services.viewer.show import SEGMENT_PARENTS, lenses_of, placed_segments
+from services.viewer.controls import Controls
+from services.viewer.frame_history import FrameHistory
+from services.viewer.page_words import show_words
+from services.viewer.show import SEGMENT_PARENTS, Show, lenses_of, placed_segments
+
+
+@pytest.mark.parametrize(
+    ("colours", "said"),
+    [({}, []), ({"head": (1, 1, 1, 1), "left_hand": (2, 2, 2, 2)}, ["head", "hand"])],
+)
+def test_colour_classes_can_be_chosen_where_there_are_any(
+    colours: dict[str, tuple[int, ...]], said: list[str]
+) -> None:
+    body = build_body(Actor(colours=colours))
+    show = Show("walk", 15.0, FrameHistory(range(3)), body, None, (), None, is_live=False)
+    words = show_words(show, (), Controls(Queue(), show))
+    assert ("colours" in words["contents"]) == bool(said)
+    assert [part for _, part in words["legends"]["colours"]] == said
 
 
 def test_a_frustum_is_its_camera(walk: Take) -> None:

@@ -10,12 +10,13 @@ from services.mocap.body.actor import Body, build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.export.model_painter import ModelPainter
-from services.mocap.export.tiles import UNSURE_GREY
+from services.mocap.export.tiles import CLASSES_BGR, UNSURE_GREY
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv
-from services.mocap.types import UNSURE, Bytes, Floats, Trimap
+from services.mocap.types import UNSURE, Bytes, Floats
 from services.viewer.frame_history import SolvedFrame
+from services.viewer.pictures import Segmented
 from services.viewer.tiles import Look, Tile, TileArtist
 
 ALL = tuple(range(8))
@@ -35,8 +36,11 @@ class Fixed:
     def picture(self, camera: int, frame: int) -> Bytes | None:  # noqa: ARG002
         return np.full((*self._masks[camera].shape, 3), 90, np.uint8)
 
-    def trimap(self, camera: int, frame: int) -> Trimap | None:  # noqa: ARG002
-        return trimap_of(self._masks[camera])
+    def segmented(self, camera: int, frame: int) -> Segmented | None:  # noqa: ARG002
+        """Class 1 in the upper half, 7 in the lower one."""
+        classes = self._masks[camera].astype(np.uint8)
+        classes[len(classes) // 2 :] *= 7
+        return Segmented(trimap_of(self._masks[camera]), classes)
 
 
 @pytest.fixture
@@ -100,12 +104,34 @@ def test_what_was_just_drawn_is_not_drawn_again(scene: tuple[TileArtist, SolvedF
 
 def test_unsure_pixels_are_no_difference_and_grey(scene: tuple[TileArtist, SolvedFrame, Fixed, Rig]) -> None:
     artist, shown, pictures, _ = scene
-    known = pictures.trimap(0, 0)
+    known = pictures.segmented(0, 0)
     assert known is not None
-    doubtful = np.full_like(known, UNSURE)
-    pictures.trimap = lambda *_: doubtful  # type: ignore[method-assign]
+    doubtful = np.full_like(known.trimap, UNSURE)
+    pictures.segmented = lambda *_: Segmented(doubtful)  # type: ignore[method-assign]
     (difference,) = artist.draw(shown, Look("difference", (0,), None))
     assert difference.differing_px == 0
     assert _near(_decoded(difference), (255, 0, 255)) == 0
     (silhouettes,) = artist.draw(shown, Look("silhouettes", (0,), None))
-    assert _near(_decoded(silhouettes), (UNSURE_GREY,) * 3) > 0.8 * known.size
+    assert _near(_decoded(silhouettes), (UNSURE_GREY,) * 3) > 0.8 * doubtful.size
+
+
+def test_colour_classes_are_shown_over_a_dark_picture(
+    scene: tuple[TileArtist, SolvedFrame, Fixed, Rig],
+) -> None:
+    for camera, tile in enumerate(_draw(scene, Look("colours", ALL, None, tile_width_px=640))):
+        picture, seen = _decoded(tile), scene[2].segmented(camera, 0)
+        assert seen is not None and seen.classes is not None
+        for number in (1, 7):
+            expected = 4 * int((seen.classes == number).sum())
+            assert 0.4 * expected < _near(picture, CLASSES_BGR[number - 1]) < 1.2 * expected
+        assert _near(picture, (65, 65, 65)) > 2.8 * seen.trimap.size
+        assert tile.differing_px == scene[2].differing[camera]
+
+
+def test_without_classes_the_picture_is_shown(scene: tuple[TileArtist, SolvedFrame, Fixed, Rig]) -> None:
+    artist, shown, pictures, _ = scene
+    pictures.segmented = lambda *_: None  # type: ignore[method-assign]
+    (colours,), (plain,) = (
+        artist.draw(shown, Look(content, (2,), None)) for content in ("colours", "pictures")
+    )
+    assert colours.jpeg == plain.jpeg

@@ -20,6 +20,17 @@ COLOURED = (*SEGMENT_NAMES, *[SKIRT] * len(CLOTH_FRAMES))
 """(S + 3,) the name of each surface that is drawn."""
 
 
+def parts_of_classes(classes: Bytes) -> dict[int, str]:
+    """By class the segments that show it, in words; classes (S + 3, QUARTERS) as of class_table."""
+    parts: dict[int, list[str]] = {}
+    for name, of_quarters in zip(COLOURED, classes.tolist(), strict=True):
+        words = name.removeprefix("left_").removeprefix("right_").replace("_", " ")
+        for number in sorted({*of_quarters} - {0}):
+            if words not in parts.setdefault(number, []):
+                parts[number].append(words)
+    return {number: ", ".join(words) for number, words in sorted(parts.items())}
+
+
 def check_colours(colours: object) -> None:
     """Raise ValueError for the first error in the colours of a file."""
     if not isinstance(colours, dict):

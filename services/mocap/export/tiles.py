@@ -24,6 +24,11 @@ DOUBTFUL_TEXT_BGR = (110, 110, 255)
 _HATCH_PX, _HATCH_LINE_PX = 7, 3
 UNSURE_BGR = (255, 255, 0)
 """Pixels that may be actor or background."""
+CLASSES_BGR = (
+    *((0, 159, 230), (233, 180, 86), (115, 158, 0), (66, 228, 240)),
+    *((178, 114, 0), (0, 94, 213), (167, 121, 204)),
+)
+"""Of the colour classes 1 to 7."""
 _OPACITY = 0.5
 _OUTLINE_BGR = (255, 255, 255)
 _HALO_BGR = (0, 0, 0)
@@ -137,6 +142,17 @@ def draw_difference(picture: Bytes, trimap: Trimap, segment_mask: Bytes, grid: G
     differing = np.where(segment_mask == 0, _MISSED, _BEYOND)
     kinds = np.where(differing_pixels(trimap, segment_mask), differing, kinds)
     return _draw_kinds(picture, kinds, grid)
+
+
+def draw_classes(picture: Bytes, classes: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
+    """A tile: the picture with the colour classes (H, W) of its pixels, 0 for none, and the model's outer
+    outline over them. Other arguments as draw_tile's."""
+    size = _fitting(classes.shape, grid)
+    drawn, shown = _resized(picture, size), cv2.resize(classes, size, interpolation=cv2.INTER_NEAREST)
+    coloured = np.array([(0, 0, 0), *CLASSES_BGR], np.uint8)[shown]
+    drawn = np.where(shown[..., None] > 0, coloured, drawn)
+    _outline(drawn, _resized(np.asarray((segment_mask > 0) * 255, np.uint8), size), _OUTLINE_BGR)
+    return _centred(drawn, grid)
 
 
 def draw_unsure(picture: Bytes, trimap: Trimap, grid: Grid) -> Bytes:

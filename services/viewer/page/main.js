@@ -8,6 +8,7 @@ import { state } from "./time.js";
 import { drawTimeline, setOverview } from "./timeline.js";
 
 const by = (id) => document.getElementById(id);
+let legends = {};
 const LEVELS = { good: "good", "usable with gaps": "usable", "not usable": "unusable" };
 
 function notice(words) {
@@ -29,8 +30,8 @@ function showTake(show) {
   offer(by("part"), [["", "whole pictures"], ...windows.map(({ name, words }) => [name, `${words}'s window`])], "");
   by("camera-list").replaceChildren(...show.cameras.map(cameraBox));
   by("legend").replaceChildren(...show.legend.map(legendItem));
-  by("differences").replaceChildren(...show.differences.map(legendItem));
-  by("differences").hidden = show.content !== "difference";
+  legends = show.legends;
+  showLegend(show.content);
   by("frusta").checked = true;
   by("trails").checked = by("follow").checked = false;
   by("speed").value = "1";
@@ -63,6 +64,13 @@ function cameraBox(name, camera) {
   box.onchange = sendTiles;
   label.append(box, ` ${name}`);
   return label;
+}
+
+/** What the tiles' colours mean. */
+function showLegend(content) {
+  const items = legends[content] ?? [];
+  by("tiles-legend").replaceChildren(...items.map(legendItem));
+  by("tiles-legend").hidden = items.length === 0;
 }
 
 function legendItem([rgb, words]) {
@@ -111,7 +119,7 @@ function numbers({ energy_px, frames_per_s, behind_s }) {
 function sendTiles() {
   const chosen = [...by("camera-list").querySelectorAll("input:checked")];
   const cameras = chosen.map((box) => Number(box.dataset.camera));
-  by("differences").hidden = by("content").value !== "difference";
+  showLegend(by("content").value);
   send({ do: "show", content: by("content").value, part: by("part").value || null, cameras });
 }
 

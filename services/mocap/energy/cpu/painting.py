@@ -193,7 +193,8 @@ def _collect(
     more, last = 0, len(classes) - 1
     for row in range(extent[0], extent[1]):
         for i in range(row_spans(canvas, row)):
-            first, end = np.int64(spans[i, 0]), np.int64(spans[i, 1])  # of one type: one version is compiled
+            # As 64 bits, like x below: otherwise a version is compiled for each mixture.
+            first, end = int(np.int64(spans[i, 0])), int(np.int64(spans[i, 1]))
             painted_rows[row, 0] = min(painted_rows[row, 0], first)
             painted_rows[row, 1] = max(painted_rows[row, 1], end)
             begun, new = first, classes[_piece(line, first, row, last)]
