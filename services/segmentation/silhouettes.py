@@ -148,23 +148,25 @@ class Segmenter:
             for camera, trimap in zip(self._cameras, trimaps, strict=True):
                 if camera.name in self._occluded:
                     trimap[self._occluded[camera.name]] = UNSURE
-            yield Moment(trimaps, raw.images_bgr, self._classes(raw.images_bgr, trimaps))
+            yield Moment(trimaps, raw.images_bgr, self._classes(raw, trimaps))
 
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """Undistorted trimaps (h, w), one per camera, of frames start up to but not including stop."""
         return (moment.trimaps for moment in self.moments(start, stop))
 
-    def _classes(
-        self, images_bgr: Mapping[int, Bytes] | None, trimaps: Sequence[Trimap]
-    ) -> list[Bytes] | None:
-        if images_bgr is None or not self._tables:
+    def _classes(self, raw: Moment, trimaps: Sequence[Trimap]) -> list[Bytes] | None:
+        """(h, w) of each camera, of actor pixels in the undistorted trimaps of a raw moment."""
+        if raw.images_bgr is None or not self._tables:
             return None
         classes = [np.zeros_like(trimap) for trimap in trimaps]
         for c, (camera, trimap) in enumerate(zip(self._cameras, trimaps, strict=True)):
-            is_actor = trimap == ACTOR
-            if camera.name in self._tables and is_actor.any():
-                raw = classes_of(images_bgr[c], self._tables[camera.name])
-                classes[c][is_actor] = self._undistorters[c].numbers(raw)[is_actor]
+            left, top, width, height = cv2.boundingRect((raw.trimaps[c] == ACTOR).view(np.uint8))
+            if camera.name in self._tables and width:
+                box = slice(top, top + height), slice(left, left + width)
+                of_raw = np.zeros_like(raw.trimaps[c])
+                of_raw[box] = classes_of(raw.images_bgr[c][box], self._tables[camera.name])
+                is_actor = trimap == ACTOR
+                classes[c][is_actor] = self._undistorters[c].numbers(of_raw)[is_actor]
         return classes
 
 
