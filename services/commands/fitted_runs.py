@@ -26,6 +26,8 @@ from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
+_AS_IT_IS = "a second fit, to frames of the whole take, left the body as it is"
+
 
 def track_with_bar(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
     """Track with a progress bar; returns run.json. Prints these warnings and the run's at the end."""
@@ -115,9 +117,12 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
             warn([f"the body was not fitted again to the whole take: {error}"])
             return _kept(job, report)
         if found.actor == before:
-            say("a second fit, to frames of the whole take, left the body as it is", stdout)
+            say(_AS_IT_IS, stdout)
             return _kept(job, report)
         report = track_with_bar(replace(job, fitted=Path(temporary)), found.warnings)
+    if found.actor.model_copy(update={"colours": before.colours}) == before:
+        say(f"{_AS_IT_IS}; the actor's colours were learnt", stdout)
+        return report
     rows = zip(*(measure(build_body(actor.wearing(None))) for actor in (before, found.actor)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
     changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"

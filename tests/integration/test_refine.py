@@ -228,5 +228,11 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     same = SimpleNamespace(actor=known.actor, warnings=[])
     monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: same)
     assert track_again(job, report, is_asked_for=True) is report
-    assert "left the body as it is" in capfd.readouterr().out
+    assert capfd.readouterr().out.endswith("left the body as it is\n")
+    coloured = known.actor.model_copy(update={"colours": {"head": (1, 1, 2, 2)}})
+    with_colours = SimpleNamespace(actor=coloured, warnings=[])
+    monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: with_colours)
+    monkeypatch.setattr("services.commands.fitted_runs.track_with_bar", lambda *_: {"speed": {"fps": 1.0}})
+    assert track_again(job, report, is_asked_for=True) == {"speed": {"fps": 1.0}}
+    assert "left the body as it is; the actor's colours were learnt" in capfd.readouterr().out
     np.testing.assert_array_equal(load_result(out).poses, known.poses)

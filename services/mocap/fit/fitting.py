@@ -21,6 +21,9 @@ from services.mocap.types import Floats
 
 _CONTOUR_POINTS = 250
 """Most contour points of a view that are matched with the model."""
+_MOST_ENERGY = 1.05
+"""Times the start's. A body in likelier proportions may have some more: clothes are no body, and poses that a
+search found have the least energy for the body that it had."""
 _ROOT = tuple(range(6))
 _HEIGHT = shape_space.of_kind("height")
 _SKELETON = shape_space.of_kind("height", "bone")
@@ -71,9 +74,9 @@ def fit_actor(
 
     poses: (F, D), or (D,) for the first frame, from which those of the others are followed. progress is
     called with the share done, 0 to 1. body: whose pose parameters vary; the others become zero. apart:
-    whether the frames are from a whole motion, so that the prior on shapes counts less. The result never has
-    more energy than the start, in the first frame's pose if no other is given. Raises ValueError for
-    inconsistent array shapes.
+    whether the frames are from a whole motion, so that the prior on shapes counts less. A result with clearly
+    more energy than the start, in the first frame's pose if no other is given, is dropped for the start.
+    Raises ValueError for inconsistent array shapes.
     """
     n_frames, following = len(seen), poses.ndim == 1
     starts = np.tile(poses, (n_frames, 1)) if following else np.array(poses, np.float64)
@@ -94,7 +97,7 @@ def fit_actor(
     covariance = fitting.shape_covariance(state, shaping[-1])
     after = quality_of(build_body(actor), state.poses, rig, seen)
     progress(1.0)
-    if after.energy_px.sum() > before.energy_px.sum():
+    if after.energy_px.sum() > _MOST_ENERGY * before.energy_px.sum():
         return Fit(start, starts, before, before)
     return Fit(actor, state.poses, before, after, covariance)
 

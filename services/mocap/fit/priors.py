@@ -45,6 +45,9 @@ _MEAN_FACTORS = {"upper_arm": 0.97, "forearm": 1.01, "thigh": 1.02, "shank": 1.0
 """People's mean measures on those of the generic body, over stature. Arms: women and men in de Leva 1996
 (J. Biomechanics 29(9)), from joint centre to joint centre. Legs: heights of trochanter, epicondyle and
 malleolus in the 2012 US Army survey. Depth of the foot: soles of 1 to 4 cm under it."""
+_LONG_BONES = dict.fromkeys(("pelvis", "torso", "thigh", "shank"), 0.63)
+"""Factors of deviations. People vary by the whole of them, in the 2012 US Army survey too; but loose clothes
+shift hips, knees and ankles in all views and frames alike, which the data's cost takes for knowledge."""
 _LONG_LIMBS = 0.4
 """Share of a limb bone's variance that all limb bones have in common."""
 
@@ -67,7 +70,14 @@ def _correlation() -> Floats:
     return correlation
 
 
-COVARIANCE: Floats = _correlation() * np.outer(DEVIATIONS, DEVIATIONS)
+def _covariance() -> Floats:
+    names = list(INDEX)
+    deviations = DEVIATIONS * [_LONG_BONES.get(name, 1.0) for name in names]
+    covariance: Floats = _correlation() * np.outer(deviations, deviations)
+    return covariance
+
+
+COVARIANCE: Floats = _covariance()
 """(n, n) of the shape vectors of people."""
 MEAN: Floats = np.log([_MEAN_FACTORS.get(name, 1.0) for name in INDEX])
 """(n,) of the shape vectors of people; zero is the generic body."""

@@ -17,7 +17,7 @@ from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.fit.fitting import Fit, fit_actor
-from services.mocap.fit.quality import quality_of
+from services.mocap.fit.quality import FitQuality, quality_of
 from services.mocap.search.chains import ALL_SURFACES
 
 _GENERIC = Actor()
@@ -117,7 +117,7 @@ def test_empty_and_cut_off_cameras_count_for_what_they_show(rig: Rig, a_person: 
     assert joints_mm < 20
 
 
-def test_the_result_never_has_more_energy_than_the_start(rig: Rig, a_person: Callable[..., Any]) -> None:
+def test_a_perfect_start_stays(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(3, 1)
     truth = actor_of(person.x)
     fit = fit_actor(rig, person.seen, truth, person.poses)
@@ -125,6 +125,25 @@ def test_the_result_never_has_more_energy_than_the_start(rig: Rig, a_person: Cal
     assert fit.after.energy_px.sum() == 0
     assert fit.actor == truth
     assert np.array_equal(fit.poses, person.poses)
+
+
+@pytest.mark.parametrize(("times_as_much", "is_dropped"), [(1.04, False), (1.06, True)])
+def test_a_result_with_clearly_more_energy_than_the_start_is_dropped(
+    rig: Rig,
+    a_person: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
+    times_as_much: float,
+    is_dropped: bool,
+) -> None:
+    person, looks = a_person(3, 1), list[FitQuality]()
+
+    def as_if(*asked: Any) -> FitQuality:
+        looks.append(quality_of(*asked))
+        return replace(looks[0], energy_px=looks[0].energy_px * (times_as_much if looks[1:] else 1.0))
+
+    monkeypatch.setattr("services.mocap.fit.fitting.quality_of", as_if)
+    fit = fit_actor(rig, person.seen, _GENERIC, person.guess)
+    assert (fit.actor == _GENERIC) == is_dropped
 
 
 def test_poses_for_other_frames_are_refused(rig: Rig, a_person: Callable[..., Any]) -> None:
