@@ -1,5 +1,7 @@
 """A limb with its hand or foot: grid search, then downhill on XOR or along the contours."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from services.mocap.body.kinematics import clip_to_limits
@@ -88,9 +90,12 @@ def _with_extremity(
 def _align_limb(
     model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, tried: Tried
 ) -> Solution:
-    """Align from the best grid points that are not neighbours; returns the best by XOR."""
+    """Align from the best grid points that are not neighbours; returns the best by XOR.
+
+    Where colours count, that is only where a descent begins: before the trunk a limb has no contour.
+    """
     whole_limb = Stage(limb.dofs, limb.main.surfaces, limb.main.window_px)
-    energy, start, _ = prepare(model, whole_limb, seen, pose, settings)
+    energy, start, box = prepare(model, whole_limb, seen, pose, settings)
     energy = _with_contacts(model, whole_limb, pose, settings, energy)
     aligner = model.aligner(settings)
     candidates = [start]
@@ -100,9 +105,11 @@ def _align_limb(
         aligned = aligner.align(seen, begun, settings, limb.dofs, limb.main.surfaces)
         candidates += [begun[list(limb.dofs)], aligned.pose[list(limb.dofs)]]
     found = best_of(energy, np.array(candidates))
-    steps = (len(candidates) - 1) // 2 * settings.contour_steps
-    evaluations = len(tried.points) + found.evaluations + steps
-    return Solution(limb.dofs, found.values, found.energy_px, evaluations)
+    before = len(tried.points) + (len(candidates) - 1) // 2 * settings.contour_steps
+    if seen.classes is None or settings.colour == 0.0:
+        return Solution(limb.dofs, found.values, found.energy_px, before + found.evaluations)
+    lowest = descend_from(energy, found, whole_limb, box, settings)
+    return replace(lowest, evaluations=before + lowest.evaluations)
 
 
 def _with_contacts(
