@@ -201,7 +201,7 @@ def test_a_limb_before_the_trunk_is_found_by_its_colour(
 ) -> None:
     """Where it is in front of the trunk in most pictures, no contour says where."""
     sleeves = {f"left_{name}": (2,) * QUARTERS for name in ("upper_arm", "forearm", "hand")}
-    trunk = {name: (1,) * QUARTERS for name in ("torso", "pelvis")}
+    trunk = dict.fromkeys(("torso", "pelvis"), (1,) * QUARTERS)
     body, truth = replace(model.body, colour_classes=class_table(sleeves | trunk)), standing()
     arm = list(LIMBS["left_arm"].main.dofs)
     truth[arm] = [-2.0, -0.03, -0.63, 2.02]
