@@ -2,11 +2,10 @@
 
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from functools import cache
 from importlib.util import find_spec
-from itertools import repeat
 from pathlib import Path
 from typing import Annotated
 
@@ -17,8 +16,9 @@ from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
-from services.mocap.take.fit_record import FIT_FOLDER, read_colour_tables, read_occluded
+from services.mocap.take.fit_record import FIT_FOLDER, read_colour_tables, read_occluded, read_record
 from services.mocap.take.folder import Take, open_take
+from services.mocap.types import Bytes, Mask
 from services.mocap.verdict.judging import verdict_of
 from services.process import StopRequest
 from services.segmentation.cleanup import SegmentationSettings
@@ -103,26 +103,34 @@ def finished_show(folder: Path, take: Path | None) -> Show:
     except UserError:  # such as a plug-in that this machine lacks
         name_of_segmenter = AUTO
 
-    fit = folder / FIT_FOLDER
-    if "fit" in result.run and not fit.is_dir():
-        fit = opened.folder / FIT_FOLDER
+    known = _fit_of(result, opened)
 
     @cache  # clean plates are learnt when silhouettes, as the tracker had them, are first asked for
     def segmenter() -> Segmenter:
         made = make_segmenter(opened, opened.cameras, SegmentationSettings(), name_of_segmenter)
-        return made.knowing(read_occluded(fit, opened.cameras), read_colour_tables(fit, opened.cameras))
+        return made if known is None else made.knowing(*known)
 
     shown = dict(zip(result.frames.tolist(), result.tracked.frames_shown.tolist(), strict=True))
 
     def segment(start: int, stop: int) -> Iterator[list[Segmented]]:
         for moment in segmenter().moments(start, stop):
-            classes = moment.classes or repeat(None)
-            yield [Segmented(*seen) for seen in zip(moment.trimaps, classes, strict=False)]
+            classes: Sequence[Bytes | None] = moment.classes or [None] * len(moment.trimaps)
+            yield [Segmented(*seen) for seen in zip(moment.trimaps, classes, strict=True)]
 
     pictures = TakePictures(opened, segment, shown)
     artist = TileArtist(body, rig, pictures)
     names = tuple(camera.name for camera in opened.cameras)
     return Show(name, fps, history, body, rig, names, artist, is_live=False, verdict=verdict)
+
+
+def _fit_of(result: Result, take: Take) -> tuple[dict[str, Mask], dict[str, Bytes]] | None:
+    """What hides the actor and what colours are, by camera, from the fit of the result's actor; None if it is
+    gone."""
+    for fit in (result.folder / FIT_FOLDER, take.folder / FIT_FOLDER):
+        record = read_record(fit)
+        if record is not None and record.actor == result.actor.content_hash:
+            return read_occluded(fit, take.cameras), read_colour_tables(fit, take.cameras)
+    return None
 
 
 def _take_of(result: Result, take: Path | None) -> tuple[Take | None, str]:

@@ -155,7 +155,8 @@ class Segmenter:
         return (moment.trimaps for moment in self.moments(start, stop))
 
     def _classes(self, raw: Moment, trimaps: Sequence[Trimap]) -> list[Bytes] | None:
-        """(h, w) of each camera, of actor pixels in the undistorted trimaps of a raw moment."""
+        """The colour classes (h, w) of each camera: of a raw moment's pictures, at the actor pixels of its
+        undistorted trimaps."""
         if raw.images_bgr is None or not self._tables:
             return None
         classes = [np.zeros_like(trimap) for trimap in trimaps]

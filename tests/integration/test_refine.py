@@ -235,4 +235,9 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     monkeypatch.setattr("services.commands.fitted_runs.track_with_bar", lambda *_: {"speed": {"fps": 1.0}})
     assert track_again(job, report, is_asked_for=True) == {"speed": {"fps": 1.0}}
     assert "left the body as it is; the actor's colours were learnt" in capfd.readouterr().out
+    write_actor(job.out / ACTOR, coloured, "")
+    with_colours.actor = known.actor
+    track_again(job, report, is_asked_for=True)
+    assert "left the body as it is; the actor's colours cannot be told apart" in capfd.readouterr().out
+    write_actor(job.out / ACTOR, known.actor, "")
     np.testing.assert_array_equal(load_result(out).poses, known.poses)

@@ -6,6 +6,9 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Mask, Trimap
 
+_NO_FRACTIONS = np.zeros((0, 0), np.uint16)
+"""Nearest pixels are whole ones."""
+
 
 class Undistorter:
     """Undoes one camera's lens distortion; the results belong to `camera.undistorted()`.
@@ -25,6 +28,8 @@ class Undistorter:
             self._maps = make(camera.K, camera.distortion, np.eye(3), camera.K, size_px, cv2.CV_16SC2)
             # which rows of a raw picture each new row takes from, first and last; likewise columns
             whole_px = self._maps[0].astype(np.int32)
+            fractions = self._maps[1][..., None] >> np.array([0, 5], np.uint16) & 31  # in 1/32 pixel, x and y
+            self._nearest_px = (whole_px + (fractions >= 16)).astype(np.int16)
             self._rows_of = whole_px[..., 1].min(axis=1), whole_px[..., 1].max(axis=1) + 1
             self._columns_of = whole_px[..., 0].min(axis=0), whole_px[..., 0].max(axis=0) + 1
 
@@ -40,7 +45,7 @@ class Undistorter:
         self._check(picture)
         if self._maps is None:
             return picture
-        return np.asarray(cv2.remap(picture, *self._maps, cv2.INTER_NEAREST), np.uint8)
+        return np.asarray(cv2.remap(picture, self._nearest_px, _NO_FRACTIONS, cv2.INTER_NEAREST), np.uint8)
 
     def mask(self, silhouette: Mask) -> Mask:
         """(H, W) silhouette; its outline is interpolated, then cut at one half. Raises as image does."""

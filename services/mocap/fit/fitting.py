@@ -22,8 +22,8 @@ from services.mocap.types import Floats
 _CONTOUR_POINTS = 250
 """Most contour points of a view that are matched with the model."""
 _MOST_ENERGY = 1.05
-"""Times the start's. A body in likelier proportions may have some more: clothes are no body, and poses that a
-search found have the least energy for the body that it had."""
+"""A result with more than so many times the start's energy is dropped. A likelier body may have a little
+more, because a search found the start's poses for the start's body."""
 _ROOT = tuple(range(6))
 _HEIGHT = shape_space.of_kind("height")
 _SKELETON = shape_space.of_kind("height", "bone")

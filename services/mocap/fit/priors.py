@@ -17,7 +17,7 @@ from services.mocap.body.shape_space import DEVIATIONS, INDEX
 from services.mocap.body.skeleton import DOFS, JOINTS, SEGMENTS, Dof
 from services.mocap.body.skeleton_table import EXTREMITY_WINDOW_PX
 from services.mocap.fit.normal_equations import Stage, State, System
-from services.mocap.types import Floats
+from services.mocap.types import Floats, Mask
 
 WEIGHT_PX3 = 0.05
 """Times eight cameras and ten frames, that is the variance of what the data pull at, as measured on people of
@@ -45,9 +45,10 @@ _MEAN_FACTORS = {"upper_arm": 0.97, "forearm": 1.01, "thigh": 1.02, "shank": 1.0
 """People's mean measures on those of the generic body, over stature. Arms: women and men in de Leva 1996
 (J. Biomechanics 29(9)), from joint centre to joint centre. Legs: heights of trochanter, epicondyle and
 malleolus in the 2012 US Army survey. Depth of the foot: soles of 1 to 4 cm under it."""
-_LONG_BONES = dict.fromkeys(("pelvis", "torso", "thigh", "shank"), 0.63)
-"""Factors of deviations. People vary by the whole of them, in the 2012 US Army survey too; but loose clothes
-shift hips, knees and ankles in all views and frames alike, which the data's cost takes for knowledge."""
+_LONG_BONES = ("pelvis", "torso", "thigh", "shank")
+_LOOSE = 8.0
+"""The misfit from which on clothes shift hips, knees and ankles, in all views and frames alike. The data's
+cost cannot tell this from long or short bones of trunk and legs, so these are held closer to the mean."""
 _LONG_LIMBS = 0.4
 """Share of a limb bone's variance that all limb bones have in common."""
 
@@ -70,15 +71,9 @@ def _correlation() -> Floats:
     return correlation
 
 
-def _covariance() -> Floats:
-    names = list(INDEX)
-    deviations = DEVIATIONS * [_LONG_BONES.get(name, 1.0) for name in names]
-    covariance: Floats = _correlation() * np.outer(deviations, deviations)
-    return covariance
-
-
-COVARIANCE: Floats = _covariance()
+COVARIANCE: Floats = _correlation() * np.outer(DEVIATIONS, DEVIATIONS)
 """(n, n) of the shape vectors of people."""
+_IS_LONG: Mask = np.array([name in _LONG_BONES for name in INDEX])
 MEAN: Floats = np.log([_MEAN_FACTORS.get(name, 1.0) for name in INDEX])
 """(n,) of the shape vectors of people; zero is the generic body."""
 
@@ -103,7 +98,7 @@ class Prior:
     def cost(self, state: State, n_views: int) -> float:
         """What a state costs, seen in n_views."""
         off, off_poses = state.x - self._mean, (state.poses - self._poses) ** 2 @ self._pose_precision
-        shape = self.shape_weight_px3 * float(off @ self._shape_precision @ off)
+        shape = float(off @ self._weighted_precision @ off)
         return n_views * (shape + self._weight_px3 * float(off_poses.sum()) / len(state.poses))
 
     @property
@@ -113,7 +108,14 @@ class Prior:
 
     def shape_precision(self, n_views: int) -> Floats:
         """(S, S) the prior's part of the normal equations of shapes seen in n_views."""
-        return self.shape_weight_px3 * n_views * self._shape_precision
+        return n_views * self._weighted_precision
+
+    @property
+    def _weighted_precision(self) -> Floats:
+        """(S, S) for one view."""
+        held = np.where(_IS_LONG, max(self.misfit / _LOOSE, 1.0), 1.0)
+        precision: Floats = self.shape_weight_px3 * self._shape_precision * np.outer(held, held)
+        return precision
 
     def system(self, state: State, stage: Stage, n_views: int) -> System:
         """The normal equations of that cost in what a stage varies."""

@@ -88,7 +88,7 @@ class _Search:
     def _wrong_px(self) -> Energy | None:
         """How many pixels have a wrong colour class; None where colours do not count."""
         s = self.settings
-        if self.whole.classes is None or s.colour == 0.0:
+        if not self.model.counts_colours(self.whole, s.colour):
             return None
         return self.model.colours.wrong_px(
             whole_body_problem(self.whole, np.zeros(N_DOF), s.cost, s.detail_px)

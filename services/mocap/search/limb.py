@@ -1,4 +1,4 @@
-"""A limb with its hand or foot: grid search, then downhill on XOR or along the contours."""
+"""A limb with its hand or foot: grid search, then downhill on the energy, along the contours, or both."""
 
 from dataclasses import replace
 
@@ -90,9 +90,9 @@ def _with_extremity(
 def _align_limb(
     model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, tried: Tried
 ) -> Solution:
-    """Align from the best grid points that are not neighbours; returns the best by XOR.
+    """Align from the best grid points that are not neighbours; returns the best by the energy.
 
-    Where colours count, that is only where a descent begins: before the trunk a limb has no contour.
+    Where colours count, a descent on the energy follows, because a limb before the trunk has no contour.
     """
     whole_limb = Stage(limb.dofs, limb.main.surfaces, limb.main.window_px)
     energy, start, box = prepare(model, whole_limb, seen, pose, settings)
@@ -106,7 +106,7 @@ def _align_limb(
         candidates += [begun[list(limb.dofs)], aligned.pose[list(limb.dofs)]]
     found = best_of(energy, np.array(candidates))
     before = len(tried.points) + (len(candidates) - 1) // 2 * settings.contour_steps
-    if seen.classes is None or settings.colour == 0.0:
+    if not model.counts_colours(seen, settings.colour):
         return Solution(limb.dofs, found.values, found.energy_px, before + found.evaluations)
     lowest = descend_from(energy, found, whole_limb, box, settings)
     return replace(lowest, evaluations=before + lowest.evaluations)

@@ -7,6 +7,7 @@ from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend
 from services.mocap.energy.colours import ColourPainter
+from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligner
 from services.mocap.search.settings import SearchSettings
 
@@ -22,6 +23,10 @@ class Model:
     def aligner(self, settings: SearchSettings) -> Aligner:
         """The aligner of the body, with full meshes if the settings allow no level of detail."""
         return self._thinned if settings.detail_px > 0 else self._full
+
+    def counts_colours(self, picture: Picture, price: float) -> bool:
+        """Whether pixels of a picture can have a wrong colour class that costs something."""
+        return picture.classes is not None and price > 0.0 and bool(self.body.colour_classes.any())
 
     @cached_property
     def colours(self) -> ColourPainter:

@@ -56,7 +56,7 @@ def whole_body_problem(picture: Picture, pose: Floats, cost: Cost, detail_px: fl
 def _energy(model: Model, problem: Problem) -> Energy:
     """The energy of a problem, with what wrong colours cost if its picture has classes."""
     energy, price = model.backend.energy(problem), problem.cost.colour
-    if problem.picture.classes is None or price == 0.0:
+    if not model.counts_colours(problem.picture, price):
         return energy
     wrong_px = model.colours.wrong_px(problem)
     return lambda values: np.asarray(energy(values) + price * wrong_px(values))

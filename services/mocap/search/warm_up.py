@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.colours import QUARTERS
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.compiled import forget_other_code
@@ -33,7 +34,7 @@ def warm_up(engine: Engine) -> None:
     With the cpu backend it also thins the default body with the default settings, and stores it on disk.
     """
     rig = Rig(np.array([[[100.0, 0, 32, 0], [0, 100, 32, 0], [0, 0, 1, 3]]]), np.array([[64, 64]], np.int32))
-    body = build_body(Actor())
+    body = build_body(Actor(colours={"head": (1,) * QUARTERS}))  # a class, so that painting is compiled
     model = Model(body, rig, engine.backend(body, rig))
     rehearse(model, LocalLimbs(model), SearchSettings())
     model.backend.close()

@@ -147,3 +147,15 @@ def test_a_trimap_is_sure_of_what_it_is_whatever_unsure_pixels_are(camera: Camer
     )
     sure = found != UNSURE
     assert np.array_equal(undistorter.trimap(filled)[sure], found[sure])
+
+
+@pytest.mark.parametrize("camera", LENSES.values(), ids=LENSES)
+def test_numbers_are_those_of_the_nearest_pixels(camera: Camera) -> None:
+    """On ramps they are what interpolation gives, rounded: no further off, and off to neither side."""
+    for places_px in np.mgrid[:240, :320]:
+        ramp = np.clip(places_px - 20, 0, 255).astype(np.uint8)
+        interpolated = Undistorter(camera).image(np.repeat(ramp[..., None], 3, axis=2))[..., 0]
+        inside = (interpolated > 1) & (interpolated < 254)
+        off = (Undistorter(camera).numbers(ramp).astype(int) - interpolated)[inside]
+        assert np.abs(off).max() <= 1
+        assert abs(off.mean()) < 0.05

@@ -20,7 +20,7 @@ from services.mocap.body.shape_space import (
     without_shoes,
 )
 from services.mocap.body.skeleton import SEGMENT_INDEX
-from services.mocap.fit.priors import COVARIANCE
+from services.mocap.fit.priors import COVARIANCE, Prior
 from services.mocap.types import Floats
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -31,13 +31,21 @@ def correlation(one: str, other: str) -> float:
     return float(COVARIANCE[i, j] / (DEVIATIONS[i] * DEVIATIONS[j]))
 
 
-def test_covariance_is_one_and_has_the_deviations_less_where_clothes_hide_joints() -> None:
+def test_covariance_is_one_and_has_the_deviations() -> None:
     np.testing.assert_allclose(COVARIANCE, COVARIANCE.T)
     assert np.linalg.eigvalsh(COVARIANCE).min() > 1e-4
-    shares = np.sqrt(np.diag(COVARIANCE)) / DEVIATIONS
+    np.testing.assert_allclose(np.sqrt(np.diag(COVARIANCE)), DEVIATIONS)
+
+
+def test_in_loose_clothes_trunk_and_legs_are_held_closer_to_the_mean() -> None:
+    prior = Prior(np.zeros((1, N_DOF)))
     long = [INDEX[bone] for bone in ("pelvis", "torso", "thigh", "shank")]
-    np.testing.assert_allclose(shares[long], 0.63)
-    np.testing.assert_allclose(np.delete(shares, long), 1.0)
+    for misfit, share in ((1.0, 1.0), (8.0, 1.0), (16.0, 0.5)):
+        prior.misfit = misfit
+        expected = np.linalg.inv(prior.shape_precision(1) / prior.shape_weight_px3)
+        shares = np.sqrt(np.diag(expected)) / DEVIATIONS
+        np.testing.assert_allclose(shares[long], share)
+        np.testing.assert_allclose(np.delete(shares, long), 1.0)
 
 
 def test_girths_go_together_and_more_so_next_to_each_other() -> None:
