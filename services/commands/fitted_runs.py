@@ -27,7 +27,6 @@ from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
 _AS_IT_IS = "a second fit, to frames of the whole take, left the body as it is"
-_LEARNT, _NO_COLOURS = "the actor's colours were learnt", "the actor's colours cannot be told apart any more"
 
 
 def track_with_bar(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
@@ -122,7 +121,8 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
             return _kept(job, report)
         report = track_with_bar(replace(job, fitted=Path(temporary)), found.warnings)
     if found.actor.model_copy(update={"colours": before.colours}) == before:
-        say(f"{_AS_IT_IS}; " + (_LEARNT if found.actor.colours else _NO_COLOURS), stdout)
+        became = "were learnt" if found.actor.colours else "cannot be told apart any more"
+        say(f"{_AS_IT_IS}; the actor's colours {became}", stdout)
         return report
     rows = zip(*(measure(build_body(actor.wearing(None))) for actor in (before, found.actor)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))

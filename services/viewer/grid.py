@@ -138,6 +138,6 @@ class CameraGrid:
             "camera": tile.camera,
             "name": self._show.camera_names[tile.camera],
             "differing_px": tile.differing_px,
-            "is_known": tile.is_known,
+            "missing": tile.missing,
             "iou": float(iou) if np.isfinite(iou) else None,
         }

@@ -125,7 +125,7 @@ class TakePictures:
 
 
 _KEPT_FRAMES = 512
-"""Number of frames whose packed silhouettes are kept; a few kilobytes each."""
+"""Number of frames whose packed silhouettes and classes are kept; 10 to 50 kilobytes each."""
 _PATIENCE_S = 0.3
 """How long a page waits for silhouettes; the coordinator answers between two of its own steps."""
 

@@ -55,8 +55,8 @@ class Tile:
     jpeg: bytes
     differing_px: int | None
     """Number of shown pixels in which model and silhouette differ; None without a silhouette."""
-    is_known: bool = True
-    """Whether the camera's picture or silhouette is known; otherwise only the model is drawn, on black."""
+    missing: str = ""
+    """What of the look is not known, in words; without picture and silhouette the model is drawn on black."""
 
 
 class TileArtist:
@@ -116,7 +116,12 @@ class TileArtist:
             drawn = draw_outline(background, model, grid)
         differing = None if seen is None else int(np.count_nonzero(differing_pixels(seen, model)))
         jpeg = cv2.imencode(".jpg", drawn, _JPEG)[1]
-        return Tile(camera, jpeg.tobytes(), differing, picture is not None or segmented is not None)
+        missing = ""
+        if picture is None and segmented is None:
+            missing = "no picture of this frame"
+        elif look.content == "colours" and classes is None:
+            missing = "no colour classes of this frame"
+        return Tile(camera, jpeg.tobytes(), differing, missing)
 
 
 def _faded(picture: Bytes) -> Bytes:

@@ -4,14 +4,25 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from services.commands.view import finished_show
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
+from services.mocap.export.tiles import CLASSES_BGR
 from services.mocap.result.result import load_result
+from services.mocap.take.actor_file import read_actor
+from services.mocap.take.fit_record import (
+    COLOUR_BINS,
+    FIT_FOLDER,
+    FitRecord,
+    write_colour_tables,
+    write_record,
+)
 from services.mocap.take.folder import Take
+from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv, write_poses_csv
 from services.viewer.finished import FinishedTake
 from services.viewer.pictures import TakePictures
@@ -54,6 +65,29 @@ def test_live_results_ask_for_their_recording_and_show_the_pictures_of_its_shots
         load_result(result).motion.body, Rig.of(walk.cameras), TakePictures(walk, None)
     ).draw(replace(solved, frame=10), Look("picture", (2,), None))
     assert tile.jpeg == expected.jpeg
+
+
+@pytest.mark.parametrize("is_its_fit", [True, False])
+def test_colours_are_those_of_the_fit_of_the_result_s_actor(
+    result: Path, walk: Take, is_its_fit: bool
+) -> None:
+    actor = read_actor(result / ACTOR)
+    fit = result / FIT_FOLDER
+    fit.mkdir()
+    record = FitRecord(
+        actor=actor.content_hash if is_its_fit else "0" * 64, first_frame=0, end_frame=1, hints={},
+        energy_before_px=[], energy_after_px=[], iou_before={}, iou_after={}, seconds={}, warnings=[],
+    )  # fmt: skip
+    write_record(fit, record)
+    write_colour_tables(fit, {walk.cameras[2].name: np.full(COLOUR_BINS, 3, np.uint8)})
+    show = finished_show(result, None)
+    solved = show.history.solved(7)
+    assert solved is not None and show.artist is not None
+    (tile,) = show.artist.draw(solved, Look("colours", (2,), None))
+    shown = cv2.imdecode(np.frombuffer(tile.jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    n_coloured = np.count_nonzero(np.abs(shown - CLASSES_BGR[2]).max(axis=2) < 30)
+    assert n_coloured > 300 if is_its_fit else n_coloured == 0
+    assert bool(tile.missing) == (not is_its_fit)
 
 
 def test_the_take_may_be_elsewhere(result: Path, walk: Take) -> None:

@@ -135,3 +135,4 @@ def test_without_classes_the_picture_is_shown(scene: tuple[TileArtist, SolvedFra
         artist.draw(shown, Look(content, (2,), None)) for content in ("colours", "pictures")
     )
     assert colours.jpeg == plain.jpeg
+    assert (colours.missing, plain.missing) == ("no colour classes of this frame", "")

@@ -7,7 +7,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Mask, Trimap
 
 _NO_FRACTIONS = np.zeros((0, 0), np.uint16)
-"""Nearest pixels are whole ones."""
+"""The second map of cv2.remap where the first one has whole pixels."""
 
 
 class Undistorter:

@@ -47,8 +47,9 @@ _MEAN_FACTORS = {"upper_arm": 0.97, "forearm": 1.01, "thigh": 1.02, "shank": 1.0
 malleolus in the 2012 US Army survey. Depth of the foot: soles of 1 to 4 cm under it."""
 _LONG_BONES = ("pelvis", "torso", "thigh", "shank")
 _LOOSE = 8.0
-"""The misfit from which on clothes shift hips, knees and ankles, in all views and frames alike. The data's
-cost cannot tell this from long or short bones of trunk and legs, so these are held closer to the mean."""
+"""From this misfit on, the deviations of _LONG_BONES are divided by the misfit over it. Loose clothes shift
+hips, knees and ankles in all views and frames alike, and the data's cost cannot tell that from long or short
+bones."""
 _LONG_LIMBS = 0.4
 """Share of a limb bone's variance that all limb bones have in common."""
 
@@ -86,7 +87,7 @@ class Prior:
         the actor's, if it is known."""
         self._poses, self._weight_px3 = poses, weight_px3
         self.misfit = 1.0
-        """How many times as much the prior on shapes counts."""
+        """How many times as much the prior on shapes counts; that on long bones counts more beyond _LOOSE."""
         covariance, self._mean = COVARIANCE.copy(), MEAN.copy()
         if height_m is not None:
             height = INDEX["height"]
@@ -98,8 +99,8 @@ class Prior:
     def cost(self, state: State, n_views: int) -> float:
         """What a state costs, seen in n_views."""
         off, off_poses = state.x - self._mean, (state.poses - self._poses) ** 2 @ self._pose_precision
-        shape = float(off @ self._weighted_precision @ off)
-        return n_views * (shape + self._weight_px3 * float(off_poses.sum()) / len(state.poses))
+        shape = float(off @ self.shape_precision(n_views) @ off)
+        return shape + n_views * self._weight_px3 * float(off_poses.sum()) / len(state.poses)
 
     @property
     def shape_weight_px3(self) -> float:
@@ -108,13 +109,8 @@ class Prior:
 
     def shape_precision(self, n_views: int) -> Floats:
         """(S, S) the prior's part of the normal equations of shapes seen in n_views."""
-        return n_views * self._weighted_precision
-
-    @property
-    def _weighted_precision(self) -> Floats:
-        """(S, S) for one view."""
         held = np.where(_IS_LONG, max(self.misfit / _LOOSE, 1.0), 1.0)
-        precision: Floats = self.shape_weight_px3 * self._shape_precision * np.outer(held, held)
+        precision: Floats = self.shape_weight_px3 * n_views * self._shape_precision * np.outer(held, held)
         return precision
 
     def system(self, state: State, stage: Stage, n_views: int) -> System:

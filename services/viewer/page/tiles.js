@@ -47,7 +47,7 @@ function fill(box, tile, frame, jpeg, isWorst) {
   box.className = `tile${isWorst ? " worst" : ""}${tile.iou !== null && tile.iou < BAD_IOU ? " bad" : ""}`;
   const px = tile.differing_px === null ? "" : ` · ${tile.differing_px} px`;
   name.textContent = tile.name + px;
-  none.textContent = tile.is_known ? "" : "no picture of this frame";
+  none.textContent = tile.missing;
   iou.textContent = tile.iou === null ? "" : `${isWorst ? "worst " : ""}IoU ${tile.iou.toFixed(2)}`;
 }
 
