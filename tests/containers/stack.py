@@ -142,12 +142,21 @@ class Stack:
         self._others.append(docker(*run, "limb_worker", "--connect", "tcp://coordinator:5550", *own))
         return self._others[-1]
 
+    def hold(self) -> None:
+        """Let the take come no further than the coordinator's credit (8 frames), however fast the machine."""
+        docker("kill", self.one("segmentation"))
+
+    def go_on(self) -> None:
+        """Let the take that is held come to its end; an engine restarts what died, not what somebody killed."""
+        docker("start", self.one("segmentation"))
+
     def until_solved(self, frames: int, timeout_s: float = 120) -> None:
         """Wait until the coordinator has published so many frames, as a client with keys sees it."""
         coordinator = self.one("coordinator")
         if not self._keys.exists():
             docker("cp", f"{coordinator}:/keys/viewer", self._keys)
         address = self.inspect(coordinator, "NetworkSettings")["Networks"][self.network]["IPAddress"]
+        assert address, self.logs()  # the coordinator has ended
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         line = Line(context, f"tcp://{address}:5550", "poses", client_keys(self._keys, "viewer"))
         deadline_s, solved = time.monotonic() + timeout_s, 0

@@ -14,6 +14,7 @@ pytestmark = [pytest.mark.containers, pytest.mark.timeout(1200)]
 def misled(slow_stack: Stack, tmp_path: Path) -> Path:
     """Keys of workers that do not get in: revoked ones, and ones that take another for the coordinator."""
     slow_stack.start()
+    slow_stack.hold()
     slow_stack.keys("add", "friend", "revoked")
     folder = tmp_path / "keys"
     folder.mkdir(mode=0o700)
@@ -44,6 +45,7 @@ def test_only_workers_on_the_list_get_in(
         wait_until(lambda c=container, s=said: s in stack.logs_of(c), lambda c=container: stack.logs_of(c))
     assert not stack.is_over(), "all of this was to happen in mid-take"
 
+    stack.go_on()
     stack.finish()
     assert stack.poses() == local_poses_by_plain_search
     for container in others:
