@@ -147,7 +147,7 @@ class Stack:
         docker("kill", self.one("segmentation"))
 
     def go_on(self) -> None:
-        """Let the take that is held come to its end; an engine restarts what died, not what somebody killed."""
+        """Let a held take come to its end; the engine restarts what died, not what somebody killed."""
         docker("start", self.one("segmentation"))
 
     def until_solved(self, frames: int, timeout_s: float = 120) -> None:
