@@ -23,7 +23,7 @@ from services.mocap.types import Bytes
 from services.segmentation.cleanup import Part, box_of, drop_specks
 from services.segmentation.light import light_field
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
-from services.segmentation.plate import LEAST_RATIO, MOST_RATIO, Plate, check_size
+from services.segmentation.plate import LEAST_RATIO, MOST_EDGE_RATIO, MOST_RATIO, Plate, check_size
 
 UNSEEN, UNCHANGED, CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW = range(5)
 """State of a pixel: not examined; lit stage; changed; possibly a shadow's edge; possibly shadow."""
@@ -188,7 +188,7 @@ def _judge(
             own = products[_BOTH, i, k] / products[_KNOWN, i, k]
             own_left = products[_SEEN, i, k] - own * products[_BOTH, i, k]
             is_shadow = (share > LEAST_RATIO) & (share < MOST_RATIO) & (left < _MOST_MISFIT * noise2)
-            is_edge = (own > LEAST_RATIO) & (own < np.float32(1.02)) & (own_left < _MOST_OWN_MISFIT * noise2)
+            is_edge = (own > LEAST_RATIO) & (own < MOST_EDGE_RATIO) & (own_left < _MOST_OWN_MISFIT * noise2)
             changed = change[y, x] > LEAST_CHANGE
             dark = PERHAPS_SHADOW if is_shadow else (PERHAPS_EDGE if is_edge else CHANGED)
             ratio[y, x] = share

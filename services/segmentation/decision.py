@@ -30,7 +30,7 @@ import numpy as np
 from services.mocap.types import Bytes
 from services.segmentation.learnt import BIN_SHIFT
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
-from services.segmentation.plate import LEAST_RATIO
+from services.segmentation.plate import LEAST_RATIO, MOST_EDGE_RATIO
 
 _IN_PLACE, _OFF_PLACE = np.float32(log(0.8)), np.float32(log(0.2))
 """Probability that the plate is exactly aligned with the pictures, and that it is off by a fraction of a
@@ -97,7 +97,7 @@ def actor_evidence(
             at_edge = log_span[y, x] - weight * (seen - own * both)
             in_square = _SQUARE_SHARE * log_span[y, x]
             in_square -= weight * (seen - _TWO * square * both + square * square * known)
-            at_edge = at_edge if (own > LEAST_RATIO) & (own < np.float32(1.02)) else _NEVER
+            at_edge = at_edge if (own > LEAST_RATIO) & (own < MOST_EDGE_RATIO) else _NEVER
             in_square = in_square if (square > LEAST_RATIO) & (square < _ONE + _LIGHT_REACH) else _NEVER
             in_light = in_square + _OTHER_LIGHT if square > _ONE - _LIGHT_REACH else _NEVER
             stage = _larger(_larger(stage, in_light), _larger(at_edge, in_square) + shadow_prior[y, x])

@@ -19,6 +19,8 @@ LIGHT_UNCERTAINTY = 0.012
 resolves."""
 LEAST_RATIO, MOST_RATIO = np.float32(0.35), np.float32(0.97)
 """Brightness in shadow over that in light."""
+MOST_EDGE_RATIO = np.float32(1.02)
+"""The same of a single pixel at a shadow's edge, whose noise may hide the shadow."""
 _PRIOR_FRAMES = 10.0
 """A pixel's own covariance counts as much as the picture's mean one after so many."""
 _PAIRS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
