@@ -18,13 +18,17 @@ def part_of(folder: Path) -> Path:
 
 
 def begin_recording(folder: Path) -> Path:
-    """Create the folder for a recording; raises UserError if something exists there."""
+    """Create the folder for a recording, or take the one of a run that failed before its first picture.
+
+    Raises UserError if something exists there.
+    """
     folder = folder.resolve()
-    for path in (folder, part_of(folder)):
-        if path.exists():
+    has_begun = any(path.is_file() for path in part_of(folder).rglob("*"))
+    for path, is_taken in ((folder, folder.exists()), (part_of(folder), has_begun)):
+        if is_taken:
             raise UserError(f"--record {folder}: {path} already exists: remove it or choose another folder")
     try:
-        part_of(folder).mkdir(parents=True)
+        part_of(folder).mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise UserError(f"--record {folder}: cannot be written ({problem.strerror})") from None
     return part_of(folder)

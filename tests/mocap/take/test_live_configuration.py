@@ -170,10 +170,12 @@ def test_videos_of_different_lengths_stay_where_they_are(folder: Path, tmp_path:
     take = open_live(_write(folder, _HEAD + 'background = "background"\n' + _CAMERAS))
     part = begin_recording(tmp_path / "recorded")
     (part / "videos").mkdir()
+    assert begin_recording(tmp_path / "recorded") == part, "that run failed before its first picture"
     for camera, frames in zip(take.cameras, (4, 2, 4), strict=True):
         with video_writer(part / "videos" / f"{camera.name}.mp4", 64, 48, 10.0) as writer:
             for picture in open_take(folder).video(camera, 0, frames):
                 writer.write(picture)
     with pytest.raises(TakeError, match="cam02 was recorded for 2 frames, others for 4"):
         finish_recording(take, tmp_path / "recorded")
-    assert part.exists()
+    with pytest.raises(UserError, match=r"recorded\.part already exists"):
+        begin_recording(tmp_path / "recorded")
