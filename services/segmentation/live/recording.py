@@ -77,16 +77,21 @@ class CameraRecording:
         """Note why, and drop what comes until the end, so that nobody waits for room in the queue."""
         self.problem = problem
         while not self._has_end:
-            self._has_end = self._waiting.get()[1] is None
+            self._next()
+
+    def _next(self) -> tuple[int, Bytes | None, float]:
+        came = self._waiting.get()
+        self._has_end = came[1] is None
+        return came
 
     def _write_all(self) -> None:
+        came = self._next()  # first: a run that fails before its first picture leaves no file
         path = video_path(self._folder, self._camera.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         size = (self._camera.width_px, self._camera.height_px)
         with video_writer(path, *size, self._fps, _CRF, is_quick=True) as writer:
             while True:
-                shot, image, time_s = self._waiting.get()
-                self._has_end = image is None
+                shot, image, time_s = came
                 if image is not None and not self._times_s:
                     self._last = image  # shots before the first picture repeat it
                 while len(self._times_s) < shot:
@@ -94,6 +99,7 @@ class CameraRecording:
                 if image is None:
                     break
                 self._write(writer, image, time_s)
+                came = self._next()
         path = stamps_path(self._folder, self._camera.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         times = ["" if time_s is None else f"{time_s:.6f}" for time_s in self._times_s]

@@ -1,5 +1,6 @@
 """Live pictures on disk: frame n is shot n, and a shot without a picture repeats the one before."""
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -47,3 +48,20 @@ def test_a_recording_that_fails_says_why_and_holds_nobody_up(
     recording.finish(300)
     assert isinstance(recording.problem, UserError)
     assert "even width" in str(recording.problem)
+
+
+def test_a_recording_without_pictures_leaves_no_file(
+    tmp_path: Path, small_cameras: Callable[[int], list[Camera]]
+) -> None:
+    CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
+    time.sleep(0.2)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_a_recording_that_can_only_fail_at_its_end_holds_nobody_up(
+    tmp_path: Path, small_cameras: Callable[[int], list[Camera]]
+) -> None:
+    (tmp_path / "videos").write_text("a file in place of the folder")
+    recording = CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
+    recording.finish(3)
+    assert "cannot record there" in str(recording.problem)
