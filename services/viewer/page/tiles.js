@@ -45,8 +45,9 @@ function fill(box, tile, frame, jpeg, isWorst) {
   image.dataset.frame = frame;
   box.dataset.camera = tile.camera;
   box.className = `tile${isWorst ? " worst" : ""}${tile.iou !== null && tile.iou < BAD_IOU ? " bad" : ""}`;
-  const px = tile.differing_px === null ? "" : ` · ${tile.differing_px} px`;
-  name.textContent = tile.name + px;
+  const px = document.createElement("small"); // hidden where the tile is narrow
+  px.textContent = tile.differing_px === null ? "" : ` · ${tile.differing_px} px`;
+  name.replaceChildren(tile.name, px);
   none.textContent = tile.missing;
   iou.textContent = tile.iou === null ? "" : `${isWorst ? "worst " : ""}IoU ${tile.iou.toFixed(2)}`;
 }
