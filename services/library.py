@@ -43,7 +43,6 @@ from services.mocap.types import Floats
 from services.recorder.result_folder import results_into
 from services.runs.fit import TakeFit, fit_take, init_frames
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
 from services.segmentation.silhouettes import Segmenter, packed
 
@@ -116,7 +115,7 @@ def track(
     numbers = frames if frames is not None else range(take.settings.frames)
     if not 0 <= numbers.start < numbers.stop <= take.settings.frames or numbers.step != 1:
         raise UserError(f"{numbers}: expected frames within 0:{take.settings.frames}, those of {take.folder}")
-    made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+    made = make_segmenter(take, take.cameras, segmenter)
     if isinstance(actor, TakeFit):
         if first_pose is None and numbers.start in actor.frames:
             first_pose = actor.fit.poses[list(actor.frames).index(numbers.start)]

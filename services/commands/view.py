@@ -21,7 +21,6 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Bytes, Mask
 from services.mocap.verdict.judging import verdict_of
 from services.process import StopRequest
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Segmenter
 from services.viewer.address import LOOPBACK, Address
@@ -107,7 +106,7 @@ def finished_show(folder: Path, take: Path | None) -> Show:
 
     @cache  # clean plates are learnt when silhouettes, as the tracker had them, are first asked for
     def segmenter() -> Segmenter:
-        made = make_segmenter(opened, opened.cameras, SegmentationSettings(), name_of_segmenter)
+        made = make_segmenter(opened, opened.cameras, name_of_segmenter)
         return made if known is None else made.knowing(*known)
 
     shown = dict(zip(result.frames.tolist(), result.tracked.frames_shown.tolist(), strict=True))

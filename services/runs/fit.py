@@ -40,7 +40,6 @@ from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import ACTOR, BACKGROUND, Bytes, Floats, Mask, Trimap
 from services.runs.facing import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
 
@@ -114,7 +113,7 @@ def fit_take(
     clock = Clock(show)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+            made = make_segmenter(take, take.cameras, segmenter)
             cameras, seen = seen_of(take, frames, made, progress)
         rig, names = Rig.of(cameras), [camera.name for camera in cameras]
         with clock.stage("finding the first pose"), open_engine(engine) as opened:

@@ -11,7 +11,6 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import in_common_size
 from services.mocap.take.folder import Take
 from services.mocap.types import Trimap
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, make_segmenter
 
 
@@ -29,7 +28,7 @@ def outlines_of(
     middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
     chosen = range(0, len(frames), every)
     for c, camera in enumerate(take.cameras):
-        alone = make_segmenter(take, [camera], SegmentationSettings(), segmenter)
+        alone = make_segmenter(take, [camera], segmenter)
         trimaps = alone.trimaps(frames.start, frames.stop)
         of_camera: list[Outline | None] = []
         for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):

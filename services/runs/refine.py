@@ -29,7 +29,6 @@ from services.mocap.take.marks import PARTS
 from services.mocap.types import Ints, Mask
 from services.runs.colours import ColourLesson
 from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, read_moments, seen_of
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.colour_classes import ColourClasses
 from services.segmentation.segmenters import AUTO, make_segmenter
 from services.segmentation.silhouettes import Segmenter, packed
@@ -74,7 +73,7 @@ def refine_take(
     clock = Clock(show)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+            made = make_segmenter(take, take.cameras, segmenter)
             occluded, colours = look_over(
                 take, found, made, lambda share: progress(0.7 * share), learns_colours=learns_colours
             )

@@ -12,7 +12,6 @@ from services.mocap.errors import TakeError
 from services.mocap.take.folder import Take
 from services.runs.fit import Show, kept_warnings, trimaps_of
 from services.runs.refine import reliable_rows, result_of
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 
 N_FRAMES = 48
@@ -51,7 +50,7 @@ def refine_take_cameras(take: Take, result: Path, show: Show) -> TakeCameras:
     rows = reliable_rows(found, np.asarray(found.distrusted.any(axis=1), bool), N_FRAMES, LEAST_FRAMES)
     frames = tuple(found.tracked.frames[rows].tolist())
     with kept_warnings() as warnings:
-        made = make_segmenter(take, take.cameras, SegmentationSettings(), found.segmenter)
+        made = make_segmenter(take, take.cameras, found.segmenter)
         trimaps = trimaps_of(
             take, frames, made, lambda share: show("looking at silhouettes", _SEEN_AT * share)
         )

@@ -26,7 +26,6 @@ from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
 from services.options import DEFAULT_SEGMENTER, KeysOption, MetricsOption, SegmenterOption, keys_of_client
 from services.process import StopRequest, run_service
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.live.serving import serve_live
 from services.segmentation.metrics import CREDIT, FRAMES, SECONDS
 from services.segmentation.segmenters import PlateCheck, make_segmenter
@@ -57,7 +56,7 @@ class Sender:
         self._height, self._width = Rig.of(take.cameras).shape_px
         self._checks = deque[PlateCheck]()
         chosen = [take.cameras[c] for c in cameras]
-        made = make_segmenter(take, chosen, SegmentationSettings(), segmenter, self._checks.append)
+        made = make_segmenter(take, chosen, segmenter, self._checks.append)
         if fitted is not None:
             made = made.knowing(read_occluded(fitted, chosen), read_colour_tables(fitted, chosen))
         self._segmenter = made

@@ -12,7 +12,6 @@ from services.mocap.camera.camera import Camera
 from services.mocap.take.folder import Take
 from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import Bytes
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 from services.segmentation.plate_shift import plate_shift_px, shifted
 from services.segmentation.take_plate import LOOKS, SAMPLES, TakePlate, find_ghost, plate_of_samples
@@ -55,7 +54,6 @@ class CameraBackground:
 
     take: Take
     camera: Camera
-    settings: SegmentationSettings
     looks: KeptLooks = field(default_factory=lambda: KeptLooks(LOOKS))
     """Small copies of the recorded clean plate, after learning it."""
 
@@ -92,7 +90,7 @@ class CameraBackground:
                 "(xormocap calibrate --check)",
                 self.take.folder, self.camera.name, float(np.hypot(*shift_px)),
             )  # fmt: skip
-        return Plate.learn(shifted(self.pictures(), shift_px), self.settings, LIGHT_UNCERTAINTY)
+        return Plate.learn(shifted(self.pictures(), shift_px), LIGHT_UNCERTAINTY)
 
     def _shift_px(self) -> tuple[float, float]:
         """The shift (right, down) that aligns a recorded clean plate with the take's first picture."""

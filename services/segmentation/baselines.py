@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.types import Bytes, Mask, Trimap
-from services.segmentation.cleanup import SegmentationSettings, cleanup
+from services.segmentation.cleanup import cleanup
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
 from services.segmentation.plate import Plate, check_size
 
 _SHADOW_SIGMAS = np.float32(3)
 """How many deviations of noise may add to the turn of a shadow's colour."""
+_DISTANCE_SIGMAS = 5.0
+"""Standard deviations from the clean plate at which the published test ends the background."""
+_SHADOW_RATIO_MIN, _SHADOW_ANGLE_DEG = 0.45, 2.5
+"""Brightness of its darkest shadow over that in light, and how far shadow may turn a colour, a BGR vector."""
 _FOREGROUND = 255
 """In OpenCV's masks; shadow has 127."""
 _LEAST_LOOKS = 30
@@ -31,9 +35,9 @@ _LEAST_LOOKS = 30
 class TrainedModel:
     """Silhouettes by a background model of OpenCV's, trained once: each picture is judged by itself."""
 
-    def __init__(self, model: Any, plate: Iterable[Bytes], settings: SegmentationSettings) -> None:
+    def __init__(self, model: Any, plate: Iterable[Bytes]) -> None:
         """Plate: pictures (H, W, 3) of the empty scene, one or more, from which the model learns."""
-        self._model, self._settings = model, settings
+        self._model = model
         pictures = list(plate)
         for _ in range(-(-_LEAST_LOOKS // max(len(pictures), 1))):
             for picture in pictures:
@@ -42,7 +46,7 @@ class TrainedModel:
     def trimap(self, image_bgr: Bytes) -> Trimap:
         """See Matte.trimap; no pixel is unsure."""
         marked = np.asarray(self._model.apply(image_bgr, learningRate=0))
-        return trimap_of(cleanup(marked == _FOREGROUND, self._settings))
+        return trimap_of(cleanup(marked == _FOREGROUND))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,28 +58,28 @@ class PaperTest:
     """(3, H, W) buffer for the current picture: blue, green and red."""
 
     @staticmethod
-    def learn(frames: Iterable[Bytes], settings: SegmentationSettings) -> "PaperTest":
+    def learn(frames: Iterable[Bytes]) -> "PaperTest":
         """From BGR uint8 frames (H, W, 3) of the empty stage; raises UserError as Plate.learn does."""
-        plate = Plate.learn(frames, settings)
+        plate = Plate.learn(frames)
         return PaperTest(plate, np.empty((3, *plate.shape), np.uint8))
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
         """See Matte.trimap; depends on this image alone. Raises UserError where it is not of the plate's
         size."""
-        return trimap_of(cleanup(self.foreground(image_bgr), self.plate.settings))
+        return trimap_of(cleanup(self.foreground(image_bgr)))
 
     def foreground(self, image_bgr: Bytes) -> Mask:
         """The pixels that differ from the plate and are not shadow: a mask (H, W), including specks."""
-        plate, settings = self.plate, self.plate.settings
+        plate = self.plate
         check_size(image_bgr, plate.shape, "image", "the clean plate")
-        gains = plate.gauge.gains(image_bgr, settings.flicker_limit)
+        gains = plate.gauge.gains(image_bgr)
         height, width = plate.shape
         whole = np.zeros((height, -(-width // 8) * 8), np.uint8)
         cv2.split(image_bgr, list(self.channels))
-        _mark_differences(self.channels, gains, plate.mean, plate.whitening, settings.distance_sigmas, whole)
+        _mark_differences(self.channels, gains, plate.mean, plate.whitening, _DISTANCE_SIGMAS, whole)
         _drop_shadow(
             whole, whole.view(np.uint64), self.channels, gains, plate.mean, plate.turn_noise,
-            settings.shadow_ratio_min, tan(radians(settings.shadow_angle_deg)),
+            _SHADOW_RATIO_MIN, tan(radians(_SHADOW_ANGLE_DEG)),
         )  # fmt: skip
         return whole[:, :width].view(np.bool_)
 

@@ -8,7 +8,7 @@ import numpy as np
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes, Floats, Mask, Trimap
-from services.segmentation.cleanup import SegmentationSettings, cleanup
+from services.segmentation.cleanup import cleanup
 from services.segmentation.pixels import Levels
 
 _TURN = np.tan(np.radians(25.0))
@@ -34,10 +34,9 @@ class ChromaKey:
 
     key: Floats
     """(2,) the screen's Cr and Cb about grey, over its brightness: shadows do not change it."""
-    settings: SegmentationSettings
 
     @staticmethod
-    def of_colour(colour_bgr: tuple[int, int, int], settings: SegmentationSettings) -> "ChromaKey":
+    def of_colour(colour_bgr: tuple[int, int, int]) -> "ChromaKey":
         """For a screen of a known colour; raises UserError if it is almost grey."""
         chroma, luma = _chroma(np.array([[colour_bgr]], np.uint8))
         if np.linalg.norm(chroma[0, 0]) < _LEAST_COLOUR or luma[0, 0] < _DARKEST:
@@ -46,10 +45,10 @@ class ChromaKey:
                 f"--segmenter chroma:{red:02x}{green:02x}{blue:02x}: is too grey or too dark for a screen: "
                 "expected the colour of a green or blue one"
             )
-        return ChromaKey(chroma[0, 0].astype(np.float64), settings)
+        return ChromaKey(chroma[0, 0].astype(np.float64))
 
     @staticmethod
-    def of_pictures(pictures: Bytes, settings: SegmentationSettings) -> "ChromaKey":
+    def of_pictures(pictures: Bytes) -> "ChromaKey":
         """For the screen along the edges of pictures (N, H, W, 3); raises UserError if there is none."""
         width_px = max(2, round(_BORDER * pictures.shape[2]))
         edge = np.ones(pictures.shape[1:3], np.bool_)
@@ -67,11 +66,11 @@ class ChromaKey:
                 f"them at most, expected {_LEAST_SHARE:.0%}): say the screen's colour with --segmenter "
                 "chroma:RRGGBB, or choose another segmenter"
             )
-        return ChromaKey(np.median(screen, axis=0).astype(np.float64), settings)
+        return ChromaKey(np.median(screen, axis=0).astype(np.float64))
 
     def trimap(self, image_bgr: Bytes) -> Trimap:
         """See Matte.trimap; no pixel is unsure."""
-        return trimap_of(cleanup(~self.screen(image_bgr), self.settings))
+        return trimap_of(cleanup(~self.screen(image_bgr)))
 
     def screen(self, image_bgr: Bytes) -> Mask:
         """Where an image (H, W, 3) shows the screen's colour, in light or shadow: a mask (H, W)."""

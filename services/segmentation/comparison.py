@@ -20,7 +20,7 @@ import numba
 import numpy as np
 
 from services.mocap.types import Bytes
-from services.segmentation.cleanup import Part, box_of, drop_specks
+from services.segmentation.cleanup import SPECK_AREA_PPM, Part, box_of, drop_specks
 from services.segmentation.light import light_field
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
 from services.segmentation.plate import LEAST_RATIO, MOST_EDGE_RATIO, MOST_RATIO, Plate, check_size
@@ -72,7 +72,7 @@ class Comparison:
         plate = self.plate
         height, width = plate.shape
         check_size(image_bgr, plate.shape, "image", "the clean plate")
-        gains = plate.gauge.gains(image_bgr, plate.settings.flicker_limit)
+        gains = plate.gauge.gains(image_bgr)
         cv2.split(image_bgr, list(self.channels))
         light = np.ascontiguousarray(light_field(self.channels, plate.mean, gains)[:height, :width])
         _compare(
@@ -82,7 +82,7 @@ class Comparison:
         cv2.blur(self.change, (3, 3), dst=self.change)
         self.ratio[:], self.state[:] = 1.0, UNCHANGED
         changed = (self.change > LEAST_CHANGE).view(np.uint8)
-        drop_specks(changed, plate.settings.speck_area_ppm * 1e-6 * changed.size)
+        drop_specks(changed, SPECK_AREA_PPM * 1e-6 * changed.size)
         self.part = box_of(changed, _MARGIN_PX)
         if self.part is None:
             return

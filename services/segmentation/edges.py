@@ -21,6 +21,10 @@ import numpy as np
 from services.mocap.types import Bytes, Floats
 from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
+EDGE_WIDTH_PERMILLE = 4.7
+"""Thousandths of the picture's width: the rim of mixed colours (1.5 px of 320)."""
+EDGE_MISFIT = 0.4
+"""How far a mixed colour may lie off the line between its two, over their distance."""
 _MIN_CONTRAST_LEVELS = 15.0
 """Of |a - b|; with less contrast, noise would decide about a mixed pixel."""
 _MIN_PURITY = 1e-3

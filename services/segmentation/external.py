@@ -13,7 +13,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
-from services.segmentation.cleanup import SegmentationSettings, cleanup
+from services.segmentation.cleanup import cleanup
 
 _HALF = 0.25, 0.75
 """Range of undecided opacities."""
@@ -29,10 +29,10 @@ class OnnxMatte:
     a soft edge are unsure.
     """
 
-    def __init__(self, file: Path, plate_bgr: Bytes | None, settings: SegmentationSettings) -> None:
+    def __init__(self, file: Path, plate_bgr: Bytes | None) -> None:
         """Raises UserError if the file, the package or the clean plate is missing, or the inputs are not as
         expected."""
-        self._file, self._settings = file, settings
+        self._file = file
         self._session = _session(file)
         self._inputs = list(self._session.get_inputs())
         self._plates: list[Bytes] = []
@@ -61,7 +61,7 @@ class OnnxMatte:
             opacity = np.squeeze(output).astype(np.float32)
             if opacity.ndim == 2:
                 whole = cv2.resize(opacity, (width, height), interpolation=cv2.INTER_LINEAR)
-                trimap = trimap_of(cleanup(whole >= 0.5, self._settings))
+                trimap = trimap_of(cleanup(whole >= 0.5))
                 half = cv2.inRange(whole, *_HALF)
                 trimap[cv2.morphologyEx(half, cv2.MORPH_OPEN, _WIDER_THAN_A_RIM) > 0] = UNSURE
                 return trimap

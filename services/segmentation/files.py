@@ -15,7 +15,6 @@ from services.mocap.take import layout
 from services.mocap.take.folder import Take
 from services.mocap.take.writer import write_picture
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Trimap
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make_segmenter
 
 log = logging.getLogger(__name__)
@@ -39,9 +38,9 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
     """
     if chosen_segmenter(take, segmenter) == READY:
         raise UserError(f"{take.folder}: has silhouettes already: expected videos, or --segmenter")
-    settings, thirds = SegmentationSettings(), [UnsureThirds() for _ in take.cameras]
+    thirds = [UnsureThirds() for _ in take.cameras]
     with atomic_folder(out) as part:
-        made = make_segmenter(take, take.cameras, settings, segmenter)
+        made = make_segmenter(take, take.cameras, segmenter)
         for frame, moment in enumerate(made.raw_moments(0, take.settings.frames)):
             for camera, trimap, of_camera in zip(take.cameras, moment.trimaps, thirds, strict=True):
                 folder = part / layout.SILHOUETTES / camera.name

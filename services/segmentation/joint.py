@@ -20,8 +20,8 @@ import numpy as np
 from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, UNSURE, Bytes, Ints, Mask, Trimap
 from services.segmentation.cleanup import (
+    SPECK_AREA_PPM,
     Part,
-    SegmentationSettings,
     box_of,
     cleanup_in_place,
     drop_specks,
@@ -30,7 +30,7 @@ from services.segmentation.cleanup import (
 )
 from services.segmentation.comparison import LEAST_CHANGE, PERHAPS_SHADOW, UNSEEN, Comparison
 from services.segmentation.decision import actor_evidence, beliefs, prices
-from services.segmentation.edges import settle_edges
+from services.segmentation.edges import EDGE_MISFIT, EDGE_WIDTH_PERMILLE, settle_edges
 from services.segmentation.floor_shadow import SUPPORTED, Floor, find_floor, unknown_shadow
 from services.segmentation.learnt import ActorColours, Learnt
 from services.segmentation.lenses import Lenses
@@ -62,10 +62,8 @@ _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
 class JointMatte:
     """Segments pictures that one or several cameras took at one moment."""
 
-    def __init__(
-        self, cameras: Sequence[Camera], plates: Sequence[Plate], settings: SegmentationSettings
-    ) -> None:
-        self._cameras, self._settings = list(cameras), settings
+    def __init__(self, cameras: Sequence[Camera], plates: Sequence[Plate]) -> None:
+        self._cameras = list(cameras)
         self._compared = [Comparison(plate) for plate in plates]
         self._learnt = [Learnt(plate) for plate in plates]
         self._lenses = Lenses.of(cameras)
@@ -198,7 +196,7 @@ class JointMatte:
         changed = ((change > LEAST_CHANGE) & (classes != MORE_MISS)).view(np.uint8)
         likely = opened(changed | (classes == INSIDE), 3)
         # With few cameras all others see a change along many rays of pixels that have not changed here.
-        drop_unconfirmed(likely, changed, self._settings.speck_area_ppm * 1e-6 * changed.size)
+        drop_unconfirmed(likely, changed, SPECK_AREA_PPM * 1e-6 * changed.size)
         return box_of(likely, _MARGIN_PX)
 
     def _settled(
@@ -209,15 +207,15 @@ class JointMatte:
         Unsure is what was cut off or kept against what the other cameras (prior) or its own colours (own)
         say.
         """
-        settings, (height, width) = self._settings, compared.plate.shape
-        rim_px = settings.edge_width_permille * 1e-3 * width
-        settle_edges(actor, corner_px, compared.channels, compared.expected, rim_px, settings.edge_misfit)
-        cleanup_in_place(actor, height * width, settings)
+        height, width = compared.plate.shape
+        rim_px = EDGE_WIDTH_PERMILLE * 1e-3 * width
+        settle_edges(actor, corner_px, compared.channels, compared.expected, rim_px, EDGE_MISFIT)
+        cleanup_in_place(actor, height * width)
         trimap = actor * np.uint8(ACTOR)
         against = (own < _SLIGHTLY_AGAINST) & (prior <= _TELLING)
         doubtful = np.where(actor > 0, against, own + prior > _HARDLY_AGAINST)
         doubt = opened(doubtful, 3)
-        drop_specks(doubt, settings.speck_area_ppm * 1e-6 * height * width)
+        drop_specks(doubt, SPECK_AREA_PPM * 1e-6 * height * width)
         trimap[doubt > 0] = UNSURE
         if actor.any():  # space that the other cameras leave open far from the actor is empty
             body = (trimap > 0).view(np.uint8)

@@ -10,7 +10,6 @@ import numpy as np
 
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.light import Gauge
 from services.segmentation.pixels import BB, GB, GG, MEAN_STEPS, RB, RG, RR, WHITENING_STEPS, Levels, Steps
 
@@ -21,6 +20,10 @@ LEAST_RATIO, MOST_RATIO = np.float32(0.35), np.float32(0.97)
 """Brightness in shadow over that in light."""
 MOST_EDGE_RATIO = np.float32(1.02)
 """The same of a single pixel at a shadow's edge, whose noise may hide the shadow."""
+_NOISE_FLOOR_LEVELS = 1.5
+"""Deviation per channel that a plate does not show: rounding, a codec's still scene."""
+_ASSUMED_NOISE_LEVELS = 2.5
+"""Deviation per channel, assumed where the plate is a single picture."""
 _PRIOR_FRAMES = 10.0
 """A pixel's own covariance counts as much as the picture's mean one after so many."""
 _PAIRS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
@@ -36,7 +39,6 @@ _SHIFT_PX = 0.35
 class Plate:
     """Statistics of the empty stage. Made by `learn`."""
 
-    settings: SegmentationSettings
     mean: Steps
     """(3, H, W) blue, green and red at the exposure of the plate's first frame, MEAN_STEPS a level."""
     whitening: Steps
@@ -56,9 +58,7 @@ class Plate:
     gauge: Gauge
 
     @staticmethod
-    def learn(
-        frames: Iterable[Bytes], settings: SegmentationSettings, light_uncertainty: float = 0.0
-    ) -> "Plate":
+    def learn(frames: Iterable[Bytes], light_uncertainty: float = 0.0) -> "Plate":
         """The plate from BGR uint8 frames (H, W, 3) of the empty stage; a single picture is enough.
 
         light_uncertainty: share of each pixel's brightness by which the light may vary, treated as noise.
@@ -67,16 +67,15 @@ class Plate:
         covariance is shrunk towards the picture's mean, more for fewer frames. Raises UserError if there are
         no frames or their sizes differ.
         """
-        total = _Sums(settings.flicker_limit)
+        total = _Sums()
         for frame in frames:
             total.add(frame)
-        mean, covariance = total.statistics(settings)
+        mean, covariance = total.statistics()
         for diagonal in (BB, GG, RR):
             covariance[diagonal] += (light_uncertainty * mean.mean(axis=0)) ** 2
         whitening, turn_noise = _whitening(covariance), _turn_noise(mean, covariance)
         slack, brightness = _slack(mean, covariance), np.linalg.norm(mean, axis=0)
         return Plate(
-            settings=settings,
             mean=np.rint(mean * MEAN_STEPS).clip(0, 255 * MEAN_STEPS).astype(np.int16),
             whitening=np.rint(whitening * WHITENING_STEPS).clip(-32768, 32767).astype(np.int16),
             turn_noise=turn_noise,
@@ -101,8 +100,7 @@ class Plate:
 class _Sums:
     """Running sums over clean-plate frames, so that long plates of large pictures fit into memory."""
 
-    def __init__(self, flicker_limit: float) -> None:
-        self._flicker_limit = flicker_limit
+    def __init__(self) -> None:
         self._count = 0
 
     def add(self, frame: Bytes) -> None:
@@ -114,12 +112,12 @@ class _Sums:
             self._products = np.zeros((6, frame[..., 0].size), np.float32)
         check_size(frame, self._first.shape, f"clean plate, frame {self._count}", "its first frame")
         # Differences from the first frame are small, which keeps sums in single precision exact enough.
-        scales = np.float32(1) / self._gauge.gains(frame, self._flicker_limit)
+        scales = np.float32(1) / self._gauge.gains(frame)
         pixels, first = np.ascontiguousarray(frame).reshape(-1, 3), self._first.reshape(-1, 3)
         _add_products(pixels, scales, first, self._sum, self._products)
         self._count += 1
 
-    def statistics(self, settings: SegmentationSettings) -> tuple[Levels, Levels]:
+    def statistics(self) -> tuple[Levels, Levels]:
         """Mean (3, H, W), and the lower triangle (6, H, W) of a new picture's covariance about it.
 
         With S a pixel's scatter matrix over n frames, C the picture's mean covariance and k _PRIOR_FRAMES,
@@ -130,13 +128,13 @@ class _Sums:
         shift, extra = self._sum / self._count, self._count - 1
         scatter = self._products - self._count * np.stack([shift[i] * shift[j] for i, j in _PAIRS])
         one = np.array([float(i == j) for i, j in _PAIRS], np.float32)[:, None]
-        common = one * settings.assumed_noise_levels**2
+        common = one * _ASSUMED_NOISE_LEVELS**2
         if extra:  # the mean of all pixels but those where something moved in the plate
             spread = scatter[BB] + scatter[GG] + scatter[RR]
             common = scatter[:, spread <= 4 * np.median(spread)].mean(axis=1, keepdims=True) / extra
         covariance = (scatter + _PRIOR_FRAMES * common) / (extra + _PRIOR_FRAMES)
         covariance *= 1 + 1 / self._count  # the mean's own noise adds to the new picture's
-        covariance += one * settings.noise_floor_levels**2
+        covariance += one * _NOISE_FLOOR_LEVELS**2
         height, width = self._first.shape[:2]
         mean = np.moveaxis(self._first, 2, 0) + shift.reshape(3, height, width)
         return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)

@@ -20,7 +20,6 @@ from services.mocap.take.segmenter_name import READY as READY
 from services.segmentation.background import CameraBackground, spread_pictures, warn_of_guesses
 from services.segmentation.baselines import PaperTest, TrainedModel
 from services.segmentation.chroma import ChromaKey
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.external import OnnxMatte, PluginMatte
 from services.segmentation.joint import JointMatte
 from services.segmentation.learning import learn_from_take
@@ -48,31 +47,31 @@ class Kind(NamedTuple):
 
 
 def _paper(background: CameraBackground, _: str) -> Matte:
-    return PaperTest.learn(background.pictures(), background.settings)
+    return PaperTest.learn(background.pictures())
 
 
 def _mog2(background: CameraBackground, _: str) -> Matte:
     """Gaussian mixtures with a shadow test (Zivkovic 2004)."""
     model = cv2.createBackgroundSubtractorMOG2(detectShadows=True)
-    return TrainedModel(model, background.pictures(), background.settings)
+    return TrainedModel(model, background.pictures())
 
 
 def _bgsegm(background: CameraBackground, _: str) -> Matte:
     """Gaussian mixtures without one (KaewTraKulPong 2001): the one of bgsegm that can stop learning."""
     model = cv2.bgsegm.createBackgroundSubtractorMOG()
-    return TrainedModel(model, background.pictures(), background.settings)
+    return TrainedModel(model, background.pictures())
 
 
 def _chroma(background: CameraBackground, colour: str) -> Matte:
     if colour:
         red, green, blue = bytes.fromhex(colour)
-        return ChromaKey.of_colour((blue, green, red), background.settings)
+        return ChromaKey.of_colour((blue, green, red))
     pictures = spread_pictures(background.take, background.camera, _KEY_PICTURES)
-    return ChromaKey.of_pictures(pictures, background.settings)
+    return ChromaKey.of_pictures(pictures)
 
 
 def _onnx(background: CameraBackground, file: str) -> Matte:
-    return OnnxMatte(Path(file), background.mean_picture(), background.settings)
+    return OnnxMatte(Path(file), background.mean_picture())
 
 
 KINDS: dict[str, Kind] = {
@@ -127,7 +126,6 @@ def chosen_segmenter(take: Take, name: str = AUTO) -> str:
 def make_segmenter(
     take: Take,
     cameras: Sequence[Camera],
-    settings: SegmentationSettings,
     name: str = AUTO,
     later: Callable[[PlateCheck], None] = lambda check: check(),
 ) -> Segmenter:
@@ -140,7 +138,7 @@ def make_segmenter(
     chosen = chosen_segmenter(take, name)
     if chosen == READY:
         return Segmenter.of_silhouettes(take, cameras)
-    backgrounds = [CameraBackground(take, camera, settings) for camera in cameras]
+    backgrounds = [CameraBackground(take, camera) for camera in cameras]
     kind, matte = _group_matte(backgrounds, chosen)
     if isinstance(matte, JointMatte):
         learn_from_take(matte, take, cameras)
@@ -154,9 +152,7 @@ def make_segmenter(
     return Segmenter.of_videos(take, cameras, matte)
 
 
-def live_matte(
-    take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str = AUTO
-) -> GroupMatte:
+def live_matte(take: Take, cameras: Sequence[Camera], name: str = AUTO) -> GroupMatte:
     """The matte for live pictures of some cameras, whose empty stage is known.
 
     Raises UserError if there is none of that name, or it needs more than pictures of the empty stage.
@@ -167,7 +163,7 @@ def live_matte(
         raise UserError(f"--segmenter {name}: live cameras give pictures: leave it out, or choose another")
     if chosen == "chroma":
         raise UserError(f"--segmenter {name}: live, the screen's colour must be given: chroma:RRGGBB")
-    return _group_matte([CameraBackground(take, camera, settings) for camera in cameras], chosen)[1]
+    return _group_matte([CameraBackground(take, camera) for camera in cameras], chosen)[1]
 
 
 def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> tuple[Kind, GroupMatte]:
@@ -190,5 +186,5 @@ def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> tuple[Ki
             where = f"{background.take.folder}: {what}{background.camera.name}"
             raise UserError(f"{where}: {error}") from None
     if row is not None and row.make is None:
-        return row, JointMatte(cameras, plates, backgrounds[0].settings)
+        return row, JointMatte(cameras, plates)
     return row or Kind(None), SeparateMattes(cameras, mattes)

@@ -4,7 +4,6 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Floats
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.joint import JointMatte
 from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 
@@ -15,10 +14,9 @@ _AWAY_M = 3.0
 def warm_up() -> None:
     """Load or compile everything that segmentation needs, so that no picture waits for it."""
     cameras = [_camera(turn) for turn in (0.0, 2.0, 4.0)]
-    settings = SegmentationSettings()
     empty: Bytes = np.random.default_rng(0).integers(90, 110, (4, _SIZE_PX, _SIZE_PX, 3)).astype(np.uint8)
-    plates = [Plate.learn(empty, settings, LIGHT_UNCERTAINTY) for _ in cameras]
-    matte = JointMatte(cameras, plates, settings)
+    plates = [Plate.learn(empty, LIGHT_UNCERTAINTY) for _ in cameras]
+    matte = JointMatte(cameras, plates)
     somebody = empty[0].copy()
     somebody[20:80, 40:60] //= 2
     moment = dict.fromkeys(range(len(cameras)), somebody)

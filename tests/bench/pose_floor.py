@@ -26,7 +26,6 @@ from services.mocap.take.folder import Take
 from services.mocap.take.tables import REFERENCE_JOINTS, reference_joints
 from services.mocap.types import Floats
 from services.runs.fit import seen_of
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 
 FAILED = 1.05
@@ -55,7 +54,7 @@ def floor_of(take: Take, actor: Actor, frames: list[int], tracked: Floats, true_
 
     tracked: (F, D) poses; true_m: (F, 15, 3) joints in the z-up world. Raises TakeError where fit_take does.
     """
-    made = make_segmenter(take, take.cameras, SegmentationSettings())
+    made = make_segmenter(take, take.cameras)
     cameras, seen = seen_of(take, frames, made, lambda _: None)
     body, rig, best = build_body(actor), Rig.of(cameras), true_poses(true_m, build_body(actor))
     energies_px = np.zeros((2, len(frames)))

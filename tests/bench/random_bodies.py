@@ -22,7 +22,7 @@ from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.synth.walk import STAND_S, walk
 from services.mocap.types import Bytes, Floats, Mask
-from services.segmentation.cleanup import SegmentationSettings, cleanup
+from services.segmentation.cleanup import cleanup
 
 Sex = Literal["female", "male"]
 FPS = 15.0
@@ -157,4 +157,4 @@ def _turned(poses: Floats, angle_rad: float) -> Floats:
 def _spoilt(planes: Bytes, rig: Rig, rng: np.random.Generator) -> Bytes:
     """Silhouettes (P, H, W) as a bad segmentation makes them."""
     masks: Mask = unpack(planes, rig.n_cameras)
-    return pack(np.array([cleanup(with_specks(bitten(m, rng), rng), SegmentationSettings()) for m in masks]))
+    return pack(np.array([cleanup(with_specks(bitten(m, rng), rng)) for m in masks]))

@@ -17,7 +17,6 @@ from services.mocap.take import layout
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.pictures import read_silhouette
 from services.mocap.types import ACTOR, UNSURE, Mask, Trimap
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 
 SEGMENTERS = ("clean-plate", "paper", "mog2")
@@ -76,7 +75,7 @@ def measure(name: str, segmenters: Sequence[str] = SEGMENTERS, every: int = 1) -
 
 
 def _measured(take: Take, name: str, every: int) -> list[Row]:
-    segmenter = make_segmenter(take, take.cameras, SegmentationSettings(), name, lambda _: None)
+    segmenter = make_segmenter(take, take.cameras, name, lambda _: None)
     moments_ms: list[float] = []
     qualities: list[list[Quality]] = [[] for _ in take.cameras]
     moments = iter(segmenter.raw_moments(0, take.settings.frames))

@@ -9,11 +9,9 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.types import ACTOR, UNSURE, Bytes, Floats, Mask, Trimap
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.joint import JointMatte
 from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 
-SETTINGS = SegmentationSettings()
 LAMP_M = np.array([1.5, -1.0, 5.0])
 SHADOW = 0.6
 _HALF_ROOM_M, _TEXEL_M = 5.0, 0.02
@@ -205,8 +203,8 @@ def plates(cameras: Sequence[Camera], floor_m: float = 0.0, n: int = 8) -> list[
 
 def joint_of(cameras: Sequence[Camera], pictures: Sequence[Sequence[Bytes]]) -> JointMatte:
     """A segmenter that knows pictures of the empty room per camera, and has learnt nothing yet."""
-    known = [Plate.learn(frames, SETTINGS, LIGHT_UNCERTAINTY) for frames in pictures]
-    return JointMatte(cameras, known, SETTINGS)
+    known = [Plate.learn(frames, LIGHT_UNCERTAINTY) for frames in pictures]
+    return JointMatte(cameras, known)
 
 
 def joint(cameras: Sequence[Camera], floor_m: float = 0.0) -> JointMatte:

@@ -16,11 +16,9 @@ from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes
 from services.segmentation.background import KeptLooks, quick_looks, shrunk
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 
 SmallTake = Callable[..., Path]
-SETTINGS = SegmentationSettings()
 
 
 @given(st.integers(0, 300), st.integers(1, 12))
@@ -91,7 +89,7 @@ def test_somebody_in_a_plate_is_said(
     repaint_plate(folder, paint)
     take = open_take(folder)
     with caplog.at_level(logging.WARNING):
-        make_segmenter(take, take.cameras, SETTINGS, segmenter)
+        make_segmenter(take, take.cameras, segmenter)
     sentences = [record.getMessage() for record in caplog.records]
     assert len(sentences) == (said is not None)
     if said is not None:

@@ -6,15 +6,13 @@ import pytest
 from wall_scene import COLOURS, disc, exposed, iou, plate_frames, wall
 
 from services.mocap.types import ACTOR, Bytes, Mask
+from services.segmentation import baselines
 from services.segmentation.baselines import PaperTest
-from services.segmentation.cleanup import SegmentationSettings
-
-SETTINGS = SegmentationSettings()
 
 
 @pytest.fixture(scope="module")
 def paper() -> PaperTest:
-    return PaperTest.learn(plate_frames(12), SETTINGS)
+    return PaperTest.learn(plate_frames(12))
 
 
 def silhouette(test: PaperTest, image: Bytes) -> Mask:
@@ -47,13 +45,13 @@ def test_nothing_is_unsure(paper: PaperTest) -> None:
     assert set(np.unique(trimap)) == {0, ACTOR}
 
 
-def test_settings_decide_what_is_shadow() -> None:
+def test_the_darkest_shadow_decides_what_is_shadow(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = wall()
     scene[disc()] *= 0.6
     image = exposed(scene, np.random.default_rng(2))
-    strict = SETTINGS.model_copy(update={"shadow_ratio_min": 0.8})
-    assert not silhouette(PaperTest.learn(plate_frames(8), SETTINGS), image).any()
-    assert iou(silhouette(PaperTest.learn(plate_frames(8), strict), image), disc()) > 0.98
+    assert not silhouette(PaperTest.learn(plate_frames(8)), image).any()
+    monkeypatch.setattr(baselines, "_SHADOW_RATIO_MIN", 0.8)
+    assert iou(silhouette(PaperTest.learn(plate_frames(8)), image), disc()) > 0.98
 
 
 @pytest.mark.parametrize("gain", [0.7, 0.95, 1.0, 1.05, 1.35])
@@ -66,7 +64,7 @@ def test_a_change_of_light_beyond_flicker_is_not_hidden(paper: PaperTest) -> Non
 
 
 def test_frames_may_come_from_a_generator_and_images_stay_as_they_are(paper: PaperTest) -> None:
-    streamed = PaperTest.learn((frame for frame in plate_frames(12)), SETTINGS)
+    streamed = PaperTest.learn(frame for frame in plate_frames(12))
     image = exposed(wall(), np.random.default_rng(12))
     before = image.copy()
     assert np.array_equal(streamed.foreground(image), paper.foreground(image))

@@ -6,26 +6,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pydantic import ValidationError
 
 from services.mocap.types import Mask
 from services.segmentation import edges
-from services.segmentation.cleanup import SegmentationSettings, cleanup, drop_unconfirmed
+from services.segmentation.cleanup import cleanup, drop_unconfirmed
 from services.segmentation.pixels import MEAN_STEPS, Levels
 
-SETTINGS = SegmentationSettings()
 SHAPE = (240, 320)
 # On the small masks below: specks under 6 px, holes under 4 px.
-COARSE = SegmentationSettings(speck_area_ppm=6e6 / (24 * 32), hole_area_ppm=4e6 / (24 * 32))
+COARSE_PPM = 6e6 / (24 * 32), 4e6 / (24 * 32)
 SMALL_MASKS = arrays(np.bool_, (24, 32), elements=st.booleans())
 
 
-def settle_edges(mask: Mask, picture: Levels, background: Levels, settings: SegmentationSettings) -> Mask:
+def settle_edges(
+    mask: Mask, picture: Levels, background: Levels, width_permille: float = edges.EDGE_WIDTH_PERMILLE
+) -> Mask:
     part = mask.astype(np.uint8)
     channels = np.ascontiguousarray(np.moveaxis(np.rint(picture).clip(0, 255), 2, 0).astype(np.uint8))
     mean = np.ascontiguousarray(np.rint(np.moveaxis(background, 2, 0) * MEAN_STEPS).astype(np.int16))
-    rim_px = settings.edge_width_permille * 1e-3 * mask.shape[1]
-    edges.settle_edges(part, (0, 0), channels, mean, rim_px, settings.edge_misfit)
+    rim_px = width_permille * 1e-3 * mask.shape[1]
+    edges.settle_edges(part, (0, 0), channels, mean, rim_px, edges.EDGE_MISFIT)
     return part > 0
 
 
@@ -45,25 +45,25 @@ def standing_actor() -> Mask:
 
 @given(SMALL_MASKS)
 def test_cleaning_twice_changes_nothing_more(mask: Mask) -> None:
-    once = cleanup(mask, COARSE)
-    assert np.array_equal(cleanup(once, COARSE), once)
+    once = cleanup(mask, *COARSE_PPM)
+    assert np.array_equal(cleanup(once, *COARSE_PPM), once)
 
 
 @given(SMALL_MASKS, SMALL_MASKS)
 def test_a_larger_mask_never_gives_a_smaller_silhouette(mask: Mask, more: Mask) -> None:
-    assert not np.any(cleanup(mask, COARSE) & ~cleanup(mask | more, COARSE))
+    assert not np.any(cleanup(mask, *COARSE_PPM) & ~cleanup(mask | more, *COARSE_PPM))
 
 
 @given(SMALL_MASKS)
 def test_mirroring_and_turning_commute_with_cleaning(mask: Mask) -> None:
-    cleaned = cleanup(mask, COARSE)
-    assert np.array_equal(cleanup(mask[:, ::-1], COARSE), cleaned[:, ::-1])
-    assert np.array_equal(cleanup(mask.T, COARSE), cleaned.T)
+    cleaned = cleanup(mask, *COARSE_PPM)
+    assert np.array_equal(cleanup(mask[:, ::-1], *COARSE_PPM), cleaned[:, ::-1])
+    assert np.array_equal(cleanup(mask.T, *COARSE_PPM), cleaned.T)
 
 
 @given(SMALL_MASKS)
 def test_no_speck_and_no_small_hole_is_left(mask: Mask) -> None:
-    cleaned = cleanup(mask, COARSE)
+    cleaned = cleanup(mask, *COARSE_PPM)
     _, _, patches, _ = cv2.connectedComponentsWithStats(cleaned.view(np.uint8), connectivity=8)
     assert np.all(patches[1:, cv2.CC_STAT_AREA] >= 6)
     # Ringed by a border of background, every hole that touched the picture's border is one patch with it.
@@ -91,7 +91,7 @@ def test_patches_are_those_that_opencv_finds(mask: Mask) -> None:
     padded = np.pad(~solid, 1, constant_values=True).view(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(padded, connectivity=4)
     small = (stats[:, cv2.CC_STAT_AREA] < 4) & (np.arange(len(stats)) > 0)
-    assert np.array_equal(cleanup(mask, COARSE), solid | small[labels][1:-1, 1:-1])
+    assert np.array_equal(cleanup(mask, *COARSE_PPM), solid | small[labels][1:-1, 1:-1])
 
 
 @given(SMALL_MASKS, st.integers(1, 5))
@@ -109,12 +109,12 @@ def test_the_mask_given_stays_as_it_is() -> None:
     mask = standing_actor()
     mask[5, 5] = True
     before = mask.copy()
-    cleanup(mask, SETTINGS)
+    cleanup(mask)
     assert np.array_equal(mask, before)
 
 
 def test_limbs_and_gaps_stay_to_the_pixel() -> None:
-    assert np.array_equal(cleanup(standing_actor(), SETTINGS), standing_actor())
+    assert np.array_equal(cleanup(standing_actor()), standing_actor())
 
 
 def test_specks_go_and_holes_close() -> None:
@@ -123,7 +123,7 @@ def test_specks_go_and_holes_close() -> None:
     rows, columns = rng.integers(2, 55, 60), rng.integers(2, 318, 60)
     noisy[rows, columns] = True
     noisy[90:92, 150:153] = False
-    assert np.array_equal(cleanup(noisy, SETTINGS), standing_actor())
+    assert np.array_equal(cleanup(noisy), standing_actor())
 
 
 @pytest.mark.parametrize(("area_px", "filled"), [(7, True), (8, False), (40, False)])
@@ -131,37 +131,37 @@ def test_holes_are_filled_up_to_their_limit(area_px: int, filled: bool) -> None:
     mask = standing_actor()
     mask[90, 141 : 141 + min(area_px, 20)] = False
     mask[91, 141 : 141 + max(area_px - 20, 0)] = False
-    assert bool(cleanup(mask, SETTINGS)[90, 141]) == filled
+    assert bool(cleanup(mask)[90, 141]) == filled
 
 
 @pytest.mark.parametrize(("area_px", "kept"), [(15, False), (16, True)])
 def test_specks_go_up_to_their_limit(area_px: int, kept: bool) -> None:
     mask = blank()
     mask[20, 30 : 30 + area_px] = True
-    assert bool(cleanup(mask, SETTINGS).any()) == kept
+    assert bool(cleanup(mask).any()) == kept
 
 
 def test_limits_grow_with_the_picture() -> None:
     mask = np.zeros((480, 640), np.bool_)
     mask[20, 30:90] = True  # 60 px, as many in proportion as 15 at 320x240
-    assert not cleanup(mask, SETTINGS).any()
+    assert not cleanup(mask).any()
     mask[21, 30:33] = True
-    assert cleanup(mask, SETTINGS).any()
+    assert cleanup(mask).any()
 
 
 def test_a_pocket_at_the_border_is_no_hole() -> None:
     mask = blank()
     mask[:40, :40] = True
     mask[0, 10:13] = False
-    assert np.array_equal(cleanup(mask, SETTINGS), mask)
+    assert np.array_equal(cleanup(mask), mask)
 
 
 @pytest.mark.parametrize("value", [False, True])
 def test_uniform_masks_stay(value: bool) -> None:
     mask = np.full(SHAPE, value)
-    assert np.array_equal(cleanup(mask, SETTINGS), mask)
+    assert np.array_equal(cleanup(mask), mask)
     levels = np.full((*SHAPE, 3), 100, np.float32)
-    assert np.array_equal(settle_edges(mask, levels, levels, SETTINGS), mask)
+    assert np.array_equal(settle_edges(mask, levels, levels), mask)
 
 
 def mixed_disc(radius_px: float) -> tuple[Levels, Levels, Levels]:
@@ -177,7 +177,7 @@ def mixed_disc(radius_px: float) -> tuple[Levels, Levels, Levels]:
 @pytest.mark.parametrize("radius_px", [3, 12, 60])
 def test_a_pixel_belongs_to_whom_most_of_it_belongs(radius_px: float) -> None:
     cover, picture, wall = mixed_disc(radius_px)
-    settled = settle_edges(cover > 0.02, picture, wall, SETTINGS)
+    settled = settle_edges(cover > 0.02, picture, wall)
     undecided = np.abs(cover - 0.5) < 0.1
     assert np.array_equal(settled[~undecided], (cover > 0.5)[~undecided])
 
@@ -185,7 +185,7 @@ def test_a_pixel_belongs_to_whom_most_of_it_belongs(radius_px: float) -> None:
 def test_noise_leaves_no_ragged_outline() -> None:
     cover, picture, wall = mixed_disc(40)
     noise = np.random.default_rng(5).normal(0, 12, picture.shape).astype(np.float32)
-    settled = settle_edges(cover > 0.02, picture + noise, wall, SETTINGS)
+    settled = settle_edges(cover > 0.02, picture + noise, wall)
     wrong = settled != (cover > 0.5)
     assert wrong.sum() < 0.1 * ((cover > 0.02) & (cover < 0.98)).sum()
     assert not np.any(wrong & ((cover == 0) | (cover == 1)))
@@ -196,7 +196,7 @@ def test_edges_settle_in_shadow_too(ratio: float) -> None:
     cover, _, wall = mixed_disc(40)
     shoe = np.array([20.0, 20.0, 25.0])
     picture = cover[..., None] * shoe + (1 - cover[..., None]) * wall * ratio
-    settled = settle_edges(cover > 0.02, picture.astype(np.float32), wall, SETTINGS)
+    settled = settle_edges(cover > 0.02, picture.astype(np.float32), wall)
     undecided = np.abs(cover - 0.5) < 0.1
     assert np.array_equal(settled[~undecided], (cover > 0.5)[~undecided])
 
@@ -206,39 +206,16 @@ def test_a_second_colour_at_the_edge_is_not_cut_off() -> None:
     hand = np.zeros(SHAPE, np.bool_)
     hand[118:122, 188:196] = True  # sticks out of the navy disc, too thin to have a depth of its own
     picture[hand] = (60, 170, 230)
-    settled = settle_edges((cover > 0.02) | hand, picture, wall, SETTINGS)
+    settled = settle_edges((cover > 0.02) | hand, picture, wall)
     assert settled[hand].all()
 
 
 def test_edges_stay_where_the_actor_looks_like_the_wall() -> None:
     mask = mixed_disc(30)[0] > 0.02
     wall = np.full((*SHAPE, 3), 150, np.float32)
-    assert np.array_equal(settle_edges(mask, wall + 3 * mask[..., None], wall, SETTINGS), mask)
+    assert np.array_equal(settle_edges(mask, wall + 3 * mask[..., None], wall), mask)
 
 
 def test_no_rim_leaves_edges_alone() -> None:
     cover, picture, wall = mixed_disc(30)
-    settings = SegmentationSettings(edge_width_permille=0)
-    assert np.array_equal(settle_edges(cover > 0.02, picture, wall, settings), cover > 0.02)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"distance_sigmas": 0},
-        {"shadow_ratio_min": 1.5},
-        {"flicker_limit": 1},
-        {"hole_area_ppm": -1},
-        {"edge_misfit": float("nan")},
-        {"speck_area": 5},
-    ],
-)
-def test_invalid_settings_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValidationError):
-        SegmentationSettings.model_validate(wrong)
-
-
-def test_settings_are_frozen_and_every_one_says_what_is_expected() -> None:
-    with pytest.raises(ValidationError):
-        SETTINGS.distance_sigmas = 3.0  # type: ignore[misc]
-    assert all(field.description for field in SegmentationSettings.model_fields.values())
+    assert np.array_equal(settle_edges(cover > 0.02, picture, wall, 0.0), cover > 0.02)

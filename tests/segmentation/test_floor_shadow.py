@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from rig_scene import SETTINGS, Blob, Rendered, moment, person, plates, raised, ring
+from rig_scene import Blob, Rendered, moment, person, plates, raised, ring
 
 from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Ints
@@ -29,7 +29,7 @@ Seen = tuple[Levels, Bytes, Ints]
 
 def seen_of(blobs: Sequence[Blob], floor_m: float, seeds: Sequence[int]) -> tuple[list[Seen], list[Rendered]]:
     """Ratios, states and cameras at some moments, and what was really there at the last."""
-    views = [Comparison(Plate.learn(p, SETTINGS, LIGHT_UNCERTAINTY)) for p in plates(CAMERAS, floor_m)]
+    views = [Comparison(Plate.learn(p, LIGHT_UNCERTAINTY)) for p in plates(CAMERAS, floor_m)]
     seen, rendered = list[Seen](), list[Rendered]()
     for seed in seeds:
         shown = moment(CAMERAS, blobs, seed, floor_m)

@@ -10,7 +10,6 @@ from rig_scene import (
     BLUE,
     DARK_GREY,
     GREEN,
-    SETTINGS,
     Blob,
     Colour,
     Moment,
@@ -75,7 +74,7 @@ def visible(camera: Camera, blobs: Sequence[Blob], k: int) -> Mask:
 def test_dark_grey_clothes_before_grey_walls_stay_and_the_shadow_goes(
     segmenter: JointMatte, standing: Moment
 ) -> None:
-    published = [PaperTest.learn(frames, SETTINGS) for frames in plates(CAMERAS)]
+    published = [PaperTest.learn(frames) for frames in plates(CAMERAS)]
     found = segmenter.trimaps(standing.images)
     assert sorted(found) == list(range(5))
     for c, view in enumerate(standing.views):

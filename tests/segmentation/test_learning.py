@@ -11,7 +11,6 @@ from services.mocap.camera.camera import Camera
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import ACTOR, Bytes, Mask
 from services.segmentation import learning
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.joint import JointMatte
 from services.segmentation.learning import LiveLearner, learn_from_take
 from services.segmentation.segmenters import make_segmenter
@@ -19,7 +18,6 @@ from services.segmentation.silhouettes import pictures_of
 
 SmallTake = Callable[..., Path]
 Ball = Callable[[Camera, int], Mask]
-SETTINGS = SegmentationSettings()
 
 
 @pytest.mark.parametrize("n_cameras", [1, 2, 4])
@@ -31,8 +29,8 @@ def test_two_segmenters_of_a_take_agree_wherever_they_begin(
     if not has_plate:
         shutil.rmtree(folder / "background")
     take = open_take(folder)
-    through = list(make_segmenter(take, take.cameras, SETTINGS).trimaps(0, 18))
-    other = make_segmenter(open_take(folder), take.cameras, SETTINGS)
+    through = list(make_segmenter(take, take.cameras).trimaps(0, 18))
+    other = make_segmenter(open_take(folder), take.cameras)
     for start in (11, 0, 17):
         for frame, trimaps in enumerate(other.trimaps(start, 18), start):
             for found, expected in zip(trimaps, through[frame], strict=True):

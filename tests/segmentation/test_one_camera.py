@@ -15,27 +15,25 @@ from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.types import ACTOR, Bytes, Mask, Trimap
 from services.segmentation.baselines import PaperTest
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.joint import JointMatte
 from services.segmentation.plate import LIGHT_UNCERTAINTY, Plate
 
-SETTINGS = SegmentationSettings()
 SHADOW = disc(28, (250, 180))
 """Less than four of the tiles across in which the light is estimated."""
 Cut = Callable[[Bytes], Trimap]
 
 
 def joint(frames: Sequence[Bytes]) -> JointMatte:
-    plate = Plate.learn(frames, SETTINGS, LIGHT_UNCERTAINTY)
+    plate = Plate.learn(frames, LIGHT_UNCERTAINTY)
     height, width = plate.shape
     K = np.array([[300.0, 0, (width - 1) / 2], [0, 300.0, (height - 1) / 2], [0, 0, 1]])
     camera = Camera("cam01", width, height, K, np.zeros(4), np.eye(3), np.zeros(3))
-    return JointMatte([camera], [plate], SETTINGS)
+    return JointMatte([camera], [plate])
 
 
 def cutter(name: str, frames: Sequence[Bytes]) -> Cut:
     if name == "paper":
-        return PaperTest.learn(frames, SETTINGS).trimap
+        return PaperTest.learn(frames).trimap
     segmenter = joint(frames)
     return lambda image: segmenter.trimaps({0: image})[0]
 

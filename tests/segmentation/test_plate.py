@@ -8,16 +8,13 @@ from wall_scene import COLOURS, HEIGHT, WIDTH, disc, exposed, plate_frames, wall
 
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes, Floats
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.pixels import MEAN_STEPS, WHITENING_STEPS
 from services.segmentation.plate import Plate
-
-SETTINGS = SegmentationSettings()
 
 
 @pytest.fixture(scope="module")
 def plate() -> Plate:
-    return Plate.learn(plate_frames(12), SETTINGS)
+    return Plate.learn(plate_frames(12))
 
 
 def whitening_of(plate: Plate) -> Floats:
@@ -36,10 +33,11 @@ def correlated(n: int, covariance: Floats, seed: int) -> list[Bytes]:
     return list(np.clip(np.rint(noise + np.array([90, 120, 150])), 0, 255).astype(np.uint8))
 
 
-def test_whitened_noise_has_a_deviation_of_one() -> None:
-    settings = SETTINGS.model_copy(update={"noise_floor_levels": 0.1, "flicker_limit": 0.0})
+def test_whitened_noise_has_a_deviation_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.segmentation.plate._NOISE_FLOOR_LEVELS", 0.1)
+    monkeypatch.setattr("services.segmentation.light.Gauge.gains", lambda *_: np.ones(3, np.float32))
     covariance = np.array([[9.0, 5.0, 2.0], [5.0, 16.0, 6.0], [2.0, 6.0, 12.0]])
-    known = Plate.learn(correlated(300, covariance, 0), settings)
+    known = Plate.learn(correlated(300, covariance, 0))
     fresh = np.array(correlated(40, covariance, 1)).astype(np.float64)
     off = fresh - np.moveaxis(known.mean, 0, 2) / float(MEAN_STEPS)
     white = np.einsum("hwij,nhwj->nhwi", whitening_of(known), off).reshape(-1, 3)
@@ -56,7 +54,7 @@ def test_the_peak_of_the_density_is_that_of_the_normal_distribution(plate: Plate
 @given(st.floats(0.0, 0.1))
 def test_uncertain_light_adds_a_share_of_the_brightness_to_the_noise(share: float) -> None:
     card = [np.full((20, 20, 3), 150, np.uint8)]
-    exact, doubtful = Plate.learn(card, SETTINGS), Plate.learn(card, SETTINGS, share)
+    exact, doubtful = Plate.learn(card), Plate.learn(card, share)
     blue, doubtful_blue = (float(1 / whitening_of(p)[0, 0, 0, 0]) for p in (exact, doubtful))
     assert doubtful_blue**2 - blue**2 == pytest.approx((150 * share) ** 2, rel=0.01, abs=0.02)
 
@@ -64,7 +62,7 @@ def test_uncertain_light_adds_a_share_of_the_brightness_to_the_noise(share: floa
 def test_only_outlines_have_slack() -> None:
     picture = np.full((40, 60, 3), 100, np.uint8)
     picture[:, 30:] = 160
-    slack = Plate.learn([picture], SETTINGS).slack
+    slack = Plate.learn([picture]).slack
     assert slack[:, :28] == pytest.approx(1.0)
     assert slack[:, 32:] == pytest.approx(1.0)
     assert (slack[:, 29:31] < 0.2).all()
@@ -73,13 +71,13 @@ def test_only_outlines_have_slack() -> None:
 def test_a_large_actor_in_one_colour_is_no_white_balance(plate: Plate) -> None:
     scene, actor = wall(), disc(95, (150, 120))
     scene[actor] = COLOURS["blue-grey"]
-    gains = plate.gauge.gains(exposed(scene, np.random.default_rng(15)), SETTINGS.flicker_limit)
+    gains = plate.gauge.gains(exposed(scene, np.random.default_rng(15)))
     np.testing.assert_allclose(gains, 1, atol=0.03)
 
 
 def test_an_image_is_evened_to_its_plate(plate: Plate) -> None:
     rng = np.random.default_rng(16)
-    evened = plate.gauge.evened(exposed(wall() * (1.1, 1.0, 0.9), rng, 0.9), SETTINGS.flicker_limit)
+    evened = plate.gauge.evened(exposed(wall() * (1.1, 1.0, 0.9), rng, 0.9))
     assert evened.dtype == np.uint8
     factors = np.median(evened / wall().clip(1), axis=(0, 1))  # the plate's first frame has a gain of its own
     np.testing.assert_allclose(factors, factors.mean(), rtol=0.005)
@@ -87,14 +85,14 @@ def test_an_image_is_evened_to_its_plate(plate: Plate) -> None:
 
 
 def test_a_black_plate_has_no_gauge() -> None:
-    black = Plate.learn([np.zeros((HEIGHT, WIDTH, 3), np.uint8)] * 3, SETTINGS)
+    black = Plate.learn([np.zeros((HEIGHT, WIDTH, 3), np.uint8)] * 3)
     assert black.gauge.places.size == 0
-    np.testing.assert_array_equal(black.gauge.gains(plate_frames(1)[0], SETTINGS.flicker_limit), 1)
+    np.testing.assert_array_equal(black.gauge.gains(plate_frames(1)[0]), 1)
 
 
 def test_flicker_does_not_pass_for_noise() -> None:
-    steady = Plate.learn(plate_frames(20, flicker=0), SETTINGS)
-    flickering = Plate.learn(plate_frames(20, flicker=0.1), SETTINGS)
+    steady = Plate.learn(plate_frames(20, flicker=0))
+    flickering = Plate.learn(plate_frames(20, flicker=0.1))
     # The first entry is one over the blue channel's deviation; noise scales with the first frame's exposure.
     assert np.median(flickering.whitening[0] / steady.whitening[0]) == pytest.approx(1, abs=0.12)
     ratio = flickering.mean / steady.mean
@@ -105,13 +103,13 @@ def test_movement_in_a_corner_of_the_plate_leaves_the_rest_as_keen() -> None:
     frames = plate_frames(12)
     for i, frame in enumerate(frames):
         frame[:40, 20 * i : 20 * i + 20] = 250
-    disturbed = Plate.learn(frames, SETTINGS)
-    calm = Plate.learn(plate_frames(12), SETTINGS)
+    disturbed = Plate.learn(frames)
+    calm = Plate.learn(plate_frames(12))
     assert np.median(disturbed.whitening[0, 60:] / calm.whitening[0, 60:]) == pytest.approx(1, abs=0.05)
 
 
 def test_frames_may_come_from_a_generator(plate: Plate) -> None:
-    streamed = Plate.learn((frame for frame in plate_frames(12)), SETTINGS)
+    streamed = Plate.learn(frame for frame in plate_frames(12))
     np.testing.assert_array_equal(streamed.mean, plate.mean)
     np.testing.assert_array_equal(streamed.whitening, plate.whitening)
 
@@ -119,9 +117,9 @@ def test_frames_may_come_from_a_generator(plate: Plate) -> None:
 def test_frames_of_unlike_sizes_are_refused_in_one_sentence() -> None:
     frames = [np.zeros((240, 320, 3), np.uint8), np.zeros((200, 320, 3), np.uint8)]
     with pytest.raises(UserError, match=r"^clean plate, frame 1: expected 320x240 .* found 320x200: [^.]*$"):
-        Plate.learn(frames, SETTINGS)
+        Plate.learn(frames)
 
 
 def test_an_empty_plate_is_refused() -> None:
     with pytest.raises(UserError, match=r"^clean plate: no frames: expected one picture or more"):
-        Plate.learn([], SETTINGS)
+        Plate.learn([])

@@ -24,17 +24,15 @@ from services.mocap.take.pictures import read_silhouette
 from services.mocap.take.writer import video_writer
 from services.mocap.types import ACTOR, UNSURE, Bytes, Mask
 from services.segmentation import segmenters
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import check_segmenter, make_segmenter
 
 SmallTake = Callable[..., Path]
 Ball = Callable[[Camera, int], Mask]
-SETTINGS = SegmentationSettings()
 
 
 def overlap(take: Take, ball: Ball, name: str) -> float:
     """The worst IoU over all cameras and frames."""
-    made = make_segmenter(take, take.cameras, SETTINGS, name)
+    made = make_segmenter(take, take.cameras, name)
     frames = take.settings.frames
     return min(
         float(((trimap == ACTOR) & ball(camera, f)).sum() / ((trimap == ACTOR) | ball(camera, f)).sum())
@@ -82,13 +80,13 @@ def test_a_green_screen(small_take: SmallTake, ball_silhouette: Ball, name: str)
     take = green_take(small_take(), ball_silhouette)
     assert overlap(take, ball_silhouette, name) > 0.6
     with pytest.raises(UserError, match="grey"):
-        make_segmenter(take, take.cameras, SETTINGS, "chroma:808080")
+        make_segmenter(take, take.cameras, "chroma:808080")
 
 
 def test_a_grey_wall_is_no_screen(small_take: SmallTake) -> None:
     take = open_take(small_take())
     with pytest.raises(UserError, match=r"cam01: the edges .* no screen of one colour .* chroma:RRGGBB"):
-        make_segmenter(take, take.cameras, SETTINGS, "chroma")
+        make_segmenter(take, take.cameras, "chroma")
 
 
 @pytest.mark.parametrize(
@@ -110,9 +108,9 @@ def test_names_that_mean_nothing(name: str, sentence: str) -> None:
 def test_what_a_take_lacks_is_said(small_take: SmallTake) -> None:
     videos, ready = open_take(small_take("a")), open_take(small_take("b", source="silhouettes"))
     with pytest.raises(UserError, match="expected silhouettes/ beside"):
-        make_segmenter(videos, videos.cameras, SETTINGS, "silhouettes")
+        make_segmenter(videos, videos.cameras, "silhouettes")
     with pytest.raises(UserError, match="has no video of cam01"):
-        make_segmenter(ready, ready.cameras, SETTINGS, "mog2")
+        make_segmenter(ready, ready.cameras, "mog2")
 
 
 class Stencil:
@@ -166,7 +164,7 @@ def test_a_plug_in(small_take: SmallTake, has_plate: bool) -> None:
         shutil.rmtree(folder / "background")
     take = open_take(folder)
     Stencil.given.clear()
-    made = make_segmenter(take, take.cameras, SETTINGS, "stencil")
+    made = make_segmenter(take, take.cameras, "stencil")
     assert [name for name, _ in Stencil.given] == ["cam01", "cam02"]
     for _, plate in Stencil.given:
         assert (plate is not None) == has_plate
@@ -177,7 +175,7 @@ def test_a_plug_in(small_take: SmallTake, has_plate: bool) -> None:
 @pytest.mark.usefixtures("plug_ins")
 def test_a_plug_in_that_answers_nonsense(small_take: SmallTake) -> None:
     take = open_take(small_take())
-    made = make_segmenter(take, take.cameras, SETTINGS, "wrong")
+    made = make_segmenter(take, take.cameras, "wrong")
     with pytest.raises(UserError, match=r"--segmenter wrong: expected masks of .* got .* of float32"):
         next(made.trimaps(0, 1))
 
@@ -185,12 +183,12 @@ def test_a_plug_in_that_answers_nonsense(small_take: SmallTake) -> None:
 @pytest.mark.usefixtures("plug_ins")
 def test_a_plug_in_may_be_unsure(small_take: SmallTake, monkeypatch: pytest.MonkeyPatch) -> None:
     take = open_take(small_take())
-    (trimaps,) = make_segmenter(take, take.cameras, SETTINGS, "doubtful").trimaps(0, 1)
+    (trimaps,) = make_segmenter(take, take.cameras, "doubtful").trimaps(0, 1)
     assert [np.count_nonzero(trimap == ACTOR) for trimap in trimaps] == [100, 100]
     assert [np.count_nonzero(trimap == UNSURE) for trimap in trimaps] == [2 * 64, 2 * 64]
     monkeypatch.setattr(Doubtful, "doubt", 7)
     with pytest.raises(UserError, match=r"--segmenter doubtful: expected 0 .* 128 .* 255 .* got 7: ask"):
-        next(make_segmenter(take, take.cameras, SETTINGS, "doubtful").trimaps(0, 1))
+        next(make_segmenter(take, take.cameras, "doubtful").trimaps(0, 1))
 
 
 class RedNetwork:
@@ -235,7 +233,7 @@ def test_what_a_network_does_not_know_is_unsure(
 ) -> None:
     monkeypatch.setattr(RedNetwork, "doubt", opacity)
     take = open_take(small_take())
-    made = make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}")
+    made = make_segmenter(take, take.cameras, f"onnx:{network}")
     trimap = next(made.raw_moments(0, 1)).trimaps[0]
     assert (trimap[:7] == UNSURE).all() == unsure
     assert not (trimap[10:] == UNSURE).any()
@@ -247,25 +245,25 @@ def test_a_network_that_wants_a_plate_or_something_else(
     folder = small_take()
     take = open_take(folder)
     with pytest.raises(UserError, match=r"bad\.onnx: is missing"):
-        make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network.with_name('bad.onnx')}")
+        make_segmenter(take, take.cameras, f"onnx:{network.with_name('bad.onnx')}")
     network.with_name("bad.onnx").write_bytes(b"no network")
     with pytest.raises(UserError, match=r"bad\.onnx: cannot be loaded as a network \(not a network\): "):
-        make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network.with_name('bad.onnx')}")
+        make_segmenter(take, take.cameras, f"onnx:{network.with_name('bad.onnx')}")
     monkeypatch.setattr(RedNetwork, "n_inputs", 3)
     with pytest.raises(UserError, match=r"found picture: tensor\(float\), plate: .*, state: "):
-        make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}")
+        make_segmenter(take, take.cameras, f"onnx:{network}")
     monkeypatch.setattr(RedNetwork, "n_inputs", 2)
     shutil.rmtree(folder / "background")
     take = open_take(folder)
     with pytest.raises(UserError, match=r"its second input is for the clean plate, but .* no background/"):
-        make_segmenter(take, take.cameras, SETTINGS, f"onnx:{network}")
+        make_segmenter(take, take.cameras, f"onnx:{network}")
 
 
 def test_no_onnxruntime_is_one_sentence(small_take: SmallTake, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     take = open_take(small_take())
     with pytest.raises(UserError) as refused:
-        make_segmenter(take, take.cameras, SETTINGS, "onnx:net.onnx")
+        make_segmenter(take, take.cameras, "onnx:net.onnx")
     assert str(refused.value) == (
         "--segmenter onnx:net.onnx: needs the package onnxruntime, which is not installed: "
         "pip install 'xormocap[onnx]'"

@@ -10,7 +10,6 @@ from services.mocap.energy.bitplanes import in_common_size, pack_trimaps, unpack
 from services.mocap.take.fit_record import COLOUR_BINS
 from services.mocap.take.folder import open_take
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import packed
 
@@ -29,10 +28,10 @@ def test_packing_one_by_one_is_packing(n_cameras: int) -> None:
 def test_a_frame_is_the_same_wherever_reading_starts(shared_takes: Path, name: str) -> None:
     take = open_take(shared_takes / "studio-a")
     cameras = take.cameras[2:5]
-    through = list(make_segmenter(take, cameras, SegmentationSettings(), name).trimaps(0, 30))
+    through = list(make_segmenter(take, cameras, name).trimaps(0, 30))
     assert all((trimap == ACTOR).any() for trimaps in through for trimap in trimaps)
     for start in (7, 29):
-        late = make_segmenter(take, cameras, SegmentationSettings(), name).trimaps(start, 30)
+        late = make_segmenter(take, cameras, name).trimaps(start, 30)
         for frame, trimaps in islice(enumerate(late, start), 3):
             for trimap, expected in zip(trimaps, through[frame], strict=True):
                 np.testing.assert_array_equal(trimap, expected)
@@ -41,7 +40,7 @@ def test_a_frame_is_the_same_wherever_reading_starts(shared_takes: Path, name: s
 def test_actor_pixels_get_the_class_of_their_colour(shared_takes: Path) -> None:
     take = open_take(shared_takes / "studio-a")
     cameras = take.cameras[2:4]
-    made = make_segmenter(take, cameras, SegmentationSettings())
+    made = make_segmenter(take, cameras)
     tables = {cameras[1].name: np.full(COLOUR_BINS, 5, np.uint8)}
     (plain,), (known,) = list(made.moments(3, 4)), list(made.knowing({}, tables).moments(3, 4))
     assert plain.classes is None

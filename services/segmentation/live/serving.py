@@ -23,7 +23,6 @@ from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.take.live import LiveTake
 from services.process import StopRequest, clock_name
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.joint import JointMatte
 from services.segmentation.learning import LiveLearner
 from services.segmentation.live.empty_stage import see_empty_stage
@@ -51,7 +50,7 @@ class Silhouetter:
         """Raises UserError if the segmenter does not support live input."""
         chosen = [take.cameras[c] for c in cameras]
         self._height_px, self._width_px = Rig.of(take.cameras).shape_px
-        self._matte = live_matte(take, chosen, SegmentationSettings(), segmenter)
+        self._matte = live_matte(take, chosen, segmenter)
         self._learner = LiveLearner(self._matte) if isinstance(self._matte, JointMatte) else None
         self._colours = [take.colours.get(camera.name) for camera in chosen]
         self._undistorters = [Undistorter(camera) for camera in chosen]

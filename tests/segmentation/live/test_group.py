@@ -10,7 +10,6 @@ from services.mocap.camera.colour import ColourCorrection, write_colours
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.live import open_live
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.live.serving import Silhouetter
 from services.segmentation.live.shots import Shot, Taken
 from services.segmentation.segmenters import make_segmenter
@@ -45,7 +44,7 @@ def _live(folder: Path, raw: Take, segmenter: str) -> TriPlanes:
 
 def _recorded(folder: Path, segmenter: str) -> TriPlanes:
     take = open_take(folder)
-    made = make_segmenter(take, take.cameras, SegmentationSettings(), segmenter)
+    made = make_segmenter(take, take.cameras, segmenter)
     return packed(next(made.trimaps(0, 1)), 64, 48)
 
 
