@@ -20,10 +20,11 @@ from services.mocap.errors import TakeError
 from services.mocap.synth.walk import walk
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import open_take
+from services.mocap.take.layout import BACKGROUND
 from services.mocap.take.marks import Marks
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import PoseTable, write_poses_csv
-from services.mocap.take.writer import TakeWriter, take_writer
+from services.mocap.take.writer import TakeWriter, take_writer, write_picture
 from services.mocap.types import Bytes, Floats, Mask
 
 # Shared machines are too noisy for deadlines. Continuous integration tries the same examples every time,
@@ -126,7 +127,7 @@ def _write_camera(writer: TakeWriter, camera: Camera, frames: int, clean_plate: 
             plate.write(_background())
             plate.write(_background())
     else:
-        writer.background_picture(camera, _background())
+        write_picture(writer.folder / BACKGROUND / f"{camera.name}.png", _background())
     with writer.video(camera) as video:
         for frame in range(frames):
             picture = _background()

@@ -30,7 +30,6 @@ class TakeCameras:
     """Before."""
     refined: Refined
     """… and after."""
-    frames: tuple[int, ...]
     warnings: list[str]
 
 
@@ -61,4 +60,4 @@ def refine_take_cameras(take: Take, result: Path, show: Show) -> TakeCameras:
             found.tracked.poses[rows],
             lambda share: show("refining the cameras", _SEEN_AT + (1.0 - _SEEN_AT) * share),
         )
-    return TakeCameras(take.cameras, refined, frames, warnings)
+    return TakeCameras(take.cameras, refined, warnings)

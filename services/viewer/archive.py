@@ -1,7 +1,6 @@
 """Frames that are no longer in a viewer's memory: from the recorder's journal, results, or the
 coordinator."""
 
-import logging
 import math
 import threading
 import time
@@ -21,8 +20,6 @@ from services.viewer.journal_index import JournalIndex
 
 CHUNK_FRAMES = 64
 """Most poses that the coordinator sends for one request."""
-
-log = logging.getLogger(__name__)
 
 
 class Archive:

@@ -24,8 +24,6 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
 }
 
-log = logging.getLogger(__name__)
-
 
 class Web:
     """Serves files, and channels by their key, until `close`."""

@@ -9,7 +9,7 @@ import pytest
 from bench.alternatives import OpenCvSilhouettes, PyrenderSilhouettes, Silhouettes, energy_by
 from bench.problems import Case, Scene, Setup
 from services.mocap.body.kinematics import N_DOF, segment_transforms
-from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.bitplanes import count_bits, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.errors import UserError
@@ -69,7 +69,7 @@ def test_the_energies_are_near_ours(scene: Scene, whole_body: Case, alternative:
     values = whole_body.values[:3]
     ours = CpuBackend(scene.body, scene.rig).energy(whole_body.problem)(values)
     theirs = energy_by(alternative, scene.body, whole_body.problem)(values)
-    off_by = 0.005 * whole_body.problem.picture.n_foreground
+    off_by = 0.005 * count_bits(whole_body.problem.picture.silhouettes)
     assert np.all(np.abs(theirs - ours) < off_by)
     assert np.all(ours > off_by)
 

@@ -9,7 +9,7 @@ import cv2
 import pytest
 from busy import ONE_WAY
 
-from services.mocap.take.layout import background_picture_path, background_video_path
+from services.mocap.take.layout import BACKGROUND, background_video_path
 
 pytestmark = pytest.mark.usefixtures("no_report")
 _CAMERAS = ("cam01", "cam05")
@@ -25,7 +25,7 @@ def _spoil(take: Path, camera: str) -> None:
     assert read
     plate[60:130, 20:40] = (30, 200, 60)
     video.unlink()
-    cv2.imwrite(str(background_picture_path(take, camera)), plate)
+    cv2.imwrite(str(take / BACKGROUND / f"{camera}.png"), plate)
 
 
 def test_all_plates_are_looked_at_however_short_the_run(

@@ -60,7 +60,7 @@ def calibrate_by_board(
     known = known_lenses(lens_file, names) if lens_file else None
     points = read_points(points_file, names) if points_file else None
     with progress_bar(errors) as show:
-        solution, _, remarks = calibrate_clips(
+        solution, remarks = calibrate_clips(
             clips, board, lens, show, known, level, needs_origin=points is None
         )
         show("calibrated", 1.0)

@@ -30,8 +30,6 @@ class Agreement:
     off_px: Floats
     """(C,) distance of the tangent planes to the actor between a camera and those that agree; NaN if
     unknown."""
-    limit_px: float
-    """A camera with a larger error does not agree."""
     odd: tuple[int, ...]
     """Cameras that do not agree with the others, the worst first."""
 
@@ -54,7 +52,7 @@ def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None
         odd += left
     good = [c for c in left if c not in odd] or left
     each = np.array([_typical(off_px, c, [*good, c]) for c in range(len(cameras))])
-    return Agreement(each, limit_px, tuple(odd))
+    return Agreement(each, tuple(odd))
 
 
 def agreement_limit_px(cameras: Sequence[Camera]) -> float:

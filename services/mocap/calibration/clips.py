@@ -12,12 +12,12 @@ from pathlib import Path
 
 from services.mocap.errors import CalibrationError
 from services.mocap.take.pictures import read_picture
+from services.mocap.take.recordings import VIDEO_SUFFIXES
 from services.mocap.take.video import VideoReader
 from services.mocap.take.video_index import index_video
 from services.mocap.types import Bytes
 
 INTRINSICS, ORIGIN = "intrinsics", "origin"
-_VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg")
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 
@@ -46,7 +46,7 @@ class Clip:
     @property
     def is_video(self) -> bool:
         """False for pictures."""
-        return self.path.suffix.lower() in _VIDEOS
+        return self.path.suffix.lower() in VIDEO_SUFFIXES
 
     def pictures(self, every: int) -> Iterator[tuple[int, Bytes]]:
         """Every nth picture (H, W, 3) with its number; raises TakeError if one cannot be read.
@@ -83,7 +83,7 @@ def find_clips(folder: Path) -> list[Clip]:
         if path.is_dir():
             camera, is_clip = path.name, any(file.suffix.lower() in _PICTURES for file in path.iterdir())
         else:
-            camera, is_clip = path.stem, path.suffix.lower() in (*_VIDEOS, *_PICTURES)
+            camera, is_clip = path.stem, path.suffix.lower() in (*VIDEO_SUFFIXES, *_PICTURES)
         if is_clip and camera in clips:
             raise CalibrationError(
                 f"{path}: is a second clip of {camera} beside {clips[camera].path.name}: keep one of them"

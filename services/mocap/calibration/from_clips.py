@@ -34,8 +34,8 @@ def calibrate_clips(
     level: str | None = None,
     *,
     needs_origin: bool = True,
-) -> tuple[Solution, list[Sightings], list[str]]:
-    """Calibrate the cameras of a folder of clips (see clips.py) by a board; also what they saw, and remarks.
+) -> tuple[Solution, list[str]]:
+    """Calibrate the cameras of a folder of clips (see clips.py) by a board; also remarks.
 
     known: lenses by camera, which are held. level: see solve_rig. needs_origin: whether the origin's place
     matters.
@@ -73,7 +73,7 @@ def calibrate_clips(
     def show_solving(what: str, share: float) -> None:
         show(what, _LOOKING_SHARE + (1 - _LOOKING_SHARE) * share)
 
-    return solve_rig(seen, board, lens, show_solving, known, level), seen, remarks
+    return solve_rig(seen, board, lens, show_solving, known, level), remarks
 
 
 def _with_polarity(board: Board, clips: list[Clip]) -> Board:

@@ -12,7 +12,6 @@ from services.mocap.energy.bitplanes import (
     CAMERAS_PER_PLANE,
     TriPlanes,
     camera_bit,
-    count_bits,
     n_planes,
     pack,
 )
@@ -159,11 +158,6 @@ class Picture:
     def sent_classes(self) -> Bytes:
         """Colour classes as a message holds them: (CLASS_BITS, P, h, w), or (0, P, h, w) for none."""
         return self.silhouettes[None][:0] if self.classes is None else self.classes
-
-    @property
-    def n_foreground(self) -> int:
-        """How many counted pixels are set, over all cameras."""
-        return count_bits(self.silhouettes & ~self.ignored)
 
     def likely(self, covered: Bytes) -> Bytes:
         """(P, h, w) counted pixels that are set, and unsure ones that a model covers (P, h, w).

@@ -28,7 +28,6 @@ class BvhJoint:
     """From its parent in the rest pose, in the file's unit and axes."""
     channels: list[str] = field(default_factory=list)
     """Lower case, in the order of the numbers; none for a tip."""
-    is_tip: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +101,7 @@ def _read_hierarchy(path: Path, text: str) -> list[BvhJoint]:
         if keyword in ("ROOT", "JOINT", "END"):
             parent = open_joints[-1] if open_joints else -1
             name = " ".join(words[1:]) if keyword != "END" else f"{joints[parent].name} end"
-            joints.append(BvhJoint(name, parent, is_tip=keyword == "END"))
+            joints.append(BvhJoint(name, parent))
         elif keyword == "{":
             open_joints.append(len(joints) - 1)
         elif keyword == "}" and open_joints:

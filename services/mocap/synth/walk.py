@@ -27,8 +27,6 @@ STAND_S = 0.7
 """How long the actor stands in the A pose at the beginning."""
 SHORTEST_S = 2.0
 """The whole motion takes at least this long; a shorter take shows its beginning."""
-MAX_JOINT_SPEED_RAD_S = 9.0
-"""No joint turns faster about any of its axes."""
 
 _CIRCLE_M = 0.7
 _SPEED_HEIGHTS_S = 0.57  # 1 m/s for someone 1.75 m tall

@@ -20,11 +20,6 @@ def background_video_path(take_folder: Path, camera: str) -> Path:
     return take_folder / BACKGROUND / f"{camera}.mp4"
 
 
-def background_picture_path(take_folder: Path, camera: str) -> Path:
-    """The camera's clean plate as a single picture, in place of the video."""
-    return take_folder / BACKGROUND / f"{camera}.png"
-
-
 def colour_picture_path(take_folder: Path, camera: str) -> Path:
     """The camera's picture of a colour chart."""
     return take_folder / "colour" / f"{camera}.png"

@@ -133,10 +133,6 @@ class TakeWriter:
         """The writer of a camera's clean plate."""
         return self._video(layout.background_video_path(self.folder, camera.name), camera)
 
-    def background_picture(self, camera: Camera, picture_bgr: Bytes) -> None:
-        """A camera's clean plate as one (H, W, 3) picture."""
-        write_picture(layout.background_picture_path(self.folder, camera.name), picture_bgr)
-
     def silhouette(self, camera: Camera, frame: int, silhouette: Mask | Trimap) -> None:
         """One (H, W) silhouette or trimap of a camera."""
         folder = layout.silhouette_folder(self.folder, camera.name)

@@ -7,7 +7,7 @@ import pytest
 
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
-from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.bitplanes import count_bits, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
 from services.mocap.search.found import FrameSolution
@@ -93,7 +93,7 @@ def test_a_camera_of_weight_0_has_no_say(
     weights = SearchSettings(camera_weights=tuple(float(c != 2) for c in range(8)))
     found = find_first_pose(model, white, hull, LocalLimbs(model), weights)
     assert joint_errors_mm(found.solution.pose, truth).mean() < 40
-    assert found.solution.energy_px < 0.2 * picture.n_foreground
+    assert found.solution.energy_px < 0.2 * count_bits(picture.silhouettes)
 
 
 def test_stands_on_the_hull(model: Model) -> None:
