@@ -1,19 +1,17 @@
 """Which way round the actor is, where silhouettes of the first frame do not tell front from back."""
 
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 
 from services.mocap.body.actor import build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.fit.fitting import Fit
 from services.mocap.search.first_frame import tell_facing
 from services.mocap.search.first_pose import FirstPose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
-from services.mocap.search.model import Model
+from services.mocap.search.model import model_on_cpu
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker
 from services.mocap.types import Floats
@@ -72,7 +70,6 @@ def fit_best_way_round(
 def tracked_px(rig: Rig, seen: Sequence[TriPlanes], fit: Fit, search: SearchSettings) -> float:
     """The energy of frames `seen`, each (P, H, W), tracked in this process from the last poses of a fit."""
     body = build_body(fit.actor)
-    with closing(CpuBackend(body, rig)) as backend:
-        model = Model(body, rig, backend)
+    with model_on_cpu(body, rig) as model:
         tracker = Tracker(model, search, LocalLimbs(model), fit.poses[-2:])
         return sum((tracker.solve(planes).energy_px for planes in seen), fit.after.energy_px.sum())

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import islice
@@ -17,7 +17,6 @@ from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack
-from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
@@ -29,7 +28,7 @@ from services.mocap.search.first_frame import FirstFrame, first_guess
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
-from services.mocap.search.model import Model
+from services.mocap.search.model import model_on_cpu
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.single_person import MOST_UNCOVERED, NOT_ALONE, uncovered_share
@@ -160,8 +159,7 @@ def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: 
     The body by which the first pose was found had other limbs and no skirt.
     """
     body = build_body(actor)
-    with closing(CpuBackend(body, rig)) as backend:
-        model = Model(body, rig, backend)
+    with model_on_cpu(body, rig) as model:
         limbs, picture = LocalLimbs(model), Picture.of_frame(rig, seen)
         starts = pose, found_anew(model, search, limbs, seen, pose)
         fitted, anew = (solve_frame(model, picture, start[None], search, limbs) for start in starts)
@@ -172,8 +170,8 @@ def _check_alone(rig: Rig, seen: TriPlanes, fit: Fit, names: Sequence[str], *, i
     """Raise TakeError if the fitted body covers too little of the first frame (P, H, W); warn if the height
     is told, as that may be wrong as well."""
     body, picture = build_body(fit.actor), Picture.of_frame(rig, seen)
-    with closing(CpuBackend(body, rig)) as backend:
-        uncovered = uncovered_share(Model(body, rig, backend), picture, fit.poses[0], SearchSettings())
+    with model_on_cpu(body, rig) as model:
+        uncovered = uncovered_share(model, picture, fit.poses[0], SearchSettings())
     if uncovered > MOST_UNCOVERED:
         masks = unpack(seen.silhouettes, rig.n_cameras)
         unsure = UnsureShares(
@@ -197,10 +195,10 @@ def concluded(
     """A fit with its results: the actor to write, its measures, and the unsure parts."""
     actor = rounded(fit.actor)
     body, rig = build_body(actor), Rig.of(cameras)
-    with closing(CpuBackend(body, rig)) as backend:
+    with model_on_cpu(body, rig) as model:
         names, when = [camera.name for camera in cameras], f"the {len(frames)} frames of the fit"
         where = "its overlay.png shows where"
-        sentence = untold_parts(Model(body, rig, backend), seen, fit.poses, names, when, where)
+        sentence = untold_parts(model, seen, fit.poses, names, when, where)
     if sentence:
         log.warning("%s", sentence)
     if actor.skirt is not None:

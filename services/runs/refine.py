@@ -7,7 +7,6 @@ and which colours each part of the actor has.
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,12 +16,11 @@ import numpy as np
 from services.mocap.body.actor import build_body
 from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import fit_actor
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.result.result import Result, load_result
-from services.mocap.search.model import Model
+from services.mocap.search.model import model_on_cpu
 from services.mocap.search.occlusion import PosedFrame, find_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
@@ -125,8 +123,7 @@ def look_over(
             yield PosedFrame(packed(moment.trimaps, width_px, height_px), pose, bool(distrusted[_TORSO]))
             progress((k + 1) / len(rows))
 
-    with closing(CpuBackend(body, rig)) as backend:
-        model = Model(body, rig, backend)
+    with model_on_cpu(body, rig) as model:
         lesson = ColourLesson(model, take.cameras)
         masks = find_occluded(model, posed())
     occluded = {}

@@ -5,7 +5,6 @@ to the body and the silhouettes; where its energy is clearly lower than that of 
 failed.
 """
 
-from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +16,8 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, DOFS, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cost import Cost
-from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture
-from services.mocap.search.model import Model
+from services.mocap.search.model import Model, model_on_cpu
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import whole_body_energy
 from services.mocap.take.folder import Take
@@ -58,8 +56,7 @@ def floor_of(take: Take, actor: Actor, frames: list[int], tracked: Floats, true_
     cameras, seen = seen_of(take, frames, made, lambda _: None)
     body, rig, best = build_body(actor), Rig.of(cameras), true_poses(true_m, build_body(actor))
     energies_px = np.zeros((2, len(frames)))
-    with closing(CpuBackend(body, rig)) as backend:
-        model = Model(body, rig, backend)
+    with model_on_cpu(body, rig) as model:
         for f in range(len(frames)):
             picture = Picture.whole(rig, seen[f].silhouettes, seen[f].unsure)
             best[f] = aligned(model, picture, best[f])

@@ -21,7 +21,6 @@ from services.mocap.take.video import VideoReader
 from services.mocap.take.writer import video_writer
 from services.mocap.types import ACTOR, Bytes, Floats, Mask
 from services.segmentation.background import quick_looks, spread_pictures
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 
 SmallTake = Callable[..., Path]
@@ -217,11 +216,10 @@ def test_a_plate_of_another_camera_setting_serves_once_corrected(
                 picture = np.full((48, 64, 3), (70, 175, 40), np.uint8)
                 picture[ball_silhouette(camera, frame)] = (60, 70, 200)
                 video.write(cast(picture, matrix, noise=0))
-    settings = SegmentationSettings()
 
     def found() -> Mask:
         again = open_take(folder)
-        (trimap,) = next(make_segmenter(again, again.cameras[:1], settings, "chroma:28af46").trimaps(0, 1))
+        (trimap,) = next(make_segmenter(again, again.cameras[:1], "chroma:28af46").trimaps(0, 1))
         return np.asarray(trimap == ACTOR)
 
     true = ball_silhouette(take.cameras[0], 0)

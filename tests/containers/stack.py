@@ -123,23 +123,18 @@ class Stack:
         done = subprocess.run(["docker", "logs", container], capture_output=True, text=True, check=True)
         return done.stdout + done.stderr
 
-    def keys(self, *arguments: object) -> None:
-        """Run xormocap keys on the volume of keys, as whoever runs the services."""
+    def admit(self, name: str) -> None:
+        """Make keys of a further service in the volume of keys, and tell the coordinator."""
         volume = f"{self._name}_keys:/keys"
-        command, *names = arguments
-        docker("run", "--rm", "--user", self.user, "--volume", volume, IMAGE,
-               "keys", command, "/keys", *names)  # fmt: skip
+        docker("run", "--rm", "--user", self.user, "--volume", volume, IMAGE, "keys", "add", "/keys", name)
+        self.compose("kill", "--signal", "HUP", "coordinator")
 
-    def worker(self, keys: str, source: str = "") -> str:
-        """Start a limb worker of the network beside compose's; its container.
-
-        keys: its folder in /keys, which is the volume of keys or else source; none: "".
-        """
-        mount = ("--volume", f"{source or f'{self._name}_keys'}:/keys:ro")
-        own = ("--keys", f"/keys/{keys}") if keys else ()
-        user = ("--user", self.user)
-        run = ("run", "--detach", "--network", self.network, *user, *mount, IMAGE)
-        self._others.append(docker(*run, "limb_worker", "--connect", "tcp://coordinator:5550", *own))
+    def worker(self, *options: str) -> str:
+        """Start a limb worker of the network beside compose's, with the volume of keys; its container."""
+        run = ("run", "--detach", "--network", self.network, "--user", self.user)
+        mount = ("--volume", f"{self._name}_keys:/keys:ro")
+        command = ("limb_worker", "--connect", "tcp://coordinator:5550", *options)
+        self._others.append(docker(*run, *mount, IMAGE, *command))
         return self._others[-1]
 
     def hold(self) -> None:

@@ -15,7 +15,8 @@ pytestmark = [pytest.mark.containers, pytest.mark.timeout(1200), pytest.mark.use
 
 @pytest.fixture
 def stack(take: Path, tmp_path: Path) -> Iterator[Stack]:
-    with Stack(tmp_path / "out", TAKE=str(take), RECORDER_OPTIONS="--no-overlay") as made:
+    options = {"RECORDER_OPTIONS": "--no-overlay", "COORDINATOR_OPTIONS": "--workers 8"}
+    with Stack(tmp_path / "out", TAKE=str(take), **options) as made:
         yield made
 
 
@@ -29,12 +30,14 @@ def test_the_image_has_everything_compiled(image: str) -> None:
     assert sum(line.endswith(".nbc") for line in printed) > 100
 
 
-def test_up_tracks_a_take_and_returns_and_the_page_stays(stack: Stack, local_poses: str) -> None:
-    stack.compose("up", "--no-build", timeout_s=400)
+def test_up_tracks_a_take_with_eight_workers_and_returns_and_the_page_stays(
+    stack: Stack, local_poses_of_eight: str
+) -> None:
+    stack.compose("up", "--no-build", "--scale", "limb-worker=8", timeout_s=400)
     assert stack.is_over()
     stack.finish()
-    assert len(stack.workers_that_came()) == 4, stack.logs("coordinator", "limb-worker")
-    assert stack.poses() == local_poses
+    assert len(stack.workers_that_came()) == 8, stack.logs("coordinator", "limb-worker")
+    assert stack.poses() == local_poses_of_eight
     assert (stack.out / "result" / "report.html").exists()
     for worker in stack.containers("limb-worker"):
         assert stack.inspect(worker)["Health"]["Status"] == "healthy", "workers stay for the next take"
@@ -55,15 +58,6 @@ def see_the_page(stack: Stack) -> None:
         assert b"xormocap" in page.read().lower()
 
 
-def test_eight_workers(take: Path, tmp_path: Path, local_poses_of_eight: str) -> None:
-    options = {"RECORDER_OPTIONS": "--no-overlay", "FRAMES": "0:6", "COORDINATOR_OPTIONS": "--workers 8"}
-    with Stack(tmp_path / "out", TAKE=str(take), **options) as stack:
-        stack.start("--scale", "limb-worker=8")
-        stack.finish()
-        assert len(stack.workers_that_came()) == 8, stack.logs("coordinator", "limb-worker")
-        assert stack.poses() == local_poses_of_eight
-
-
 def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by_plain_search: str) -> None:
     """One run, in which everything happens in turn: the slowest part of all is to start the services."""
     stack = slow_stack
@@ -79,6 +73,11 @@ def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by
     stack.hold()
     forgotten = [f"forgot limb_worker@{worker[:12]}:" for worker in workers[:3]]
     wait_until(lambda: all(words in stack.logs("coordinator") for words in forgotten), stack.logs)
+
+    stack.admit("friend")
+    friend, stranger = stack.worker("--keys", "/keys/friend"), stack.worker()
+    wait_until(lambda: f"@{friend[:12]}: says hello" in stack.logs("coordinator"), stack.logs)
+    wait_until(lambda: "needs keys: give --keys DIR" in stack.logs_of(stranger), stack.logs)
 
     docker("start", stack.one("recorder"))
     docker("unpause", workers[1])

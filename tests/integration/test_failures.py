@@ -165,11 +165,17 @@ def test_a_coordinator_that_dies_alone_or_with_the_recorder_goes_on_as_if_nothin
     assert any("continuing run" in sentence for sentence in said)
 
 
-def test_deaths_on_the_way_back_and_while_poses_are_settled_change_nothing(
-    exact_take: Path, tmp_path: Path
-) -> None:
-    quiet = Run(exact_take, tmp_path / "quiet" / "out", search=BOTH_WAYS)
+@pytest.fixture(scope="module")
+def undisturbed_both_ways(exact_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same, tracked back from the last frame as well."""
+    quiet = Run(exact_take, tmp_path_factory.mktemp("both-ways") / "out", search=BOTH_WAYS)
     quiet.go()
+    return quiet.out
+
+
+def test_deaths_on_the_way_back_and_while_poses_are_settled_change_nothing(
+    exact_take: Path, tmp_path: Path, undisturbed_both_ways: Path
+) -> None:
     run = Run(exact_take, tmp_path / "disturbed" / "out", search=BOTH_WAYS)
 
     def in_stage(stage: str, done: int) -> Callable[[Progress], bool]:
@@ -180,7 +186,7 @@ def test_deaths_on_the_way_back_and_while_poses_are_settled_change_nothing(
     run.when(in_stage("settling", 3), kill("limb_worker", signal.SIGKILL))
     report = run.when(in_stage("settling", 5), kill_all_that_know_poses).go()
     assert report["take"]["frames"] == FRAMES
-    assert (run.out / "poses.csv").read_text() == (quiet.out / "poses.csv").read_text()
+    assert (run.out / "poses.csv").read_text() == (undisturbed_both_ways / "poses.csv").read_text()
     assert [path.name for path in run.out.parent.iterdir()] == ["out"]
 
 
@@ -241,18 +247,17 @@ def test_a_stopped_run_does_not_replace_a_complete_one(run: Run, undisturbed: Pa
 
 
 def test_a_stop_on_the_way_back_ends_the_run_which_goes_on_from_there(
-    exact_take: Path, tmp_path: Path
+    exact_take: Path, tmp_path: Path, undisturbed_both_ways: Path
 ) -> None:
-    whole, run = (Run(exact_take, tmp_path / name, search=BOTH_WAYS) for name in ("whole", "out"))
-    whole.when(after(1), lambda _: None).go()
+    run = Run(exact_take, tmp_path / "out", search=BOTH_WAYS)
     with pytest.raises(Interrupted) as stopped:
         run.when(lambda progress: progress.stage == "tracking back", ask_to_stop).go()
     assert stopped.value.folder == run.out
     one_way = Run(exact_take, tmp_path / "one-way", search=BOTH_WAYS.model_copy(update={"both_ways": False}))
-    one_way.when(after(1), lambda _: None).go()
+    one_way.go()
     assert (run.out / "poses.csv").read_text() == (one_way.out / "poses.csv").read_text()
-    run.when(after(1), lambda _: None).go()
-    assert (run.out / "poses.csv").read_text() == (whole.out / "poses.csv").read_text()
+    run.go()
+    assert (run.out / "poses.csv").read_text() == (undisturbed_both_ways / "poses.csv").read_text()
 
 
 @pytest.mark.parametrize("seconds", [0.0, 2.0])

@@ -40,7 +40,6 @@ from services.runs import fit as fit_module
 from services.runs.facing import fit_best_way_round, tracked_px
 from services.runs.fit import TakeFit, concluded, fit_take, init_frames, seen_of
 from services.runs.fit_files import write_fit
-from services.segmentation.cleanup import SegmentationSettings
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
 
@@ -151,7 +150,7 @@ def test_the_fit_decides_between_opposite_first_poses(
 
 def test_tracking_on_from_the_truth_costs_less_than_from_the_opposite(folder: Path, found: TakeFit) -> None:
     take = open_take(folder)
-    made = make_segmenter(take, take.cameras, SegmentationSettings())
+    made = make_segmenter(take, take.cameras)
     cameras, seen = seen_of(take, range(3), made, lambda _: None)
     turned = found.fit.poses.copy()
     turned[:, DOF_INDEX["root_heading"]] += np.pi
@@ -209,7 +208,7 @@ def test_what_hides_the_actor_is_kept_with_the_fit(folder: Path, found: TakeFit,
     occluded = read_occluded(tmp_path, take.cameras)
     assert occluded.keys() == {camera.name}
     assert np.array_equal(occluded[camera.name], mask)
-    made = make_segmenter(take, take.cameras, SegmentationSettings())
+    made = make_segmenter(take, take.cameras)
     plain, known = (next(iter(segmenter.trimaps(0, 1))) for segmenter in (made, made.knowing(occluded)))
     assert np.all(known[1][mask] == UNSURE)
     assert np.array_equal(known[1][~mask], plain[1][~mask])
@@ -235,10 +234,8 @@ def masks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Mask]:
     """Camera -> the silhouette (H, W) that is seen in all frames in place of the one in its video."""
     shown: dict[str, Mask] = {}
 
-    def segmenter(
-        take: Take, cameras: Sequence[Camera], settings: SegmentationSettings, name: str
-    ) -> Segmenter:
-        real = make_segmenter(take, cameras, settings, name)
+    def segmenter(take: Take, cameras: Sequence[Camera], name: str) -> Segmenter:
+        real = make_segmenter(take, cameras, name)
         monkeypatch.setattr(real, "moments", partial(changed, real.moments, cameras))
         return real
 

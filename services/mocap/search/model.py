@@ -1,5 +1,7 @@
 """The body, the cameras and the backend."""
 
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,6 +9,7 @@ from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend
 from services.mocap.energy.colours import ColourPainter
+from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligner
 from services.mocap.search.settings import SearchSettings
@@ -40,3 +43,10 @@ class Model:
     @cached_property
     def _full(self) -> Aligner:
         return Aligner(self.body, self.rig, thinned=False)
+
+
+@contextmanager
+def model_on_cpu(body: Body, rig: Rig) -> Iterator[Model]:
+    """The model with a backend of its own on the CPU, closed at the end."""
+    with closing(CpuBackend(body, rig)) as backend:
+        yield Model(body, rig, backend)
