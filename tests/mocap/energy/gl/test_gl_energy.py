@@ -156,32 +156,3 @@ def test_a_batch_equals_its_poses_one_by_one(
     assert energy(poses[:0]).shape == (0,)
     monkeypatch.setattr(drawing, "_PART_IMAGES", 7)
     np.testing.assert_array_equal(energy(poses), together)
-
-
-def test_problems_do_not_disturb_each_other(
-    both: Both, coarse_body: Body, ring: Ring, random_poses: RandomPoses
-) -> None:
-    rig, poses = ring(3), random_poses(4, 8)
-    gl, _ = both(coarse_body, rig)
-    picture = noisy_picture(rig, 9)
-    first = gl.energy(Problem(poses[0], EVERY_DOF, ALL, picture))
-    before = first(poses)
-    second = gl.energy(Problem(poses[1], ARM_DOFS, ARM, picture.halved()))
-    limb = second(poses[:, ARM_DOFS])
-    gl.coverage(poses, ARM, picture.region)
-    np.testing.assert_array_equal(first(poses), before)
-    np.testing.assert_array_equal(second(poses[:, ARM_DOFS]), limb)
-
-
-def test_pre_rendering_changes_the_energy_by_a_constant(
-    both: Both, real_body: Body, ring: Ring, random_poses: RandomPoses
-) -> None:
-    rig, (pose, truth), values = ring(3), random_poses(2, 9), random_poses(15, 10)[:, ARM_DOFS]
-    gl, _ = both(real_body, rig)
-    region = noisy_picture(rig, 0).region
-    picture = Picture.whole(rig, gl.coverage(truth[None], ALL, region)[0])
-    pre_render = gl.coverage(pose[None], tuple(s for s in ALL if s not in ARM), region)[0]
-    drawn = gl.energy(Problem(pose, ARM_DOFS, ALL, picture))(values)
-    ignored = gl.energy(Problem(pose, ARM_DOFS, ARM, picture.ignoring(pre_render)))(values)
-    assert np.ptp(drawn - ignored) == 0.0
-    assert np.ptp(drawn) > 0.0

@@ -1,4 +1,4 @@
-"""The `paper` backend draws what `cpu` draws, but for a stated few pixels of the boundary."""
+"""The `paper` backend draws what `cpu` draws, but for a stated few pixels of the boundary, and counts plain XOR."""
 
 from collections.abc import Callable
 
@@ -10,11 +10,13 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import segments_below
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.backend import Problem
 from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.cost import Cost
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.gl.device import GlDevice
 from services.mocap.energy.paper.backend import PaperBackend
-from services.mocap.energy.picture import Region
+from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.types import Floats, Mask
 
@@ -127,3 +129,14 @@ def test_no_segments_cover_nothing(device: GlDevice, coarse_body: Body, ring: Ri
     assert (
         not PaperBackend(device, coarse_body, rig).coverage(np.zeros((2, N_DOF)), (), Region.whole(rig)).any()
     )
+
+
+@pytest.mark.parametrize(
+    "cost", [Cost(distance_cap_px=4.0), Cost(camera_weights=(1.0, 2.0)), Cost(camera_cap=0.5)]
+)
+def test_another_cost_is_refused(device: GlDevice, coarse_body: Body, ring: Ring, cost: Cost) -> None:
+    rig = ring(2)
+    picture = Picture.whole(rig, np.zeros((1, *rig.shape_px), np.uint8))
+    problem = Problem(np.zeros(N_DOF), tuple(range(N_DOF)), ALL_SURFACES, picture, cost)
+    with pytest.raises(ValueError, match=r"^the paper backend knows plain XOR only: .*another backend$"):
+        PaperBackend(device, coarse_body, rig).energy(problem)
