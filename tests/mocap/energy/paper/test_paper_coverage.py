@@ -1,4 +1,4 @@
-"""The `paper` backend draws what `cpu` draws, but for a stated few pixels of the edge, and counts plain XOR."""
+"""The `paper` backend draws what `cpu` draws but for a stated few pixels of edges, and counts plain XOR."""
 
 from collections.abc import Callable
 
