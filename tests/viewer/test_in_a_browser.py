@@ -163,7 +163,7 @@ def test_results(doubtful: Path, start_viewer: Start, free_port: int, page: Page
     assert page.locator("#timeline").get_attribute("data-doubtful") == "head, left arm"
     assert page.locator(".chart canvas").first.get_attribute("data-shaded") == "4"
     worst = page.locator(".tile.worst")
-    assert worst.count() == 1 and worst.locator(".iou").inner_text() == "worst IoU 0.60"
+    assert worst.count() == 1 and worst.locator(".iou").text_content() == "worst IoU 0.60"
     _check_tiles(page, screenshots)
 
 

@@ -45,11 +45,14 @@ function fill(box, tile, frame, jpeg, isWorst) {
   image.dataset.frame = frame;
   box.dataset.camera = tile.camera;
   box.className = `tile${isWorst ? " worst" : ""}${tile.iou !== null && tile.iou < BAD_IOU ? " bad" : ""}`;
-  const px = document.createElement("small"); // hidden where the tile is narrow
-  px.textContent = tile.differing_px === null ? "" : ` · ${tile.differing_px} px`;
-  name.replaceChildren(tile.name, px);
+  name.replaceChildren(tile.name, extra(tile.differing_px === null ? "" : ` · ${tile.differing_px} px`));
   none.textContent = tile.missing;
-  iou.textContent = tile.iou === null ? "" : `${isWorst ? "worst " : ""}IoU ${tile.iou.toFixed(2)}`;
+  iou.replaceChildren(extra(isWorst ? "worst " : ""), tile.iou === null ? "" : `IoU ${tile.iou.toFixed(2)}`);
+}
+
+/** Words that a narrow tile leaves out. */
+function extra(words) {
+  return Object.assign(document.createElement("small"), { textContent: words });
 }
 
 /** Show one camera alone, or again all (null). */
