@@ -18,7 +18,15 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import accuracy as accuracies
-from bench import actor_tables, first_view, page_cost, people_tables, settings_sweep, typical_poses
+from bench import (
+    actor_tables,
+    first_view,
+    page_cost,
+    people_tables,
+    reliability,
+    settings_sweep,
+    typical_poses,
+)
 from bench import actors as actor_fits
 from bench import confidence as lost_parts
 from bench import people as other_people
@@ -269,6 +277,9 @@ def people(
     results: Annotated[
         Path | None, typer.Option(help="Keep the results here, a folder for each take.")
     ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw how reliable confidences are: a .png, .svg or .pdf file.")
+    ] = None,
     json_path: JsonOption = None,
 ) -> None:
     """People of other bodies than the model's: joint errors, lost limbs, marks, floor, search failures."""
@@ -284,6 +295,8 @@ def people(
     for name, folder_of in folders:
         with console.status(name):
             rows += _going_on(other_people.measure(folder_of, trial), name, console)
+    if plot and (outcomes := [row.outcome for row in rows if row.outcome]):
+        reliability.draw([outcome.reliability for outcome in outcomes], plot)
     _finish(console, people_tables.as_tables(rows), json_path, machine, rows)
 
 

@@ -3,15 +3,20 @@
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from scipy.stats import binomtest
 
 from bench.limb_scores import LOST_MM
 from services.mocap.types import Floats, Mask
 
-_BINS = 10
+_ENDS = (0.0, 0.4, 0.6, 0.8, 0.9, 0.95, 0.98, 1.0)
+"""Of the bins of confidence, which are narrow where most confidences are."""
 MARKED, NOT_MARKED, NOT_JUDGED = "marked", "not marked", "no confidence"
 
 
@@ -36,13 +41,17 @@ def reliability_of(limbs_mm: Floats, marked: Mask, confidence: Floats) -> dict[s
     """
     lost = limbs_mm > LOST_MM
     told = {MARKED: marked, NOT_MARKED: ~marked, NOT_JUDGED: np.isnan(confidence)}
-    bins = np.minimum(np.floor(confidence * _BINS), _BINS - 1)
-    told |= {f"confidence {k / _BINS:.1f} to {(k + 1) / _BINS:.1f}": bins == k for k in range(_BINS)}
+    for low, high in pairwise(_ENDS):
+        told[_name(low, high)] = (confidence >= low) & ((confidence < high) | (high == 1.0))
     return {
         name: Counted(int(chosen.sum()), int((lost & chosen).sum()), int((marked & chosen).sum()))
         for name, chosen in told.items()
         if chosen.any()
     }
+
+
+def _name(low: float, high: float) -> str:
+    return f"confidence {low:.2f} to {high:.2f}"
 
 
 def together(several: Iterable[Mapping[str, Counted]]) -> dict[str, Counted]:
@@ -70,3 +79,27 @@ def as_table(several: Iterable[Mapping[str, Counted]]) -> Table:
         shares = (f"{100.0 * n / counted.limb_frames:.1f} %" for n in (counted.lost, counted.marked))
         table.add_row(name, f"{counted.limb_frames}", f"{counted.lost}", *shares)
     return table
+
+
+def draw(several: Iterable[Mapping[str, Counted]], path: Path) -> None:
+    """Write a picture, of the type that its name ends in: how many limbs of each confidence are not lost.
+
+    Bars are Wilson's intervals of 95 %, as if frames were independent, which neighbours are not.
+    """
+    sums = together(several)
+    figure = Figure((5.2, 4.2), layout="constrained")
+    axes = figure.subplots()
+    axes.plot((0, 1), (0, 1), "--", color="0.6", label="says what happens")
+    for low, high in pairwise(_ENDS):
+        counted = sums.get(_name(low, high))
+        if counted is None:
+            continue
+        kept, all_of_them = counted.limb_frames - counted.lost, counted.limb_frames
+        interval = binomtest(kept, all_of_them).proportion_ci(method="wilson")
+        axes.plot(((low + high) / 2,) * 2, (interval.low, interval.high), color="tab:blue")
+        axes.plot((low, high), (kept / all_of_them,) * 2, color="tab:blue", linewidth=3)
+        axes.annotate(f"{all_of_them:,}", (low, kept / all_of_them), (-2, 2), textcoords="offset points",
+                      ha="right", fontsize=7)  # fmt: skip
+    axes.set(xlabel="confidence of a limb", ylabel=f"share of limb-frames within {LOST_MM:g} mm")
+    axes.legend(loc="upper left", frameon=False)
+    figure.savefig(path, dpi=110)

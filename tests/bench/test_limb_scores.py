@@ -1,5 +1,7 @@
 """Scores that can be worked out by hand."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from rich.console import Console
@@ -13,7 +15,16 @@ from bench.limb_scores import (
     marked_limbs,
     without_definition,
 )
-from bench.reliability import MARKED, NOT_JUDGED, NOT_MARKED, Counted, as_table, reliability_of, together
+from bench.reliability import (
+    MARKED,
+    NOT_JUDGED,
+    NOT_MARKED,
+    Counted,
+    as_table,
+    draw,
+    reliability_of,
+    together,
+)
 from services.mocap.take.marks import PARTS, Marks
 from services.mocap.take.tables import REFERENCE_JOINTS
 from services.mocap.types import Floats
@@ -101,7 +112,7 @@ def test_bones_are_compared_by_their_median_length() -> None:
     assert off == {"forearm": pytest.approx(0.0), "thigh": pytest.approx(-20.0)}
 
 
-def test_limb_frames_are_counted_by_what_was_said_of_them() -> None:
+def test_limb_frames_are_counted_by_what_was_said_of_them(tmp_path: Path) -> None:
     limbs_mm = np.array([[200.0, 10.0, 200.0, 10.0]])
     confidence = np.array([[0.35, 0.31, 1.0, np.nan]])
     marked = np.array([[True, True, False, False]])
@@ -110,8 +121,8 @@ def test_limb_frames_are_counted_by_what_was_said_of_them() -> None:
         MARKED: Counted(2, 1, 2),
         NOT_MARKED: Counted(2, 1, 0),
         NOT_JUDGED: Counted(1, 0, 0),
-        "confidence 0.3 to 0.4": Counted(2, 1, 2),
-        "confidence 0.9 to 1.0": Counted(1, 1, 0),
+        "confidence 0.00 to 0.40": Counted(2, 1, 2),
+        "confidence 0.98 to 1.00": Counted(1, 1, 0),
     }
     twice = together([found, found, {}])
     assert twice[MARKED] == Counted(4, 2, 4)
@@ -119,3 +130,5 @@ def test_limb_frames_are_counted_by_what_was_said_of_them() -> None:
     console = Console(width=100, record=True)
     console.print(as_table([found]))
     assert "50.0 %" in console.export_text()
+    draw([found], tmp_path / "plot.svg")
+    assert "confidence of a limb" in (tmp_path / "plot.svg").read_text()
