@@ -121,9 +121,7 @@ def table1(
     json_path: JsonOption = None,
 ) -> None:
     """Energy evaluations per second by window, plain and pre-rendered (the paper's table 1)."""
-    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, candidates = this_machine(), Candidates(backends or list(Name))
-    console.print(str(machine), highlight=False)
+    (console, machine), candidates = _begin(), Candidates(backends or list(Name))
     rows: list[Row] = []
     for setup in _setups(sizes or list(Size), cameras or [Cameras.ALL]):
         measured: list[Row] = []
@@ -153,9 +151,7 @@ def table2(
     json_path: JsonOption = None,
 ) -> None:
     """Seconds per frame: plain XOR, the paper's ways and the default (the paper's table 2)."""
-    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, rows = this_machine(), list[frame_times.Row]()
-    console.print(str(machine), highlight=False)
+    (console, machine), rows = _begin(), list[frame_times.Row]()
     chosen = [way for way in frame_times.WAYS if not ways or any(part in way.name for part in ways)]
     for take in takes or list(_SEQUENCES):
         with console.status(take) as status:
@@ -180,9 +176,7 @@ def accuracy(
     json_path: JsonOption = None,
 ) -> None:
     """Joint errors, overlap of silhouettes, lost limbs and marks of tracked takes."""
-    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, rows, words = this_machine(), list[accuracies.Row](), tuple(shlex.split(options))
-    console.print(str(machine), highlight=False)
+    (console, machine), rows, words = _begin(), list[accuracies.Row](), tuple(shlex.split(options))
     for take in takes or list(_SEQUENCES):
         with console.status(take) as status:
             for row in _going_on(accuracies.measure(take, frames, workers, words, noise), take, console):
@@ -199,9 +193,7 @@ def settings_command(
     json_path: JsonOption = None,
 ) -> None:
     """What each setting of the search does to speed and joint errors."""
-    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, rows = this_machine(), list[settings_sweep.Row]()
-    console.print(str(machine), highlight=False)
+    (console, machine), rows = _begin(), list[settings_sweep.Row]()
     for take in takes or list(_SEQUENCES):
         with console.status(take) as status:
             chosen = [search] if search else list(settings_sweep.CHANGES)
@@ -234,9 +226,7 @@ def actors(
     json_path: JsonOption = None,
 ) -> None:
     """Height, bones and heading of random people, fitted to noisy silhouettes as xormocap fit does."""
-    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, rows = this_machine(), list[actor_fits.Row]()
-    console.print(str(machine), highlight=False)
+    (console, machine), rows = _begin(), list[actor_fits.Row]()
     for variety in varieties or [Variety.POPULATION]:
         with console.status(f"{variety}: 0 of {people} people") as status:
             for row in actor_fits.measure(actor_fits.Trial(variety, frames, later, seed), range(people)):
@@ -283,11 +273,9 @@ def people(
     json_path: JsonOption = None,
 ) -> None:
     """People of other bodies than the model's: joint errors, lost limbs, marks, floor, search failures."""
-    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
     if (studio is None) != (not seeds) or not (takes or seeds):
         raise typer.BadParameter("expected takes, or --studio with --seeds")
-    machine, rows = this_machine(), list[other_people.Row]()
-    console.print(str(machine), highlight=False)
+    (console, machine), rows = _begin(), list[other_people.Row]()
     made = Studio(studio, kept or cache_folder() / "studio") if studio else None
     trial = other_people.Trial(workers, tuple(shlex.split(options)), true_silhouettes, floor_frames, results)
     folders = [(take.resolve().name, partial(Path, take)) for take in takes or ()]
@@ -311,8 +299,7 @@ def confidence(
     json_path: JsonOption = None,
 ) -> None:
     """Fit the weights of the probability that a part is lost, and test them on each take with the others'."""
-    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, known = this_machine(), list[lost_parts.Known]()
+    (console, machine), known = _begin(), list[lost_parts.Known]()
     for take in takes:
         with console.status(take.name):
             try:
@@ -345,9 +332,7 @@ def segmentation(
     json_path: JsonOption = None,
 ) -> None:
     """How good silhouettes are against exact ones, and what they cost, of takes with clean plates."""
-    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, rows = this_machine(), list[silhouettes.Row]()
-    console.print(str(machine), highlight=False)
+    (console, machine), rows = _begin(), list[silhouettes.Row]()
     for take in takes or list(_SEQUENCES):
         with console.status(take) as status:
             chosen = segmenters or silhouettes.SEGMENTERS
@@ -378,9 +363,7 @@ def page(
     json_path: JsonOption = None,
 ) -> None:
     """The page: how soon it shows everything, and what watching costs tracking."""
-    console = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS)
-    machine, rows, tables = this_machine(), list[Any](), list[Table]()
-    console.print(str(machine), highlight=False)
+    (console, machine), rows, tables = _begin(), list[Any](), list[Table]()
     with console.status("the page") as status:
         for part in parts or list(Part):
             measured = _page_part(part, take, rounds, screenshot, status.update)
@@ -409,6 +392,13 @@ def _going_on(measured: Iterator[Found], take: str, console: Console) -> Iterato
         yield from measured
     except UserError as error:
         console.print(f"{take}: is left out: {error}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _begin() -> tuple[Console, Machine]:
+    """The console, on which it says what machine this is."""
+    console, machine = Console(width=None if sys.stdout.isatty() else _FILE_COLUMNS), this_machine()
+    console.print(str(machine), highlight=False)
+    return console, machine
 
 
 def _finish(
