@@ -4,13 +4,14 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from services.mocap.result.layout import partial_of
 from services.mocap.take.live import LiveTake
-from services.mocap.take.live_recording import begin_recording, finish_recording
+from services.mocap.take.live_recording import finish_recording, recording_to
 from services.process import StopRequest
 from services.runs.launcher import Launcher, free_endpoint
 from services.runs.local_run import (
@@ -53,24 +54,24 @@ def live(
 
     None where no pose was found. show, warn, started, and what is raised: as run_services.
     """
-    recording = None if job.record is None else begin_recording(job.record)
     shutil.rmtree(partial_of(job.out), ignore_errors=True)  # live input cannot be continued
     here = [group for group in job.take.groups() if group not in job.take.live.elsewhere]
     nice = ("--nice", str(_NICENESS))
-    plan = Plan(
-        source=job.config,
-        endpoint=job.take.live.endpoint or free_endpoint(),
-        coordinator=nice,
-        limb_worker=nice,
-        recorder=("--no-overlay",),
-        segmentation=[_cameras(job, group, recording) for group in here],
-        rate_s=_RATE_S,
-        lasting=("coordinator", "segmentation"),
-        alone_s=_ALONE_S,
-    )
-    before_ns = written_ns(job.out)
-    ended = run_services(job, plan, show, warn, started)
-    if job.record is not None:
+    with recording_to(job.record) if job.record else nullcontext() as recording:
+        plan = Plan(
+            source=job.config,
+            endpoint=job.take.live.endpoint or free_endpoint(),
+            coordinator=nice,
+            limb_worker=nice,
+            recorder=("--no-overlay",),
+            segmentation=[_cameras(job, group, recording) for group in here],
+            rate_s=_RATE_S,
+            lasting=("coordinator", "segmentation"),
+            alone_s=_ALONE_S,
+        )
+        before_ns = written_ns(job.out)
+        ended = run_services(job, plan, show, warn, started)
+    if job.record is not None and recording is not None and recording.exists():
         away = finish_recording(job.take, job.record)
         if away:
             warn(f"{job.record}: lacks {', '.join(away)}: copy the recordings from their hosts into it")
@@ -94,8 +95,8 @@ def _cameras(job: LiveJob, group: str, recording: Path | None) -> Words:
 
 def serve_group(job: LiveJob, group: str, endpoint: str) -> None:
     """Serve one group of cameras on this host until its segmentation ends or a stop is requested."""
-    recording = None if job.record is None else begin_recording(job.record)
     with (
+        recording_to(job.record) if job.record else nullcontext() as recording,
         tempfile.TemporaryDirectory(prefix="xormocap-logs-") as logs,
         StopRequest() as stop,
         Launcher(Path(logs), ["segmentation"]) as launcher,
@@ -106,5 +107,5 @@ def serve_group(job: LiveJob, group: str, endpoint: str) -> None:
             if launcher.is_done("segmentation"):
                 break
             time.sleep(LOOK_S)
-    if recording is not None and job.record is not None:
+    if recording is not None and recording.exists() and job.record is not None:
         recording.rename(job.record.resolve())

@@ -68,7 +68,7 @@ class Gauge:
         background; ratios far from the exposure do not count for a channel.
         """
         gains: Levels = np.ones(3, np.float32)
-        if self.places.size == 0 or limit == 0:
+        if self.places.size == 0:
             return gains
         pixels = np.ascontiguousarray(image_bgr).reshape(-1, 3)
         exposure = _median_ratio(pixels, 0, 2, self.places, self.reference, 1.0, limit)

@@ -13,7 +13,7 @@ import cv2
 import numba
 import numpy as np
 
-from services.mocap.camera.camera import Camera, seen_point_m
+from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
 from services.segmentation.pixels import Levels
@@ -69,7 +69,7 @@ class VoxelGrid:
     @classmethod
     def of(cls, cameras: Sequence[Camera], lenses: Lenses, floor_m: float) -> "VoxelGrid":
         """The voxels of what most cameras look at, over a floor at a height."""
-        middle = seen_point_m(cameras)
+        middle = _meeting_point(cameras)
         away_m = np.median([np.linalg.norm((camera.centre_world_m - middle)[:2]) for camera in cameras])
         half_m = float(np.clip(away_m, _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M))
         across = np.arange(-half_m, half_m + _COARSE_M / 2, _COARSE_M)
@@ -138,6 +138,16 @@ def _classify(by_wide: Bytes, by_narrow: Bytes, deep: Bytes, covered: Bytes, cla
             near = DEEP if deep[y, x] else near
             near = INSIDE if by_narrow[y, x] <= _INSIDE_MISSES else near
             classes[y, x] = near if covered[y, x] else ALONE
+
+
+def _meeting_point(cameras: Sequence[Camera]) -> Floats:
+    """The point (3,) in the world nearest to all cameras' optical axes."""
+    centres = np.array([camera.centre_world_m for camera in cameras])
+    axes = np.array([camera.R_camera_world[2] for camera in cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    total = across.sum(axis=0) + 1e-6 * np.eye(3)
+    target = np.einsum("cij,cj->i", across, centres) + 1e-6 * centres.mean(axis=0)
+    return np.asarray(np.linalg.solve(total, target))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -73,7 +73,7 @@ def local_poses_by_plain_search(image: str, take: Path, tmp_path_factory: pytest
 
 @pytest.fixture(scope="session")
 def local_poses_of_eight(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The same with eight workers: two to a limb, whose grid they divide."""
+    """By the usual search with eight workers: two to a limb, whose grid they divide."""
     return _track(image, take, tmp_path_factory.mktemp("eight"), "--workers", "8")
 
 

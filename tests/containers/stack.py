@@ -123,17 +123,16 @@ class Stack:
         done = subprocess.run(["docker", "logs", container], capture_output=True, text=True, check=True)
         return done.stdout + done.stderr
 
-    def admit(self, name: str) -> None:
-        """Make keys of a further service in the volume of keys, and tell the coordinator."""
+    def add_keys(self, name: str) -> None:
+        """Make keys of a further service in the volume of keys, as whoever runs the services."""
         volume = f"{self._name}_keys:/keys"
         docker("run", "--rm", "--user", self.user, "--volume", volume, IMAGE, "keys", "add", "/keys", name)
-        self.compose("kill", "--signal", "HUP", "coordinator")
 
-    def worker(self, *options: str) -> str:
-        """Start a limb worker of the network beside compose's, with the volume of keys; its container."""
+    def worker(self, name: str) -> str:
+        """Start a limb worker beside compose's, with these keys of the volume; its container."""
         run = ("run", "--detach", "--network", self.network, "--user", self.user)
         mount = ("--volume", f"{self._name}_keys:/keys:ro")
-        command = ("limb_worker", "--connect", "tcp://coordinator:5550", *options)
+        command = ("limb_worker", "--connect", "tcp://coordinator:5550", "--keys", f"/keys/{name}")
         self._others.append(docker(*run, *mount, IMAGE, *command))
         return self._others[-1]
 

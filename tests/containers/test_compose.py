@@ -15,8 +15,7 @@ pytestmark = [pytest.mark.containers, pytest.mark.timeout(1200), pytest.mark.use
 
 @pytest.fixture
 def stack(take: Path, tmp_path: Path) -> Iterator[Stack]:
-    options = {"RECORDER_OPTIONS": "--no-overlay", "COORDINATOR_OPTIONS": "--workers 8"}
-    with Stack(tmp_path / "out", TAKE=str(take), **options) as made:
+    with Stack(tmp_path / "out", TAKE=str(take), RECORDER_OPTIONS="--no-overlay", WORKERS="8") as made:
         yield made
 
 
@@ -33,7 +32,7 @@ def test_the_image_has_everything_compiled(image: str) -> None:
 def test_up_tracks_a_take_with_eight_workers_and_returns_and_the_page_stays(
     stack: Stack, local_poses_of_eight: str
 ) -> None:
-    stack.compose("up", "--no-build", "--scale", "limb-worker=8", timeout_s=400)
+    stack.compose("up", "--no-build", timeout_s=400)
     assert stack.is_over()
     stack.finish()
     assert len(stack.workers_that_came()) == 8, stack.logs("coordinator", "limb-worker")
@@ -74,10 +73,11 @@ def test_deaths_hangs_and_cuts_change_no_frame(slow_stack: Stack, local_poses_by
     forgotten = [f"forgot limb_worker@{worker[:12]}:" for worker in workers[:3]]
     wait_until(lambda: all(words in stack.logs("coordinator") for words in forgotten), stack.logs)
 
-    stack.admit("friend")
-    friend, stranger = stack.worker("--keys", "/keys/friend"), stack.worker()
-    wait_until(lambda: f"@{friend[:12]}: says hello" in stack.logs("coordinator"), stack.logs)
-    wait_until(lambda: "needs keys: give --keys DIR" in stack.logs_of(stranger), stack.logs)
+    stack.add_keys("friend")
+    friend = stack.worker("friend")
+    wait_until(lambda: "refuses this service's key" in stack.logs_of(friend), lambda: stack.logs_of(friend))
+    stack.compose("kill", "--signal", "HUP", "coordinator")  # reads the list again
+    wait_until(lambda: any(friend[:12] in name for name in stack.workers_that_came()), stack.logs)
 
     docker("start", stack.one("recorder"))
     docker("unpause", workers[1])

@@ -164,6 +164,7 @@ def test_results(doubtful: Path, start_viewer: Start, free_port: int, page: Page
     assert page.locator(".chart canvas").first.get_attribute("data-shaded") == "4"
     worst = page.locator(".tile.worst")
     assert worst.count() == 1 and worst.locator(".iou").text_content() == "worst IoU 0.60"
+    assert worst.locator(".iou").inner_text() == "IoU 0.60", "a narrow tile leaves out what its frame says"
     _check_tiles(page, screenshots)
 
 

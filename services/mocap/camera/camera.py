@@ -1,6 +1,5 @@
 """One calibrated camera: a pinhole with the lens distortion of its raw pictures."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,14 +56,3 @@ class Camera:
     def undistorted(self) -> "Camera":
         """The pinhole of this camera's undistorted pictures."""
         return replace(self, distortion=np.zeros(4), fisheye=False)
-
-
-def seen_point_m(cameras: Sequence[Camera]) -> Floats:
-    """(3,) in the world, metres: the point nearest to all optical axes; if they are parallel, the one
-    that is nearest to the cameras."""
-    centres_m = np.array([camera.centre_world_m for camera in cameras])
-    axes = np.array([camera.R_camera_world[2] for camera in cameras])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    total = across.sum(axis=0) + 1e-6 * np.eye(3)
-    target = np.einsum("cij,cj->i", across, centres_m) + 1e-6 * centres_m.mean(axis=0)
-    return np.asarray(np.linalg.solve(total, target))

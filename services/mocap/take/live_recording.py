@@ -1,6 +1,8 @@
 """Turns recordings of live cameras into a take folder."""
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from services.mocap.camera.calibration import write_calibration
@@ -17,21 +19,26 @@ def part_of(folder: Path) -> Path:
     return folder.with_name(f"{folder.name}.part")
 
 
-def begin_recording(folder: Path) -> Path:
-    """Create the folder for a recording, or take the one of a run that failed before its first picture.
+@contextmanager
+def recording_to(folder: Path) -> Iterator[Path]:
+    """Create the folder for a recording, which a run that fails before the first picture leaves as it was.
 
     Raises UserError if something exists there.
     """
     folder = folder.resolve()
-    has_begun = any(path.is_file() for path in part_of(folder).rglob("*"))
-    for path, is_taken in ((folder, folder.exists()), (part_of(folder), has_begun)):
-        if is_taken:
+    part = part_of(folder)
+    for path in (folder, part):
+        if path.exists():
             raise UserError(f"--record {folder}: {path} already exists: remove it or choose another folder")
     try:
-        part_of(folder).mkdir(parents=True, exist_ok=True)
+        part.mkdir(parents=True)
     except OSError as problem:
         raise UserError(f"--record {folder}: cannot be written ({problem.strerror})") from None
-    return part_of(folder)
+    try:
+        yield part
+    finally:
+        if not any(path.is_file() for path in part.rglob("*")):
+            shutil.rmtree(part, ignore_errors=True)
 
 
 def finish_recording(take: LiveTake, folder: Path) -> list[str]:

@@ -160,6 +160,6 @@ class Group:
             feed.stop()
         for feed in self._feeds:
             feed.join()
-        if end_shot:
+        if end_shot and any(recording.has_begun for recording in self._recordings):
             for recording in self._recordings:
                 recording.finish(end_shot)

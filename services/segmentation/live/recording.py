@@ -35,6 +35,8 @@ class CameraRecording:
         self._folder, self._camera, self._fps = folder, camera, fps
         self._waiting: queue.Queue[tuple[int, Bytes | None, float]] = queue.Queue(_WAITING)
         self._times_s: list[float | None] = []
+        self.has_begun = False
+        """Whether there was a picture."""
         self._last: Bytes = np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
         self._end_shot: int | None = None
         self.lost = 0
@@ -51,6 +53,7 @@ class CameraRecording:
             return
         try:
             self._waiting.put_nowait((shot, image, time_s))
+            self.has_begun = True
         except queue.Full:
             self.lost += 1
 
@@ -85,9 +88,9 @@ class CameraRecording:
         return came
 
     def _write_all(self) -> None:
-        came = self._next()  # first: a run that fails before its first picture leaves no file
         path = video_path(self._folder, self._camera.name)
         path.parent.mkdir(parents=True, exist_ok=True)
+        came = self._next()  # first: a run that fails before its first picture leaves no file
         size = (self._camera.width_px, self._camera.height_px)
         with video_writer(path, *size, self._fps, _CRF, is_quick=True) as writer:
             while True:

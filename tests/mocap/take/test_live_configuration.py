@@ -9,9 +9,9 @@ import pytest
 
 from services.mocap.camera.colour import ColourCorrection, write_colours
 from services.mocap.errors import TakeError, UserError
-from services.mocap.take.folder import open_take
+from services.mocap.take.folder import Take, open_take
 from services.mocap.take.live import OPEN_END, LiveTake, open_live, open_source
-from services.mocap.take.live_recording import begin_recording, finish_recording, part_of
+from services.mocap.take.live_recording import finish_recording, part_of, recording_to
 from services.mocap.take.writer import video_writer
 
 _HEAD = 'name = "stage"\nfps = 10.0\nup = "z"\ncalibration = "calibration.toml"\n'
@@ -129,8 +129,8 @@ def test_colours_are_corrected_in_plates_and_in_what_is_recorded(folder: Path, t
         np.testing.assert_array_equal(ours, theirs)
         assert np.any(ours != next(iter(raw.background(camera)))) == (camera.name == "cam02")
     assert folder / "colour.toml" in take.inputs(from_videos=True)
-    part = begin_recording(tmp_path / "recorded")
-    shutil.copytree(folder / "videos", part / "videos")
+    with recording_to(tmp_path / "recorded") as part:
+        shutil.copytree(folder / "videos", part / "videos")
     finish_recording(take, tmp_path / "recorded")
     recorded = open_take(tmp_path / "recorded")
     for ours, theirs in zip(
@@ -147,35 +147,46 @@ def test_a_file_of_colours_that_is_named_has_to_be_there(folder: Path) -> None:
         open_live(path)
 
 
+def _record(part: Path, take: Take, lengths: tuple[int, ...]) -> None:
+    """Write so many pictures of each camera's video as a recording does."""
+    (part / "videos").mkdir()
+    for camera, frames in zip(take.cameras, lengths, strict=True):
+        with video_writer(part / "videos" / f"{camera.name}.mp4", 64, 48, 10.0) as writer:
+            for picture in take.video(camera, 0, frames):
+                writer.write(picture)
+
+
 def test_a_recording_is_a_take(folder: Path, tmp_path: Path) -> None:
     take = open_live(_write(folder, _HEAD + 'background = "background"\nfacing = 90.0\n' + _CAMERAS))
     out = tmp_path / "recorded"
-    part = begin_recording(out)
-    for camera in take.cameras:
-        (part / "videos").mkdir(exist_ok=True)
-        with video_writer(part / "videos" / f"{camera.name}.mp4", 64, 48, 10.0) as writer:
-            for picture in open_take(folder).video(camera, 0, 3):
-                writer.write(picture)
+    with recording_to(out) as part:
+        _record(part, open_take(folder), (3, 3, 3))
     assert finish_recording(take, out) == []
     recorded = open_take(out)
     assert (recorded.settings.name, recorded.settings.frames) == ("recorded", 3)
     assert recorded.settings.facing is None
     assert all(recorded.has_background(camera) for camera in recorded.cameras)
     assert not part_of(out).exists()
-    with pytest.raises(UserError, match="already exists"):
-        begin_recording(out)
+    with pytest.raises(UserError, match="already exists"), recording_to(out):
+        pass
+
+
+def test_a_run_that_fails_before_its_first_picture_leaves_no_recording(tmp_path: Path) -> None:
+    for _ in range(2):
+        with pytest.raises(TakeError, match="no such camera"), recording_to(tmp_path / "recorded") as part:
+            (part / "videos").mkdir()
+            raise TakeError("no such camera")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_videos_of_different_lengths_stay_where_they_are(folder: Path, tmp_path: Path) -> None:
     take = open_live(_write(folder, _HEAD + 'background = "background"\n' + _CAMERAS))
-    part = begin_recording(tmp_path / "recorded")
-    (part / "videos").mkdir()
-    assert begin_recording(tmp_path / "recorded") == part, "that run failed before its first picture"
-    for camera, frames in zip(take.cameras, (4, 2, 4), strict=True):
-        with video_writer(part / "videos" / f"{camera.name}.mp4", 64, 48, 10.0) as writer:
-            for picture in open_take(folder).video(camera, 0, frames):
-                writer.write(picture)
+    with recording_to(tmp_path / "recorded") as part:
+        _record(part, open_take(folder), (4, 2, 4))
     with pytest.raises(TakeError, match="cam02 was recorded for 2 frames, others for 4"):
         finish_recording(take, tmp_path / "recorded")
-    with pytest.raises(UserError, match=r"recorded\.part already exists"):
-        begin_recording(tmp_path / "recorded")
+    with (
+        pytest.raises(UserError, match=r"recorded\.part already exists"),
+        recording_to(tmp_path / "recorded"),
+    ):
+        pass

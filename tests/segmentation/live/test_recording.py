@@ -53,9 +53,11 @@ def test_a_recording_that_fails_says_why_and_holds_nobody_up(
 def test_a_recording_without_pictures_leaves_no_file(
     tmp_path: Path, small_cameras: Callable[[int], list[Camera]]
 ) -> None:
-    CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
+    recording = CameraRecording(tmp_path, small_cameras(1)[0], 10.0)
     time.sleep(0.2)
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+    recording.finish(1)
+    assert (tmp_path / "videos" / "cam01.mp4").is_file(), "others may have pictures"
 
 
 def test_a_recording_that_can_only_fail_at_its_end_holds_nobody_up(

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from services.mocap.camera.camera import R_ZUP_YUP, Camera, seen_point_m
+from services.mocap.camera.camera import R_ZUP_YUP, Camera
 from services.mocap.camera.formats import colmap
 from services.mocap.camera.formats.biocv import biocv_files, read_biocv
 from services.mocap.camera.formats.colmap import read_colmap
@@ -146,6 +146,9 @@ def _camera(path: Path, camera: LooseCamera, size_px: tuple[int, int] | None, me
 
 def _look_together(cameras: tuple[Camera, ...]) -> bool:
     """Whether the point nearest to all optical axes is in front of most cameras."""
-    seen_m = seen_point_m(cameras)
-    ahead = [camera.R_camera_world[2] @ (seen_m - camera.centre_world_m) > 0 for camera in cameras]
-    return bool(2 * sum(ahead) >= len(cameras))
+    centres_m = np.array([camera.centre_world_m for camera in cameras])
+    axes = np.array([camera.R_camera_world[2] for camera in cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    meeting_m = np.linalg.lstsq(across.sum(axis=0), np.einsum("cij,cj->i", across, centres_m), rcond=None)[0]
+    ahead = np.einsum("ci,ci->c", meeting_m - centres_m, axes) > 0
+    return bool(2 * ahead.sum() >= len(cameras))
