@@ -43,6 +43,10 @@ uncovered: three cameras, one of them wrong, may still cover most of their silho
 _CUT_SHARE, _DECISIVE_OF_CUT = 0.1, 0.02
 """Where further pieces of the hull cover more than this share of the silhouettes, something may hide part of
 the actor from a camera; it is the one without which the hull is whole and covers this much more."""
+_FEWEST_FOR_POST, _LEAST_PART = 6, 0.2
+"""With so many cameras it is also the only one without which the hull is whole, and the only one with a second
+part of its silhouette, of this share of the first: a post hides little, but cuts the actor in two. Most of so
+many cameras see two people apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +95,10 @@ def find_agreement(
         elif is_cut:
             gain = choices[0].filled - best.filled
             is_decided = gain >= _DECISIVE_OF_CUT and not space.is_cut(_kept(cameras, choices[0]))
+            if not is_decided and n_odd == 1 and len(cameras) >= _FEWEST_FOR_POST:
+                whole = [choice for choice in choices if not space.is_cut(_kept(cameras, choice))]
+                is_decided = len(whole) == 1 and whole[0].odd == space.in_parts(cameras)
+                choices = whole if is_decided else choices
         else:
             is_decided = _is_decided(len(cameras), choices[0].filled, choices[1].filled)
         all_filled = all_filled or choices[0].filled >= _ALL_FILLED
@@ -147,6 +155,10 @@ class _Space:
         """The share of some cameras' silhouettes that the hull of these cameras covers, on average."""
         points_m = self._points_m[self._inside(cameras)]
         return float(np.mean([self._views[c].share(self._views[c].draw(points_m)) for c in cameras]))
+
+    def in_parts(self, cameras: tuple[int, ...]) -> tuple[int, ...]:
+        """The cameras whose silhouettes have two parts or more that count."""
+        return tuple(c for c in cameras if self._views[c].is_in_parts())
 
     def is_cut(self, cameras: tuple[int, ...]) -> bool:
         """Whether the hull of some cameras is in several pieces that count."""
@@ -216,6 +228,12 @@ class _View:
         drawn[pixel[:, 1], pixel[:, 0]] = 1
         wide: Mask = cv2.dilate(drawn, np.ones((3, 3), np.uint8)) > 0
         return wide
+
+    def is_in_parts(self) -> bool:
+        """Whether the silhouette has a second part that counts."""
+        statistics = cv2.connectedComponentsWithStats(self.silhouette.astype(np.uint8))[2]
+        areas_px = np.sort(statistics[1:, cv2.CC_STAT_AREA])[::-1]
+        return len(areas_px) > 1 and bool(areas_px[1] >= _LEAST_PART * areas_px[0])
 
     def share(self, drawn: Mask) -> float:
         """The share of the silhouette that a picture (h, w) covers."""

@@ -176,6 +176,18 @@ def test_furniture_that_cuts_the_actor_in_two_is_no_second_person(
     assert look.left_out == (0,)
 
 
+@pytest.mark.parametrize("camera", [0, 3, 6])
+@pytest.mark.parametrize("n_cameras", [8, 6])
+def test_a_post_before_one_camera_is_no_second_person(
+    model: Model, masks: Masks, camera: int, n_cameras: int
+) -> None:
+    """It cuts the actor in two from top to bottom, and hides hardly anything."""
+    rig, seen = some(model.rig, masks(**A_POSE), [(camera + k) % 8 for k in range(n_cameras)])
+    middle = round(np.argwhere(seen[0])[:, 1].mean())
+    seen[0, :, middle - 7 : middle + 7] = False
+    assert look_first(rig, seen).left_out == (0,)
+
+
 def test_furniture_that_hides_the_legs_from_three_cameras_of_eight_is_left_out(
     model: Model, masks: Masks
 ) -> None:
