@@ -44,8 +44,8 @@ _CUT_SHARE, _DECISIVE_OF_CUT = 0.1, 0.02
 """Where further pieces of the hull cover more than this share of the silhouettes, something may hide part of
 the actor from a camera; it is the one without which the hull is whole and covers this much more."""
 _FEWEST_FOR_POST, _LEAST_PART = 6, 0.2
-"""With so many cameras it is also the only one without which the hull is whole, and the only one that sees two
-parts, the second of this share of the first: a post hides little, but cuts the actor in two. Most of so
+"""With so many cameras it is also the only one without which the hull is whole, and the only one that sees
+two parts, the second of this share of the first: a post hides little, but cuts the actor in two. Most of so
 many cameras see two people apart."""
 
 
