@@ -4,14 +4,13 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from services.mocap.result.layout import partial_of
 from services.mocap.take.live import LiveTake
-from services.mocap.take.live_recording import finish_recording, recording_to
+from services.mocap.take.live_recording import finish_recording, part_of, recording_to
 from services.process import StopRequest
 from services.runs.launcher import Launcher, free_endpoint
 from services.runs.local_run import (
@@ -57,21 +56,23 @@ def live(
     shutil.rmtree(partial_of(job.out), ignore_errors=True)  # live input cannot be continued
     here = [group for group in job.take.groups() if group not in job.take.live.elsewhere]
     nice = ("--nice", str(_NICENESS))
-    with recording_to(job.record) if job.record else nullcontext() as recording:
-        plan = Plan(
-            source=job.config,
-            endpoint=job.take.live.endpoint or free_endpoint(),
-            coordinator=nice,
-            limb_worker=nice,
-            recorder=("--no-overlay",),
-            segmentation=[_cameras(job, group, recording) for group in here],
-            rate_s=_RATE_S,
-            lasting=("coordinator", "segmentation"),
-            alone_s=_ALONE_S,
-        )
-        before_ns = written_ns(job.out)
+    plan = Plan(
+        source=job.config,
+        endpoint=job.take.live.endpoint or free_endpoint(),
+        coordinator=nice,
+        limb_worker=nice,
+        recorder=("--no-overlay",),
+        segmentation=[_cameras(job, group) for group in here],
+        rate_s=_RATE_S,
+        lasting=("coordinator", "segmentation"),
+        alone_s=_ALONE_S,
+    )
+    before_ns = written_ns(job.out)
+    with recording_to(job.record):
         ended = run_services(job, plan, show, warn, started)
-    if job.record is not None and recording is not None and recording.exists():
+    if job.record is not None and not part_of(job.record).exists():
+        warn(f"{job.record}: no picture came, so nothing was recorded")
+    elif job.record is not None:
         away = finish_recording(job.take, job.record)
         if away:
             warn(f"{job.record}: lacks {', '.join(away)}: copy the recordings from their hosts into it")
@@ -87,25 +88,25 @@ def live(
     return report
 
 
-def _cameras(job: LiveJob, group: str, recording: Path | None) -> Words:
+def _cameras(job: LiveJob, group: str) -> Words:
     """Which cameras one process segments, and where it keeps what they see."""
     names = ",".join(job.take.cameras[c].name for c in job.take.groups()[group])
-    return ("--cameras", names, *(() if recording is None else ("--record", str(recording))))
+    return ("--cameras", names, *(() if job.record is None else ("--record", str(part_of(job.record)))))
 
 
 def serve_group(job: LiveJob, group: str, endpoint: str) -> None:
     """Serve one group of cameras on this host until its segmentation ends or a stop is requested."""
     with (
-        recording_to(job.record) if job.record else nullcontext() as recording,
+        recording_to(job.record),
         tempfile.TemporaryDirectory(prefix="xormocap-logs-") as logs,
         StopRequest() as stop,
         Launcher(Path(logs), ["segmentation"]) as launcher,
     ):
-        start_segmentation(launcher, job, job.config, endpoint, _cameras(job, group, recording))
+        start_segmentation(launcher, job, job.config, endpoint, _cameras(job, group))
         while not stop.count:
             launcher.watch()
             if launcher.is_done("segmentation"):
                 break
             time.sleep(LOOK_S)
-    if recording is not None and recording.exists() and job.record is not None:
-        recording.rename(job.record.resolve())
+    if job.record is not None and part_of(job.record).exists():
+        part_of(job.record).rename(job.record.resolve())

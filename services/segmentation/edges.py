@@ -23,8 +23,8 @@ from services.segmentation.pixels import MEAN_STEPS, Levels, Steps
 
 EDGE_WIDTH_PERMILLE = 4.7
 """Thousandths of the picture's width: the rim of mixed colours (1.5 px of 320)."""
-EDGE_MISFIT = 0.4
-"""How far a mixed colour may lie off the line between its two, over their distance."""
+_MOST_OFF_LINE2 = np.float32(0.4) * np.float32(0.4)
+"""How far a mixed colour may lie off the line between its two, over their distance, squared."""
 _MIN_CONTRAST_LEVELS = 15.0
 """Of |a - b|; with less contrast, noise would decide about a mixed pixel."""
 _MIN_PURITY = 1e-3
@@ -44,7 +44,7 @@ _Sums: TypeAlias = tuple[float, float, float, float, float, float]
 
 
 def settle_edges(
-    part: Bytes, corner_px: tuple[int, int], channels: Bytes, expected: Steps, rim_px: float, misfit: float
+    part: Bytes, corner_px: tuple[int, int], channels: Bytes, expected: Steps, rim_px: float
 ) -> None:
     """Assign each pixel of a mask's rim to actor or background, whichever covers more than half of it, in
     place.
@@ -52,7 +52,7 @@ def settle_edges(
     part (h, w): the part of the mask that is set, and a margin; corner_px: its first row and column.
     channels, expected (3, H, W): the picture, and the background as it should be in the picture's light, in
     steps. The mask counts where the two sides look alike, or where no mix of their colours explains a pixel:
-    it is off the line from a to b by more than misfit |a - b|. Shares are evened out along the edges that the
+    it is off the line from a to b by more than 0.4 |a - b|. Shares are evened out along the edges that the
     picture shows (a guided filter), so that noise and codecs leave no ragged outline.
     """
     if rim_px <= 0 or part.size == 0:
@@ -69,7 +69,6 @@ def settle_edges(
         channels,
         expected,
         np.float32(rim_px),
-        np.float32(misfit),
     )
     height, width = part.shape
     (top, left), radius_px = corner_px, max(1, round(rim_px / _RIM_PER_RADIUS))
@@ -119,7 +118,7 @@ def _depths2_along_rows(mask: Bytes, reach: int, most: np.float32) -> Levels:
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _mix(
     share: Levels, on_rim: Bytes, corner_px: tuple[int, int], inside2: Levels, outside2: Levels,
-    channels: Bytes, expected: Steps, rim_px: np.float32, misfit: np.float32,
+    channels: Bytes, expected: Steps, rim_px: np.float32,
 ) -> None:  # fmt: skip
     """Mark a mask's rim (h, w), and write the actor's share in its pixels, by sums over neighbourhoods.
 
@@ -151,7 +150,7 @@ def _mix(
             near = _sums_near(columns, max(x - reach, 0), min(x + reach + 1, width))
             if near[_PURITY] > _MIN_PURITY:
                 on_rim[y, x] = 1
-                share[y, x] = _share(share[y, x], channels, expected, top + y, left + x, near, misfit)
+                share[y, x] = _share(share[y, x], channels, expected, top + y, left + x, near)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -197,9 +196,7 @@ def _weigh(
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _share(
-    was: np.float32, channels: Bytes, expected: Steps, y: int, x: int, near: _Sums, misfit: np.float32
-) -> np.float32:
+def _share(was: np.float32, channels: Bytes, expected: Steps, y: int, x: int, near: _Sums) -> np.float32:
     """The actor's share in a pixel, 0 to 1; unchanged if no mix explains its colour."""
     # Next to the feet the floor is in shadow, which is as dark at the rim as just beyond it.
     one = np.float32(1)
@@ -212,6 +209,6 @@ def _share(
         along += offset * span
         offset2 += offset * offset
     off_line2 = offset2 - along * along / max(length2, one)
-    if length2 <= _MIN_CONTRAST_LEVELS**2 or off_line2 >= misfit * misfit * length2:
+    if length2 <= _MIN_CONTRAST_LEVELS**2 or off_line2 >= _MOST_OFF_LINE2 * length2:
         return was
     return min(max(along / length2, np.float32(0)), one)

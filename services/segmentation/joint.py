@@ -30,7 +30,7 @@ from services.segmentation.cleanup import (
 )
 from services.segmentation.comparison import LEAST_CHANGE, PERHAPS_SHADOW, UNSEEN, Comparison
 from services.segmentation.decision import actor_evidence, beliefs, prices
-from services.segmentation.edges import EDGE_MISFIT, EDGE_WIDTH_PERMILLE, settle_edges
+from services.segmentation.edges import EDGE_WIDTH_PERMILLE, settle_edges
 from services.segmentation.floor_shadow import SUPPORTED, Floor, find_floor, unknown_shadow
 from services.segmentation.learnt import ActorColours, Learnt
 from services.segmentation.lenses import Lenses
@@ -209,7 +209,7 @@ class JointMatte:
         """
         height, width = compared.plate.shape
         rim_px = EDGE_WIDTH_PERMILLE * 1e-3 * width
-        settle_edges(actor, corner_px, compared.channels, compared.expected, rim_px, EDGE_MISFIT)
+        settle_edges(actor, corner_px, compared.channels, compared.expected, rim_px)
         cleanup_in_place(actor, height * width)
         trimap = actor * np.uint8(ACTOR)
         against = (own < _SLIGHTLY_AGAINST) & (prior <= _TELLING)

@@ -22,7 +22,7 @@ _TILES_ACROSS = 20
 _SAMPLED_ROWS, _SAMPLED_COLUMNS = 4, 8
 """Of a tile: so many are sampled."""
 _BINS = 64
-FLICKER_LIMIT = 0.4
+_FLICKER_LIMIT = 0.4
 """Largest relative change of exposure that is evened out."""
 _LEAST_RATIO, _MOST_RATIO = 0.8, 1.25
 """Range of the brightness ratio to the plate at equal exposure; a ratio outside is not a drift of the
@@ -61,7 +61,7 @@ class Gauge:
         places = np.sort(drawn).astype(np.int32)
         return Gauge(places, np.ascontiguousarray(pixels[places]))
 
-    def gains(self, image_bgr: Bytes, limit: float = FLICKER_LIMIT) -> Levels:
+    def gains(self, image_bgr: Bytes, limit: float = _FLICKER_LIMIT) -> Levels:
         """(3,) gains of an image's channels relative to the reference: exposure, white balance.
 
         The exposure is within 1 ± limit. Medians are right while more than half of the picture shows the lit
@@ -79,7 +79,7 @@ class Gauge:
             gains[c] = gain
         return gains
 
-    def evened(self, image_bgr: Bytes, limit: float = FLICKER_LIMIT) -> Bytes:
+    def evened(self, image_bgr: Bytes, limit: float = _FLICKER_LIMIT) -> Bytes:
         """A copy of an image (H, W, 3) in the reference's exposure and white balance."""
         factors = 1 / self.gains(image_bgr, limit)
         return np.asarray(np.rint(image_bgr * factors).clip(0, 255).astype(np.uint8))

@@ -25,7 +25,7 @@ def settle_edges(
     channels = np.ascontiguousarray(np.moveaxis(np.rint(picture).clip(0, 255), 2, 0).astype(np.uint8))
     mean = np.ascontiguousarray(np.rint(np.moveaxis(background, 2, 0) * MEAN_STEPS).astype(np.int16))
     rim_px = width_permille * 1e-3 * mask.shape[1]
-    edges.settle_edges(part, (0, 0), channels, mean, rim_px, edges.EDGE_MISFIT)
+    edges.settle_edges(part, (0, 0), channels, mean, rim_px)
     return part > 0
 
 

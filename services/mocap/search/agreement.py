@@ -44,9 +44,9 @@ _CUT_SHARE, _DECISIVE_OF_CUT = 0.1, 0.02
 """Where further pieces of the hull cover more than this share of the silhouettes, something may hide part of
 the actor from a camera; it is the one without which the hull is whole and covers this much more."""
 _FEWEST_FOR_POST, _LEAST_PART = 6, 0.2
-"""With so many cameras it is also the only one without which the hull is whole, and the only one that sees
-two parts, the second of this share of the first: a post hides little, but cuts the actor in two. Most of so
-many cameras see two people apart."""
+"""A post hides little of the actor but may cut the picture of one camera in two. With so many cameras, the
+camera is left out if the hull is whole only without it, and if no other camera sees two parts, the smaller of
+at least this share of the larger: of so many cameras, most see two people apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,15 +90,15 @@ def find_agreement(
             break
         choices = [_choice(space, cameras, odd) for odd in combinations(cameras, n_odd)]
         choices.sort(key=lambda choice: -choice.filled)
+        post = _without_post(space, cameras, choices) if is_cut and n_odd == 1 else None
+        if post is not None:
+            best = post
+            break
         if n_odd > _MOST_LEFT_OUT:
             is_decided = choices[0].filled >= _ALL_FILLED and not all_filled
         elif is_cut:
             gain = choices[0].filled - best.filled
             is_decided = gain >= _DECISIVE_OF_CUT and not space.is_cut(_kept(cameras, choices[0]))
-            if not is_decided and n_odd == 1 and len(cameras) >= _FEWEST_FOR_POST:
-                whole = [choice for choice in choices if not space.is_cut(_kept(cameras, choice))]
-                is_decided = len(whole) == 1 and whole[0].odd == space.in_parts(cameras)
-                choices = whole if is_decided else choices
         else:
             is_decided = _is_decided(len(cameras), choices[0].filled, choices[1].filled)
         all_filled = all_filled or choices[0].filled >= _ALL_FILLED
@@ -121,6 +121,14 @@ def _is_decided(n_cameras: int, filled: float, next_filled: float) -> bool:
     if n_cameras == MIN_CAMERAS + 2 and 1.0 - next_filled >= _DECISIVE_RATIO * (1.0 - filled):
         needed = _DECISIVE_OF_FOUR
     return filled >= WELL_FILLED and margin >= needed
+
+
+def _without_post(space: "_Space", cameras: tuple[int, ...], choices: list[_Choice]) -> _Choice | None:
+    """The choice without the only camera that sees the actor cut in two; None if there is no such camera."""
+    if len(cameras) < _FEWEST_FOR_POST:
+        return None
+    whole = [choice for choice in choices if not space.is_cut(_kept(cameras, choice))]
+    return whole[0] if [choice.odd for choice in whole] == [space.in_parts(cameras)] else None
 
 
 def _suspects(choices: list[_Choice]) -> tuple[int, ...]:

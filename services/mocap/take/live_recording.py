@@ -16,17 +16,20 @@ from services.mocap.take.video_index import index_video
 
 def part_of(folder: Path) -> Path:
     """The folder of a recording until it is complete."""
+    folder = folder.resolve()
     return folder.with_name(f"{folder.name}.part")
 
 
 @contextmanager
-def recording_to(folder: Path) -> Iterator[Path]:
-    """Create the folder for a recording, which a run that fails before the first picture leaves as it was.
+def recording_to(folder: Path | None) -> Iterator[None]:
+    """While this runs, part_of(folder) is there to record in; afterwards only if something was recorded.
 
-    Raises UserError if something exists there.
+    None: nothing is to be recorded. Raises UserError if something exists there.
     """
-    folder = folder.resolve()
-    part = part_of(folder)
+    if folder is None:
+        yield
+        return
+    folder, part = folder.resolve(), part_of(folder)
     for path in (folder, part):
         if path.exists():
             raise UserError(f"--record {folder}: {path} already exists: remove it or choose another folder")
@@ -35,7 +38,7 @@ def recording_to(folder: Path) -> Iterator[Path]:
     except OSError as problem:
         raise UserError(f"--record {folder}: cannot be written ({problem.strerror})") from None
     try:
-        yield part
+        yield
     finally:
         if not any(path.is_file() for path in part.rglob("*")):
             shutil.rmtree(part, ignore_errors=True)
@@ -46,8 +49,7 @@ def finish_recording(take: LiveTake, folder: Path) -> list[str]:
 
     Raises TakeError if a video is missing or shorter than the others; the recordings stay.
     """
-    folder = folder.resolve()
-    part, lengths = part_of(folder), dict[str, int]()
+    folder, part, lengths = folder.resolve(), part_of(folder), dict[str, int]()
     here = [c for group, cs in take.groups().items() if group not in take.live.elsewhere for c in cs]
     for camera in (take.cameras[c] for c in here):
         lengths[camera.name] = index_video(layout.video_path(part, camera.name)).n_frames

@@ -129,7 +129,8 @@ def test_colours_are_corrected_in_plates_and_in_what_is_recorded(folder: Path, t
         np.testing.assert_array_equal(ours, theirs)
         assert np.any(ours != next(iter(raw.background(camera)))) == (camera.name == "cam02")
     assert folder / "colour.toml" in take.inputs(from_videos=True)
-    with recording_to(tmp_path / "recorded") as part:
+    part = part_of(tmp_path / "recorded")
+    with recording_to(tmp_path / "recorded"):
         shutil.copytree(folder / "videos", part / "videos")
     finish_recording(take, tmp_path / "recorded")
     recorded = open_take(tmp_path / "recorded")
@@ -159,8 +160,8 @@ def _record(part: Path, take: Take, lengths: tuple[int, ...]) -> None:
 def test_a_recording_is_a_take(folder: Path, tmp_path: Path) -> None:
     take = open_live(_write(folder, _HEAD + 'background = "background"\nfacing = 90.0\n' + _CAMERAS))
     out = tmp_path / "recorded"
-    with recording_to(out) as part:
-        _record(part, open_take(folder), (3, 3, 3))
+    with recording_to(out):
+        _record(part_of(out), open_take(folder), (3, 3, 3))
     assert finish_recording(take, out) == []
     recorded = open_take(out)
     assert (recorded.settings.name, recorded.settings.frames) == ("recorded", 3)
@@ -173,16 +174,16 @@ def test_a_recording_is_a_take(folder: Path, tmp_path: Path) -> None:
 
 def test_a_run_that_fails_before_its_first_picture_leaves_no_recording(tmp_path: Path) -> None:
     for _ in range(2):
-        with pytest.raises(TakeError, match="no such camera"), recording_to(tmp_path / "recorded") as part:
-            (part / "videos").mkdir()
+        with pytest.raises(TakeError, match="no such camera"), recording_to(tmp_path / "recorded"):
+            (part_of(tmp_path / "recorded") / "videos").mkdir()
             raise TakeError("no such camera")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_videos_of_different_lengths_stay_where_they_are(folder: Path, tmp_path: Path) -> None:
     take = open_live(_write(folder, _HEAD + 'background = "background"\n' + _CAMERAS))
-    with recording_to(tmp_path / "recorded") as part:
-        _record(part, open_take(folder), (4, 2, 4))
+    with recording_to(tmp_path / "recorded"):
+        _record(part_of(tmp_path / "recorded"), open_take(folder), (4, 2, 4))
     with pytest.raises(TakeError, match="cam02 was recorded for 2 frames, others for 4"):
         finish_recording(take, tmp_path / "recorded")
     with (
