@@ -14,7 +14,7 @@ from proto.keys import ClientKeys
 from proto.messages import Message, Pose, TakeEnd, TakeInfo
 from proto.streams import DEFAULT_ENDPOINT
 from services.bridge.humanoid import bones_of
-from services.bridge.vmc import DEFAULT_LISTENER, address_of, frame, nobody_tracked, open_sender
+from services.bridge.vmc import DEFAULT_LISTENER, frame, nobody_tracked, open_sender
 from services.follower import Follower
 from services.health import beat
 from services.mocap.body.actor import Actor, build_body
@@ -108,7 +108,7 @@ def bridge(
     """Send poses during tracking to animation tools that receive the VMC protocol."""
 
     def work(stop: StopRequest) -> None:
-        own_keys, send = keys_of_client(keys, "viewer"), open_sender(*address_of(vmc))
+        own_keys, send = keys_of_client(keys, "viewer"), open_sender(vmc)
         sender = PoseSender(connect, own_keys, send, take=take, cutoff_hz=cutoff_hz or None)
         log.info("coordinator at %s; sending VMC to %s", connect, vmc)
         with closing(sender):

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from urllib.parse import urlsplit
 
 from pythonosc.osc_bundle import OscBundle
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
@@ -10,6 +9,7 @@ from pythonosc.osc_message import OscMessage
 from pythonosc.osc_message_builder import OscMessageBuilder
 from pythonosc.udp_client import UDPClient
 
+from services.address import Address
 from services.bridge.humanoid import Bone
 from services.mocap.errors import UserError
 
@@ -59,25 +59,16 @@ def _bundle(messages: Sequence[OscMessage]) -> OscBundle:
     return builder.build()
 
 
-def address_of(text: str) -> tuple[str, int]:
-    """Parse HOST:PORT; raises UserError if it is malformed."""
-    try:
-        parts = urlsplit(f"//{text}")
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host = port = None
-    if not host or not port or parts.path or parts.username is not None:
-        raise UserError(f"--vmc {text}: expected HOST:PORT, such as {DEFAULT_LISTENER}")
-    return host, port
+def open_sender(listener: str) -> Callable[[OscBundle], None]:
+    """A function that sends packets to HOST:PORT, whether or not a tool receives them there.
 
-
-def open_sender(host: str, port: int) -> Callable[[OscBundle], None]:
-    """A function that sends packets there, whether or not a tool receives them; raises UserError for an
-    unknown host."""
+    Raises UserError if that is no address, and for an unknown host.
+    """
+    address = Address.of(listener, "--vmc", DEFAULT_LISTENER)
     try:
-        client = UDPClient(host, port)
+        client = UDPClient(address.host, address.port)
     except OSError as error:
-        raise UserError(f"--vmc {host}:{port}: host not found ({error}): expected HOST:PORT") from None
+        raise UserError(f"--vmc {listener}: host not found ({error}): expected HOST:PORT") from None
 
     def send(bundle: OscBundle) -> None:
         try:

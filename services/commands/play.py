@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from services.bridge.humanoid import bones_of
-from services.bridge.vmc import address_of, frame, nobody_tracked, open_sender
+from services.bridge.vmc import frame, nobody_tracked, open_sender
 from services.commands.consoles import say
 from services.mocap.result.result import Result, load_result
 from services.process import StopRequest
@@ -29,7 +29,9 @@ def play(
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
 ) -> None:
     """Send the poses of results to animation tools that receive the VMC protocol, at the take's own speed."""
-    send, found = open_sender(*address_of(vmc)), load_result(result)
+    send, found = open_sender(vmc), load_result(result)
+    offsets_m = found.motion.body.offsets_m
+    bones_of(found.poses[0], offsets_m)  # the first call loads compiled code, which would make frames late
     with StopRequest() as stop:
         again = f"every {len(found.frames) / found.fps / speed:.1f} s again, until Ctrl-C" if loop else "once"
         say(f"sending {len(found.frames)} frames to {vmc}, {again}")
@@ -39,7 +41,7 @@ def play(
             if not _wait_until(due_s, stop):
                 break
             if time.monotonic() < due_s + _LATE_S:
-                bones = bones_of(found.poses[row], found.motion.body.offsets_m)
+                bones = bones_of(found.poses[row], offsets_m)
                 send(frame(at_s, bones, is_trusted=not found.distrusted[row].any()))
                 sent += 1
         send(nobody_tracked())

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from services.address import LOOPBACK, Address
 from services.commands.consoles import say, stderr
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
@@ -23,7 +24,6 @@ from services.mocap.verdict.judging import verdict_of
 from services.process import StopRequest
 from services.segmentation.segmenters import AUTO, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Segmenter
-from services.viewer.address import LOOPBACK, Address
 from services.viewer.finished import FinishedFrames
 from services.viewer.frame_history import FrameHistory
 from services.viewer.pictures import Segmented, TakePictures

@@ -15,7 +15,7 @@ from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import cutoff_of, smoothed
 from services.mocap.result.frame_files import write_frame_files
 from services.mocap.result.layout import OVERLAY, RUN_JSON
-from services.mocap.result.result import add_to_run, load_result, write_tracked
+from services.mocap.result.result import edited_run, load_result, write_tracked
 from services.mocap.search.best_path import corrected_frames
 from services.mocap.search.chains import values_to_bridge
 from services.mocap.take.folder import Take
@@ -85,7 +85,8 @@ def write_results(
         write_run_json(part / RUN_JSON, take, info, actor, recorded, marks, output, joints_world_m, known)
         result = load_result(part)
         verdict = verdict_of(result)
-        add_to_run(part, verdict=verdict.model_dump())
+        with edited_run(part) as run:
+            run["verdict"] = verdict.model_dump()
         if overlay:
             log.info("drawing the overlay")
             write_overlay(part / OVERLAY, take, body, table, result.fps, verdict, hurry)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from services.mocap.result.layout import partial_of
+from services.mocap.result.result import edited_run
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_recording import finish_recording, part_of, recording_to
 from services.process import StopRequest
@@ -18,7 +19,6 @@ from services.runs.local_run import (
     Job,
     Plan,
     Words,
-    completed_report,
     keep_logs,
     run_services,
     start_segmentation,
@@ -80,7 +80,8 @@ def live(
         shutil.rmtree(ended.logs, ignore_errors=True)
         return None
     keep_logs(ended.logs, job.out)
-    with completed_report(job.out, job.segmenter) as report:
+    with edited_run(job.out) as report:
+        report["settings"]["segmenter"] = job.segmenter
         if ended.told is not None:
             names = ("source", "segmentation", "tracking")
             drops = {cam: dict(zip(names, counts, strict=True)) for cam, counts in ended.told.drops.items()}

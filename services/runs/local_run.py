@@ -1,18 +1,15 @@
 """What tracking a recorded take and tracking live have in common: processes started, followed, and ended."""
 
-import json
 import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from proto.messages import Telemetry
-from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.settings import EngineSettings
@@ -206,13 +203,3 @@ def keep_logs(logs: Path, folder: Path) -> None:
     """Move the logs of a run to its results."""
     shutil.rmtree(folder / LOGS, ignore_errors=True)
     shutil.move(logs, folder / LOGS)
-
-
-@contextmanager
-def completed_report(folder: Path, segmenter: str) -> Iterator[dict[str, Any]]:
-    """The run.json of a folder of results, to be added to; what segmented is in it already."""
-    report: dict[str, Any] = json.loads((folder / RUN_JSON).read_text())
-    report["settings"]["segmenter"] = segmenter
-    yield report
-    with atomic_file(folder / RUN_JSON) as part:
-        part.write_text(json.dumps(report, indent=2) + "\n")

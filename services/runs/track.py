@@ -11,7 +11,7 @@ from typing import Any
 
 from services.mocap.export.formats import write_defaults
 from services.mocap.result.layout import LOGS, partial_of
-from services.mocap.result.result import load_result
+from services.mocap.result.result import edited_run, load_result
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
 from services.mocap.take.folder import Take
@@ -20,7 +20,7 @@ from services.mocap.verdict.judging import CHECKS
 from services.mocap.verdict.verdict import Cause
 from services.runs import Interrupted, ServiceFailedError
 from services.runs.launcher import Launcher, free_endpoint
-from services.runs.local_run import Job, Plan, completed_report, keep_logs, run_services, written_ns
+from services.runs.local_run import Job, Plan, keep_logs, run_services, written_ns
 from services.runs.progress import Progress
 from services.segmentation.segmenters import chosen_segmenter
 
@@ -103,7 +103,8 @@ def _plan(job: TakeJob, known: Path) -> Plan:
 
 def _completed(folder: Path, job: TakeJob) -> dict[str, Any]:
     """The run.json of a folder of results, which gets a copy of the files of its fit, if this run has one."""
-    with completed_report(folder, chosen_segmenter(job.take, job.segmenter)) as report:
+    with edited_run(folder) as report:
+        report["settings"]["segmenter"] = chosen_segmenter(job.take, job.segmenter)
         is_its_fit = "fit" in report
     if is_its_fit and job.fitted is not None:
         shutil.rmtree(folder / FIT_FOLDER, ignore_errors=True)

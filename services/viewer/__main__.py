@@ -10,13 +10,14 @@ from typing import Annotated
 import typer
 
 from proto.streams import DEFAULT_ENDPOINT
+from services.address import LOOPBACK, Address
 from services.health import beat
 from services.mocap.take.live import open_source
 from services.options import KeysOption, MetricsOption, keys_of_client
 from services.process import StopRequest, give_way, run_service
-from services.viewer.address import DEFAULT_ADDRESS, LOOPBACK, Address, TokenOption, token_of
 from services.viewer.listener import Listener
 from services.viewer.metrics import BROWSERS
+from services.viewer.page_token import DEFAULT_ADDRESS, TokenOption, token_of
 from services.viewer.server import PageServer
 
 _LOOK_S = 0.1
@@ -61,7 +62,7 @@ def main(
     """Show a take in browsers during tracking."""
 
     def work(stop: StopRequest) -> None:
-        address, given_way = Address.of(bind), False
+        address, given_way = Address.of(bind, "--bind", DEFAULT_ADDRESS, lowest_port=0), False
         token, own_keys = token_of(token_file, address), keys_of_client(keys, "viewer")
         folder = None if take is None else open_source(take)
         with (

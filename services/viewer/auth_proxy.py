@@ -17,8 +17,8 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Self
 from urllib.parse import parse_qs, urlsplit
 
+from services.address import LOOPBACK, Address
 from services.mocap.errors import UserError
-from services.viewer.address import LOOPBACK, Address
 
 MOST_HEAD_BYTES = 32768
 

@@ -17,8 +17,8 @@ from urllib.parse import urlsplit
 
 import viser
 
+from services.address import LOOPBACK, Address
 from services.mocap.errors import UserError
-from services.viewer.address import LOOPBACK, Address
 from services.viewer.auth_proxy import AuthProxy, Head
 from services.viewer.channel import Channel
 from services.viewer.metrics import ANSWER

@@ -10,7 +10,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
-from services.viewer.address import LOOPBACK
+from services.address import LOOPBACK
 from services.viewer.channel import MOST_ACTION_BYTES, Channel
 
 CHANNEL_PATH = "/channel"

@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-from services.viewer.address import LOOPBACK
+from services.address import LOOPBACK
 
 Messages: TypeAlias = list[dict[str, Any]]
 _SILENCE_S = 30.0

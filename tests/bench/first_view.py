@@ -15,12 +15,12 @@ from rich.table import Table
 
 from bench.chromium import open_chromium
 from bench.page_cost import job_of
+from services.address import LOOPBACK
 from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.errors import UserError
 from services.mocap.take.folder import open_take
 from services.runs.launcher import free_port
 from services.runs.track import track
-from services.viewer.address import LOOPBACK
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

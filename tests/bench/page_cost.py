@@ -14,12 +14,12 @@ from rich.table import Table
 from websockets.exceptions import WebSocketException  # it comes with viser
 
 from bench.fake_browser import watch
+from services.address import LOOPBACK
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take, open_take
 from services.runs.launcher import free_port
 from services.runs.track import TakeJob, track
-from services.viewer.address import LOOPBACK
 
 WAYS = ("no viewer", "viewer, no browser", "viewer, one browser")
 _WORKERS = 4

@@ -13,11 +13,9 @@ from vmc_tool import Tool
 
 from playback import Playback
 from services.bridge.humanoid import BONES
-from services.bridge.vmc import address_of
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
-from services.mocap.errors import UserError
 from services.mocap.motion.smoothing import OneEuro
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
@@ -113,16 +111,3 @@ def test_another_take_is_left_out(walk: Take, tool: Tool, start_bridge: Bridge) 
         _until(lambda: len(tool.oks()) > 2, "the bridge says nothing")
         assert tool.frames() == {}
         assert set(tool.oks()) == {(0, 3, 0, 0)}
-
-
-@pytest.mark.parametrize(
-    "text", ["", "localhost", ":39539", "host:", "host:0", "host:70000", "a:1/b", "u@a:1"]
-)
-def test_addresses_that_are_none(text: str) -> None:
-    with pytest.raises(UserError, match=r"--vmc .*: expected HOST:PORT"):
-        address_of(text)
-
-
-def test_addresses() -> None:
-    assert address_of("127.0.0.1:39539") == ("127.0.0.1", 39539)
-    assert address_of("[::1]:39540") == ("::1", 39540)

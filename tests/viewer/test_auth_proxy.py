@@ -9,9 +9,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
+from services.address import Address
 from services.mocap.errors import UserError
 from services.viewer import auth_proxy as auth_proxy
-from services.viewer.address import Address
 from services.viewer.auth_proxy import AuthProxy, Head, MalformedHeadError
 
 TOKEN = "a-long-enough-token"  # noqa: S105
@@ -36,7 +36,7 @@ def proxy(monkeypatch: pytest.MonkeyPatch) -> Iterator[AuthProxy]:
     monkeypatch.setattr(auth_proxy, "_WRONG_S", 0.05)
     with ThreadingHTTPServer(("127.0.0.1", 0), _Page) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        with closing(AuthProxy(Address.of("127.0.0.1:0"), TOKEN, lambda _: server.server_port)) as running:
+        with closing(AuthProxy(Address("127.0.0.1", 0), TOKEN, lambda _: server.server_port)) as running:
             yield running
         server.shutdown()
 
@@ -84,7 +84,7 @@ def test_the_cookie_opens_and_stays_outside(proxy: AuthProxy) -> None:
 def test_without_a_token_everybody_gets_in_but_other_sites_websockets() -> None:
     with ThreadingHTTPServer(("127.0.0.1", 0), _Page) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        with closing(AuthProxy(Address.of("127.0.0.1:0"), None, lambda _: server.server_port)) as proxy:
+        with closing(AuthProxy(Address("127.0.0.1", 0), None, lambda _: server.server_port)) as proxy:
             assert _get(proxy, "/a")[:2] == (200, "/a cookie=None")
             asks = {"Upgrade": "websocket", "Connection": "Upgrade", "Origin": "http://evil.example"}
             assert _get(proxy, "/a", **asks)[0] == 403

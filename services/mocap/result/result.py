@@ -1,6 +1,8 @@
 """The files of a result from which all others can be made; poses.csv and actor.toml are enough to read it."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -174,10 +176,12 @@ def load_result(folder: Path | str) -> Result:
     return Result(folder, actor, motion, tracked, run)
 
 
-def add_to_run(folder: Path, **entries: Any) -> None:
-    """Add entries to the run.json of a results folder, or replace them."""
+@contextmanager
+def edited_run(folder: Path) -> Iterator[dict[str, Any]]:
+    """The run.json of a results folder, which is written again with the changes of this block."""
     path = folder / RUN_JSON
-    run = _read_run(path) | entries
+    run = _read_run(path)
+    yield run
     with atomic_file(path) as part:
         part.write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
 

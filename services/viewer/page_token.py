@@ -1,17 +1,16 @@
-"""The page's address and its token."""
+"""Who may open the page: browsers on this machine, or those that give a token."""
 
 import os
 import re
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Self, TypeAlias
+from typing import Annotated, TypeAlias
 
 import typer
 
 from proto.streams import is_loopback
+from services.address import LOOPBACK, Address
 from services.mocap.errors import UserError
 
-LOOPBACK = "127.0.0.1"
 DEFAULT_ADDRESS = f"{LOOPBACK}:8080"
 TOKEN_VARIABLE = "XORMOCAP_VIEWER_TOKEN"  # noqa: S105  (the variable's name)
 SHORTEST_TOKEN = 8
@@ -22,24 +21,7 @@ TokenOption: TypeAlias = Annotated[
         help=f"A file with the token that browsers must give; {TOKEN_VARIABLE} may hold the token itself.",
     ),
 ]
-_ADDRESS = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+\]|[\w.-]+):(?P<port>[0-9]{1,5})", re.ASCII)
 _TOKEN = re.compile(r"[A-Za-z0-9_.~-]+", re.ASCII)
-
-
-@dataclass(frozen=True)
-class Address:
-    """A host's name or number, and a port; 0 for any that is free."""
-
-    host: str
-    port: int
-
-    @classmethod
-    def of(cls, text: str) -> Self:
-        """Parse HOST:PORT; raises UserError if it is malformed."""
-        parts = _ADDRESS.fullmatch(text)
-        if parts is None or int(parts["port"]) > 65535:
-            raise UserError(f"--bind {text}: expected HOST:PORT, such as {DEFAULT_ADDRESS}")
-        return cls(parts["host"].strip("[]"), int(parts["port"]))
 
 
 def token_of(file: Path | None, address: Address) -> str | None:

@@ -1,0 +1,30 @@
+"""Where a service listens or sends: a host and a port."""
+
+import re
+from dataclasses import dataclass
+from typing import Self
+
+from services.mocap.errors import UserError
+
+LOOPBACK = "127.0.0.1"
+_ADDRESS = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+\]|[\w.-]+):(?P<port>[0-9]{1,5})", re.ASCII)
+_LAST_PORT = 65535
+
+
+@dataclass(frozen=True)
+class Address:
+    """A host's name or number, and a port; 0 for any that is free."""
+
+    host: str
+    port: int
+
+    @classmethod
+    def of(cls, text: str, option: str, example: str, lowest_port: int = 1) -> Self:
+        """Parse HOST:PORT, or [HOST]:PORT for IPv6.
+
+        Raises UserError, which names the option and an example, if it is malformed.
+        """
+        parts = _ADDRESS.fullmatch(text)
+        if parts is None or not lowest_port <= int(parts["port"]) <= _LAST_PORT:
+            raise UserError(f"{option} {text}: expected HOST:PORT, such as {example}")
+        return cls(parts["host"].strip("[]"), int(parts["port"]))

@@ -1,0 +1,43 @@
+"""Where a service listens or sends."""
+
+import pytest
+
+from proto import streams
+from services.address import Address
+from services.mocap.errors import UserError
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port", "is_loopback"),
+    [
+        ("127.0.0.1:8080", "127.0.0.1", 8080, True),
+        ("localhost:0", "localhost", 0, True),
+        ("[::1]:80", "::1", 80, True),
+        ("0.0.0.0:8080", "0.0.0.0", 8080, False),  # noqa: S104
+        ("studio-2.local:65535", "studio-2.local", 65535, False),
+    ],
+)
+def test_addresses(text: str, host: str, port: int, is_loopback: bool) -> None:
+    address = Address.of(text, "--bind", "127.0.0.1:8080", lowest_port=0)
+    assert (address.host, address.port, streams.is_loopback(address.host)) == (host, port, is_loopback)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "8080",
+        ":8080",
+        "host",
+        "host:",
+        "host:0",
+        "host:65536",
+        "http://host:80",
+        "a b:80",
+        "a:1/b",
+        "u@a:1",
+    ],
+)
+def test_what_is_no_address_is_said(text: str) -> None:
+    with pytest.raises(UserError, match=r"^--vmc .*: expected HOST:PORT, such as there:80$"):
+        Address.of(text, "--vmc", "there:80")
