@@ -135,7 +135,7 @@ def prices(
             if i > 0:
                 for k in range(width):
                     down[i - 1, k] += (here[k] - above[k]) ** 2
-            above[:] = here
+            here, above = above, here
     one = np.float32(1)
     floor, price = np.float32(_LEAST_SHARE * _PRICE), np.float32((1 - _LEAST_SHARE) * _PRICE)
     for i in range(height):

@@ -154,7 +154,7 @@ def _meeting_point(cameras: Sequence[Camera]) -> Floats:
 def _project(P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, points_m: Floats, pixels: Pixels) -> None:
     for c in range(len(P_px_world)):
         for i in range(len(points_m)):
-            pixels[c, i] = raw_pixel(
+            pixels[c, i, 0], pixels[c, i, 1] = raw_pixel(
                 P_px_world[c], sizes_px[c], raw_px[c], points_m[i, 0], points_m[i, 1], points_m[i, 2]
             )
 

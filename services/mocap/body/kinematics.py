@@ -122,7 +122,7 @@ def rotation_of(x: float, y: float, z: float, R: Floats) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def _multiply(A: Floats, B: Floats, out: Floats) -> None:
+def multiply(A: Floats, B: Floats, out: Floats) -> None:
     """Write the product of the upper left (3, 3) of A and B into that of out, none the same."""
     for i in range(3):
         for j in range(3):
@@ -130,21 +130,40 @@ def _multiply(A: Floats, B: Floats, out: Floats) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def _local_rotation(pose: Floats, joint: int, R: Floats, turn: Floats, product: Floats) -> None:
-    """A joint's rotation R (3, 3) against its parent; turn and product (3, 3) are scratch."""
+def copy_rotation(R: Floats, out: Floats) -> None:
+    """Write the upper left (3, 3) of R into that of out.
+
+    Not by slices: for these Numba compiles what their errors would say, which takes it seconds.
+    """
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = R[i, j]
+
+
+@numba.njit(cache=True, nogil=True)
+def swing_of(pose: Floats, joint: int, out: Floats) -> None:
+    """Write the rotation vector (3,) of a joint's swing."""
+    out[:] = 0.0
     first, last = DOF_RANGE[joint]
-    swing = np.zeros(3)
     for d in range(first, last):
         if DOF_ROLE[d] == SWING:
             for i in range(3):
-                swing[i] += pose[d] * DOF_AXIS[d, i]
+                out[i] += pose[d] * DOF_AXIS[d, i]
+
+
+@numba.njit(cache=True, nogil=True)
+def _local_rotation(pose: Floats, joint: int, R: Floats, turn: Floats, product: Floats) -> None:
+    """A joint's rotation R (3, 3) against its parent; turn and product (3, 3) are scratch."""
+    swing = np.empty(3)
+    swing_of(pose, joint, swing)
     rotation_of(swing[0], swing[1], swing[2], R)
+    first, last = DOF_RANGE[joint]
     for d in range(first, last):
         if DOF_ROLE[d] == TURN:
             x, y, z = DOF_AXIS[d]
             rotation_of(pose[d] * x, pose[d] * y, pose[d] * z, turn)
-            _multiply(R, turn, product)
-            R[:] = product
+            multiply(R, turn, product)
+            copy_rotation(product, R)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -163,12 +182,12 @@ def place_frames(pose: Floats, offsets_m: Floats, frames: Ints, T_world_frame: F
             continue
         _local_rotation(pose, j, R_parent_joint, turn, product)
         if PARENT[j] < 0:
-            T[:3, :3] = R_parent_joint
+            copy_rotation(R_parent_joint, T)
             for i in range(3):
                 T[i, 3] = offsets_m[j, i] + pose[i]
             continue
         T_parent = T_world_frame[PARENT[j]]
-        _multiply(T_parent, R_parent_joint, T)
+        multiply(T_parent, R_parent_joint, T)
         for i in range(3):
             T[i, 3] = (
                 T_parent[i, 0] * offsets_m[j, 0]
@@ -196,7 +215,7 @@ def _place_cloth(one: Floats, other: Floats, hangs: bool, out: Floats) -> None:
         out[i, 1] -= along * out[i, 2]
     across = np.sqrt(out[0, 1] ** 2 + out[1, 1] ** 2 + out[2, 1] ** 2)
     if up < _PARALLEL or across < _PARALLEL:
-        out[:3, :3] = one[:3, :3]
+        copy_rotation(one, out)
         return
     for i in range(3):
         out[i, 1] /= across

@@ -16,6 +16,7 @@ from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
 from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, PX_PER_M, find_candidates, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
+from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
 from services.mocap.energy.snapping import depth_range, project_range
 from services.mocap.types import Bytes, Floats, Ints
 
@@ -40,7 +41,7 @@ def scratch_for(mesh: FlatMesh) -> Scratch:
     )
 
 
-@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit_without_refcounts
 def draw(
     T_world_frame: Floats,
     surfaces: Ints,

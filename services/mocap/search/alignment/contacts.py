@@ -13,7 +13,7 @@ import numpy as np
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import ALL_FRAMES, N_DOF, N_FRAMES, SEGMENT_JOINTS, place_frames
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SIDES
-from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY
+from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, cross
 from services.mocap.search.chains import LimbName
 from services.mocap.types import Floats, Ints, Mask
 
@@ -148,7 +148,7 @@ def add_contacts(
     Only the parameters of the limb itself take it: the trunk stays where the contours put it, and of two legs
     each is pulled out of the other.
     """
-    point_m, out, row, cost = np.empty(3), np.empty(3), np.empty(N_DOF), 0.0
+    point_m, out, moves_m, row, cost = np.empty(3), np.empty(3), np.empty(3), np.empty(N_DOF), 0.0
     for p in range(len(contacts.points_m)):
         depth_m = _deepest(contacts, p, T_world_joint, point_m, out)
         if depth_m <= 0.0:
@@ -158,7 +158,9 @@ def add_contacts(
             row[d] = 0.0
             joint = DOF_JOINT[d]
             if MOVED_BY[joint, contacts.point_joints[p]] and not MOVED_BY[joint, contacts.carriers[p]]:
-                row[d] = -np.dot(out, np.cross(twists[d, :3], point_m) + twists[d, 3:])
+                cross(twists[d, :3], point_m, moves_m)
+                for i in range(3):
+                    row[d] -= out[i] * (moves_m[i] + twists[d, 3 + i])
                 slope[d] += weight * row[d] * depth_m
         for d in range(N_DOF):
             if row[d] != 0.0:

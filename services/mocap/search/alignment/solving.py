@@ -60,14 +60,14 @@ def follow(
     pose, prior_cost, shares_px = start.copy(), 0.0, np.zeros((len(SURFACE_FRAMES), SHARES))
     T_world_frame = np.empty((1, N_FRAMES, 4, 4))
     place_frames(pose, offsets_m, frames, T_world_frame[0])
-    still_planes, model_planes = np.zeros((2, 1, *seen[0].shape), np.uint8)
+    still_planes = np.zeros((1, *seen[0].shape), np.uint8)
     cover(T_world_frame, still, cameras, detail_px, mesh, scratch, canvas, still_planes)
     twists, wrenches = np.zeros((N_DOF, TWIST_SIZE)), np.empty((N_FRAMES, TWIST_SIZE, TWIST_SIZE))
     pulls, places = np.empty((N_FRAMES, TWIST_SIZE)), np.zeros((N_FRAMES, 3, 3))
     for k in range(len(steps)):
         reach_px, near_px, cap_px, damping = steps[k]
         place_frames(pose, offsets_m, frames, T_world_frame[0])
-        model_planes[:] = still_planes
+        model_planes = still_planes.copy()
         cover(T_world_frame, moving, cameras, detail_px, mesh, scratch, canvas, model_planes)
         place_twists(pose, T_world_frame[0], twists)
         wrenches[:], pulls[:], shares_px[:] = 0.0, 0.0, 0.0
@@ -78,7 +78,7 @@ def follow(
                     int(reach_px), near_px, rim_scratch, matches, shares_px,
                 )  # fmt: skip
                 add_matches(matches, n, cap_px, wrenches, pulls)
-        places[:] = wrenches[:, 3:, 3:]  # now: normal_equations adds to a joint what its children carry
+        places = wrenches[:, 3:, 3:].copy()  # now: normal_equations adds to a joint what its children carry
         hessian, slope = normal_equations(twists, wrenches, pulls)
         add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
         prior_cost = 0.0

@@ -11,7 +11,10 @@ from services.mocap.body.kinematics import (
     PARENT,
     SHIFT,
     SWING,
+    copy_rotation,
+    multiply,
     rotation_of,
+    swing_of,
 )
 from services.mocap.body.skeleton import DOFS, JOINT_INDEX
 from services.mocap.types import Floats, Mask
@@ -27,31 +30,34 @@ def place_twists(pose: Floats, T_world_joint: Floats, twists: Floats) -> None:
     pose (D,) and the transforms (J, 4, 4) that place_frames made of it. A point X of a segment that the
     parameter d moves has the velocity a x X + b for twists[d] = (a, b), in metres (per metre or radian).
     """
-    R, turn, swing, axis = np.eye(3), np.empty((3, 3)), np.zeros(3), np.zeros(3)
+    R, turn, product = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    swing, axis = np.empty(3), np.empty(3)
     for j in range(N_JOINTS):
         first, last = DOF_RANGE[j]
         if first == last:
             continue
-        R[:] = np.eye(3) if PARENT[j] < 0 else T_world_joint[PARENT[j], :3, :3]
+        if PARENT[j] < 0:
+            rotation_of(0.0, 0.0, 0.0, R)
+        else:
+            copy_rotation(T_world_joint[PARENT[j]], R)
         origin = T_world_joint[j, :3, 3]
-        swing[:] = 0.0
-        for d in range(first, last):
-            if DOF_ROLE[d] == SWING:
-                swing += pose[d] * DOF_AXIS[d]
+        swing_of(pose, j, swing)
         for d in range(first, last):
             if DOF_ROLE[d] == SHIFT:
-                twists[d, :3], twists[d, 3:] = 0.0, DOF_AXIS[d]
+                twists[d, :3] = 0.0
+                twists[d, 3], twists[d, 4], twists[d, 5] = DOF_AXIS[d]
             elif DOF_ROLE[d] == SWING:
                 _swing_axis(swing, DOF_AXIS[d], axis)
                 _write(R, axis, origin, twists[d])
         rotation_of(swing[0], swing[1], swing[2], turn)
-        R[:] = R @ turn
+        multiply(R, turn, product)
         for d in range(first, last):
             if DOF_ROLE[d] != SHIFT and DOF_ROLE[d] != SWING:
-                _write(R, DOF_AXIS[d], origin, twists[d])
-                x, y, z = pose[d] * DOF_AXIS[d]
-                rotation_of(x, y, z, turn)
-                R[:] = R @ turn
+                _write(product, DOF_AXIS[d], origin, twists[d])
+                x, y, z = DOF_AXIS[d]
+                rotation_of(pose[d] * x, pose[d] * y, pose[d] * z, turn)
+                copy_rotation(product, R)
+                multiply(R, turn, product)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -60,20 +66,31 @@ def _swing_axis(swing: Floats, axis: Floats, out: Floats) -> None:
 
     J is the left Jacobian of the rotations (Barfoot, State Estimation for Robotics, 2017, section 7.1.5).
     """
-    angle = np.sqrt((swing * swing).sum())
+    angle = np.sqrt(swing[0] ** 2 + swing[1] ** 2 + swing[2] ** 2)
     if angle < 1e-6:
         a, b = 0.5, 1.0 / 6.0
     else:
         a, b = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
-    once = np.cross(swing, axis)
-    out[:] = axis + a * once + b * np.cross(swing, once)
+    once, twice = np.empty(3), np.empty(3)
+    cross(swing, axis, once)
+    cross(swing, once, twice)
+    for i in range(3):
+        out[i] = axis[i] + a * once[i] + b * twice[i]
 
 
 @numba.njit(cache=True, nogil=True)
 def _write(R: Floats, axis: Floats, origin_world_m: Floats, twist: Floats) -> None:
-    turned = R @ axis
-    twist[:3] = turned
-    twist[3:] = np.cross(origin_world_m, turned)
+    for i in range(3):
+        twist[i] = R[i, 0] * axis[0] + R[i, 1] * axis[1] + R[i, 2] * axis[2]
+    cross(origin_world_m, twist[:3], twist[3:])
+
+
+@numba.njit(cache=True, nogil=True)
+def cross(a: Floats, b: Floats, out: Floats) -> None:
+    """Write the vector product of a and b (3,) into out, which is neither of them."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] = a[j] * b[k] - a[k] * b[j]
 
 
 def _moved_by() -> Mask:
