@@ -25,8 +25,8 @@ from services.options import (
     SegmenterOption,
     engine_settings,
 )
-from services.runs.fit import DRAWING_FROM, Show, TakeFit, fit_take, init_frames
-from services.runs.fit_files import frames_in_words, origin_of, uncertainty_of, write_fit
+from services.runs.fit import DRAWING_FROM, Show, TakeFit, fit_take, frames_in_words, init_frames
+from services.runs.fit_files import origin_of, uncertainty_of, write_fit
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 
 EVERY_CORE = 0

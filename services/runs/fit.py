@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from itertools import islice
 
@@ -52,6 +52,15 @@ _SKIRT = (
 )
 _FIRST_FITS = 0.6
 """Progress of the fits from the generic body's pose; one from the fitted body's follows."""
+_POOR_IOU, _CLEARLY_BETTER_IOU = 0.8, 0.05
+"""A fitted body overlaps less with the silhouettes if its first pose is wrong (in coats 0.85 is usual). Other
+frames replace the first ones if they are better by so much."""
+_LATER = (1 / 3, 2 / 3)
+"""Where in a take other frames are tried."""
+_FITTED_LATER = (
+    "the body was fitted to %s, because in %s the actor's pose was not found (IoU %.2f, %.2f where it was "
+    "fitted): the first poses of the take are less certain"
+)
 _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}
 """Total progress at the end of each stage; drawing follows."""
 
@@ -86,6 +95,17 @@ class TakeFit:
     colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
     """By camera what the actor's colour classes look like there, as tracking told them."""
 
+    @property
+    def iou(self) -> float:
+        """Mean overlap of the fitted body and the silhouettes (intersection over union)."""
+        return float(self.fit.after.iou.mean())
+
+
+def frames_in_words(found: TakeFit) -> str:
+    """Which frames an actor was fitted to."""
+    ends = f"{found.frames[0]} to {found.frames[-1]}"
+    return f"frames {ends}" if isinstance(found.frames, range) else f"{len(found.frames)} frames from {ends}"
+
 
 def init_frames(take: Take, asked: int | None = None) -> range:
     """The first frames, for a fit: as many as requested, else as in take.toml, else ten."""
@@ -105,11 +125,53 @@ def fit_take(
 ) -> TakeFit:
     """Fit the actor of a checked take to some of its frames, starting with the first.
 
-    engine and search: for the first pose; the parameters of the search's body vary in the fit as well. mesh:
-    fitted in place of the generic body. Cameras with unusable silhouettes in the first frame are left out,
-    with a warning. Raises TakeError if no person or more than one is visible, or too few cameras are left.
+    If that fit is poor, the pose of the first frame was probably not found; then as many frames later in the
+    take are tried, and the best fit is returned. engine and search: for the first pose; the parameters of the
+    search's body vary in the fit as well. mesh: fitted in place of the generic body. Cameras with unusable
+    silhouettes in the first frame are left out, with a warning. Raises TakeError if no person or more than
+    one is visible, or too few cameras are left.
     """
-    clock = Clock(show)
+    fit_to = partial(_fit_frames, take, segmenter, engine, search, fitter, mesh)
+    first = found = fit_to(frames, show)
+    for start in _later_starts(take, frames) if first.iou < _POOR_IOU else ():
+
+        def show_later(stage: str, share: float, start: int = start) -> None:
+            show(f"{stage}, from frame {start}", share)
+
+        try:
+            later = fit_to(range(start, start + len(frames)), show_later)
+        except TakeError as error:
+            log.info("frame %d: %s", start, error)
+            continue
+        found = max(found, later, key=lambda fit: fit.iou)
+    with kept_warnings() as warnings:
+        if found.iou < first.iou + _CLEARLY_BETTER_IOU:
+            found = first
+        else:
+            log.warning(_FITTED_LATER, frames_in_words(found), frames_in_words(first), first.iou, found.iou)
+        _check_alone(found, is_told=take.settings.actor_height is not None)
+    return replace(found, warnings=[*found.warnings, *warnings])
+
+
+def _later_starts(take: Take, frames: range) -> list[int]:
+    """Where later in a take as many frames as those begin, which do not overlap."""
+    last = take.settings.frames - len(frames)
+    starts = sorted({round(frames.start + share * (last - frames.start)) for share in _LATER})
+    return [start for start in starts if frames.stop <= start <= last]
+
+
+def _fit_frames(
+    take: Take,
+    segmenter: str,
+    engine: EngineSettings,
+    search: SearchSettings,
+    fitter: Fitter,
+    mesh: OwnMesh | None,
+    frames: range,
+    show: Show,
+) -> TakeFit:
+    """Find the pose of the first of these frames, and fit the actor to all of them; as fit_take."""
+    clock, hints = Clock(show), take.settings.beginning_at(frames.start)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
             made = make_segmenter(take, take.cameras, segmenter)
@@ -117,12 +179,11 @@ def fit_take(
         rig, names = Rig.of(cameras), [camera.name for camera in cameras]
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
             told = search.for_cameras([take.cameras.index(camera) for camera in cameras])
-            guess = guess_first_pose(rig, seen[0], take.settings, opened, told, mesh, names)
+            guess = guess_first_pose(rig, seen[0], hints, opened, told, mesh, names)
         with clock.stage("fitting the actor") as progress:
-            height_m = take.settings.actor_height
 
             def fit_from(actor: Actor, pose: Floats, told: Callable[[float], None]) -> Fit:
-                return fitter(rig, seen, actor, pose, told, search.body, height_m)
+                return fitter(rig, seen, actor, pose, told, search.body, hints.actor_height)
 
             @cache
             def later() -> list[TriPlanes]:
@@ -143,12 +204,11 @@ def fit_take(
                 ways.append(Way(way.pose, fit_from(dressed, way.pose, lambda _: None)))
             fit = ways[-1].fit
             pose = fit.poses[0]
-            if not take.settings.initial_pose:
+            if not hints.initial_pose:
                 pose = _found_again(rig, seen[0], fit.actor, pose, told)
             last = fit_from(dressed, pose, lambda share: progress(_FIRST_FITS + (1.0 - _FIRST_FITS) * share))
             ways.append(Way(pose, last))
             way = min(ways, key=lambda way: way.energy_px)
-        _check_alone(rig, seen[0], way.fit, names, is_told=height_m is not None)
         start = (guess.actor, way.pose)
         return concluded(frames, cameras, seen, start, way.fit, clock.seconds, warnings)
 
@@ -166,18 +226,17 @@ def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: 
     return min(fitted, anew, key=lambda solution: solution.energy_px).pose
 
 
-def _check_alone(rig: Rig, seen: TriPlanes, fit: Fit, names: Sequence[str], *, is_told: bool) -> None:
-    """Raise TakeError if the fitted body covers too little of the first frame (P, H, W); warn if the height
-    is told, as that may be wrong as well."""
-    body, picture = build_body(fit.actor), Picture.of_frame(rig, seen)
+def _check_alone(found: TakeFit, *, is_told: bool) -> None:
+    """Raise TakeError if a fitted body covers too little of its first frame; warn if the height is told, as
+    that may be wrong as well."""
+    rig, seen, body = Rig.of(found.cameras), found.seen[0], build_body(found.fit.actor)
     with model_on_cpu(body, rig) as model:
-        uncovered = uncovered_share(model, picture, fit.poses[0], SearchSettings())
+        picture = Picture.of_frame(rig, seen)
+        uncovered = uncovered_share(model, picture, found.fit.poses[0], SearchSettings())
     if uncovered > MOST_UNCOVERED:
-        masks = unpack(seen.silhouettes, rig.n_cameras)
-        unsure = UnsureShares(
-            masks, unpack(seen.possible, rig.n_cameras), names_or_numbers(names, rig.n_cameras)
-        )
-        sentence = unsure.before(NOT_ALONE.format(covered=1.0 - uncovered))
+        masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
+        names = names_or_numbers([camera.name for camera in found.cameras], rig.n_cameras)
+        sentence = UnsureShares(masks, possible, names).before(NOT_ALONE.format(covered=1.0 - uncovered))
         if not is_told:
             raise TakeError(sentence)
         log.warning("%s", sentence)

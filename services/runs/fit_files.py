@@ -35,7 +35,7 @@ from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import PoseTable, write_poses_csv
 from services.mocap.take.writer import write_picture
 from services.mocap.types import Bytes
-from services.runs.fit import TakeFit
+from services.runs.fit import TakeFit, frames_in_words
 
 
 def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
@@ -64,12 +64,6 @@ def write_fit(take: Take, found: TakeFit, folder: Path) -> None:
 def origin_of(take: Take, found: TakeFit) -> str:
     """The source of a fit, in words."""
     return f"{frames_in_words(found)} of {take.settings.name!r}"
-
-
-def frames_in_words(found: TakeFit) -> str:
-    """Which frames an actor was fitted to."""
-    ends = f"{found.frames[0]} to {found.frames[-1]}"
-    return f"frames {ends}" if isinstance(found.frames, range) else f"{len(found.frames)} frames from {ends}"
 
 
 def _overlay(take: Take, found: TakeFit) -> Bytes:

@@ -354,6 +354,29 @@ def test_the_fit_begins_again_from_where_the_fitted_body_is_found(
     assert any(np.array_equal(begun[-1], pose + 0.01) for pose in begun[:-1])
 
 
+@pytest.mark.parametrize(("later_iou", "chosen"), [(0.9, range(3, 6)), (0.74, range(3))])
+def test_where_the_first_pose_is_not_found_the_fit_is_to_later_frames(
+    tmp_path: Path, later_iou: float, chosen: range
+) -> None:
+    write_synthetic_take(tmp_path / "walk", n_frames=12, n_cameras=3)
+    take = open_take(tmp_path / "walk")
+    frames, made = range(3), make_segmenter(take, take.cameras)
+    (_, first), (_, second) = (seen_of(take, range(at, at + 3), made, lambda _: None) for at in (0, 3))
+
+    def fitter(rig: Rig, seen: TriPlanes, *others: Any) -> Fit:
+        iou = 0.7
+        if not np.array_equal(seen.silhouettes, first.silhouettes):
+            iou = later_iou - 0.01 * (not np.array_equal(seen.silhouettes, second.silhouettes))
+        fit = stretch(rig, seen, *others)
+        return replace(fit, after=replace(fit.after, iou=np.full_like(fit.after.iou, iou)))
+
+    found = fit_take(take, frames, CPU, QUICK, lambda *_: None, fitter)
+    assert found.frames == chosen
+    assert found.iou == pytest.approx(later_iou if chosen.start else 0.7)
+    is_said = any("fitted to frames 3 to 5, because in frames 0 to 2" in said for said in found.warnings)
+    assert is_said == bool(chosen.start)
+
+
 def test_the_command_keeps_what_a_person_wrote(folder: Path, command: Callable[..., str]) -> None:
     mine = "height = 1.78\n"
     (folder / "actor.toml").write_text(mine)
