@@ -10,6 +10,7 @@ from services.commands.consoles import progress_bar, warn
 from services.mocap.errors import TakeError
 from services.mocap.take.folder import Take
 from services.mocap.verdict.verdict import Cause
+from services.runs.in_view import frames_in_view
 from services.runs.take_check import check_before
 
 CheckOption: TypeAlias = Annotated[
@@ -19,6 +20,11 @@ CheckOption: TypeAlias = Annotated[
     ),
 ]
 
+_NOT_IN_VIEW = (
+    "silhouettes: frames {first} to {last} do not show the whole actor: the work begins at frame {start} "
+    "(--frames A:B chooses other frames)"
+)
+
 
 def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:
     """Check a take, and print what is wrong; raises TakeError where it cannot be tracked."""
@@ -26,6 +32,16 @@ def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:
         found = check_before(take, frames, lambda share: show("checking the take", share), segmenter)
         show("take checked", 1.0)
     warn(map(str, found))
+    return found
+
+
+def in_view(take: Take, frames: range, segmenter: str) -> range:
+    """These frames from the first one on that shows the whole actor; a warning says which are left out."""
+    with progress_bar() as show:
+        found = frames_in_view(take, frames, lambda share: show("looking for the actor", share), segmenter)
+        show("actor in view", 1.0)
+    if found.start > frames.start:
+        warn([_NOT_IN_VIEW.format(first=frames.start, last=found.start - 1, start=found.start)])
     return found
 
 

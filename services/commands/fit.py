@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 import typer
 from rich.markup import escape
 
-from services.commands.checks import CheckOption, blamed_first, look_before, not_told
+from services.commands.checks import CheckOption, blamed_first, in_view, look_before, not_told
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.errors import UserError
@@ -17,6 +17,7 @@ from services.mocap.take.actor_file import check_place, write_actor
 from services.mocap.take.fit_record import FIT_FOLDER, OVERLAY, TURNTABLE
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR
+from services.mocap.verdict.verdict import Cause
 from services.options import (
     DEFAULT_ENGINE,
     DEFAULT_SEGMENTER,
@@ -72,9 +73,13 @@ def fit(
     actor_toml = (out or take) / ACTOR
     check_place(actor_toml, force)
     folder = out or take / FIT_FOLDER
-    checks = look_before(opened, init_frames(opened, frames), segmenter) if check else ()
     search = search_settings([], None, len(opened.cameras), body=body)
     own = None if mesh is None else import_mesh(mesh)
+    first, checks = init_frames(opened, frames), tuple[Cause, ...]()
+    if check:
+        in_view_from = in_view(opened, range(opened.settings.frames), segmenter).start
+        first = init_frames(opened, frames, in_view_from)
+        checks = look_before(opened, first, segmenter)
     if refine is not None:
         count = frames or DEFAULT_REFINE_FRAMES
         work = partial(refine_take, opened, refine, count, segmenter=segmenter, body=search.body)
@@ -82,7 +87,7 @@ def fit(
         work = partial(
             fit_take,
             opened,
-            init_frames(opened, frames),
+            first,
             engine_settings(backend, EVERY_CORE),
             search,
             mesh=None if own is None else own.mesh,

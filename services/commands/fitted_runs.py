@@ -70,7 +70,8 @@ def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str
         own, kept = imported.mesh, f"{command} --mesh {mesh} keeps it in the take"
         warnings = [*imported.remarks, f"{mesh}: was fitted for this run; {kept}"]
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
-    work = partial(fit_take, take, init_frames(take), engine, job.search, mesh=own, segmenter=job.segmenter)
+    first = init_frames(take, start=job.frames.start)
+    work = partial(fit_take, take, first, engine, job.search, mesh=own, segmenter=job.segmenter)
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         with blamed_first(job.checks):
             found = fit_with_bar(take, Path(temporary), work)

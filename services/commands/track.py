@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from services import options
-from services.commands.checks import CheckOption, look_before
+from services.commands.checks import CheckOption, in_view, look_before
 from services.commands.consoles import TakeFolder, stdout, warn
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
@@ -88,6 +88,7 @@ def track(
     opened = open_take(take)
     warn(opened.remarks)
     engine = options.engine_settings(backend, threads)
+    chosen_segmenter(opened, segmenter)
     job = TakeJob(
         take=opened,
         out=folder,
@@ -102,9 +103,9 @@ def track(
         segmenter=segmenter,
         endpoint=endpoint,
     )
-    chosen_segmenter(opened, segmenter)
     check_cost(engine, job.search.cost)
     if check:
+        job = replace(job, frames=in_view(opened, job.frames, segmenter))
         job = replace(job, checks=look_before(opened, job.frames, segmenter))
     fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
     enough = _WORTH_REFINING * len(init_frames(opened))

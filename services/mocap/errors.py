@@ -24,6 +24,10 @@ class TakeError(UserError):
     """A take folder, or a file in it, cannot be used."""
 
 
+class NotInViewError(TakeError):
+    """Nobody is in view in a frame, or nobody as a whole."""
+
+
 class CalibrationError(TakeError):
     """A calibration file cannot be used."""
 

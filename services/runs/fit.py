@@ -107,10 +107,10 @@ def frames_in_words(found: TakeFit) -> str:
     return f"frames {ends}" if isinstance(found.frames, range) else f"{len(found.frames)} frames from {ends}"
 
 
-def init_frames(take: Take, asked: int | None = None) -> range:
-    """The first frames, for a fit: as many as requested, else as in take.toml, else ten."""
+def init_frames(take: Take, asked: int | None = None, start: int = 0) -> range:
+    """The frames from `start` on, for a fit: as many as requested, else as in take.toml, else ten."""
     wanted = asked or take.settings.init_frames or DEFAULT_INIT_FRAMES
-    return range(min(wanted, take.settings.frames))
+    return range(start, min(start + wanted, take.settings.frames))
 
 
 def fit_take(

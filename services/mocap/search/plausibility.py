@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.rig import Rig
-from services.mocap.errors import TakeError
+from services.mocap.errors import NotInViewError, TakeError
 from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
 from services.mocap.search.hull import MIN_CAMERAS
 from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_numbers
@@ -54,9 +54,9 @@ def look_first(
 
     names: of the cameras, for the sentences. possible (C, H, W): what may be actor, by default the
     silhouettes; unsure pixels never cause an error, and are mentioned first if there are many. Raises
-    TakeError if nobody or more than one person is visible, if most cameras cut the actor off, or if the
-    silhouettes do not meet in space. A camera that is empty, full or disagrees with the others is left out,
-    as long as at least two cameras remain, or three to decide that one disagrees.
+    NotInViewError if nobody is visible or most cameras cut the actor off, and TakeError if more than one
+    person is visible or the silhouettes do not meet in space. A camera that is empty, full or disagrees with
+    the others is left out, as long as at least two cameras remain, or three to decide that one disagrees.
     """
     names = names_or_numbers(names, rig.n_cameras)
     possible = silhouettes if possible is None else possible
@@ -132,7 +132,7 @@ def _check_counts(
     if len(usable) >= MIN_CAMERAS:
         return
     if len(usable) + len(unsure) >= MIN_CAMERAS:
-        raise TakeError(
+        raise NotInViewError(
             f"silhouettes: what {len(unsure)} of {n_cameras} cameras show of the actor in the first frame is "
             f"all unsure: choose a first frame in which the actor is surely to be seen, or {REMEDY}"
         )
@@ -142,11 +142,11 @@ def _check_counts(
             "expected the actor white on black: check the background, or invert the pictures"
         )
     if len(empty) == n_cameras:
-        raise TakeError(
+        raise NotInViewError(
             f"silhouettes: nobody is visible in the first frame of all {n_cameras} cameras: choose a "
             "first frame in which the actor is in view, or check the background"
         )
-    raise TakeError(
+    raise NotInViewError(
         f"silhouettes: only {len(usable)} of {n_cameras} cameras show a person in the first frame: expected "
         f"{MIN_CAMERAS} or more: choose a first frame in which the actor is in view, or check the background"
     )
@@ -157,7 +157,7 @@ def _check_cut_off(
 ) -> None:
     cut = [c for c in usable if _is_cut_off(silhouettes[c], possible[c], *rig.sizes_px[c])]
     if 2 * len(cut) > len(usable):
-        raise TakeError(
+        raise NotInViewError(
             f"silhouettes: {len(cut)} of {len(usable)} cameras ({', '.join(names[c] for c in cut)}) cut the "
             "actor off at the edge of the first frame: choose a first frame that shows the whole actor"
         )

@@ -94,4 +94,4 @@ class UnsureShares:
         try:
             yield
         except TakeError as problem:
-            raise TakeError(self.before(str(problem))) from None
+            raise type(problem)(self.before(str(problem))) from None

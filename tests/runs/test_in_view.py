@@ -1,0 +1,91 @@
+"""Where in a take the actor is in view for the first time."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from services.commands.checks import in_view
+from services.mocap.camera.camera import Camera
+from services.mocap.synth.take import write_synthetic_take
+from services.mocap.take.folder import Take, open_take
+from services.mocap.types import ACTOR, BACKGROUND, Trimap
+from services.runs import in_view as in_view_module
+from services.runs.fit import init_frames
+from services.runs.in_view import frames_in_view
+from services.segmentation.segmenters import make_segmenter
+from services.segmentation.silhouettes import Moment, Segmenter
+
+CHANGED_BEFORE = 11
+
+
+@pytest.fixture(scope="module")
+def take(tmp_path_factory: pytest.TempPathFactory) -> Take:
+    folder = tmp_path_factory.mktemp("view") / "walk"
+    write_synthetic_take(folder, n_frames=24, n_cameras=3)
+    return open_take(folder)
+
+
+@pytest.fixture
+def changed(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Trimap], Trimap]], None]:
+    """`changed(how)`: the silhouettes of frames before CHANGED_BEFORE are what `how` makes of them."""
+
+    def show(how: Callable[[Trimap], Trimap]) -> None:
+        def segmenter(take: Take, cameras: Sequence[Camera], name: str) -> Segmenter:
+            real = make_segmenter(take, cameras, name)
+            made = real.moments
+
+            def moments(start: int, stop: int) -> Iterator[Moment]:
+                for frame, moment in enumerate(made(start, stop), start):
+                    is_changed = frame < CHANGED_BEFORE
+                    yield replace(moment, trimaps=[how(t) if is_changed else t for t in moment.trimaps])
+
+            monkeypatch.setattr(real, "moments", moments)
+            return real
+
+        monkeypatch.setattr(in_view_module, "make_segmenter", segmenter)
+
+    return show
+
+
+def _nobody(trimap: Trimap) -> Trimap:
+    return np.full_like(trimap, BACKGROUND)
+
+
+def _cut_off(trimap: Trimap) -> Trimap:
+    """The lower half of the actor is below the picture."""
+    rows = np.flatnonzero((trimap == ACTOR).any(axis=1))
+    moved, down_px = _nobody(trimap), len(trimap) - (rows[0] + rows[-1]) // 2
+    moved[down_px:] = trimap[:-down_px]
+    return moved
+
+
+def test_an_actor_who_is_there_is_seen_at_once(take: Take) -> None:
+    assert frames_in_view(take, range(24), lambda _: None) == range(24)
+    assert frames_in_view(take, range(3, 9), lambda _: None) == range(3, 9)
+
+
+@pytest.mark.parametrize("how", [_nobody, _cut_off])
+def test_the_work_begins_where_the_whole_actor_is_in_view(
+    take: Take,
+    changed: Callable[[Callable[[Trimap], Trimap]], None],
+    how: Callable[[Trimap], Trimap],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    changed(how)
+    assert frames_in_view(take, range(24), lambda _: None) == range(20, 24)
+    assert frames_in_view(take, range(2, 24), lambda _: None) == range(12, 24)
+    assert frames_in_view(take, range(9), lambda _: None) == range(9), "nobody comes"
+    begun = in_view(take, range(24), "auto")
+    assert init_frames(take, 3, begun.start) == range(20, 23)
+    assert (
+        "frames 0 to 19 do not show the whole actor: the work begins at frame 20" in capsys.readouterr().err
+    )
+
+
+def test_what_other_faults_the_first_frame_has_is_left_to_others(
+    take: Take, changed: Callable[[Callable[[Trimap], Trimap]], None]
+) -> None:
+    changed(lambda trimap: np.full_like(trimap, ACTOR))
+    assert frames_in_view(take, range(24), lambda _: None) == range(24)
