@@ -11,6 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SHARED = (
     *("services.process", "services.options", "services.health", "services.logs", "services.metrics"),
     *("services.listener", "services.follower", "services.blob_store", "services.pose_size"),
+    "services.address",
 )
 """What services share: the entry of all, and what those share that listen to a coordinator or follow it;
 beside the services, not in one."""
