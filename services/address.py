@@ -7,7 +7,7 @@ from typing import Self
 from services.mocap.errors import UserError
 
 LOOPBACK = "127.0.0.1"
-_ADDRESS = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+\]|[\w.-]+):(?P<port>[0-9]{1,5})", re.ASCII)
+_ADDRESS = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+(%[\w.-]+)?\]|[\w.-]+):(?P<port>[0-9]{1,5})")
 _LAST_PORT = 65535
 
 

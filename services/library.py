@@ -65,7 +65,7 @@ class TrackedFrame:
 def fit(
     take: Take, segmenter: str = AUTO, search: SearchSettings = _SEARCH, engine: EngineSettings = _ENGINE
 ) -> TakeFit:
-    """Fit the actor to a take's first frames, as `xormocap fit` does, but write nothing.
+    """Fit the actor to a take's first frames, as `xormocap fit --no-check` does, but write nothing.
 
     Problems that do not prevent a fit are logged as warnings. Raises TakeError if no person or more than one
     is visible, and UserError for settings that do not suit the take.

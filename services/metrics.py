@@ -23,9 +23,10 @@ def offering(address: str | None) -> Iterator[None]:
     if not address:
         yield
         return
-    place = Address.of(
-        f"{LOOPBACK}:{address}" if address.isdecimal() else address, "--metrics", f"{LOOPBACK}:9100"
-    )
+    try:
+        place = Address.of(f"{LOOPBACK}:{address}" if address.isdecimal() else address, "--metrics", "")
+    except UserError:
+        raise UserError(f"--metrics {address}: expected a port from 1 to 65535, or HOST:PORT") from None
     try:
         server, thread = start_http_server(place.port, place.host)
     except OSError as problem:

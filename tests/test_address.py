@@ -13,6 +13,8 @@ from services.mocap.errors import UserError
         ("127.0.0.1:8080", "127.0.0.1", 8080, True),
         ("localhost:0", "localhost", 0, True),
         ("[::1]:80", "::1", 80, True),
+        ("[fe80::1%eth0]:80", "fe80::1%eth0", 80, False),
+        ("müller.local:80", "müller.local", 80, False),
         ("0.0.0.0:8080", "0.0.0.0", 8080, False),  # noqa: S104
         ("studio-2.local:65535", "studio-2.local", 65535, False),
     ],

@@ -47,7 +47,10 @@ def test_nothing_listens_unless_asked_to() -> None:
 
 @pytest.mark.parametrize("address", ["x", "0", "70000", "host:", ":80", "a b:80", "1.2.3.4:0", "-1"])
 def test_what_is_no_address(address: str) -> None:
-    with pytest.raises(UserError, match="expected HOST:PORT"), offering(address):
+    with (
+        pytest.raises(UserError, match=r"^--metrics .*: expected a port from 1 to 65535, or HOST:PORT$"),
+        offering(address),
+    ):
         pass
 
 

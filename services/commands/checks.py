@@ -16,14 +16,16 @@ from services.runs.take_check import check_before
 CheckOption: TypeAlias = Annotated[
     bool,
     typer.Option(
-        "--check/--no-check", help="Look for mistakes in calibration and silhouettes before the work."
+        "--check/--no-check",
+        help="Look for mistakes in calibration and silhouettes before the work, and where the actor comes "
+        "into view.",
     ),
 ]
 
 _NOT_IN_VIEW = (
-    "silhouettes: frames {first} to {last} do not show the whole actor: the work begins at frame {start} "
-    "(--frames A:B chooses other frames)"
+    "silhouettes: frame {first} does not show the whole actor: the work begins at frame {start}{hints}"
 )
+_NO_HINTS = "; facing and initial_pose in take.toml are of frame 0 and do not count"
 
 
 def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:
@@ -36,12 +38,13 @@ def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:
 
 
 def in_view(take: Take, frames: range, segmenter: str) -> range:
-    """These frames from the first one on that shows the whole actor; a warning says which are left out."""
+    """These frames from the first one on that shows the whole actor; a warning says if it is a later one."""
     with progress_bar() as show:
         found = frames_in_view(take, frames, lambda share: show("looking for the actor", share), segmenter)
         show("actor in view", 1.0)
     if found.start > frames.start:
-        warn([_NOT_IN_VIEW.format(first=frames.start, last=found.start - 1, start=found.start)])
+        hints = _NO_HINTS if take.settings.facing is not None or take.settings.initial_pose else ""
+        warn([_NOT_IN_VIEW.format(first=frames.start, start=found.start, hints=hints)])
     return found
 
 

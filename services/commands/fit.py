@@ -77,8 +77,9 @@ def fit(
     own = None if mesh is None else import_mesh(mesh)
     first, checks = init_frames(opened, frames), tuple[Cause, ...]()
     if check:
-        in_view_from = in_view(opened, range(opened.settings.frames), segmenter).start
-        first = init_frames(opened, frames, in_view_from)
+        if refine is None:
+            from_there = in_view(opened, range(opened.settings.frames), segmenter)
+            first = init_frames(opened, frames, from_there.start)
         checks = look_before(opened, first, segmenter)
     if refine is not None:
         count = frames or DEFAULT_REFINE_FRAMES

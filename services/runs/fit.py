@@ -108,9 +108,12 @@ def frames_in_words(found: TakeFit) -> str:
 
 
 def init_frames(take: Take, asked: int | None = None, start: int = 0) -> range:
-    """The frames from `start` on, for a fit: as many as requested, else as in take.toml, else ten."""
-    wanted = asked or take.settings.init_frames or DEFAULT_INIT_FRAMES
-    return range(start, min(start + wanted, take.settings.frames))
+    """The frames for a fit: as many as requested, else as in take.toml, else ten, from `start` on or, near
+    the end of the take, the last ones."""
+    n_frames = take.settings.frames
+    wanted = min(asked or take.settings.init_frames or DEFAULT_INIT_FRAMES, n_frames)
+    first = min(start, n_frames - wanted)
+    return range(first, first + wanted)
 
 
 def fit_take(
@@ -122,40 +125,45 @@ def fit_take(
     fitter: Fitter = fit_actor,
     mesh: OwnMesh | None = None,
     segmenter: str = AUTO,
+    before: int | None = None,
 ) -> TakeFit:
     """Fit the actor of a checked take to some of its frames, starting with the first.
 
     If that fit is poor, the pose of the first frame was probably not found; then as many frames later in the
-    take are tried, and the best fit is returned. engine and search: for the first pose; the parameters of the
-    search's body vary in the fit as well. mesh: fitted in place of the generic body. Cameras with unusable
-    silhouettes in the first frame are left out, with a warning. Raises TakeError if no person or more than
-    one is visible, or too few cameras are left.
+    take, before a given one, are tried, and the best fit is returned. engine and search: for the first pose;
+    the parameters of the search's body vary in the fit as well. mesh: fitted in place of the generic body.
+    Cameras with unusable silhouettes in the first frame are left out, with a warning. Raises TakeError if no
+    person or more than one is visible, or too few cameras are left.
     """
     fit_to = partial(_fit_frames, take, segmenter, engine, search, fitter, mesh)
     first = found = fit_to(frames, show)
-    for start in _later_starts(take, frames) if first.iou < _POOR_IOU else ():
+    is_told = take.settings.actor_height is not None
+    for start in _later_starts(frames, before or take.settings.frames) if first.iou < _POOR_IOU else ():
 
         def show_later(stage: str, share: float, start: int = start) -> None:
             show(f"{stage}, from frame {start}", share)
 
         try:
             later = fit_to(range(start, start + len(frames)), show_later)
+            with kept_warnings():
+                _check_alone(later, is_told=is_told)
         except TakeError as error:
             log.info("frame %d: %s", start, error)
             continue
-        found = max(found, later, key=lambda fit: fit.iou)
+        if len(later.cameras) >= len(first.cameras):
+            found = max(found, later, key=lambda fit: fit.iou)
     with kept_warnings() as warnings:
         if found.iou < first.iou + _CLEARLY_BETTER_IOU:
             found = first
         else:
             log.warning(_FITTED_LATER, frames_in_words(found), frames_in_words(first), first.iou, found.iou)
-        _check_alone(found, is_told=take.settings.actor_height is not None)
+        _check_alone(found, is_told=is_told)
     return replace(found, warnings=[*found.warnings, *warnings])
 
 
-def _later_starts(take: Take, frames: range) -> list[int]:
-    """Where later in a take as many frames as those begin, which do not overlap."""
-    last = take.settings.frames - len(frames)
+def _later_starts(frames: range, end: int) -> list[int]:
+    """Where later, before frame `end`, as many frames as those begin, which do not overlap."""
+    last = end - len(frames)
     starts = sorted({round(frames.start + share * (last - frames.start)) for share in _LATER})
     return [start for start in starts if frames.stop <= start <= last]
 

@@ -98,8 +98,8 @@ def draw(several: Iterable[Mapping[str, Counted]], path: Path) -> None:
         interval = binomtest(kept, all_of_them).proportion_ci(method="wilson")
         axes.plot(((low + high) / 2,) * 2, (interval.low, interval.high), color="tab:blue")
         axes.plot((low, high), (kept / all_of_them,) * 2, color="tab:blue", linewidth=3)
-        axes.annotate(f"{all_of_them:,}", (low, kept / all_of_them), (-2, 2), textcoords="offset points",
-                      ha="right", fontsize=7)  # fmt: skip
+        axes.annotate(f"{all_of_them:,}", ((low + high) / 2, interval.low), (0, -4), rotation=90,
+                      textcoords="offset points", ha="center", va="top", fontsize=7)  # fmt: skip
     axes.set(xlabel="confidence of a limb", ylabel=f"share of limb-frames within {LOST_MM:g} mm")
     axes.legend(loc="upper left", frameon=False)
     figure.savefig(path, dpi=110)

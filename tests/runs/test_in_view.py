@@ -17,29 +17,35 @@ from services.runs.in_view import frames_in_view
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
 
+Change = Callable[[Trimap], Trimap]
+Show = Callable[..., None]
 CHANGED_BEFORE = 11
 
 
 @pytest.fixture(scope="module")
 def take(tmp_path_factory: pytest.TempPathFactory) -> Take:
     folder = tmp_path_factory.mktemp("view") / "walk"
-    write_synthetic_take(folder, n_frames=24, n_cameras=3)
+    write_synthetic_take(folder, n_frames=34, n_cameras=3)
     return open_take(folder)
 
 
 @pytest.fixture
-def changed(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Trimap], Trimap]], None]:
-    """`changed(how)`: the silhouettes of frames before CHANGED_BEFORE are what `how` makes of them."""
+def changed(monkeypatch: pytest.MonkeyPatch) -> Show:
+    """`changed(how)`: the silhouettes of frames before CHANGED_BEFORE are what `how` makes of them, and those
+    of the last camera before another frame."""
 
-    def show(how: Callable[[Trimap], Trimap]) -> None:
+    def show(how: Change, last_before: int = CHANGED_BEFORE) -> None:
         def segmenter(take: Take, cameras: Sequence[Camera], name: str) -> Segmenter:
             real = make_segmenter(take, cameras, name)
             made = real.moments
 
             def moments(start: int, stop: int) -> Iterator[Moment]:
                 for frame, moment in enumerate(made(start, stop), start):
-                    is_changed = frame < CHANGED_BEFORE
-                    yield replace(moment, trimaps=[how(t) if is_changed else t for t in moment.trimaps])
+                    ends = [*[CHANGED_BEFORE] * (len(cameras) - 1), last_before]
+                    trimaps = [
+                        how(t) if frame < end else t for t, end in zip(moment.trimaps, ends, strict=True)
+                    ]
+                    yield replace(moment, trimaps=trimaps)
 
             monkeypatch.setattr(real, "moments", moments)
             return real
@@ -69,23 +75,26 @@ def test_an_actor_who_is_there_is_seen_at_once(take: Take) -> None:
 @pytest.mark.parametrize("how", [_nobody, _cut_off])
 def test_the_work_begins_where_the_whole_actor_is_in_view(
     take: Take,
-    changed: Callable[[Callable[[Trimap], Trimap]], None],
-    how: Callable[[Trimap], Trimap],
+    changed: Show,
+    how: Change,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     changed(how)
-    assert frames_in_view(take, range(24), lambda _: None) == range(20, 24)
+    assert frames_in_view(take, range(34), lambda _: None) == range(20, 34)
     assert frames_in_view(take, range(2, 24), lambda _: None) == range(12, 24)
     assert frames_in_view(take, range(9), lambda _: None) == range(9), "nobody comes"
-    begun = in_view(take, range(24), "auto")
+    begun = in_view(take, range(34), "auto")
     assert init_frames(take, 3, begun.start) == range(20, 23)
-    assert (
-        "frames 0 to 19 do not show the whole actor: the work begins at frame 20" in capsys.readouterr().err
-    )
+    assert "frame 0 does not show the whole actor: the work begins at frame 20" in capsys.readouterr().err
 
 
-def test_what_other_faults_the_first_frame_has_is_left_to_others(
-    take: Take, changed: Callable[[Callable[[Trimap], Trimap]], None]
-) -> None:
+def test_a_frame_that_every_camera_sees_is_preferred(take: Take, changed: Show) -> None:
+    changed(_nobody, last_before=25)
+    assert frames_in_view(take, range(34), lambda _: None) == range(30, 34)
+    changed(_nobody, last_before=34)
+    assert frames_in_view(take, range(34), lambda _: None) == range(20, 34), "it never sees anybody"
+
+
+def test_what_other_faults_the_first_frame_has_is_left_to_others(take: Take, changed: Show) -> None:
     changed(lambda trimap: np.full_like(trimap, ACTOR))
     assert frames_in_view(take, range(24), lambda _: None) == range(24)

@@ -41,7 +41,7 @@ class TakeFile(BaseModel):
     init_frames: int | None = Field(
         default=None,
         ge=1,
-        description="a number of frames at the start, 1 or more, in which the actor stands still; "
+        description="a number of frames where the work begins, 1 or more, in which the actor stands still; "
         "for fitting the actor's shape, tracking does not need it",
     )
     facing: float | None = Field(
