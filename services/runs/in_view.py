@@ -27,7 +27,8 @@ def frames_in_view(
     if len(take.cameras) < 2 or not (is_ready or all(map(take.has_background, take.cameras))):
         return frames
     with kept_warnings():
-        made = make_segmenter(take, take.cameras, segmenter)
+        # Plates are checked by what comes after this, and said then.
+        made = make_segmenter(take, take.cameras, segmenter, later=lambda _: None)
         if _cameras_that_see(take, frames.start, made, of_other_faults=1):
             return frames
         looks = frames[:: max(_EVERY, len(frames) // _MOST_LOOKS)][1:]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,8 +36,8 @@ def changed(monkeypatch: pytest.MonkeyPatch) -> Show:
     of the last camera before another frame."""
 
     def show(how: Change, last_before: int = CHANGED_BEFORE) -> None:
-        def segmenter(take: Take, cameras: Sequence[Camera], name: str) -> Segmenter:
-            real = make_segmenter(take, cameras, name)
+        def segmenter(take: Take, cameras: Sequence[Camera], name: str, **options: Any) -> Segmenter:
+            real = make_segmenter(take, cameras, name, **options)
             made = real.moments
 
             def moments(start: int, stop: int) -> Iterator[Moment]:
