@@ -19,12 +19,15 @@ class Address:
     port: int
 
     @classmethod
-    def of(cls, text: str, option: str, example: str, lowest_port: int = 1) -> Self:
-        """Parse HOST:PORT, or [HOST]:PORT for IPv6.
+    def of(
+        cls, text: str, option: str, expected: str, *, default_host: str | None = None, lowest_port: int = 1
+    ) -> Self:
+        """Parse HOST:PORT, [HOST]:PORT for IPv6, or, where there is a default host, PORT.
 
-        Raises UserError, which names the option and an example, if it is malformed.
+        Raises UserError, which names the option and what was expected, if the text is malformed.
         """
-        parts = _ADDRESS.fullmatch(text)
+        is_port = default_host is not None and text.isdecimal()
+        parts = _ADDRESS.fullmatch(f"{default_host}:{text}" if is_port else text)
         if parts is None or not lowest_port <= int(parts["port"]) <= _LAST_PORT:
-            raise UserError(f"{option} {text}: expected HOST:PORT, such as {example}")
+            raise UserError(f"{option} {text}: expected {expected}")
         return cls(parts["host"].strip("[]"), int(parts["port"]))

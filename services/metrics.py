@@ -23,10 +23,8 @@ def offering(address: str | None) -> Iterator[None]:
     if not address:
         yield
         return
-    try:
-        place = Address.of(f"{LOOPBACK}:{address}" if address.isdecimal() else address, "--metrics", "")
-    except UserError:
-        raise UserError(f"--metrics {address}: expected a port from 1 to 65535, or HOST:PORT") from None
+    expected = "a port from 1 to 65535, or HOST:PORT"
+    place = Address.of(address, "--metrics", expected, default_host=LOOPBACK)
     try:
         server, thread = start_http_server(place.port, place.host)
     except OSError as problem:

@@ -20,7 +20,7 @@ from services.mocap.errors import UserError
     ],
 )
 def test_addresses(text: str, host: str, port: int, is_loopback: bool) -> None:
-    address = Address.of(text, "--bind", "127.0.0.1:8080", lowest_port=0)
+    address = Address.of(text, "--bind", "HOST:PORT", lowest_port=0)
     assert (address.host, address.port, streams.is_loopback(address.host)) == (host, port, is_loopback)
 
 
@@ -41,5 +41,6 @@ def test_addresses(text: str, host: str, port: int, is_loopback: bool) -> None:
     ],
 )
 def test_what_is_no_address_is_said(text: str) -> None:
-    with pytest.raises(UserError, match=r"^--vmc .*: expected HOST:PORT, such as there:80$"):
-        Address.of(text, "--vmc", "there:80")
+    with pytest.raises(UserError) as problem:
+        Address.of(text, "--vmc", "HOST:PORT, such as there:80")
+    assert str(problem.value) == f"--vmc {text}: expected HOST:PORT, such as there:80"

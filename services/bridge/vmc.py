@@ -64,7 +64,7 @@ def open_sender(listener: str) -> Callable[[OscBundle], None]:
 
     Raises UserError if that is no address, and for an unknown host.
     """
-    address = Address.of(listener, "--vmc", DEFAULT_LISTENER)
+    address = Address.of(listener, "--vmc", f"HOST:PORT, such as {DEFAULT_LISTENER}")
     try:
         client = UDPClient(address.host, address.port)
     except OSError as error:

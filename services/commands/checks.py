@@ -25,7 +25,7 @@ CheckOption: TypeAlias = Annotated[
 _NOT_IN_VIEW = (
     "silhouettes: frame {first} does not show the whole actor: the work begins at frame {start}{hints}"
 )
-_NO_HINTS = "; facing and initial_pose in take.toml are of frame 0 and do not count"
+_NO_HINTS = "; facing and initial_pose in take.toml describe frame 0 and are not used"
 
 
 def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:

@@ -9,9 +9,9 @@ from services.segmentation.segmenters import AUTO, READY, chosen_segmenter, make
 from services.segmentation.silhouettes import Segmenter
 
 _EVERY, _MOST_LOOKS = 10, 60
-"""Every n-th frame is looked at, in long takes fewer: to look at a frame a video is opened."""
+"""Every tenth frame is looked at, but at most 60 frames of a take, because each look opens all videos."""
 _FURTHER_LOOKS = 6
-"""So many more frames are looked at for one that every camera sees."""
+"""After a frame that shows the actor, so many more are looked at for one that every camera sees."""
 
 
 def frames_in_view(
@@ -45,7 +45,10 @@ def frames_in_view(
 
 
 def _cameras_that_see(take: Take, frame: int, made: Segmenter, of_other_faults: int = 0) -> int:
-    """How many cameras see the actor in a frame, as a whole in most of them; 0 if that is too few."""
+    """How many cameras see the actor in a frame, most of them as a whole; 0 if those are too few.
+
+    of_other_faults: returned for a frame that cannot be used for another reason.
+    """
     try:
         cameras, _ = seen_of(take, range(frame, frame + 1), made, lambda _: None)
     except NotInViewError:

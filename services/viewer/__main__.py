@@ -62,7 +62,8 @@ def main(
     """Show a take in browsers during tracking."""
 
     def work(stop: StopRequest) -> None:
-        address, given_way = Address.of(bind, "--bind", DEFAULT_ADDRESS, lowest_port=0), False
+        expected = f"HOST:PORT, such as {DEFAULT_ADDRESS}"
+        address, given_way = Address.of(bind, "--bind", expected, lowest_port=0), False
         token, own_keys = token_of(token_file, address), keys_of_client(keys, "viewer")
         folder = None if take is None else open_source(take)
         with (

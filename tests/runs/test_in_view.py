@@ -2,13 +2,17 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, Never
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from services import cli
 from services.commands.checks import in_view
 from services.mocap.camera.camera import Camera
+from services.mocap.errors import UserError
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import ACTOR, BACKGROUND, Trimap
@@ -87,6 +91,32 @@ def test_the_work_begins_where_the_whole_actor_is_in_view(
     begun = in_view(take, range(34), "auto")
     assert init_frames(take, 3, begun.start) == range(20, 23)
     assert "frame 0 does not show the whole actor: the work begins at frame 20" in capsys.readouterr().err
+
+
+def test_the_commands_begin_there_and_fit_the_body_to_the_first_frames_that_they_track(
+    take: Take, changed: Show, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    given: list[tuple[range, object]] = []
+
+    def fit_take(_: Take, frames: range, *__: object, **options: object) -> Never:
+        given.append((frames, options.get("before")))
+        raise UserError("enough")
+
+    monkeypatch.setattr("services.commands.fit.fit_take", fit_take)
+    monkeypatch.setattr("services.commands.fitted_runs.fit_take", fit_take)
+
+    def run(command: str, *options: object) -> tuple[range, object]:
+        arguments = [command, take.folder, "--out", tmp_path / "out", *options]
+        CliRunner().invoke(cli.app, list(map(str, arguments)))
+        return given.pop()
+
+    assert take.settings.init_frames == 10
+    assert run("track", "--frames", "3:9") == (range(3, 13), 9)
+    changed(_nobody)
+    assert run("track") == (range(20, 30), 34)
+    assert run("track", "--no-check") == (range(10), 34)
+    assert run("fit", "--frames", 4) == (range(20, 24), None)
+    assert run("fit", "--frames", 4, "--no-check") == (range(4), None)
 
 
 def test_a_frame_that_every_camera_sees_is_preferred(take: Take, changed: Show) -> None:
