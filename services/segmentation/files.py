@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.atomic import atomic_folder
+from services.mocap.camera.reduction import enlarge_trimap
 from services.mocap.errors import UserError
 from services.mocap.export.fit_sheet import Seen, draw_unsure_sheet
 from services.mocap.search.unsure_shares import REMEDY, UNTOLD, may_be_actor, without_rims
@@ -31,10 +32,10 @@ _MANY_FRAMES = 0.25
 def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmenter: str = AUTO) -> None:
     """Write silhouettes/<camera>/000000.png … of a take with videos into out, all or nothing.
 
-    They belong to the raw pictures, with lens distortion, as in a take folder: 0 is background, 128 unsure,
-    255 actor. Where much of the actor is unsure a warning says so, and unsure.png shows it. advance is called
-    after each picture. Raises UserError if the segmenter is the take's own silhouettes, or out already
-    exists.
+    They belong to the raw pictures, with lens distortion and in the calibration's size, as in a take folder:
+    0 is background, 128 unsure, 255 actor. Where much of the actor is unsure a warning says so, and
+    unsure.png shows it. advance is called after each picture. Raises UserError if the segmenter is the
+    take's own silhouettes, or out already exists.
     """
     if chosen_segmenter(take, segmenter) == READY:
         raise UserError(f"{take.folder}: has silhouettes already: expected videos, or --segmenter")
@@ -42,9 +43,9 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
     with atomic_folder(out) as part:
         made = make_segmenter(take, take.cameras, segmenter)
         for frame, moment in enumerate(made.raw_moments(0, take.settings.frames)):
-            for camera, trimap, of_camera in zip(take.cameras, moment.trimaps, thirds, strict=True):
-                folder = part / layout.SILHOUETTES / camera.name
-                write_picture(layout.silhouette_path(folder, frame), trimap)
+            for in_file, trimap, of_camera in zip(take.calibrated, moment.trimaps, thirds, strict=True):
+                folder = part / layout.SILHOUETTES / in_file.name
+                write_picture(layout.silhouette_path(folder, frame), enlarge_trimap(trimap, in_file))
                 of_camera.add(frame, trimap)
                 advance()
         sentence = thirds_in_words([camera.name for camera in take.cameras], thirds)

@@ -16,8 +16,6 @@ from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes, fit_together, unpack_classes, unpack_trimaps
 from services.mocap.take.folder import Take
-from services.mocap.take.video_index import index_video
-from services.mocap.take.video_picker import PicturePicker
 from services.mocap.types import Bytes, Trimap
 
 Content = TypeVar("Content")
@@ -102,8 +100,8 @@ class TakePictures:
     def _open_video(self, c: int) -> Callable[[int], Bytes]:
         """What reads a camera's undistorted picture (h, w, 3) of a frame and keeps the last one."""
         take, camera = self._take, self._take.cameras[c]
-        picker = PicturePicker(index_video(take.videos[camera.name]), take.colours.get(camera.name))
-        ahead, undistorter = take.settings.offset(camera.name), Undistorter(camera)
+        picker, undistorter = take.picker(camera), Undistorter(camera)
+        ahead = take.settings.offset(camera.name)
         return lru_cache(1)(lambda frame: undistorter.image(picker.read(frame + ahead)))
 
     def segmented(self, camera: int, frame: int) -> Segmented | None:

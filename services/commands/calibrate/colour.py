@@ -21,7 +21,7 @@ def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
     """
     take = open_take(folder)
     fits: dict[str, ColourFit] = {}
-    for camera in take.cameras:
+    for camera in take.calibrated:
         path = layout.colour_picture_path(folder, camera.name)
         if path.exists():
             check_png(path, camera)

@@ -1,5 +1,6 @@
 """`xormocap calibrate TAKE --refine RESULT`: extrinsics refined by the body that was tracked."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,11 @@ def refine_take(folder: Path, result: Path, out: Path | None, console: Console, 
             f"{calibration}: other extrinsics fit frames that were kept out no better: nothing is written; "
             "look for wrong silhouettes (xormocap segment) and cameras out of step (xormocap sync)"
         )
-    write_calibration(out, refined.cameras, take.settings.up)
+    moved = (
+        replace(old, R_camera_world=new.R_camera_world, t_camera_world_m=new.t_camera_world_m)
+        for old, new in zip(take.calibrated, refined.cameras, strict=True)
+    )
+    write_calibration(out, tuple(moved), take.settings.up)
     say(
         f"{out}; to track with it: mv {calibration} {folder / _REPLACED} && mv {out} {calibration} && "
         f"xormocap track {folder} --out {result}",

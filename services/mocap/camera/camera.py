@@ -56,3 +56,18 @@ class Camera:
     def undistorted(self) -> "Camera":
         """The pinhole of this camera's undistorted pictures."""
         return replace(self, distortion=np.zeros(4), fisheye=False)
+
+    def resized(self, width_px: int, height_px: int) -> "Camera":
+        """The camera of the same pictures, resized to this width and height."""
+        across, down = width_px / self.width_px, height_px / self.height_px
+        # the picture's border, half a pixel before the first pixel's centre, stays where it is
+        to_new = np.array([[across, 0.0, (across - 1) / 2], [0.0, down, (down - 1) / 2], [0.0, 0.0, 1.0]])
+        return replace(self, width_px=width_px, height_px=height_px, K=to_new @ self.K)
+
+    def reduced(self, longest_side_px: int) -> "Camera":
+        """The camera of pictures reduced until their longer side has that many pixels; itself if it has no
+        more."""
+        share = longest_side_px / max(self.width_px, self.height_px)
+        if share >= 1:
+            return self
+        return self.resized(max(1, round(share * self.width_px)), max(1, round(share * self.height_px)))

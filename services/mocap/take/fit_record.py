@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
+import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -14,7 +15,7 @@ from services.mocap.body.actor import Actor
 from services.mocap.body.colours import MOST_CLASSES
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
-from services.mocap.take.pictures import check_png, read_silhouette
+from services.mocap.take.pictures import read_silhouette
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import Bytes, Floats, Mask
@@ -102,8 +103,10 @@ def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
     for camera in cameras:
         path = folder / OCCLUDED / f"{camera.name}.png"
         if path.exists():
-            check_png(path, camera)
-            occluded[camera.name] = read_silhouette(path)
+            mask = read_silhouette(path).view(np.uint8)
+            # of another size if the take's longest_side was another one at the time of the fit
+            resized = cv2.resize(mask, (camera.width_px, camera.height_px), interpolation=cv2.INTER_NEAREST)
+            occluded[camera.name] = resized > 0
     return occluded
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -9,6 +10,7 @@ from services.mocap.camera.calibration import Up, read_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import ColourCorrection, read_colours
 from services.mocap.camera.formats import read_any
+from services.mocap.camera.reduction import reduce_picture
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.pictures import TrimapReader, check_png, read_picture, read_trimap
@@ -18,6 +20,7 @@ from services.mocap.take.tables import read_joints_csv
 from services.mocap.take.video import VideoReader
 from services.mocap.take.video_checks import check_decodes, check_plate, check_video, cut_remark, rate_of
 from services.mocap.take.video_index import VideoIndex, index_video
+from services.mocap.take.video_picker import PicturePicker
 from services.mocap.types import Bytes
 
 Source = Literal["videos", "silhouettes"]
@@ -29,8 +32,8 @@ class Take:
 
     folder: Path
     settings: TakeSettings
-    cameras: tuple[Camera, ...]
-    """As calibrated, with lens distortion, in the internal z-up world."""
+    calibrated: tuple[Camera, ...]
+    """The cameras of the files, with lens distortion, in the internal z-up world."""
     source: Source
     """The source of the silhouettes: videos and clean plates, or the take's own silhouettes."""
 
@@ -43,17 +46,29 @@ class Take:
     remarks: tuple[str, ...] = ()
     """Sentences about the recording that its user should know."""
 
+    @cached_property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras of the pictures and silhouettes that are worked with, which are reduced where they are
+        larger than the settings' longest_side."""
+        return tuple(camera.reduced(self.settings.longest_side) for camera in self.calibrated)
+
     def video(
         self, camera: Camera, start: int = 0, stop: int | None = None, index: VideoIndex | None = None
     ) -> VideoReader:
         """A camera's pictures of frames `start` up to but not including `stop` (default: the take's end).
 
-        They are raw except for colour correction. index: of the camera's video, if it is known already.
+        They are raw except for colour correction, and reduced to the camera's size. index: of the camera's
+        video, if it is known already.
         """
         video = self.videos[camera.name] if index is None else index
         ahead, colour = self.settings.offset(camera.name), self.colours.get(camera.name)
         end = self.settings.frames if stop is None else stop
-        return VideoReader(video, start + ahead, end + ahead, colour)
+        return VideoReader(video, start + ahead, end + ahead, colour, (camera.width_px, camera.height_px))
+
+    def picker(self, camera: Camera) -> PicturePicker:
+        """Reads single pictures of a camera's video, like `video`'s; frames are numbered as in the file."""
+        index, colour = index_video(self.videos[camera.name]), self.colours.get(camera.name)
+        return PicturePicker(index, colour, (camera.width_px, camera.height_px))
 
     def has_video(self, camera: Camera) -> bool:
         """False for a camera with silhouettes only."""
@@ -69,13 +84,13 @@ class Take:
 
     def trimaps(self, camera: Camera, start: int = 0, stop: int | None = None) -> TrimapReader:
         """A camera's raw silhouettes of frames `start` up to but not including `stop` (default: the take's
-        end)."""
+        end), reduced to the camera's size."""
         folder, ahead = (
             layout.silhouette_folder(self.folder, camera.name),
             self.settings.offset(camera.name),
         )
         end = self.settings.frames if stop is None else stop
-        return TrimapReader(folder, start + ahead, end + ahead, self.settings.unsure)
+        return TrimapReader(folder, start + ahead, end + ahead, self.settings.unsure, camera)
 
     def frame_range(self, text: str) -> range:
         """Parse A:B, each optional, as frames A up to but not including B; raises UserError."""
@@ -123,10 +138,11 @@ class Take:
         if path is None:
             raise TakeError(f"{self.folder}: has no picture of the empty stage of {camera.name}")
         if path.suffix == ".png":
-            picture = read_picture(path)
+            picture = reduce_picture(read_picture(path), camera)
             yield picture if colour is None else colour.apply(picture)
             return
-        with VideoReader(path, colour=colour) as reader:
+        size_px = (camera.width_px, camera.height_px)
+        with VideoReader(path, colour=colour, size_px=size_px) as reader:
             yield from reader
 
 

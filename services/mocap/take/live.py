@@ -97,10 +97,11 @@ def open_live(path: Path) -> LiveTake:
             units="m",
             up=settings.up,
             frames=OPEN_END,
+            longest_side=settings.longest_side,
             actor_height=settings.actor_height,
             facing=settings.facing,
         ),
-        cameras=cameras,
+        calibrated=cameras,
         source="videos",
         colours=read_colours(colour_path, [camera.name for camera in cameras]) if colour_path else {},
         colour_path=colour_path,
@@ -146,7 +147,7 @@ def _source(path: Path, name: str, table: dict[str, Any]) -> LiveCamera:
 def _check_plates(path: Path, take: LiveTake) -> None:
     if take.background_folder is None:
         return
-    for camera in take.cameras:
+    for camera in take.calibrated:
         plate = take.plate(camera)
         if plate is None:
             raise TakeError(

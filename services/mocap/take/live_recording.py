@@ -62,7 +62,7 @@ def finish_recording(take: LiveTake, folder: Path) -> list[str]:
         )
     settings = take.settings.model_copy(update={"name": folder.name, "frames": frames, "facing": None})
     write_settings(part / layout.SETTINGS, TakeSettings.model_validate(settings.model_dump()))
-    write_calibration(part / layout.CALIBRATION, take.cameras, take.settings.up)
+    write_calibration(part / layout.CALIBRATION, take.calibrated, take.settings.up)
     if take.background_folder is not None:
         plates = part / layout.BACKGROUND
         plates.mkdir(exist_ok=True)

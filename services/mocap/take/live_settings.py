@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from services.mocap.camera.calibration import Up
+from services.mocap.take.settings import LONGEST_SIDE, LongestSide
 
 _URL = re.compile(r"(?:rtsps?|https?)://\S+")
 _RTSP = ("rtsp://", "rtsps://")
@@ -74,6 +75,7 @@ class LiveSettings(BaseModel):
     up: Up = Field(description='"y" or "z", the axis of the calibrated world that points up')
     calibration: str = Field(description="the path of a calibration.toml")
     cameras: _Cameras = Field(description="a table [cameras.NAME] with its source for every camera")
+    longest_side: LongestSide = LONGEST_SIDE
     background: str | None = Field(
         default=None,
         description="the path of a folder with the empty stage, NAME.png or NAME.mp4 of every camera",

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
+from services.mocap.camera.reduction import reduce_trimap
 from services.mocap.errors import TakeError
 from services.mocap.take.layout import CALIBRATION, silhouette_path
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
@@ -107,10 +108,17 @@ def read_picture(path: Path) -> Bytes:
 class TrimapReader:
     """One camera's trimaps (H, W), from frame `start` up to but not including `stop`, read one at a time."""
 
-    def __init__(self, folder: Path, start: int, stop: int, unsure: Sequence[int] = (UNSURE, UNSURE)) -> None:
-        """unsure: the lowest and the highest unsure grey, or empty."""
+    def __init__(
+        self,
+        folder: Path,
+        start: int,
+        stop: int,
+        unsure: Sequence[int] = (UNSURE, UNSURE),
+        camera: Camera | None = None,
+    ) -> None:
+        """unsure: the lowest and the highest unsure grey, or empty. camera: they are reduced to its size."""
         self.folder, self.start, self.stop = folder, start, stop
-        self._unsure = unsure
+        self._unsure, self._camera = unsure, camera
 
     def __len__(self) -> int:
         return self.stop - self.start
@@ -120,7 +128,8 @@ class TrimapReader:
 
     def read(self, frame: int) -> Trimap:
         """One frame's trimap; raises TakeError when it is missing or cannot be decoded."""
-        return read_trimap(silhouette_path(self.folder, frame), self._unsure)
+        trimap = read_trimap(silhouette_path(self.folder, frame), self._unsure)
+        return trimap if self._camera is None else reduce_trimap(trimap, self._camera)
 
 
 def _bytes(path: Path) -> bytes:

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, TypeAlias
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -12,6 +12,17 @@ from services.mocap.body.skeleton import DOFS
 from services.mocap.camera.calibration import Up
 from services.mocap.errors import TakeError, load_toml, nearest, validated
 from services.mocap.types import UNSURE, Floats
+
+LongestSide: TypeAlias = Annotated[
+    int,
+    Field(
+        ge=64,
+        le=16384,
+        description="a number of pixels, 64 or more: pictures whose longer side has more are reduced to it",
+    ),
+]
+LONGEST_SIDE = 1280
+"""Larger pictures hardly make poses more exact, and the time grows with the number of pixels."""
 
 _DOF_OF_COLUMN = {dof.column: (i, dof) for i, dof in enumerate(DOFS)}
 
@@ -35,6 +46,7 @@ class TakeFile(BaseModel):
         description="a table of video files by camera, as paths from the take folder, such as "
         'cam01 = "videos/left.mov"',
     )
+    longest_side: LongestSide = LONGEST_SIDE
     actor_height: float | None = Field(
         default=None, ge=0.5, le=2.5, description="the actor's height in metres, 0.5 to 2.5"
     )
@@ -157,6 +169,8 @@ def write_settings(path: Path, settings: TakeSettings) -> None:
     fields = settings.model_dump(exclude_none=True)
     if settings.unsure == [UNSURE, UNSURE]:
         del fields["unsure"]
+    if settings.longest_side == LONGEST_SIDE:
+        del fields["longest_side"]
     for table in ("videos", "offsets", "initial_pose"):
         if not fields[table]:
             del fields[table]

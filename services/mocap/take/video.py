@@ -38,10 +38,13 @@ class VideoReader:
         start: int = 0,
         stop: int | None = None,
         colour: ColourCorrection | None = None,
+        size_px: tuple[int, int] | None = None,
     ) -> None:
-        """colour: the correction of the pictures, if any."""
+        """colour: the correction of the pictures, if any. size_px: width and height to which they are
+        reduced."""
         self.index = index_video(video) if isinstance(video, Path) else video
         self.start, self.colour = start, colour
+        self._size_px = self.index.reduction_to(size_px)
         self.stop = self.index.n_frames if stop is None else stop
         if not 0 <= self.start <= self.stop <= self.index.n_frames:
             raise TakeError(
@@ -64,7 +67,7 @@ class VideoReader:
 
     def __iter__(self) -> Iterator[Bytes]:
         converter = VideoReformatter()
-        pictures = (bgr_picture(frame, converter) for frame in self._frames())
+        pictures = (bgr_picture(frame, converter, self._size_px) for frame in self._frames())
         return pictures if self.colour is None else map(self.colour.apply, pictures)
 
     def close(self) -> None:

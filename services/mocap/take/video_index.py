@@ -52,6 +52,10 @@ class VideoIndex:
         """Number of frames in the file."""
         return len(self.stamps)
 
+    def reduction_to(self, size_px: tuple[int, int] | None) -> tuple[int, int] | None:
+        """The width and height to which pictures must be reduced to have this size; None if they have it."""
+        return None if size_px == (self.width_px, self.height_px) else size_px
+
     def keyframe_before(self, frame: int) -> tuple[int, int]:
         """The last keyframe (its number, its decoding stamp) at or before a frame."""
         return max((key for key in self.keyframes if key[0] <= frame), default=(0, 0))
@@ -168,11 +172,21 @@ def _first_picture(path: Path) -> tuple[Bytes, int]:
         return bgr_picture(frame, VideoReformatter()), _quarter_turns(frame)
 
 
-def bgr_picture(frame: VideoFrame, converter: VideoReformatter) -> Bytes:
+def bgr_picture(
+    frame: VideoFrame, converter: VideoReformatter, size_px: tuple[int, int] | None = None
+) -> Bytes:
     """A decoded frame as BGR (H, W, 3), rotated by the file's metadata: cameras held upright store rotated
-    pictures."""
-    bgr: Bytes = np.asarray(converter.reformat(frame, format="bgr24", threads=1).to_ndarray(), np.uint8)
+    pictures.
+
+    size_px: width and height to which the upright picture is reduced, by the mean over areas; None: not.
+    """
     quarter_turns = _quarter_turns(frame)
+    if size_px is None:
+        converted = converter.reformat(frame, format="bgr24", threads=1)
+    else:
+        width, height = size_px[::-1] if quarter_turns % 2 else size_px
+        converted = converter.reformat(frame, width, height, "bgr24", interpolation="AREA", threads=1)
+    bgr: Bytes = np.asarray(converted.to_ndarray(), np.uint8)
     return np.ascontiguousarray(np.rot90(bgr, quarter_turns)) if quarter_turns else bgr
 
 

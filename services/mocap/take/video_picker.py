@@ -20,9 +20,15 @@ from services.mocap.types import Bytes
 class PicturePicker:
     """Reads single pictures; for one thread at a time. It keeps the file open."""
 
-    def __init__(self, index: VideoIndex, colour: ColourCorrection | None = None) -> None:
-        """colour: the correction of the pictures, if any. Raises TakeError where it cannot be opened."""
-        self._index, self._colour = index, colour
+    def __init__(
+        self,
+        index: VideoIndex,
+        colour: ColourCorrection | None = None,
+        size_px: tuple[int, int] | None = None,
+    ) -> None:
+        """colour: the correction of the pictures, if any. size_px: width and height to which they are
+        reduced. Raises TakeError where the file cannot be opened."""
+        self._index, self._colour, self._size_px = index, colour, index.reduction_to(size_px)
         self._container = opened_video(index.path)
         self._stream = video_stream(self._container, index.path)
         self._converter = VideoReformatter()
@@ -38,7 +44,7 @@ class PicturePicker:
             frame -= 1
         keyframe, decoding_stamp = self._index.keyframe_before(frame)
         if self._index.is_counted:
-            with VideoReader(self._index, frame, frame + 1, self._colour) as reader:
+            with VideoReader(self._index, frame, frame + 1, self._colour, self._size_px) as reader:
                 return next(iter(reader))
         if self._next is not None and keyframe <= self._next <= frame:
             found = self._find(frame)
@@ -47,7 +53,7 @@ class PicturePicker:
         if found is None:
             raise TakeError(f"{self._index.path}: frame {frame} cannot be decoded: {COPY_AGAIN}")
         self._next = frame + 1
-        picture = bgr_picture(found, self._converter)
+        picture = bgr_picture(found, self._converter, self._size_px)
         return picture if self._colour is None else self._colour.apply(picture)
 
     def _find(self, frame: int, begin_at: int | None = None) -> VideoFrame | None:

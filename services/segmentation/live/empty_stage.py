@@ -42,7 +42,7 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
         for feed in feeds.values():
             feed.join()
     for c, pictures in seen.items():
-        camera = take.cameras[c]
+        camera = take.calibrated[c]
         if len(pictures) < _FEWEST:
             raise UserError(
                 f"{camera.name}: delivered no pictures of the empty stage: is its source available?"
@@ -73,7 +73,7 @@ def _feed(take: LiveTake, c: int, pictures: list[Bytes]) -> Feed:
             last_s = taken_s
             pictures.append(image)
 
-    camera = take.cameras[c]
+    camera = take.calibrated[c]
     return Feed(camera, lambda _: StreamSource(take.sources[c], camera, take.live.fps), keep)
 
 

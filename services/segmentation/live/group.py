@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from services.mocap.camera.camera import Camera
+from services.mocap.camera.reduction import reduce_picture
 from services.mocap.errors import UserError
 from services.mocap.take.live import LiveTake
 from services.mocap.types import Bytes
@@ -103,10 +104,10 @@ class Group:
         self._files_begin_s = 0.0
         self.shots = Shots(len(cameras), clock, live.reach_s, live.period_s, live.grace_s)
         self._recordings = [
-            CameraRecording(record, take.cameras[c], live.fps) for c in cameras if record is not None
+            CameraRecording(record, take.calibrated[c], live.fps) for c in cameras if record is not None
         ]
         self._feeds = [
-            Feed(take.cameras[c], partial(self._open, k, c), partial(self._give, k))
+            Feed(take.calibrated[c], partial(self._open, k, c), partial(self._give, k, take.cameras[c]))
             for k, c in enumerate(cameras)
         ]
 
@@ -114,15 +115,17 @@ class Group:
         """A camera's source; files start with shot 0, so that each picture has its number."""
         source = self._take.sources[c]
         if not source.is_file:
-            return StreamSource(source, self._take.cameras[c], self._take.live.fps)
+            return StreamSource(source, self._take.calibrated[c], self._take.live.fps)
         while not self._begun.wait(0.1):
             if stopped.is_set():
                 return None
         passed_over = partial(self.shots.pass_over, k)
         return FileSource(Path(str(source.source)), self._files_begin_s, stopped, passed_over)
 
-    def _give(self, k: int, image: Bytes, taken_s: float) -> None:
-        shot = self.shots.put(k, image, taken_s)
+    def _give(self, k: int, camera: Camera, image: Bytes, taken_s: float) -> None:
+        """Take the k-th camera's picture: it is recorded as it is, and reduced to the camera's size for
+        silhouettes."""
+        shot = self.shots.put(k, reduce_picture(image, camera), taken_s)
         if shot is not None and self._recordings:
             self._recordings[k].add(shot, image, taken_s - self._files_begin_s)
 

@@ -173,7 +173,7 @@ def serve_live(
     """
     about(take=take.settings.name)
     for c in cameras:
-        check_file(take.sources[c], take.cameras[c])
+        check_file(take.sources[c], take.calibrated[c])
     with ExitStack() as closing:
         if take.background_folder is None:
             kept = record or Path(

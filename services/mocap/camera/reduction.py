@@ -1,0 +1,43 @@
+"""Reduces pictures and silhouettes to the size of a camera that was reduced (Camera.reduced)."""
+
+import cv2
+import numpy as np
+
+from services.mocap.camera.camera import Camera
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
+
+
+def reduce_picture(picture: Bytes, camera: Camera) -> Bytes:
+    """A picture (H, W, 3) in the camera's size, by the mean over areas; itself if it has that size."""
+    return picture if _has_size(picture, camera) else _resized(picture, camera)
+
+
+def reduce_trimap(trimap: Trimap, camera: Camera) -> Trimap:
+    """A trimap (H, W) in the camera's size; itself if it has that size.
+
+    A pixel is the actor if most of its area is, and certain if that holds whatever the unsure pixels are.
+    """
+    if _has_size(trimap, camera):
+        return trimap
+    actor, may_be_actor = (_most_of(mask, camera) for mask in (trimap == ACTOR, trimap != BACKGROUND))
+    reduced: Trimap = np.where(may_be_actor, np.uint8(UNSURE), np.uint8(BACKGROUND))
+    reduced[actor] = ACTOR
+    return reduced
+
+
+def enlarge_trimap(trimap: Trimap, camera: Camera) -> Trimap:
+    """A reduced trimap (h, w) in the size of the camera's pictures; itself if it has that size."""
+    return trimap if _has_size(trimap, camera) else _resized(trimap, camera, cv2.INTER_NEAREST)
+
+
+def _most_of(mask: Mask, camera: Camera) -> Mask:
+    return np.asarray(_resized(mask.view(np.uint8) * np.uint8(255), camera) > 127)
+
+
+def _resized(picture: Bytes, camera: Camera, interpolation: int = cv2.INTER_AREA) -> Bytes:
+    size_px = (camera.width_px, camera.height_px)
+    return np.asarray(cv2.resize(picture, size_px, interpolation=interpolation), np.uint8)
+
+
+def _has_size(picture: Bytes, camera: Camera) -> bool:
+    return picture.shape[:2] == (camera.height_px, camera.width_px)
