@@ -15,11 +15,11 @@ def reduce_picture(picture: Bytes, camera: Camera) -> Bytes:
 def reduce_trimap(trimap: Trimap, camera: Camera) -> Trimap:
     """A trimap (H, W) in the camera's size; itself if it has that size.
 
-    A pixel is the actor if most of its area is, and certain if that holds whatever the unsure pixels are.
+    A pixel is the actor if half of its area is, and certain if that holds whatever the unsure pixels are.
     """
     if _has_size(trimap, camera):
         return trimap
-    actor, may_be_actor = (_most_of(mask, camera) for mask in (trimap == ACTOR, trimap != BACKGROUND))
+    actor, may_be_actor = (_half_of(mask, camera) for mask in (trimap == ACTOR, trimap != BACKGROUND))
     reduced: Trimap = np.where(may_be_actor, np.uint8(UNSURE), np.uint8(BACKGROUND))
     reduced[actor] = ACTOR
     return reduced
@@ -30,7 +30,7 @@ def enlarge_trimap(trimap: Trimap, camera: Camera) -> Trimap:
     return trimap if _has_size(trimap, camera) else _resized(trimap, camera, cv2.INTER_NEAREST)
 
 
-def _most_of(mask: Mask, camera: Camera) -> Mask:
+def _half_of(mask: Mask, camera: Camera) -> Mask:
     return np.asarray(_resized(mask.view(np.uint8) * np.uint8(255), camera) > 127)
 
 

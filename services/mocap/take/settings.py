@@ -16,9 +16,9 @@ from services.mocap.types import UNSURE, Floats
 LongestSide: TypeAlias = Annotated[
     int,
     Field(
-        ge=64,
+        ge=32,
         le=16384,
-        description="a number of pixels, 64 or more: pictures whose longer side has more are reduced to it",
+        description="the number of pixels, 32 or more, to which the longer side of larger pictures is reduced",
     ),
 ]
 LONGEST_SIDE = 1280

@@ -36,6 +36,12 @@ def test_missing_settings_and_calibration(small_take: SmallTake, refusal: Refusa
             "take.toml: init_frame: unknown field: did you mean init_frames",
         ),
         (
+            "units = ",
+            "longest_side = 10\nunits = ",
+            "take.toml: longest_side: expected the number of pixels, 32 or more, to which the longer side of "
+            "larger pictures is reduced, found 10",
+        ),
+        (
             "fps = 10.0",
             'fps = "ten"',
             "take.toml: fps: expected a positive number of frames per second, found 'ten'",

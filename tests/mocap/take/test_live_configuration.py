@@ -158,7 +158,8 @@ def _record(part: Path, take: Take, lengths: tuple[int, ...]) -> None:
 
 
 def test_a_recording_is_a_take(folder: Path, tmp_path: Path) -> None:
-    take = open_live(_write(folder, _HEAD + 'background = "background"\nfacing = 90.0\n' + _CAMERAS))
+    smaller = 'background = "background"\nfacing = 90.0\nlongest_side = 32\n'
+    take = open_live(_write(folder, _HEAD + smaller + _CAMERAS))
     out = tmp_path / "recorded"
     with recording_to(out):
         _record(part_of(out), open_take(folder), (3, 3, 3))
@@ -166,6 +167,8 @@ def test_a_recording_is_a_take(folder: Path, tmp_path: Path) -> None:
     recorded = open_take(out)
     assert (recorded.settings.name, recorded.settings.frames) == ("recorded", 3)
     assert recorded.settings.facing is None
+    assert {(camera.width_px, camera.height_px) for camera in recorded.calibrated} == {(64, 48)}
+    assert {(camera.width_px, camera.height_px) for camera in recorded.cameras} == {(32, 24)}
     assert all(recorded.has_background(camera) for camera in recorded.cameras)
     assert not part_of(out).exists()
     with pytest.raises(UserError, match="already exists"), recording_to(out):

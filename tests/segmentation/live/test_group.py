@@ -1,17 +1,22 @@
 """A group's silhouettes of a shot are those that the same pictures get in a recorded take."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from proto.messages import LivePace
 from services.mocap.camera.colour import ColourCorrection, write_colours
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.take.folder import Take, open_take
+from services.mocap.take.layout import video_path
 from services.mocap.take.live import open_live
+from services.mocap.take.video import VideoReader
+from services.segmentation.live.group import Group
 from services.segmentation.live.serving import Silhouetter
-from services.segmentation.live.shots import Shot, Taken
+from services.segmentation.live.shots import CoordinatorClock, Shot, Taken
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import packed
 
@@ -83,3 +88,32 @@ def test_a_camera_without_a_picture_has_no_silhouette(folder: Path) -> None:
     there, planes = silhouetter.planes(Shot(0, 0.0, {c: shot.taken[c] for c in (0, 2)}))
     assert there == [0, 2]
     assert unpack(planes.silhouettes, 2).any(axis=(1, 2)).all()
+
+
+def test_pictures_are_recorded_as_they_are_and_reduced_for_silhouettes(folder: Path, tmp_path: Path) -> None:
+    settings = folder / "live.toml"
+    settings.write_text(f"longest_side = 32\n{settings.read_text()}")
+    take, now_s = open_live(settings), time.monotonic()
+    clock = CoordinatorClock("here")
+    clock.hear(
+        LivePace(
+            take="stage", run="a" * 32, asked_s=now_s, answered_s=now_s, clock="here", shot=0,
+            shot_s=now_s + 0.3, period_s=0.1,
+        ),
+        now_s,
+    )  # fmt: skip
+    group = Group(take, range(3), clock, tmp_path)
+    try:
+        group.begin()
+        shot = group.shots.take(10.0)
+        deadline_s = time.monotonic() + 10.0
+        while not group.has_ended and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+    finally:
+        group.stop(4)
+    group.check()
+    assert shot is not None
+    assert {taken.image.shape for taken in shot.taken.values()} == {(24, 32, 3)}
+    for camera in take.cameras:
+        with VideoReader(video_path(tmp_path, camera.name)) as video:
+            assert [picture.shape for picture in video] == [(48, 64, 3)] * 4
