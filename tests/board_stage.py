@@ -132,7 +132,7 @@ def sightings_of(
         still = look(camera, scene.board, FLAT, noise_px / np.sqrt(at_origin), rng)
         if still is not None:
             by_frame[ORIGIN_FRAME] = still
-        size_px = camera.width_px, camera.height_px
+        size_px = camera.size_px
         seen.append(Sightings(camera.name, size_px, by_frame, len(scene.moments)))
     return seen
 
@@ -140,7 +140,7 @@ def sightings_of(
 @cache
 def _rays(camera: Camera) -> Floats:
     """(H * W, 3) rays through a camera's pixels, at depth 1."""
-    y, x = np.indices((camera.height_px, camera.width_px), np.float64)
+    y, x = np.indices(camera.shape_px, np.float64)
     raw_px = np.stack([x.ravel(), y.ravel()], axis=1)
     undistort = cv2.fisheye.undistortPoints if camera.fisheye else cv2.undistortPoints
     rays = undistort(raw_px[:, None], camera.K, camera.distortion).reshape(-1, 2)
@@ -151,7 +151,7 @@ def picture(
     camera: Camera, board: Board, pose: RigidTransform | None, rng: np.random.Generator, noise: float = 2.0
 ) -> Bytes:
     """A grey picture (H, W, 3) of the board before a dim background, with lens distortion, soft and noisy."""
-    level = np.full((camera.height_px, camera.width_px), 90.0, np.float32)
+    level = np.full(camera.shape_px, 90.0, np.float32)
     if pose is not None and sees(camera, board, pose, 0.1):
         T_camera_board = RigidTransform(camera.R_camera_world, camera.t_camera_world_m) @ pose
         to_board = np.linalg.inv(np.column_stack([T_camera_board.R[:, :2], T_camera_board.t_m]))
@@ -186,7 +186,7 @@ def write_clips(folder: Path, scene: Scene, rng: np.random.Generator, still: int
     """<camera>.mp4, all equally long, and origin/<camera>.mp4 of all cameras."""
     (folder / "origin").mkdir(parents=True)
     for c, camera in enumerate(scene.cameras):
-        size = camera.width_px, camera.height_px
+        size = camera.size_px
         with video_writer(folder / f"{camera.name}.mp4", *size, 10.0, CAMERA_CRF) as video:
             for pose, to in scene.moments:
                 video.write(picture(camera, scene.board, pose if c in to else None, rng))

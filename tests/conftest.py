@@ -97,7 +97,7 @@ def _ring_camera(name: str, angle_rad: float) -> Camera:
 
 def _ball_silhouette(camera: Camera, frame: int) -> Mask:
     centre_world_m: Floats = np.array([0.0, 0.1 * frame - 0.2, 1.0])
-    disc = np.zeros((camera.height_px, camera.width_px), np.uint8)
+    disc = np.zeros(camera.shape_px, np.uint8)
     distance_m = np.linalg.norm(centre_world_m - camera.centre_world_m)
     x, y = np.rint(camera.project_px(centre_world_m)).astype(int)
     cv2.circle(disc, (int(x), int(y)), round(camera.K[0, 0] * _BALL_RADIUS_M / distance_m), 1, cv2.FILLED)

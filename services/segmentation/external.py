@@ -108,7 +108,7 @@ class PluginMatte:
 
     def __init__(self, name: str, camera: Camera, plate_bgr: Bytes | None, group: str) -> None:
         """Raises UserError if the entry point cannot be loaded or called."""
-        self._name, self._shape = name, (camera.height_px, camera.width_px)
+        self._name, self._shape = name, camera.shape_px
         (entry,) = list(entry_points(group=group, name=name))[:1]
         try:
             self._plugin = entry.load()(camera, plate_bgr)

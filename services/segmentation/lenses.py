@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.camera.camera import Camera
+from services.mocap.camera.undistort import undistorted_px, undistortion_maps
 from services.mocap.types import Floats, Ints
 
 Pixels: TypeAlias = NDArray[np.int16]
@@ -32,15 +33,12 @@ class Lenses:
     @classmethod
     def of(cls, cameras: Sequence[Camera]) -> "Lenses":
         """The lenses of some cameras, whose pictures may be of different sizes."""
-        sizes_px = np.array([(camera.width_px, camera.height_px) for camera in cameras], np.int32)
+        sizes_px = np.array([camera.size_px for camera in cameras], np.int32)
         width, height = sizes_px.max(axis=0)
         raw_px = np.full((len(cameras), height, width, 2), NOWHERE, np.int16)
         for c, camera in enumerate(cameras):
-            make = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
-            size_px = (camera.width_px, camera.height_px)
-            maps = make(camera.K, camera.distortion, np.eye(3), camera.K, size_px, cv2.CV_32FC1)
-            raw = np.rint(np.stack(maps, axis=-1))
-            raw[~np.all((raw >= 0) & (raw < size_px), axis=-1)] = NOWHERE
+            raw = np.rint(np.stack(undistortion_maps(camera, cv2.CV_32FC1), axis=-1))
+            raw[~np.all((raw >= 0) & (raw < camera.size_px), axis=-1)] = NOWHERE
             raw_px[c, : camera.height_px, : camera.width_px] = raw
         return cls(np.array([camera.P_px_world for camera in cameras]), sizes_px, raw_px)
 
@@ -48,11 +46,10 @@ class Lenses:
 def rays_of(camera: Camera) -> tuple[Floats, Floats]:
     """A camera's centre (3,) in the world, and the rays (H, W, 3) of its raw pixels."""
     columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
-    raw = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
-    undo = cv2.fisheye.undistortPoints if camera.fisheye else cv2.undistortPoints
-    flat = np.asarray(undo(raw, camera.K, camera.distortion), np.float64).reshape(-1, 2)
+    raw = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
+    flat = undistorted_px(camera, raw, np.eye(3))
     rays = np.column_stack([flat, np.ones(len(flat))]) @ camera.R_camera_world
-    return camera.centre_world_m, rays.reshape(camera.height_px, camera.width_px, 3)
+    return camera.centre_world_m, rays.reshape(*camera.shape_px, 3)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

@@ -84,7 +84,7 @@ class VoxelGrid:
         for c, camera in enumerate(cameras):
             depth_m = max(float(np.linalg.norm(camera.centre_world_m - middle)), _COARSE_M)
             reach_px[c] = 1 + 2 * round(_COARSE_M * camera.K[0, 0] / depth_m / 2)
-            drawn = np.zeros((camera.height_px, camera.width_px), np.uint8)
+            drawn = np.zeros(camera.shape_px, np.uint8)
             on = pixels[c][pixels[c][:, 0] >= 0]
             drawn[on[:, 1], on[:, 0]] = 1
             closing = _square(2 * int(reach_px[c]) + 1)

@@ -201,7 +201,7 @@ def test_all_files_are_written_and_belong_together(folder: Path, found: TakeFit,
 def test_what_hides_the_actor_is_kept_with_the_fit(folder: Path, found: TakeFit, tmp_path: Path) -> None:
     take = open_take(folder)
     camera = take.cameras[1]
-    mask: Mask = np.zeros((camera.height_px, camera.width_px), bool)
+    mask: Mask = np.zeros(camera.shape_px, bool)
     mask[100:140, 30:90] = True
     write_fit(take, replace(found, occluded={camera.name: mask}), tmp_path)
     occluded = read_occluded(tmp_path, take.cameras)
@@ -259,7 +259,7 @@ def masks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Mask]:
 def test_nobody_in_the_picture_is_said(folder: Path, masks: dict[str, Mask]) -> None:
     take = open_take(folder)
     for camera in take.cameras:
-        masks[camera.name] = np.zeros((camera.height_px, camera.width_px), bool)
+        masks[camera.name] = np.zeros(camera.shape_px, bool)
     with pytest.raises(TakeError, match="nobody"):
         fit_take(take, range(3), CPU, QUICK, lambda *_: None, stretch)
 
@@ -270,7 +270,7 @@ def test_a_camera_that_makes_no_sense_is_left_out(
 ) -> None:
     take = open_take(folder)
     odd = take.cameras[1]
-    masks[odd.name] = np.full((odd.height_px, odd.width_px), value)
+    masks[odd.name] = np.full(odd.shape_px, value)
     found = fit_take(take, range(3), CPU, QUICK, lambda *_: None, stretch)
     assert [camera.name for camera in found.cameras] == ["cam01", "cam03"]
     assert any(odd.name in sentence for sentence in found.warnings)

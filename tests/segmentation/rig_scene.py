@@ -162,7 +162,7 @@ def render(camera: Camera, blobs: Sequence[Blob] = (), floor_m: float = 0.0) -> 
         lit = 0.9 + 0.2 * normal @ (LAMP_M / np.linalg.norm(LAMP_M))
         colours[nearer] = lit[:, None] * blob.colour
         seen[nearer] = True
-    height, width = camera.height_px, camera.width_px
+    height, width = camera.shape_px
 
     def pooled(plane: Floats) -> Floats:
         return np.asarray(plane.reshape(height, _SUB, width, _SUB, -1).mean(axis=(1, 3)))

@@ -120,7 +120,7 @@ class Stencil:
 
     def __init__(self, camera: Camera, plate_bgr: Bytes | None) -> None:
         self.given.append((camera.name, plate_bgr))
-        self._shape = camera.height_px, camera.width_px
+        self._shape = camera.shape_px
 
     def silhouette(self, image_bgr: Bytes) -> Any:
         assert image_bgr.shape == (*self._shape, 3)

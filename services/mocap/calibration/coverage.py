@@ -20,7 +20,7 @@ def covered_share(solution: Solution, camera: int) -> float:
     """The share of a camera's picture, in cells of an eighth of its sides, in which corners were seen."""
     one = solution.cameras[camera]
     points_px = solution.corners.points_px[solution.corners.camera == camera]
-    cells = (points_px / (one.width_px, one.height_px) * _CELLS).astype(int).clip(0, _CELLS - 1)
+    cells = (points_px / one.size_px * _CELLS).astype(int).clip(0, _CELLS - 1)
     return len(np.unique(cells, axis=0)) / _CELLS**2
 
 

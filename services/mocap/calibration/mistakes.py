@@ -148,7 +148,7 @@ def _all_agree(cameras: tuple[Camera, ...], outlines: Outlines) -> bool:
 
 
 def _same_size(one: Camera, other: Camera) -> bool:
-    return (one.width_px, one.height_px) == (other.width_px, other.height_px)
+    return one.size_px == other.size_px
 
 
 def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator[Mistake]:

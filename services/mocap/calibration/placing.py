@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.camera.camera import Camera
+from services.mocap.camera.undistort import undistorted_px
 from services.mocap.errors import CalibrationError, nearest
 from services.mocap.take.csv_columns import read_columns
 from services.mocap.types import Floats, Ints
@@ -79,7 +80,7 @@ def placed_one_by_one(lenses: Sequence[Camera], points: ScenePoints) -> Placed:
                 f"{points.path}: {lens.name}: has {len(rows)} points: expected {_FEWEST_SEEN} or more "
                 "that are not on one line, better six that are not on one plane"
             )
-        pixels = _undistorted_px(lens, points.points_px[rows])
+        pixels = undistorted_px(lens, points.points_px[rows])
         camera = _pose_of(lens, seen_m, pixels, points.path)
         off_px = np.linalg.norm(camera.project_px(seen_m) - pixels, axis=1)
         depth_m = seen_m @ camera.R_camera_world[2] + camera.t_camera_world_m[2]
@@ -126,13 +127,6 @@ def _is_spread(points_m: Floats) -> bool:
     return bool(spread[1] > _FLATTEST * spread[0])
 
 
-def _undistorted_px(camera: Camera, points_px: Floats) -> Floats:
-    """(N, 2) raw pixels to those of the camera's pinhole."""
-    undistort = cv2.fisheye.undistortPoints if camera.fisheye else cv2.undistortPoints
-    pixels = undistort(points_px[:, None].astype(np.float64), camera.K, camera.distortion, P=camera.K)
-    return np.asarray(pixels, np.float64).reshape(-1, 2)
-
-
 def _pose_of(lens: Camera, points_m: Floats, pixels: Floats, path: Path) -> Camera:
     """A camera at the pose from which it sees points (N, 3) at undistorted pixels (N, 2)."""
     none = np.zeros(4)
@@ -153,7 +147,7 @@ def _met(cameras: Mapping[str, Camera], points: ScenePoints, rows: Ints) -> Floa
     sums, pulls = np.zeros((3, 3)), np.zeros(3)
     for row in rows:
         camera = cameras[points.cameras[row]]
-        pixel = _undistorted_px(camera, points.points_px[row : row + 1])[0]
+        pixel = undistorted_px(camera, points.points_px[row : row + 1])[0]
         ray = camera.R_camera_world.T @ np.linalg.solve(camera.K, np.array([*pixel, 1.0]))
         off_ray = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
         sums, pulls = sums + off_ray, pulls + off_ray @ camera.centre_world_m

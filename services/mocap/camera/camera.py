@@ -29,6 +29,16 @@ class Camera:
     fisheye: bool = False
 
     @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.width_px, self.height_px
+
+    @property
+    def shape_px(self) -> tuple[int, int]:
+        """Height and width, as of an array."""
+        return self.height_px, self.width_px
+
+    @property
     def P_px_world(self) -> Floats:
         """(3, 4) projection of homogeneous world points in metres to homogeneous pixels, no distortion."""
         return self.K @ np.column_stack([self.R_camera_world, self.t_camera_world_m])

@@ -35,9 +35,8 @@ def _half_of(mask: Mask, camera: Camera) -> Mask:
 
 
 def _resized(picture: Bytes, camera: Camera, interpolation: int = cv2.INTER_AREA) -> Bytes:
-    size_px = (camera.width_px, camera.height_px)
-    return np.asarray(cv2.resize(picture, size_px, interpolation=interpolation), np.uint8)
+    return np.asarray(cv2.resize(picture, camera.size_px, interpolation=interpolation), np.uint8)
 
 
 def _has_size(picture: Bytes, camera: Camera) -> bool:
-    return picture.shape[:2] == (camera.height_px, camera.width_px)
+    return picture.shape[:2] == camera.shape_px

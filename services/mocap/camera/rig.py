@@ -26,7 +26,7 @@ class Rig:
         """The rig of a take's cameras; assumes undistorted pictures."""
         return cls(
             np.array([camera.P_px_world for camera in cameras]),
-            np.array([(camera.width_px, camera.height_px) for camera in cameras], np.int32),
+            np.array([camera.size_px for camera in cameras], np.int32),
         )
 
     @property

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Ints, Mask, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Floats, Ints, Mask, Trimap
 
 _NO_FRACTIONS = np.zeros((0, 0), np.uint16)
 """The second map of cv2.remap where the first one has whole pixels."""
@@ -18,14 +18,12 @@ class Undistorter:
     """
 
     def __init__(self, camera: Camera) -> None:
-        self._shape = (camera.height_px, camera.width_px)
+        self._shape = camera.shape_px
         self._name = camera.name
         self._maps: tuple[np.ndarray, np.ndarray] | None = None
         if not camera.is_pinhole:
-            make = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
-            size_px = (camera.width_px, camera.height_px)
             # fixed-point maps: three times as fast, and exact to 1/32 pixel
-            self._maps = make(camera.K, camera.distortion, np.eye(3), camera.K, size_px, cv2.CV_16SC2)
+            self._maps = undistortion_maps(camera, cv2.CV_16SC2)
             # which rows of a raw picture each new row takes from, first and last; likewise columns
             whole_px = self._maps[0].astype(np.int32)
             fractions = self._maps[1][..., None] >> np.array([0, 5], np.uint16) & 31  # in 1/32 pixel, x and y
@@ -80,6 +78,20 @@ class Undistorter:
             raise ValueError(
                 f"{self._name}: expected a picture of (height, width) {self._shape}, got {picture.shape[:2]}"
             )
+
+
+def undistortion_maps(camera: Camera, kind: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where each undistorted pixel lies in the raw picture: OpenCV's two maps of a kind, such as CV_32FC1."""
+    make = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
+    return make(camera.K, camera.distortion, np.eye(3), camera.K, camera.size_px, kind)
+
+
+def undistorted_px(camera: Camera, raw_px: Floats, K: Floats | None = None) -> Floats:
+    """(N, 2) raw pixels to those of a pinhole (3, 3), by default the camera's."""
+    undistort = cv2.fisheye.undistortPoints if camera.fisheye else cv2.undistortPoints
+    onto = camera.K if K is None else K
+    pixels = undistort(raw_px[:, None], camera.K, camera.distortion, P=onto)
+    return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 
 def _taking(of: tuple[Ints, Ints], begin: int, size: int) -> slice:

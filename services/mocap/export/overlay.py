@@ -164,7 +164,7 @@ class OverlayWriter:
         hatched = [None] * len(self.cameras) if doubtful is None else doubtful
         inputs = zip(self.cameras, pictures, segment_masks, hatched, strict=True)
         for index, (camera, picture, segment_mask, hatch) in enumerate(inputs):
-            expected = (camera.height_px, camera.width_px)
+            expected = camera.shape_px
             for given in (segment_mask, picture):
                 if given.shape[:2] != expected:
                     raise ValueError(

@@ -148,7 +148,7 @@ def render(camera: Camera, view: RoomView, figure: Figure) -> tuple[Singles, Mas
         figure.bgr,
         figure.faces,
         camera.P_px_world,
-        (camera.width_px, camera.height_px),
+        camera.size_px,
     )
     height, width = layer.coverage.shape
     window = np.s_[layer.y_px : layer.y_px + height, layer.x_px : layer.x_px + width]

@@ -105,7 +105,7 @@ def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
         if path.exists():
             mask = read_silhouette(path).view(np.uint8)
             # of another size if the take's longest_side was another one at the time of the fit
-            resized = cv2.resize(mask, (camera.width_px, camera.height_px), interpolation=cv2.INTER_NEAREST)
+            resized = cv2.resize(mask, camera.size_px, interpolation=cv2.INTER_NEAREST)
             occluded[camera.name] = resized > 0
     return occluded
 

@@ -63,12 +63,12 @@ class Take:
         video = self.videos[camera.name] if index is None else index
         ahead, colour = self.settings.offset(camera.name), self.colours.get(camera.name)
         end = self.settings.frames if stop is None else stop
-        return VideoReader(video, start + ahead, end + ahead, colour, (camera.width_px, camera.height_px))
+        return VideoReader(video, start + ahead, end + ahead, colour, camera.size_px)
 
     def picker(self, camera: Camera) -> PicturePicker:
         """Reads single pictures of a camera's video, like `video`'s; frames are numbered as in the file."""
         index, colour = index_video(self.videos[camera.name]), self.colours.get(camera.name)
-        return PicturePicker(index, colour, (camera.width_px, camera.height_px))
+        return PicturePicker(index, colour, camera.size_px)
 
     def has_video(self, camera: Camera) -> bool:
         """False for a camera with silhouettes only."""
@@ -141,8 +141,7 @@ class Take:
             picture = reduce_picture(read_picture(path), camera)
             yield picture if colour is None else colour.apply(picture)
             return
-        size_px = (camera.width_px, camera.height_px)
-        with VideoReader(path, colour=colour, size_px=size_px) as reader:
+        with VideoReader(path, colour=colour, size_px=camera.size_px) as reader:
             yield from reader
 
 

@@ -40,7 +40,7 @@ def check_size(path: Path, width_px: int, height_px: int, camera: Camera, *, is_
 
     is_turned: whether a rotation tag in the file turned the picture by a quarter turn.
     """
-    if (width_px, height_px) == (camera.width_px, camera.height_px):
+    if (width_px, height_px) == camera.size_px:
         return
     tag = ", turned by a quarter turn as its rotation tag says" if is_turned else ""
     raise TakeError(
@@ -51,8 +51,7 @@ def check_size(path: Path, width_px: int, height_px: int, camera: Camera, *, is_
 
 def _size_remedy(width_px: int, height_px: int, camera: Camera, is_turned: bool) -> str:
     """What to do about pictures of another size than the calibrated one."""
-    size_px = camera.width_px, camera.height_px
-    is_across = (height_px, width_px) == size_px
+    size_px, is_across = camera.size_px, (height_px, width_px) == camera.size_px
     if is_across and is_turned:
         return (
             "remove the tag (ffmpeg -display_rotation 0 -i IN -c copy OUT), or calibrate with clips that "

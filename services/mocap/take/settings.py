@@ -18,7 +18,8 @@ LongestSide: TypeAlias = Annotated[
     Field(
         ge=32,
         le=16384,
-        description="the number of pixels, 32 or more, to which the longer side of larger pictures is reduced",
+        description="a number of pixels, 32 or more, to which larger pictures are reduced along their "
+        "longer side",
     ),
 ]
 LONGEST_SIDE = 1280

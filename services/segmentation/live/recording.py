@@ -37,7 +37,7 @@ class CameraRecording:
         self._times_s: list[float | None] = []
         self.has_begun = False
         """Whether there was a picture."""
-        self._last: Bytes = np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
+        self._last: Bytes = np.zeros((*camera.shape_px, 3), np.uint8)
         self._end_shot: int | None = None
         self.lost = 0
         """Number of pictures that could not be written in time."""
@@ -91,8 +91,7 @@ class CameraRecording:
         path = video_path(self._folder, self._camera.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         came = self._next()  # first: a run that fails before its first picture leaves no file
-        size = (self._camera.width_px, self._camera.height_px)
-        with video_writer(path, *size, self._fps, _CRF, is_quick=True) as writer:
+        with video_writer(path, *self._camera.size_px, self._fps, _CRF, is_quick=True) as writer:
             while True:
                 shot, image, time_s = came
                 if image is not None and not self._times_s:

@@ -237,7 +237,7 @@ def check_file(source: LiveCamera, camera: Camera) -> None:
 
 def check_size_of(place: str, camera: Camera, height_px: int, width_px: int) -> None:
     """Raise UserError if pictures do not have the size for which their camera is calibrated."""
-    if (height_px, width_px) != (camera.height_px, camera.width_px):
+    if (height_px, width_px) != camera.shape_px:
         raise UserError(
             f"{place}: has pictures of {width_px}x{height_px} pixels, but [{camera.name}] was calibrated "
             f"with {camera.width_px}x{camera.height_px}: set the camera to that size or calibrate it anew"

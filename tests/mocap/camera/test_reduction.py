@@ -39,7 +39,7 @@ def test_the_longer_side_is_reduced_to_a_number_of_pixels(
 ) -> None:
     camera = replace(CAMERA, width_px=size_px[0], height_px=size_px[1])
     reduced = camera.reduced(longest_side_px)
-    assert (reduced.width_px, reduced.height_px) == reduced_px
+    assert reduced.size_px == reduced_px
     assert (reduced is camera) == (size_px == reduced_px)
 
 
@@ -56,7 +56,7 @@ def test_a_resized_camera_sees_a_point_at_the_same_share_of_its_picture(
         project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
         turn = Rotation.from_matrix(one.R_camera_world).as_rotvec()
         uv, _ = project(points_m[:, None], turn, one.t_camera_world_m, one.K, one.distortion)
-        places.append((np.reshape(uv, (-1, 2)) + 0.5) / (one.width_px, one.height_px))
+        places.append((np.reshape(uv, (-1, 2)) + 0.5) / one.size_px)
     np.testing.assert_allclose(places[0], places[1], atol=1e-9)
 
 
@@ -100,7 +100,7 @@ def test_half_of_a_pixel_decides() -> None:
 @given(st.integers(0, 2**32 - 1), st.sampled_from([80, 160, 320]))
 def test_an_enlarged_silhouette_is_reduced_to_itself(seed: int, longest_side_px: int) -> None:
     small = CAMERA.reduced(longest_side_px)
-    trimap = np.random.default_rng(seed).choice(STATES, (small.height_px, small.width_px))
+    trimap = np.random.default_rng(seed).choice(STATES, small.shape_px)
     whole = enlarge_trimap(trimap, CAMERA)
     assert whole.shape == (240, 320)
     np.testing.assert_array_equal(reduce_trimap(whole, small), trimap)

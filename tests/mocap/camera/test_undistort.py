@@ -126,7 +126,7 @@ def test_a_picture_of_another_size_is_refused(camera: Camera) -> None:
 def test_a_silhouette_comes_out_as_if_the_whole_picture_were_undistorted(
     camera: Camera, x_px: int, y_px: int, radius_px: int
 ) -> None:
-    disc = np.zeros((camera.height_px, camera.width_px), np.uint8)
+    disc = np.zeros(camera.shape_px, np.uint8)
     cv2.circle(disc, (x_px, y_px), radius_px, 255, cv2.FILLED)
     undistorter = Undistorter(camera)
     whole = undistorter.image(np.repeat(disc[..., None], 3, axis=2))[..., 0] > 127

@@ -22,7 +22,7 @@ def seen(small_cameras: Callable[[int], list[Camera]], ball_silhouette: Callable
     return [
         Seen(
             camera,
-            np.full((camera.height_px, camera.width_px, 3), 90, np.uint8),
+            np.full((*camera.shape_px, 3), 90, np.uint8),
             trimap_of(ball_silhouette(camera, 0)),
         )
         for camera in small_cameras(3)

@@ -32,7 +32,7 @@ def camera(name: str = "cam01", width_px: int = 160, height_px: int = 120) -> Ca
 
 
 def ground(camera: Camera, grey: int = GROUND) -> Bytes:
-    return np.full((camera.height_px, camera.width_px, 3), grey, np.uint8)
+    return np.full((*camera.shape_px, 3), grey, np.uint8)
 
 
 def half_masks(cameras: list[Camera]) -> list[Bytes]:

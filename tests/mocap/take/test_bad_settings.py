@@ -38,8 +38,8 @@ def test_missing_settings_and_calibration(small_take: SmallTake, refusal: Refusa
         (
             "units = ",
             "longest_side = 10\nunits = ",
-            "take.toml: longest_side: expected the number of pixels, 32 or more, to which the longer side of "
-            "larger pictures is reduced, found 10",
+            "take.toml: longest_side: expected a number of pixels, 32 or more, to which larger pictures are "
+            "reduced along their longer side, found 10",
         ),
         (
             "fps = 10.0",

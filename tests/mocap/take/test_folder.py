@@ -37,7 +37,7 @@ def test_the_shared_takes_open(
     take = open_take(shared_takes / name)
     camera, last = take.cameras[0], take.settings.frames - 1
     assert (take.settings.name, take.source, len(take.cameras)) == (name, source, n_cameras)
-    assert (camera.width_px, camera.height_px) == size_px
+    assert camera.size_px == size_px
     with take.video(camera, last) as video:
         (picture,) = video
     assert picture.shape == (*size_px[::-1], 3)

@@ -167,8 +167,8 @@ def test_a_recording_is_a_take(folder: Path, tmp_path: Path) -> None:
     recorded = open_take(out)
     assert (recorded.settings.name, recorded.settings.frames) == ("recorded", 3)
     assert recorded.settings.facing is None
-    assert {(camera.width_px, camera.height_px) for camera in recorded.calibrated} == {(64, 48)}
-    assert {(camera.width_px, camera.height_px) for camera in recorded.cameras} == {(32, 24)}
+    assert {camera.size_px for camera in recorded.calibrated} == {(64, 48)}
+    assert {camera.size_px for camera in recorded.cameras} == {(32, 24)}
     assert all(recorded.has_background(camera) for camera in recorded.cameras)
     assert not part_of(out).exists()
     with pytest.raises(UserError, match="already exists"), recording_to(out):

@@ -38,8 +38,8 @@ def _ball_px(bgr: Bytes) -> Floats:
 def test_pictures_and_plates_have_the_reduced_camera_s_size(small_take: SmallTake) -> None:
     whole, reduced = _whole_and_reduced(small_take(n_cameras=1))
     (of_file,), (camera,) = reduced.calibrated, reduced.cameras
-    assert (of_file.width_px, of_file.height_px) == (64, 48)
-    assert (camera.width_px, camera.height_px) == (32, 24)
+    assert of_file.size_px == (64, 48)
+    assert camera.size_px == (32, 24)
     np.testing.assert_allclose(camera.K[:2, :2], of_file.K[:2, :2] / 2)
     with whole.video(whole.cameras[0]) as files, reduced.video(camera) as video:
         for of_file_bgr, bgr in zip(files, video, strict=True):
