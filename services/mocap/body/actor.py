@@ -4,17 +4,17 @@ import hashlib
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
 
 from services.mocap.body.body_mesh import BodyMesh, OwnMesh, generic_mesh
-from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_widening
+from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_ratios, trunk_widening
 from services.mocap.body.colours import check_colours, class_table
 from services.mocap.body.kinematics import CLOTH_FRAMES, N_DOF, segment_transforms
-from services.mocap.body.profiles import SECTIONS, Profile, check_profiles, factors_along
+from services.mocap.body.profiles import SECTIONS, SHAPED_BY, Profile, check_profiles, factors_along
 from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
 from services.mocap.body.skeleton_table import PELVIS, THIGH
@@ -26,6 +26,8 @@ DEFAULT_HEIGHT_M = 1.72
 """Body height if neither the take nor an actor gives one: about the mean of adults."""
 MESH_FILE = "actor_mesh.npz"
 """File name of an own mesh, next to actor.toml."""
+_SHAPES_KEPT = 64
+"""Shapes of single segments that are kept: those of a body, and of its neighbours in the space of shapes."""
 _MIRROR = np.array([1.0, -1.0, 1.0])
 _HIP_DEPTH_HEIGHTS = 0.056
 """How deep the generic body's hip joints lie behind the front of the thighs."""
@@ -241,12 +243,31 @@ def mesh_named_in(text: str) -> str | None:
 
 def _shaped(segment: str, form: SegmentMesh, actor: Actor, ratios: dict[str, float]) -> Floats:
     """(V, 3) a segment's vertices in metres, in its frame, on the left; segment without its side."""
+    profiles = ((name, actor.profiles[name]) for name in SHAPED_BY[segment] if name in actor.profiles)
+    scales = tuple(scales_across(segment, ratios).tolist())
+    trunk = trunk_ratios(segment, ratios)
+    return _shape(
+        segment, form, actor.height, scales, trunk, tuple(profiles), _setback_m(segment, actor)
+    ).copy()
+
+
+@lru_cache(_SHAPES_KEPT)
+def _shape(
+    segment: str,
+    form: SegmentMesh,
+    height_m: float,
+    scales: tuple[float, ...],
+    trunk: tuple[float, float],
+    profiles: tuple[tuple[str, Profile], ...],
+    setback_m: float,
+) -> Floats:
+    """See _shaped: of all that a segment's shape depends on. A fit changes few of them at a time."""
     heights = form.vertices_heights
-    vertices_m: Floats = heights * (actor.height * scales_across(segment, ratios))
+    vertices_m: Floats = heights * (height_m * np.array(scales))
     for extent, axis in zip(("width", "depth"), SECTIONS[segment].axes[1:], strict=True):
-        vertices_m[:, "xyz".index(axis)] *= factors_along(segment, extent, actor.profiles, form)
-    vertices_m[:, 1] *= trunk_widening(segment, heights[:, 2], ratios)
-    vertices_m[:, 0] += _before_bone_m(segment, heights[:, 2], actor)
+        vertices_m[:, "xyz".index(axis)] *= factors_along(segment, extent, dict(profiles), form)
+    vertices_m[:, 1] *= trunk_widening(segment, heights[:, 2], *trunk)
+    vertices_m[:, 0] += _before_bone_m(segment, heights[:, 2], setback_m)
     return vertices_m
 
 
@@ -255,16 +276,21 @@ def _hips_setback_m(actor: Actor) -> float:
     return (actor.hip_depth - 1.0) * _HIP_DEPTH_HEIGHTS * actor.height
 
 
-def _before_bone_m(segment: str, z_heights: Floats, actor: Actor) -> Floats | float:
+def _setback_m(segment: str, actor: Actor) -> float:
+    """_hips_setback_m if it moves a segment's bones, as those of pelvis and thighs; else 0."""
+    return _hips_setback_m(actor) if segment in (PELVIS.name, THIGH.name) else 0.0
+
+
+def _before_bone_m(segment: str, z_heights: Floats, setback_m: float) -> Floats | float:
     """(V,) how much farther forward a segment's vertices at heights (V,) lie in its frame.
 
-    Pelvis and thighs stay where they are when their bones begin farther back; 0 for other segments.
+    Pelvis and thighs stay where they are when their bones begin farther back.
     """
-    if segment not in (PELVIS.name, THIGH.name):
+    if setback_m == 0.0:
         return 0.0
     along = z_heights / THIGH.section.end if segment == THIGH.name else 0.0
     share: Floats = 1.0 - np.clip(along, 0.0, 1.0)
-    return _hips_setback_m(actor) * share
+    return setback_m * share
 
 
 def _cloth(mesh: BodyMesh, actor: Actor, ratios: dict[str, float]) -> tuple[Floats, ...]:
@@ -273,6 +299,7 @@ def _cloth(mesh: BodyMesh, actor: Actor, ratios: dict[str, float]) -> tuple[Floa
     shaped_m = [_shaped("pelvis", cone, actor, ratios)]
     for tube in tubes:
         vertices_m = tube.vertices_heights * (actor.height * scales_across(tube.name, ratios))
-        vertices_m[:, 0] += _before_bone_m(tube.name, tube.vertices_heights[:, 2], actor)
+        setback_m = _setback_m(tube.name, actor)
+        vertices_m[:, 0] += _before_bone_m(tube.name, tube.vertices_heights[:, 2], setback_m)
         shaped_m.append(vertices_m)
     return tuple(shaped_m)

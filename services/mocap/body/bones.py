@@ -42,6 +42,15 @@ BONES: dict[str, Bone] = {
 """The trunk's mesh widens too: with shoulder_width at the shoulders and above, with the hip joints at the
 hips and below, and smoothly between."""
 
+_JOINTS_OF = {
+    name: [
+        (j, bone.joints[bare(joint.name)])
+        for j, joint in enumerate(JOINTS)
+        if bare(joint.name) in bone.joints
+    ]
+    for name, bone in BONES.items()
+}
+"""Bone -> the joints (their places in JOINTS) and the axes of their offsets that scale with it."""
 _SHOULDERS = 0.287
 """Height of the shoulder joints over the hips', in body heights."""
 _HIPS_SHARE = 0.536
@@ -65,23 +74,29 @@ def scales_across(segment: str, ratios: dict[str, float]) -> Floats:
 def stretched_offsets(offsets: Floats, ratios: dict[str, float]) -> Floats:
     """(J, 3) joints relative to their parents, stretched along the bones by ratios."""
     stretched = offsets.copy()
-    for j, joint in enumerate(JOINTS):
-        for name, ratio in ratios.items():
-            if bare(joint.name) in BONES[name].joints:
-                stretched[j, BONES[name].joints[bare(joint.name)]] *= ratio
+    for name, ratio in ratios.items():
+        for j, axis in _JOINTS_OF[name]:
+            stretched[j, axis] *= ratio
     return stretched
 
 
-def trunk_widening(segment: str, z_heights: Floats, ratios: dict[str, float]) -> Floats | float:
+def trunk_ratios(segment: str, ratios: dict[str, float]) -> tuple[float, float]:
+    """The ratios of the widths at hips and shoulders for a segment of the trunk; 1 for others."""
+    if segment not in _TRUNK_OFFSETS:
+        return 1.0, 1.0
+    return ratios.get("hip_width", 1.0), ratios.get("shoulder_width", 1.0)
+
+
+def trunk_widening(segment: str, z_heights: Floats, hips: float, shoulders: float) -> Floats | float:
     """(V,) factor of the trunk's width at heights (V,), in body heights in the segment's frame.
 
-    1 for other segments.
+    1 for other segments. hips, shoulders: ratios of the widths there (trunk_ratios).
     """
     if segment not in _TRUNK_OFFSETS:
         return 1.0
-    hips = 1.0 + _HIPS_SHARE * (ratios.get("hip_width", 1.0) - 1.0)
+    at_hips = 1.0 + _HIPS_SHARE * (hips - 1.0)
     share = smoothstep((z_heights + _TRUNK_OFFSETS[segment]) / _SHOULDERS)
-    widening: Floats = hips + (ratios.get("shoulder_width", 1.0) - hips) * share
+    widening: Floats = at_hips + (shoulders - at_hips) * share
     return widening
 
 

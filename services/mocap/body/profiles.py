@@ -43,6 +43,17 @@ SECTIONS: dict[str, Section] = {row.name: row.section for row in ROWS}
 _CONTINUES = {row.name: row.continued_by for row in ROWS if row.continued_by is not None}
 """Segments whose bone continues straight in another segment in the rest pose."""
 _CONTINUED = {after: before for before, after in _CONTINUES.items()}
+_AT_THE_HIPS = ("pelvis", "thigh")
+SHAPED_BY: dict[str, tuple[str, ...]] = {
+    segment: tuple(
+        name
+        for name in SECTIONS
+        if name in (segment, _CONTINUES.get(segment), _CONTINUED.get(segment))
+        or (segment in _AT_THE_HIPS and name in _AT_THE_HIPS)
+    )
+    for segment in SECTIONS
+}
+"""Segment (without its side) -> the segments whose profiles shape it."""
 _CROTCH_POSITION = -0.38
 """Where along its bone the pelvis has become as deep as the thighs that come out of it."""
 _HAUNCH_POSITION = 0.60
@@ -116,7 +127,7 @@ def factors_along(
 
 def _into_thighs(form: SegmentMesh, profiles: dict[str, Profile]) -> Floats:
     """What to multiply the pelvis' depths by, so that thighs of another depth come out without a step."""
-    pelvis, thigh = (profiles.get(segment, _GENERIC).depth[0] for segment in ("pelvis", "thigh"))
+    pelvis, thigh = (profiles.get(segment, _GENERIC).depth[0] for segment in _AT_THE_HIPS)
     share = smoothstep(_positions(form, "pelvis") / _CROTCH_POSITION)
     depths: Floats = 1.0 + share * (thigh / pelvis - 1.0)
     return depths
@@ -131,7 +142,7 @@ def _sole(form: SegmentMesh) -> Floats:
 
 def _haunches(form: SegmentMesh, profiles: dict[str, Profile]) -> Floats:
     """What to multiply the thigh's widths by, so that its outer side goes on in the pelvis' outline."""
-    pelvis, thigh = (profiles.get(segment, _GENERIC).width[0] for segment in ("pelvis", "thigh"))
+    pelvis, thigh = (profiles.get(segment, _GENERIC).width[0] for segment in _AT_THE_HIPS)
     outer = form.vertices_heights[:, 1] > 0.0  # of the hip joint
     share = smoothstep(1.0 - _positions(form, "thigh") / _HAUNCH_POSITION) * outer
     widths: Floats = 1.0 + share * (pelvis**_HAUNCH_POWER / thigh - 1.0)

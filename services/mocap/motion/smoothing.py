@@ -5,9 +5,10 @@ kept.
 """
 
 import numpy as np
+from scipy import ndimage
 from scipy.fft import dct
 from scipy.interpolate import make_smoothing_spline
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from services.mocap.body.actor import DEFAULT_HEIGHT_M
 from services.mocap.body.kinematics import N_DOF, clip_to_limits, joint_positions
@@ -18,9 +19,9 @@ from services.mocap.types import Floats, Mask
 
 _FEWEST = 5
 """Poses that a smoothing spline needs."""
-_DISTRUSTED_WEIGHT = 1e-4
-"""Weight of an unreliable value, relative to 1. It lowers the cutoff to a tenth, so that gaps of some frames
-are interpolated, while gaps of seconds still follow the values."""
+_LONGEST_GAP_S = 0.3
+"""Longer gaps keep their values: what was found is then nearer to the truth than a straight line, and a leg
+that runs looks like one."""
 _CUTOFFS_HZ: Floats = np.geomspace(4.0, 12.0, 12).round(1)
 """What rts chooses from. Cross-validation takes errors of neighbouring frames for independent, which those
 of a track are not, so it tends to too high cutoffs. On takes of people 14 Hz was no better than 12."""
@@ -44,14 +45,14 @@ def smoothed(
 ) -> Floats:
     """Poses (N, D) of consecutive frames smoothed by the settings; N >= 1.
 
-    distrusted: (N, D) values that should not be trusted; rts bridges them from both sides.
+    distrusted: (N, D) values that should not be trusted; rts smooths what bridges short gaps of them.
     times_s: (N,) of frames that do not come evenly, which one-euro heeds.
     """
     cutoff_hz = cutoff_of(poses, fps, settings, distrusted)
     if cutoff_hz is None:
         return poses.copy()
     if settings.smooth == "rts":
-        return rts(poses, fps, cutoff_hz, distrusted)
+        return rts(poses if distrusted is None else bridged(poses, distrusted, fps), fps, cutoff_hz)
     one_euro = OneEuro(cutoff_hz)
     moments_s = np.arange(len(poses)) / fps if times_s is None else times_s
     return np.array([one_euro(pose, at_s) for pose, at_s in zip(poses, moments_s.tolist(), strict=True)])
@@ -70,22 +71,40 @@ def cutoff_of(
         return None
     if settings.cutoff_hz is not None or settings.smooth == "one-euro":
         return settings.cutoff_hz or ONE_EURO_HZ
-    known, rows = poses.copy(), np.arange(len(poses))
-    if distrusted is not None:
-        for d in np.flatnonzero(distrusted.any(axis=0) & ~distrusted.all(axis=0)):
-            kept = ~distrusted[:, d]
-            known[:, d] = np.interp(rows, rows[kept], poses[kept, d])
+    known = poses if distrusted is None else bridged(poses, distrusted, fps)
     paths_m = joint_positions(known, _OFFSETS_M).reshape(len(poses), -1)
     # Without the line from end to end, so that the ends do not look like jumps.
     paths_m -= np.linspace(paths_m[0], paths_m[-1], len(poses))
     power = (dct(paths_m, axis=0, norm="ortho") ** 2).sum(axis=1)
-    frequencies_hz = fps * rows / (2 * len(poses))
+    frequencies_hz = fps * np.arange(len(poses)) / (2 * len(poses))
     removed = 1.0 - 1.0 / (1.0 + (frequencies_hz[:, None] / _CUTOFFS_HZ) ** 4)
     errors = power @ removed**2 / np.maximum(removed.sum(axis=0), 1e-9) ** 2
     return float(_CUTOFFS_HZ[int(errors.argmin())])
 
 
-def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = None) -> Floats:
+def bridged(poses: Floats, distrusted: Mask, fps: float) -> Floats:
+    """Poses (N, D) with straight lines over gaps of distrusted values (N, D), up to 0.3 s from frames before
+    to frames after them."""
+    result, rows = poses.copy(), np.arange(len(poses))
+    for d in np.flatnonzero(distrusted.any(axis=0)):
+        gap = _short_gaps(distrusted[:, d], fps)
+        result[gap, d] = np.interp(rows[gap], rows[~gap], poses[~gap, d])
+    gap = _short_gaps(np.asarray(distrusted[:, ROOT_TURN].any(axis=1)), fps)
+    if gap.any():
+        turned = Slerp(rows[~gap], root_rotations(poses[~gap]))(rows[gap])
+        result[rows[gap, None], ROOT_TURN] = root_angles(turned, near=poses[gap][:, ROOT_TURN])
+    return result
+
+
+def _short_gaps(missing: Mask, fps: float) -> Mask:
+    """(N,) the runs of missing frames that are no longer than _LONGEST_GAP_S and not at an end."""
+    runs, _ = ndimage.label(missing)
+    is_short = np.bincount(runs) <= _LONGEST_GAP_S * fps
+    is_short[[0, runs[0], runs[-1]]] = False  # 0 is what is not missing
+    return np.asarray(is_short[runs])
+
+
+def rts(poses: Floats, fps: float, cutoff_hz: float) -> Floats:
     """Poses (N, D) without what is faster than cutoff_hz, where half of the amplitude passes; nothing lags.
 
     This is the Rauch-Tung-Striebel smoother of a body whose velocities follow random walks. It is computed as
@@ -96,27 +115,13 @@ def rts(poses: Floats, fps: float, cutoff_hz: float, distrusted: Mask | None = N
     if len(poses) < _FEWEST:
         return poses.copy()
     values = np.column_stack([poses, without_flips(root_rotations(poses).as_quat())])
-    weights = np.ones(values.shape)
-    if distrusted is not None:
-        turn = distrusted[:, ROOT_TURN].any(axis=1, keepdims=True)
-        weights[np.column_stack([distrusted, np.repeat(turn, 4, axis=1)])] = _DISTRUSTED_WEIGHT
-    found = _spline(values, weights, fps, cutoff_hz)
+    times_s = np.arange(len(values)) / fps
+    roughness = fps / (2 * np.pi * cutoff_hz) ** 4  # weight of the spline's squared acceleration
+    found = make_smoothing_spline(times_s, values, lam=roughness)(times_s)
     result = found[:, :N_DOF]
     turned = Rotation.from_quat(found[:, N_DOF:])
     result[:, ROOT_TURN] = root_angles(turned, near=poses[:, ROOT_TURN])
     return clip_to_limits(result)
-
-
-def _spline(values: Floats, weights: Floats, fps: float, cutoff_hz: float) -> Floats:
-    """Smooth (N, k) values with weights (N, k) over time; columns of like weights go together."""
-    times_s = np.arange(len(values)) / fps
-    roughness = fps / (2 * np.pi * cutoff_hz) ** 4  # weight of the spline's squared acceleration
-    found = np.empty_like(values)
-    kinds, kind_of_column = np.unique(weights, axis=1, return_inverse=True)
-    for kind, weight in enumerate(kinds.T):
-        columns = kind_of_column.ravel() == kind
-        found[:, columns] = make_smoothing_spline(times_s, values[:, columns], weight, roughness)(times_s)
-    return found
 
 
 class OneEuro:

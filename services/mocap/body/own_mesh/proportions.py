@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from services.mocap.body.body_mesh import BodyMesh
-from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_widening
+from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_ratios, trunk_widening
 from services.mocap.body.own_mesh.character import Character, Piece
 from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton import (
@@ -130,7 +130,7 @@ def body_mesh(character: Character, where: str) -> BodyMesh:
     for segment in SEGMENTS:
         name = segment.row.name
         stretched = vertices[segment.name] * scales_across(name, inverse)
-        stretched[:, 1] /= trunk_widening(name, stretched[:, 2], ratios)
+        stretched[:, 1] /= trunk_widening(name, stretched[:, 2], *trunk_ratios(name, ratios))
         segments.append(SegmentMesh(segment.name, stretched, pieces[segment.name].faces))
     return BodyMesh(tuple(segments), stretched_offsets(offsets, inverse), lengths)
 
