@@ -25,7 +25,6 @@ from services.mocap.motion.smoothing import smoothed
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result, write_tracked
 from services.mocap.search.both_ways import solve_both_ways
-from services.mocap.search.chains import values_to_bridge
 from services.mocap.search.first_frame import FirstFrame, solve_first_frame
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
@@ -201,11 +200,11 @@ def write_result(
         poses,
         np.array([frame.solution.energy_px for frame in solved]),
         extra=further_columns([frame.solution for frame in solved], is_live=False),
-        marks=(marks := Marks.of([frame.solution for frame in solved])),
+        marks=Marks.of([frame.solution for frame in solved]),
     )
     settings, smooth = take.settings, None
     if output.smooth != "none":
-        smooth = smoothed(poses, settings.fps, output, values_to_bridge(marks))
+        smooth = smoothed(poses, settings.fps, output)
     known = {"name": settings.name, "folder": str(take.folder), "frames": len(solved), "fps": settings.fps}
     with results_into(folder, complete=True) as part:
         write_tracked(part, table, actor, settings.up, smooth)

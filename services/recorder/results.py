@@ -17,7 +17,6 @@ from services.mocap.result.frame_files import write_frame_files
 from services.mocap.result.layout import OVERLAY, RUN_JSON
 from services.mocap.result.result import edited_run, load_result, write_tracked
 from services.mocap.search.best_path import corrected_frames
-from services.mocap.search.chains import values_to_bridge
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import Marks
 from services.mocap.take.quantities import further_columns
@@ -69,9 +68,8 @@ def write_results(
         known["corrected_frames_by_part"] = corrected_frames(first_poses, poses, body.offsets_m)
     live = is_live(info)
     times_s = increasing(times_s)
-    bridged = values_to_bridge(marks)
-    output = output.model_copy(update={"cutoff_hz": cutoff_of(poses, info.fps, output, bridged)})
-    shown = smoothed(poses, info.fps, output, bridged, times_s if live else None)
+    output = output.model_copy(update={"cutoff_hz": cutoff_of(poses, info.fps, output)})
+    shown = smoothed(poses, info.fps, output, times_s if live else None)
     is_whole = collection.complete if live else collection.is_final
     with results_into(out, complete=is_whole) as part:
         extra = further_columns(recorded, is_live=live)

@@ -58,6 +58,7 @@ def write_run_json(
             "frames": len(recorded),
             "fps": rate_fps(info, recorded),
             "up": take.settings.up,
+            "longest_side": take.settings.longest_side,
             "actor_height": take.settings.actor_height,
         },
         "written": datetime.now(UTC).isoformat(timespec="seconds"),

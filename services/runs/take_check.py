@@ -54,7 +54,7 @@ def _mistakes(
         return
     n_frames = _MOST_FRAMES
     if kind != READY:
-        each_px = sum(camera.width_px * camera.height_px for camera in take.cameras)
+        each_px = sum(camera.width_px * camera.height_px for camera in take.calibrated)
         n_frames = min(max(_MOST_PX // each_px, _FEWEST_FRAMES), _MOST_FRAMES)
     looked_at = range(frames.start, min(frames.stop, frames.start + n_frames))
     with kept_warnings() as warnings:

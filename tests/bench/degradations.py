@@ -58,7 +58,7 @@ def trimaps_of(take: Take, folder: Path) -> Trimaps:
         return lambda camera: iter(take.trimaps(camera))
     xormocap("segment", take.folder, "--out", folder)
     frames = take.settings.frames
-    return lambda camera: iter(TrimapReader(silhouette_folder(folder, camera.name), 0, frames))
+    return lambda camera: iter(TrimapReader(silhouette_folder(folder, camera.name), 0, frames, camera=camera))
 
 
 def write_harder(

@@ -12,10 +12,12 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from bench.takes import take_folder
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.reduction import reduce_trimap
 from services.mocap.errors import UserError
 from services.mocap.take import layout
 from services.mocap.take.folder import Take, open_take
-from services.mocap.take.pictures import read_silhouette
+from services.mocap.take.pictures import read_trimap
 from services.mocap.types import ACTOR, UNSURE, Mask, Trimap
 from services.segmentation.segmenters import make_segmenter
 
@@ -85,7 +87,7 @@ def _measured(take: Take, name: str, every: int) -> list[Row]:
         moments_ms.append((_now_ms() - began_ms) / len(take.cameras))
         if frame % every == 0:
             for camera, trimap, found in zip(take.cameras, trimaps, qualities, strict=True):
-                true = _true_silhouette(take, camera.name, frame)
+                true = _true_silhouette(take, camera, frame)
                 if true is not None:
                     found.append(quality_of(trimap, true))
     ms = statistics.median(moments_ms[1:] or moments_ms)  # the first one loads code
@@ -110,11 +112,13 @@ def _now_ms() -> float:
     return time.thread_time() * 1e3
 
 
-def _true_silhouette(take: Take, camera: str, frame: int) -> Mask | None:
+def _true_silhouette(take: Take, camera: Camera, frame: int) -> Mask | None:
     """None where it is not known, or shows nobody."""
-    path = layout.silhouette_path(take.folder / _TRUE_SILHOUETTES / camera, frame)
-    true = read_silhouette(path) if path.exists() else None
-    return true if true is not None and true.any() else None
+    path = layout.silhouette_path(take.folder / _TRUE_SILHOUETTES / camera.name, frame)
+    if not path.exists():
+        return None
+    true: Mask = reduce_trimap(read_trimap(path, ()), camera) == ACTOR
+    return true if true.any() else None
 
 
 def quality_of(trimap: Trimap, true: Mask) -> Quality:

@@ -4,12 +4,12 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
 
 
 def reduce_picture(picture: Bytes, camera: Camera) -> Bytes:
     """A picture (H, W, 3) in the camera's size, by the mean over areas; itself if it has that size."""
-    return picture if _has_size(picture, camera) else _resized(picture, camera)
+    return picture if _has_size(picture, camera) else _resized(picture, camera, cv2.INTER_AREA)
 
 
 def reduce_trimap(trimap: Trimap, camera: Camera) -> Trimap:
@@ -17,24 +17,28 @@ def reduce_trimap(trimap: Trimap, camera: Camera) -> Trimap:
 
     A pixel is the actor if half of its area is, and certain if that holds whatever the unsure pixels are.
     """
-    if _has_size(trimap, camera):
-        return trimap
-    actor, may_be_actor = (_half_of(mask, camera) for mask in (trimap == ACTOR, trimap != BACKGROUND))
-    reduced: Trimap = np.where(may_be_actor, np.uint8(UNSURE), np.uint8(BACKGROUND))
-    reduced[actor] = ACTOR
-    return reduced
+    return _resized_trimap(trimap, camera, cv2.INTER_AREA)
 
 
 def enlarge_trimap(trimap: Trimap, camera: Camera) -> Trimap:
-    """A reduced trimap (h, w) in the size of the camera's pictures; itself if it has that size."""
-    return trimap if _has_size(trimap, camera) else _resized(trimap, camera, cv2.INTER_NEAREST)
+    """A reduced trimap (h, w) in the size of the camera's pictures, its outlines interpolated; itself if it
+    has that size."""
+    return _resized_trimap(trimap, camera, cv2.INTER_LINEAR)
 
 
-def _half_of(mask: Mask, camera: Camera) -> Mask:
-    return np.asarray(_resized(mask.view(np.uint8) * np.uint8(255), camera) > 127)
+def _resized_trimap(trimap: Trimap, camera: Camera, interpolation: int) -> Trimap:
+    if _has_size(trimap, camera):
+        return trimap
+    actor, may_be_actor = (
+        _resized(mask.view(np.uint8) * np.uint8(255), camera, interpolation) > 127
+        for mask in (trimap == ACTOR, trimap != BACKGROUND)
+    )
+    resized: Trimap = np.where(may_be_actor, np.uint8(UNSURE), np.uint8(BACKGROUND))
+    resized[actor] = ACTOR
+    return resized
 
 
-def _resized(picture: Bytes, camera: Camera, interpolation: int = cv2.INTER_AREA) -> Bytes:
+def _resized(picture: Bytes, camera: Camera, interpolation: int) -> Bytes:
     return np.asarray(cv2.resize(picture, camera.size_px, interpolation=interpolation), np.uint8)
 
 

@@ -194,8 +194,8 @@ def _write_header(
 def draw_frame(result: Result, take: Take, camera: str, frame: int, *, width_px: int | None = None) -> Bytes:
     """A camera's picture of a frame with the motion's model over it, (H, W, 3) in BGR order.
 
-    camera: its name; frame: its number in the result; width_px: of the drawn picture, the camera's by
-    default. Raises UserError if the take has no such camera, or the result no such frame.
+    camera: its name; frame: its number in the result; width_px: of the drawn picture, by default of those
+    that were tracked. Raises UserError if the take has no such camera, or the result no such frame.
     """
     by_name = {one.name: one for one in take.cameras}
     if camera not in by_name:

@@ -5,23 +5,19 @@ kept.
 """
 
 import numpy as np
-from scipy import ndimage
 from scipy.fft import dct
 from scipy.interpolate import make_smoothing_spline
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from services.mocap.body.actor import DEFAULT_HEIGHT_M
 from services.mocap.body.kinematics import N_DOF, clip_to_limits, joint_positions
 from services.mocap.body.skeleton import DOFS, JOINTS
 from services.mocap.motion.root import ROOT_TURN, root_angles, root_rotations, without_flips
 from services.mocap.motion.settings import ONE_EURO_HZ, OutputSettings
-from services.mocap.types import Floats, Mask
+from services.mocap.types import Floats
 
 _FEWEST = 5
 """Poses that a smoothing spline needs."""
-_LONGEST_GAP_S = 0.3
-"""Longer gaps keep their values: what was found is then nearer to the truth than a straight line, and a leg
-that runs looks like one."""
 _CUTOFFS_HZ: Floats = np.geomspace(4.0, 12.0, 12).round(1)
 """What rts chooses from. Cross-validation takes errors of neighbouring frames for independent, which those
 of a track are not, so it tends to too high cutoffs. On takes of people 14 Hz was no better than 12."""
@@ -40,27 +36,23 @@ def smoothed(
     poses: Floats,
     fps: float,
     settings: OutputSettings,
-    distrusted: Mask | None = None,
     times_s: Floats | None = None,
 ) -> Floats:
     """Poses (N, D) of consecutive frames smoothed by the settings; N >= 1.
 
-    distrusted: (N, D) values that should not be trusted; rts smooths what bridges short gaps of them.
     times_s: (N,) of frames that do not come evenly, which one-euro heeds.
     """
-    cutoff_hz = cutoff_of(poses, fps, settings, distrusted)
+    cutoff_hz = cutoff_of(poses, fps, settings)
     if cutoff_hz is None:
         return poses.copy()
     if settings.smooth == "rts":
-        return rts(poses if distrusted is None else bridged(poses, distrusted, fps), fps, cutoff_hz)
+        return rts(poses, fps, cutoff_hz)
     one_euro = OneEuro(cutoff_hz)
     moments_s = np.arange(len(poses)) / fps if times_s is None else times_s
     return np.array([one_euro(pose, at_s) for pose, at_s in zip(poses, moments_s.tolist(), strict=True)])
 
 
-def cutoff_of(
-    poses: Floats, fps: float, settings: OutputSettings, distrusted: Mask | None = None
-) -> float | None:
+def cutoff_of(poses: Floats, fps: float, settings: OutputSettings) -> float | None:
     """The cutoff frequency in hertz with which `smoothed` smooths poses (N, D); None if it does not.
 
     If none is given, rts takes the one of least generalised cross-validation (Craven and Wahba 1979; Woltring
@@ -71,8 +63,7 @@ def cutoff_of(
         return None
     if settings.cutoff_hz is not None or settings.smooth == "one-euro":
         return settings.cutoff_hz or ONE_EURO_HZ
-    known = poses if distrusted is None else bridged(poses, distrusted, fps)
-    paths_m = joint_positions(known, _OFFSETS_M).reshape(len(poses), -1)
+    paths_m = joint_positions(poses, _OFFSETS_M).reshape(len(poses), -1)
     # Without the line from end to end, so that the ends do not look like jumps.
     paths_m -= np.linspace(paths_m[0], paths_m[-1], len(poses))
     power = (dct(paths_m, axis=0, norm="ortho") ** 2).sum(axis=1)
@@ -80,28 +71,6 @@ def cutoff_of(
     removed = 1.0 - 1.0 / (1.0 + (frequencies_hz[:, None] / _CUTOFFS_HZ) ** 4)
     errors = power @ removed**2 / np.maximum(removed.sum(axis=0), 1e-9) ** 2
     return float(_CUTOFFS_HZ[int(errors.argmin())])
-
-
-def bridged(poses: Floats, distrusted: Mask, fps: float) -> Floats:
-    """Poses (N, D) with straight lines over gaps of distrusted values (N, D), up to 0.3 s from frames before
-    to frames after them."""
-    result, rows = poses.copy(), np.arange(len(poses))
-    for d in np.flatnonzero(distrusted.any(axis=0)):
-        gap = _short_gaps(distrusted[:, d], fps)
-        result[gap, d] = np.interp(rows[gap], rows[~gap], poses[~gap, d])
-    gap = _short_gaps(np.asarray(distrusted[:, ROOT_TURN].any(axis=1)), fps)
-    if gap.any():
-        turned = Slerp(rows[~gap], root_rotations(poses[~gap]))(rows[gap])
-        result[rows[gap, None], ROOT_TURN] = root_angles(turned, near=poses[gap][:, ROOT_TURN])
-    return result
-
-
-def _short_gaps(missing: Mask, fps: float) -> Mask:
-    """(N,) the runs of missing frames that are no longer than _LONGEST_GAP_S and not at an end."""
-    runs, _ = ndimage.label(missing)
-    is_short = np.bincount(runs) <= _LONGEST_GAP_S * fps
-    is_short[[0, runs[0], runs[-1]]] = False  # 0 is what is not missing
-    return np.asarray(is_short[runs])
 
 
 def rts(poses: Floats, fps: float, cutoff_hz: float) -> Floats:

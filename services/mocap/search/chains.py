@@ -8,7 +8,6 @@ import numpy as np
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import (
     CLOTH_JOINTS,
-    N_DOF,
     SEGMENT_JOINTS,
     SURFACE_FRAMES,
     segment_transforms,
@@ -23,8 +22,7 @@ from services.mocap.body.skeleton import (
     segments_below,
 )
 from services.mocap.camera.rig import Rig
-from services.mocap.take.marks import PARTS, Marks
-from services.mocap.types import Floats, Ints, Mask
+from services.mocap.types import Floats, Ints
 
 REFERENCE_WIDTH_PX = 320
 """Windows are as large as skeleton_table.py says at this picture width, and scale with it."""
@@ -122,22 +120,3 @@ def window_origins_px(stage: Stage, pose: Floats, body: Body, rig: Rig) -> Ints:
     size_px = window_size_px(stage, rig)
     origins_px: Ints = (np.rint(homogeneous[:, :2] / depth_m) - size_px // 2).astype(np.int32)
     return np.clip(origins_px, 0, np.maximum(rig.sizes_px - size_px, 0))
-
-
-_BRIDGED_CONFIDENCE = 0.1
-"""A limb that is lost with less certainty is on average nearer to the truth than a line between the frames
-before and after: on six takes of people with marked limbs, 0.1 left 8.0 % of limbs lost, 0.5 left 8.3 %, no
-bridges 8.4 %."""
-_DOFS: dict[str, tuple[int, ...]] = {"head": HEAD.dofs, **{name: limb.dofs for name, limb in LIMBS.items()}}
-"""The parameters of each part except the torso, which carries all others."""
-
-
-def values_to_bridge(marks: Marks) -> Mask:
-    """Which values of the poses (N, D) smoothing may bridge: those of marked parts that are almost certainly
-    lost, and all where that is the torso."""
-    values: Mask = np.zeros((len(marks.distrusted), N_DOF), bool)
-    bridged = marks.distrusted & ~(marks.confidence >= _BRIDGED_CONFIDENCE)
-    for part, frames in zip(PARTS, bridged.T, strict=True):
-        dofs = list(_DOFS.get(part, range(N_DOF)))
-        values[np.ix_(frames, dofs)] = True
-    return values

@@ -13,7 +13,7 @@ import av
 import numpy as np
 from av.container import InputContainer
 from av.video.frame import VideoFrame
-from av.video.reformatter import VideoReformatter
+from av.video.reformatter import Interpolation, VideoReformatter
 from av.video.stream import VideoStream
 
 from services.mocap.errors import TakeError
@@ -22,6 +22,8 @@ from services.mocap.types import Bytes, Floats
 COPY_AGAIN = "copy or record it again"
 _LONGEST_NOT_CODED = 19
 """Bytes: FFmpeg takes an MPEG-4 packet up to this long for one that only says "as before"."""
+_REDUCING = Interpolation.AREA | 0x2000
+"""FFmpeg's SWS_AREA with SWS_FULL_CHR_H_INT, without which it halves the colours' resolution once more."""
 _CODECS_WITH_NOT_CODED = ("mpeg4",)
 _CODECS_OUT_OF_ORDER = ("h264", "hevc")
 
@@ -185,7 +187,7 @@ def bgr_picture(
         converted = converter.reformat(frame, format="bgr24", threads=1)
     else:
         width, height = size_px[::-1] if quarter_turns % 2 else size_px
-        converted = converter.reformat(frame, width, height, "bgr24", interpolation="AREA", threads=1)
+        converted = converter.reformat(frame, width, height, "bgr24", interpolation=_REDUCING, threads=1)
     bgr: Bytes = np.asarray(converted.to_ndarray(), np.uint8)
     return np.ascontiguousarray(np.rot90(bgr, quarter_turns)) if quarter_turns else bgr
 

@@ -146,7 +146,7 @@ class TakeWriter:
         write_joints_csv(path, frames, frames / self._settings.fps, joints_take_m)
 
     def _video(self, path: Path, camera: Camera) -> AbstractContextManager[VideoWriter]:
-        return video_writer(path, camera.width_px, camera.height_px, self._settings.fps)
+        return video_writer(path, *camera.size_px, self._settings.fps)
 
 
 @contextmanager

@@ -49,7 +49,7 @@ def see_empty_stage(take: LiveTake, cameras: Sequence[int], folder: Path, stop: 
             )
         path = background_video_path(folder, camera.name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with video_writer(path, camera.width_px, camera.height_px, take.live.fps) as writer:
+        with video_writer(path, *camera.size_px, take.live.fps) as writer:
             for picture in pictures:
                 writer.write(picture)
     log.info("recorded the empty stage with %d cameras", len(seen))

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, build_body
+from services.mocap.body import shape_space
+from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, _shape, build_body
 from services.mocap.body.bones import BONES
 from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
@@ -153,6 +154,23 @@ def test_meshes_keep_their_faces() -> None:
     assert len(body.vertices_m) == len(body.faces) == len(SEGMENT_NAMES)
     for faces, mesh in zip(body.faces, generic_segments(), strict=True):
         np.testing.assert_array_equal(faces, mesh.faces)
+
+
+def test_a_body_does_not_depend_on_those_built_before_or_on_what_was_done_to_them() -> None:
+    """Shapes of segments are kept and shared by bodies that have them in common."""
+    rng, spread = np.random.default_rng(3), shape_space.DEVIATIONS
+    vectors = shape_space.clip_to_bounds(spread * rng.normal(size=(6, len(spread))))
+    vectors[3:] = vectors[:3]
+    vectors[3:, shape_space.INDEX["leg_girth_knee"]] += 0.05
+    alone = []
+    for x in vectors:
+        _shape.cache_clear()
+        alone.append([vertices_m.copy() for vertices_m in shape_space.body_of(x).vertices_m])
+    for x, expected in [*zip(vectors, alone, strict=True), *zip(vectors[::-1], alone[::-1], strict=True)]:
+        body = shape_space.body_of(x)
+        for vertices_m, of_alone in zip(body.vertices_m, expected, strict=True):
+            np.testing.assert_array_equal(vertices_m, of_alone)
+            vertices_m += 1.0
 
 
 def test_standing_height_is_the_actors() -> None:

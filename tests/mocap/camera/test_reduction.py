@@ -97,13 +97,18 @@ def test_half_of_a_pixel_decides() -> None:
     assert not small[0, 5:].any() and not small[1:].any()
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from([80, 160, 320]))
-def test_an_enlarged_silhouette_is_reduced_to_itself(seed: int, longest_side_px: int) -> None:
+@pytest.mark.parametrize("longest_side_px", [107, 128, 160, 213, 284, 320])
+def test_an_enlarged_silhouette_stays_in_place_and_is_reduced_to_nearly_itself(longest_side_px: int) -> None:
     small = CAMERA.reduced(longest_side_px)
-    trimap = np.random.default_rng(seed).choice(STATES, small.shape_px)
+    v, u = np.mgrid[: small.height_px, : small.width_px] / small.height_px
+    trimap = np.where(np.hypot(u - 0.6, v - 0.55) < 0.3, ACTOR, BACKGROUND).astype(np.uint8)
+    trimap[np.hypot(u - 0.9, v - 0.55) < 0.1] = UNSURE
     whole = enlarge_trimap(trimap, CAMERA)
     assert whole.shape == (240, 320)
-    np.testing.assert_array_equal(reduce_trimap(whole, small), trimap)
+    assert (reduce_trimap(whole, small) != trimap).sum() <= 4
+    for state in (ACTOR, UNSURE):
+        shares = [(np.argwhere(of == state).mean(axis=0) + 0.5) / of.shape for of in (trimap, whole)]
+        np.testing.assert_allclose(shares[0], shares[1], atol=0.2 / 320)
 
 
 def test_what_has_the_size_already_is_not_copied() -> None:

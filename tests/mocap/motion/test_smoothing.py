@@ -11,7 +11,7 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.motion.root import ROOT_TURN, root_rotations
 from services.mocap.motion.settings import OutputSettings, Smoother
-from services.mocap.motion.smoothing import bridged, cutoff_of, rts, smoothed
+from services.mocap.motion.smoothing import cutoff_of, rts, smoothed
 from services.mocap.synth.walk import walk
 from services.mocap.take.tables import reference_joints
 from services.mocap.types import Floats
@@ -129,48 +129,6 @@ def test_one_euro_knows_nothing_of_what_is_to_come(walking: tuple[Floats, Floats
     np.testing.assert_array_equal(whole[:40], part)
 
 
-def test_rts_bridges_what_should_not_be_trusted(walking: tuple[Floats, Floats]) -> None:
-    truth, noisy = walking
-    wrong, distrusted = noisy.copy(), np.zeros(noisy.shape, bool)
-    lost = [DOF_INDEX[f"left_{name}"] for name in ("shoulder_elevation", "shoulder_forward", "elbow_flexion")]
-    for first in (50, 90, 120):
-        frames = slice(first, first + 4)
-        wrong[frames, lost] += 0.7
-        distrusted[frames, lost] = True
-    wrong = clip_to_limits(wrong)
-    settings = OutputSettings(cutoff_hz=5.0)
-    blind, told = (smoothed(wrong, FPS, settings, marks) for marks in (None, distrusted))
-    error_blind, error_told = (np.abs(p - truth)[distrusted].mean() for p in (blind, told))
-    assert error_told < 0.1
-    assert error_told < 0.2 * error_blind
-    others = np.delete(np.arange(N_DOF), lost)
-    np.testing.assert_allclose(told[:, others], blind[:, others], atol=1e-9)
-
-
-def test_gaps_are_bridged_by_the_shortest_turn_and_only_short_ones_between_frames() -> None:
-    rng, n_frames = np.random.default_rng(4), 40
-    poses = clip_to_limits(rng.normal(0.0, 0.3, (n_frames, N_DOF)))
-    poses[:, ROOT_TURN[0]] += np.linspace(0.0, 9.0, n_frames)
-    distrusted = np.zeros(poses.shape, bool)
-    for first, end in ((0, 2), (5, 8), (12, 20), (25, 28), (38, 40)):  # 0.3 s at 10 frames a second are 3
-        distrusted[first:end] = True
-    found = bridged(poses, distrusted, 10.0)
-    changed = np.flatnonzero((found != poses).any(axis=1))
-    assert changed.tolist() == [5, 6, 7, 25, 26, 27]
-    others = np.delete(np.arange(N_DOF), ROOT_TURN)
-    for first, end in ((5, 8), (25, 28)):
-        shares = np.linspace(0.0, 1.0, end - first + 2)[1:-1]
-        before, after = poses[first - 1], poses[end]
-        np.testing.assert_allclose(
-            found[first:end, others], (before + shares[:, None] * (after - before))[:, others]
-        )
-        turns = root_rotations(np.stack([before, *found[first:end], after]))
-        steps_rad = (turns[:-1].inv() * turns[1:]).magnitude()
-        np.testing.assert_allclose(steps_rad, steps_rad.mean())
-        np.testing.assert_allclose(steps_rad.sum(), (turns[0].inv() * turns[-1]).magnitude())
-    assert np.array_equal(bridged(poses, np.ones(poses.shape, bool), 10.0), poses)
-
-
 @pytest.mark.parametrize("fps", [15.0, 30.0, 60.0])
 def test_the_cutoff_follows_the_motion(fps: float) -> None:
     """Of a slow swing noise is taken away, of a fast one its peaks are kept."""
@@ -190,15 +148,6 @@ def test_the_cutoff_follows_the_motion(fps: float) -> None:
         ]
         assert off_m[0] < 1.1 * min(off_m)
     assert cutoffs_hz[0] < cutoffs_hz[1]
-
-
-def test_what_should_not_be_trusted_does_not_raise_the_cutoff(walking: tuple[Floats, Floats]) -> None:
-    wrong, distrusted = walking[1].copy(), np.zeros(walking[1].shape, bool)
-    wrong[50:54, WRIST] += 1.0
-    distrusted[50:54, WRIST] = True
-    expected = cutoff_of(walking[1], FPS, OutputSettings())
-    assert cutoff_of(wrong, FPS, OutputSettings(), distrusted) == expected
-    assert cutoff_of(wrong, FPS, OutputSettings(cutoff_hz=3.5), distrusted) == 3.5
 
 
 def test_none_leaves_everything_as_it_was_tracked(walking: tuple[Floats, Floats]) -> None:
