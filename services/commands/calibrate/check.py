@@ -8,10 +8,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from services.commands.consoles import progress_bar, table_of, warn
-from services.mocap.calibration.agreeing import Agreement, agreement_of, filled_by_others, likely_mistake
+from services.mocap.calibration.agreeing import Agreement, agreement_of, likely_mistake
 from services.mocap.calibration.remarks import remarks_on
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
+from services.mocap.search.agreement import filled_by_others
 from services.mocap.take.folder import open_take
 from services.mocap.types import ACTOR, BACKGROUND, Floats
 from services.runs.outlines import outlines_of

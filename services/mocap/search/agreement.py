@@ -109,6 +109,19 @@ def find_agreement(
     return Agreement(cameras, best.odd, best.filled, space.person_shares(_kept(cameras, best)), suspects)
 
 
+def filled_by_others(rig: Rig, silhouettes: Mask, possible: Mask) -> Floats:
+    """(C,) the share of each camera's silhouette (C, H, W) of a moment that the others' hull covers.
+
+    NaN for a camera that does not show the actor. possible (C, H, W): what may be actor; it leaves the hull
+    room. Raises TakeError where the cameras' rays do not even come near to each other.
+    """
+    seen = tuple(c for c in range(rig.n_cameras) if silhouettes[c].any())
+    space, shares = _Space(rig, silhouettes, seen, possible), np.full(rig.n_cameras, np.nan)
+    for c in seen:
+        shares[c] = space.covered(c, space.hull_m(tuple(other for other in seen if other != c)))
+    return shares
+
+
 @dataclass(frozen=True)
 class _Choice:
     odd: tuple[int, ...]
@@ -161,8 +174,16 @@ class _Space:
 
     def filled(self, cameras: tuple[int, ...]) -> float:
         """The share of some cameras' silhouettes that the hull of these cameras covers, on average."""
-        points_m = self._points_m[self._inside(cameras)]
-        return float(np.mean([self._views[c].share(self._views[c].draw(points_m)) for c in cameras]))
+        points_m = self.hull_m(cameras)
+        return float(np.mean([self.covered(c, points_m) for c in cameras]))
+
+    def hull_m(self, cameras: tuple[int, ...]) -> Floats:
+        """(N, 3) the voxels in the hull of some cameras."""
+        return self._points_m[self._inside(cameras)]
+
+    def covered(self, camera: int, points_m: Floats) -> float:
+        """The share of a camera's silhouette that voxels about points (N, 3) cover."""
+        return self._views[camera].share(self._views[camera].draw(points_m))
 
     def in_parts(self, cameras: tuple[int, ...]) -> tuple[int, ...]:
         """The cameras whose silhouettes have two parts or more that count."""
@@ -201,7 +222,8 @@ class _Space:
     def _inside(self, cameras: tuple[int, ...], n_missed: int = 0) -> Mask:
         """The hull (N,) of some cameras, as carve has it, of which n_missed may miss a point."""
         chosen = list(cameras)
-        held = 2 * self._holds[chosen].sum(axis=0) >= max(len(chosen), 2 * MIN_CAMERAS)
+        fewest = min(MIN_CAMERAS, len(chosen))
+        held = 2 * self._holds[chosen].sum(axis=0) >= max(len(chosen), 2 * fewest)
         inside: Mask = held & (self._carves[chosen].sum(axis=0) <= n_missed)
         return inside
 
