@@ -8,8 +8,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from services.commands.consoles import progress_bar, table_of, warn
-from services.mocap.calibration.agreeing import Agreement, agreement_of, likely_mistake
 from services.mocap.calibration.remarks import remarks_on
+from services.mocap.calibration.tangent_agreement import TangentAgreement, agreement_of, likely_mistake
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
 from services.mocap.search.agreement import filled_by_others
@@ -59,7 +59,7 @@ def check_take(folder: Path, console: Console, errors: Console) -> None:
     raise DisagreeError(f"{folder}: {', '.join(odd)}: not in agreement with {others}: {advice}")
 
 
-def _table(names: list[str], found: Agreement, filled: Floats) -> Table:
+def _table(names: list[str], found: TangentAgreement, filled: Floats) -> Table:
     table = table_of("camera", "off, px", "covered by the others' hull", "")
     for c, name in enumerate(names):
         known = np.isfinite(found.off_px[c])

@@ -9,9 +9,14 @@ from itertools import combinations
 
 import numpy as np
 
-from services.mocap.calibration.agreeing import Agreement, agreement_limit_px, agreement_of, likely_mistake
 from services.mocap.calibration.conventions import BEHIND, CONVENTIONS, OPENGL_AXES, upward, with_axes
 from services.mocap.calibration.epipolar_tangents import Outline, touches_of
+from services.mocap.calibration.tangent_agreement import (
+    TangentAgreement,
+    agreement_limit_px,
+    agreement_of,
+    likely_mistake,
+)
 from services.mocap.calibration.time_offsets import find_offsets
 from services.mocap.camera.calibration import Up
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
@@ -83,7 +88,9 @@ def mistakes_in(cameras: tuple[Camera, ...], outlines: Outlines, up: Up) -> list
     return late or list(_from_a_frame_on(cameras, outlines)) or list(_disagreeing(cameras, found))
 
 
-def _undone(cameras: tuple[Camera, ...], outlines: Outlines, found: Agreement, up: Up) -> Iterator[Mistake]:
+def _undone(
+    cameras: tuple[Camera, ...], outlines: Outlines, found: TangentAgreement, up: Up
+) -> Iterator[Mistake]:
     """Mistakes that, undone, make all cameras agree."""
     names = [camera.name for camera in cameras]
     for what, convention in CONVENTIONS.items():
@@ -191,7 +198,7 @@ def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterato
         )
 
 
-def _disagreeing(cameras: tuple[Camera, ...], found: Agreement) -> Iterator[Mistake]:
+def _disagreeing(cameras: tuple[Camera, ...], found: TangentAgreement) -> Iterator[Mistake]:
     """Cameras that disagree for a reason that is not known."""
     names = [cameras[c].name for c in found.odd]
     if 2 * len(names) > len(cameras):

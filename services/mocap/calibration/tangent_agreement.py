@@ -1,4 +1,4 @@
-"""Checks from silhouettes alone whether a take's cameras agree, and finds those that do not."""
+"""Checks by planes that touch the actor in two pictures whether cameras agree, and finds those that do not."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _FEWEST_LEFT = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement:
+class TangentAgreement:
     """The agreement of all cameras."""
 
     off_px: Floats
@@ -28,7 +28,7 @@ class Agreement:
     """Cameras that do not agree with the others, the worst first."""
 
 
-def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]) -> Agreement:
+def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None]]) -> TangentAgreement:
     """Find the cameras that disagree: the worst is left out until all others agree.
 
     outlines: per camera, of each frame. If two disagree it is unknown which is wrong: then both are odd.
@@ -46,7 +46,7 @@ def agreement_of(cameras: tuple[Camera, ...], outlines: list[list[Outline | None
         odd += left
     good = [c for c in left if c not in odd] or left
     each = np.array([_typical(off_px, c, [*good, c]) for c in range(len(cameras))])
-    return Agreement(each, tuple(odd))
+    return TangentAgreement(each, tuple(odd))
 
 
 def agreement_limit_px(cameras: Sequence[Camera]) -> float:
