@@ -1,4 +1,4 @@
-"""Checks by planes that touch the actor in two pictures whether cameras agree, and finds those that do not."""
+"""Checks by planes that touch the actor in two pictures whether cameras agree, and which does not."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
