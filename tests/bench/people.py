@@ -105,6 +105,7 @@ def measure(folder_of: Callable[[], Path], trial: Trial) -> Iterator[Row]:
         except UserError as error:
             yield replace(row, refusal=str(error))
             return
+        true_m = true_m[run.poses.frames]  # tracking begins where the actor is in view
         outcome = outcome_of(run, read_joints_csv(out / JOINTS).joints_take_m, actor, true_m)
         floor = _floor(take, run, true_m, trial.floor_frames) if trial.floor_frames else None
         yield replace(row, outcome=outcome, floor=floor)
@@ -135,8 +136,7 @@ def true_joints_m(take: Take) -> Floats:
 
 
 def _floor(take: Take, run: Run, true_m: Floats, n_frames: int) -> Floor:
-    """true_m: (F, 15, 3) of all frames, in the take's world."""
-    rows = spread(np.zeros(len(true_m), bool), n_frames)
-    return floor_of(
-        take, run.actor, rows.tolist(), run.poses.poses[rows], from_take_world(true_m[rows], take.settings.up)
-    )
+    """true_m: (F, 15, 3) of the tracked frames, in the take's world."""
+    rows, up = spread(np.zeros(len(true_m), bool), n_frames), take.settings.up
+    frames = run.poses.frames[rows].tolist()
+    return floor_of(take, run.actor, frames, run.poses.poses[rows], from_take_world(true_m[rows], up))

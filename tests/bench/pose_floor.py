@@ -48,7 +48,7 @@ class Floor:
 
 
 def floor_of(take: Take, actor: Actor, frames: list[int], tracked: Floats, true_m: Floats) -> Floor:
-    """The floor in some frames, the first of them the take's first.
+    """The floor in some frames of a take.
 
     tracked: (F, D) poses; true_m: (F, 15, 3) joints in the z-up world. Raises TakeError where fit_take does.
     """
