@@ -48,8 +48,6 @@ def test_the_knocked_camera_comes_back_and_the_given_file_stays(
     knocked_take: Path, exact_take: Path, result: Path, xormocap: Command, refused: Callable[..., str]
 ) -> None:
     given = (knocked_take / CALIBRATION).read_bytes()
-    settings = knocked_take / "take.toml"
-    settings.write_text(f"longest_side = 240\n{settings.read_text()}")
     done = xormocap("calibrate", knocked_take, "--refine", result)
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
@@ -57,9 +55,7 @@ def test_the_knocked_camera_comes_back_and_the_given_file_stays(
     assert f"mv {knocked_take / REFINED} {knocked_take / CALIBRATION}" in said
     assert (knocked_take / CALIBRATION).read_bytes() == given
     (knocked_take / REFINED).rename(knocked_take / CALIBRATION)
-    true, found = open_take(exact_take).calibrated, open_take(knocked_take).calibrated
-    for before, after in zip(true, found, strict=True):
-        np.testing.assert_array_equal(before.K, after.K)  # of the files, though smaller pictures were used
+    true, found = open_take(exact_take).cameras, open_take(knocked_take).cameras
     turned_deg, moved_mm = moved_by(found[1], true[1])
     assert turned_deg < 0.1
     assert moved_mm < 10

@@ -43,9 +43,9 @@ def test_quick_looks_decode_little(small_take: SmallTake, monkeypatch: pytest.Mo
     camera, asked = take.cameras[0], list[range]()
 
     class Counting(VideoReader):
-        def __init__(self, video: object, start: int, stop: int, colour: None) -> None:
+        def __init__(self, video: object, start: int, stop: int, *further: object) -> None:
             asked.append(range(start, stop))
-            super().__init__(video, start, stop, colour)  # type: ignore[arg-type]
+            super().__init__(video, start, stop, *further)  # type: ignore[arg-type]
 
     monkeypatch.setattr("services.mocap.take.folder.VideoReader", Counting)
     looks = quick_looks(take, camera, most)

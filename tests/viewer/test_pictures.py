@@ -13,7 +13,6 @@ from services.mocap.energy.bitplanes import TriPlanes, pack, pack_classes
 from services.mocap.take.folder import Take
 from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import ACTOR
-from services.viewer import pictures as module
 from services.viewer.pictures import LivePictures, Reader, Segmented, TakePictures
 
 
@@ -77,7 +76,7 @@ def test_videos_can_be_opened_ahead(walk: Take, monkeypatch: pytest.MonkeyPatch)
         opened.append(path)
         return index_video(path)
 
-    monkeypatch.setattr(module, "index_video", note)
+    monkeypatch.setattr("services.mocap.take.folder.index_video", note)
     pictures = TakePictures(walk, None)
     pictures.open()
     assert len(opened) == 8

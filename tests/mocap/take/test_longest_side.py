@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from rotation_tag import tag_a_quarter_turn
 from services.mocap.camera.reduction import reduce_trimap
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import LONGEST_SIDE, read_take_file
@@ -15,7 +16,6 @@ from services.mocap.take.writer import write_picture
 from services.mocap.types import ACTOR, UNSURE, Bytes, Floats
 from services.segmentation.files import write_silhouettes
 from services.segmentation.segmenters import make_segmenter
-from tests.rotation_tag import tag_a_quarter_turn
 
 SmallTake = Callable[..., Path]
 
