@@ -43,9 +43,9 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
     with atomic_folder(out) as part:
         made = make_segmenter(take, take.cameras, segmenter)
         for frame, moment in enumerate(made.raw_moments(0, take.settings.frames)):
-            for in_file, trimap, of_camera in zip(take.calibrated, moment.trimaps, thirds, strict=True):
-                folder = part / layout.SILHOUETTES / in_file.name
-                write_picture(layout.silhouette_path(folder, frame), enlarge_trimap(trimap, in_file))
+            for calibrated, trimap, of_camera in zip(take.calibrated, moment.trimaps, thirds, strict=True):
+                folder = part / layout.SILHOUETTES / calibrated.name
+                write_picture(layout.silhouette_path(folder, frame), enlarge_trimap(trimap, calibrated))
                 of_camera.add(frame, trimap)
                 advance()
         sentence = thirds_in_words([camera.name for camera in take.cameras], thirds)

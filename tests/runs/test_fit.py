@@ -215,7 +215,7 @@ def test_what_hides_the_actor_is_kept_with_the_fit(folder: Path, found: TakeFit,
     half = camera.reduced(camera.width_px // 2)  # the take's longest_side was changed since the fit
     of_half = read_occluded(tmp_path, [half])[camera.name]
     assert np.array_equal(of_half, mask[::2, ::2])
-    with pytest.raises(TakeError, match=r"occluded.cam02\.png: has not the shape of cam02's pictures"):
+    with pytest.raises(TakeError, match=r"occluded.cam02\.png: has another aspect ratio than cam02"):
         read_occluded(tmp_path, [camera.resized(camera.height_px, camera.width_px)])
     path = tmp_path / OCCLUDED / f"{camera.name}.png"
     path.write_bytes(path.read_bytes()[:50])

@@ -1,4 +1,4 @@
-"""Checks by planes that touch the actor in two pictures whether cameras agree, and which does not."""
+"""Whether cameras agree, and which do not, by the planes that touch the actor in the pictures of two."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

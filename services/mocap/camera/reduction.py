@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
+from services.mocap.camera.undistort import trimap_by_masks
+from services.mocap.types import Bytes, Mask, Trimap
 
 
 def reduce_picture(picture: Bytes, camera: Camera) -> Bytes:
@@ -29,13 +30,11 @@ def enlarge_trimap(trimap: Trimap, camera: Camera) -> Trimap:
 def _resized_trimap(trimap: Trimap, camera: Camera, interpolation: int) -> Trimap:
     if _has_size(trimap, camera):
         return trimap
-    actor, may_be_actor = (
-        _resized(mask.view(np.uint8) * np.uint8(255), camera, interpolation) > 127
-        for mask in (trimap == ACTOR, trimap != BACKGROUND)
-    )
-    resized: Trimap = np.where(may_be_actor, np.uint8(UNSURE), np.uint8(BACKGROUND))
-    resized[actor] = ACTOR
-    return resized
+
+    def resized(mask: Mask) -> Mask:
+        return np.asarray(_resized(mask.view(np.uint8) * np.uint8(255), camera, interpolation) > 127)
+
+    return trimap_by_masks(trimap, resized)
 
 
 def _resized(picture: Bytes, camera: Camera, interpolation: int) -> Bytes:

@@ -1,5 +1,7 @@
 """Undistortion: converts raw pictures and silhouettes to those of the camera's pinhole."""
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 
@@ -67,17 +69,22 @@ class Undistorter:
         self._check(trimap)
         if self._maps is None:
             return trimap
-        actor = self.mask(trimap == ACTOR)
-        undistorted: Trimap = np.where(actor, np.uint8(ACTOR), np.uint8(BACKGROUND))
-        if (trimap == UNSURE).any():
-            undistorted[self.mask(trimap != BACKGROUND) & ~actor] = UNSURE
-        return undistorted
+        return trimap_by_masks(trimap, self.mask)
 
     def _check(self, picture: Bytes | Mask) -> None:
         if picture.shape[:2] != self._shape:
             raise ValueError(
                 f"{self._name}: expected a picture of (height, width) {self._shape}, got {picture.shape[:2]}"
             )
+
+
+def trimap_by_masks(trimap: Trimap, change: Callable[[Mask], Mask]) -> Trimap:
+    """What a change of masks makes of a trimap (H, W): unsure where it depends on what unsure pixels are."""
+    actor = change(trimap == ACTOR)
+    changed: Trimap = np.where(actor, np.uint8(ACTOR), np.uint8(BACKGROUND))
+    if (trimap == UNSURE).any():
+        changed[change(trimap != BACKGROUND) & ~actor] = UNSURE
+    return changed
 
 
 def undistortion_maps(camera: Camera, kind: int) -> tuple[np.ndarray, np.ndarray]:

@@ -105,7 +105,7 @@ def read_occluded(folder: Path, cameras: Iterable[Camera]) -> dict[str, Mask]:
         if path.exists():
             mask = read_silhouette(path).view(np.uint8)
             if abs(mask.shape[1] * camera.height_px - mask.shape[0] * camera.width_px) > max(mask.shape):
-                raise TakeError(f"{path}: has not the shape of {camera.name}'s pictures: fit again")
+                raise TakeError(f"{path}: has another aspect ratio than {camera.name}: fit again")
             # of another size if the take's longest_side was another one at the time of the fit
             resized = cv2.resize(mask, camera.size_px, interpolation=cv2.INTER_NEAREST)
             occluded[camera.name] = resized > 0

@@ -7,19 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from services.mocap.camera.camera import Camera
+from distorted_cameras import CAMERA
 from services.mocap.camera.reduction import enlarge_trimap, reduce_picture, reduce_trimap
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Trimap
 
-CAMERA = Camera(
-    name="cam01",
-    width_px=320,
-    height_px=240,
-    K=np.array([[260.0, 0.0, 163.0], [0.0, 262.0, 117.0], [0.0, 0.0, 1.0]]),
-    distortion=np.array([-0.28, 0.09, 0.001, -0.002]),
-    R_camera_world=Rotation.from_rotvec([0.1, -0.2, 0.05]).as_matrix(),
-    t_camera_world_m=np.array([0.1, -0.2, 3.0]),
-)
 STATES = np.array([BACKGROUND, UNSURE, ACTOR], np.uint8)
 
 
