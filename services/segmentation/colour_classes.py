@@ -34,7 +34,7 @@ _ROUNDS = 3
 """Of sorting pieces into classes and learning the classes' colours from what is sorted."""
 N_PIECES = len(COLOURED) * QUARTERS
 PIECES: Bytes = np.arange(1, 1 + N_PIECES, dtype=np.uint8).reshape(len(COLOURED), QUARTERS)
-"""(S + 3, QUARTERS) the number of each piece, from 1 on, as a table for ColourPainter.painted."""
+"""(S + 5, QUARTERS) the number of each piece, from 1 on, as a table for ColourPainter.painted."""
 
 
 def classes_of(image_bgr: Bytes, table: Bytes) -> Bytes:

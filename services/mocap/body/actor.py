@@ -140,7 +140,8 @@ class Body:
     """An actor's skeleton and segment meshes in metres."""
 
     offsets_m: Floats
-    """(J, 3) each joint relative to its parent in the rest pose."""
+    """(J, 3) each joint relative to its parent in the rest pose; in a skirt (J + 1, 3), with the hem relative
+    to the pelvis."""
     vertices_m: tuple[Floats, ...]
     """Per segment (V, 3), in the segment's frame."""
     faces: tuple[Ints, ...]
@@ -150,9 +151,9 @@ class Body:
     """The mesh that it was made from."""
 
     cloth_m: tuple[Floats, ...] = _NO_CLOTH
-    """Per part of a skirt (V, 3), in its frame of CLOTH_FRAMES."""
+    """Per part of a skirt (V, 3), in its frame of CLOTH_FRAMES; of webs (4, 3), corners of a tetrahedron."""
     colour_classes: Bytes = field(default_factory=lambda: class_table({}))
-    """(S + 3, QUARTERS) the colour class of each piece of each surface, 0 where none is known."""
+    """(S + 5, QUARTERS) the colour class of each piece of each surface, 0 where none is known."""
 
     @cached_property
     def surfaces(self) -> tuple[tuple[Floats, Ints], ...]:
@@ -164,7 +165,7 @@ class Body:
     @cached_property
     def shown(self) -> tuple[tuple[Floats, Ints], ...]:
         """Vertices (V, 3) and faces (F, 3) of the segments, for what moves no cloth: a skirt's cone is part
-        of the pelvis, the tube between the legs is left out."""
+        of the pelvis, the webs between the legs are left out."""
         meshes, cone_m = list(zip(self.vertices_m, self.faces, strict=True)), self.cloth_m[0]
         pelvis_m, faces = meshes[SEGMENT_INDEX["pelvis"]]
         cone_faces = self.mesh.cloth[0].faces + len(pelvis_m)
@@ -224,13 +225,18 @@ def build_body(actor: Actor) -> Body:
         vertices_m.append(shaped_m[form] * _MIRROR if segment.side == "right" else shaped_m[form])
     offsets_m = stretched_offsets(mesh.offsets_heights * actor.height, ratios)
     offsets_m[JOINT_INDEX["waist"], 0] += _hips_setback_m(actor)  # the pelvis joint stays between the hips
+    cloth_m = _NO_CLOTH
+    if actor.skirt:
+        cone, *webs = mesh.cloth
+        cloth_m = (_shaped("pelvis", cone, actor, ratios), *(web.vertices_heights for web in webs))
+        offsets_m = np.vstack([offsets_m, (0.0, 0.0, cloth_m[0][:, 2].min())])
     return Body(
         offsets_m=offsets_m,
         vertices_m=tuple(vertices_m),
         faces=mesh.faces,
         height_m=actor.height,
         mesh=mesh,
-        cloth_m=_cloth(mesh, actor, ratios) if actor.skirt else _NO_CLOTH,
+        cloth_m=cloth_m,
         colour_classes=class_table(actor.colours),
     )
 
@@ -291,15 +297,3 @@ def _before_bone_m(segment: str, z_heights: Floats, setback_m: float) -> Floats 
     along = z_heights / THIGH.section.end if segment == THIGH.name else 0.0
     share: Floats = 1.0 - np.clip(along, 0.0, 1.0)
     return setback_m * share
-
-
-def _cloth(mesh: BodyMesh, actor: Actor, ratios: dict[str, float]) -> tuple[Floats, ...]:
-    """Per part of the skirt (V, 3) its vertices in metres, in its frame."""
-    cone, *tubes = mesh.cloth
-    shaped_m = [_shaped("pelvis", cone, actor, ratios)]
-    for tube in tubes:
-        vertices_m = tube.vertices_heights * (actor.height * scales_across(tube.name, ratios))
-        setback_m = _setback_m(tube.name, actor)
-        vertices_m[:, 0] += _before_bone_m(tube.name, tube.vertices_heights[:, 2], setback_m)
-        shaped_m.append(vertices_m)
-    return tuple(shaped_m)

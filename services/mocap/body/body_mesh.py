@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.bones import BONES
+from services.mocap.body.kinematics import CLOTH_FRAMES
 from services.mocap.body.shape import SegmentMesh, generic_segments
 from services.mocap.body.skeleton import JOINTS, SEGMENT_NAMES
 from services.mocap.body.surface import is_closed
@@ -45,8 +46,8 @@ class BodyMesh:
     """(J, 3) each joint relative to its parent, likewise."""
     lengths_heights: dict[str, float]
     """How long each bone really is (names: BONES), in body heights."""
-    cloth: tuple[SegmentMesh, SegmentMesh, SegmentMesh] = (NOTHING, NOTHING, NOTHING)
-    """The parts of a skirt, in the order of kinematics.CLOTH_FRAMES."""
+    cloth: tuple[SegmentMesh, ...] = (NOTHING,) * len(CLOTH_FRAMES)
+    """The parts of a skirt, in the order of CLOTH_FRAMES."""
 
     @cached_property
     def surfaces(self) -> tuple[SegmentMesh, ...]:

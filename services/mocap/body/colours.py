@@ -17,11 +17,11 @@ MOST_CLASSES = 7
 SKIRT = "skirt"
 """The name of all cloth that hangs about the legs."""
 COLOURED = (*SEGMENT_NAMES, *[SKIRT] * len(CLOTH_FRAMES))
-"""(S + 3,) the name of each surface that is drawn."""
+"""(S + 5,) the name of each surface that is drawn."""
 
 
 def parts_of_classes(classes: Bytes) -> dict[int, str]:
-    """By class the segments that show it, in words; classes (S + 3, QUARTERS) as of class_table."""
+    """By class the segments that show it, in words; classes (S + 5, QUARTERS) as of class_table."""
     parts: dict[int, list[str]] = {}
     for name, of_quarters in zip(COLOURED, classes.tolist(), strict=True):
         words = name.removeprefix("left_").removeprefix("right_").replace("_", " ")
@@ -47,6 +47,6 @@ def check_colours(colours: object) -> None:
 
 
 def class_table(colours: dict[str, tuple[int, ...]]) -> Bytes:
-    """(S + 3, QUARTERS) the class of each piece of each surface; 0 where none is known."""
+    """(S + 5, QUARTERS) the class of each piece of each surface; 0 where none is known."""
     nothing = (0,) * QUARTERS
     return np.array([colours.get(name, nothing) for name in COLOURED], np.uint8)

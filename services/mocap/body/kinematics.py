@@ -3,13 +3,13 @@
 import numba
 import numpy as np
 
+from services.mocap.body.cloth_frames import ANKLES, HIPS, KNEES, PELVIS, WEBS, hang, span
 from services.mocap.body.skeleton import (
     DOFS,
     JOINT_INDEX,
     JOINTS,
     LOWER,
     SEGMENT_JOINT,
-    SIDES,
     UPPER,
     dofs_of,
 )
@@ -18,8 +18,6 @@ from services.mocap.types import Floats, Ints
 N_DOF = len(DOFS)
 N_JOINTS = len(JOINTS)
 SHIFT, SWING, TURN = range(3)
-_PARALLEL = 1e-6
-"""A sum of two unit vectors shorter than this has no direction."""
 _ROLES = {
     "translation": SHIFT, "swing": SWING, "heading": TURN, "lean": TURN, "pitch": TURN, "twist": TURN,
 }  # fmt: skip
@@ -32,29 +30,31 @@ DOF_RANGE: Ints = np.array(
     [(dofs[0], dofs[-1] + 1) if (dofs := dofs_of(joint.name)) else (0, 0) for joint in JOINTS], np.int32
 )
 """(J, 2) the first of each joint's parameters, which stand in a row, and the one after the last."""
-_PELVIS = JOINT_INDEX["pelvis"]
-CLOTH_JOINTS: Ints = np.array(
-    [(_PELVIS, _PELVIS), *([JOINT_INDEX[f"{side}_{at}"] for side in SIDES] for at in ("hip", "knee"))],
-    np.int32,
-)
-"""(3, 2) what moves each frame of cloth: two joints, halfway between which it lies. The first one, of cloth
-that hangs from the pelvis, is turned halfway towards upright instead."""
-CLOTH_FRAMES: Ints = np.arange(N_JOINTS, N_JOINTS + len(CLOTH_JOINTS), dtype=np.int32)
-"""(3,) frames of cloth, in the order of CLOTH_JOINTS: no joints, but they follow these in all arrays."""
-_HANGING = N_JOINTS
+HANGING, _FIRST_WEB = N_JOINTS, N_JOINTS + 1
+CLOTH_JOINTS: tuple[tuple[int, ...], ...] = ((PELVIS,), *[(*HIPS.tolist(), *KNEES.tolist())] * len(WEBS))
+"""The joints whose turning moves each frame of cloth."""
 N_FRAMES = N_JOINTS + len(CLOTH_JOINTS)
+CLOTH_FRAMES: Ints = np.arange(N_JOINTS, N_FRAMES, dtype=np.int32)
+"""(5,) frames of cloth: no joints, but they follow these in all arrays. The first one, of cloth that hangs
+from the pelvis, leans half as far as this. The others are of webs between the legs, and not rigid: they take
+the corners of a unit tetrahedron to two points of the left and the right leg."""
 ALL_FRAMES: Ints = np.arange(N_FRAMES, dtype=np.int32)
 SEGMENT_JOINTS: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()], np.int32)
 """(S,) the joint that carries each segment."""
 SURFACE_FRAMES: Ints = np.concatenate([SEGMENT_JOINTS, CLOTH_FRAMES])
-"""(S + 3,) the frame of each surface that is drawn: of the segments, then of the cloth of a skirt."""
+"""(S + 5,) the frame of each surface that is drawn: of the segments, then of the cloth of a skirt."""
+N_RIGID = len(SEGMENT_JOINTS) + _FIRST_WEB - N_JOINTS
+"""Surfaces from this one on are webs, with frames that stretch them."""
 
 
 def moving_frames(dofs: tuple[int, ...], surfaces: tuple[int, ...]) -> Ints:
     """The frames that parameters move, parents first, of surfaces or of joints that lead to them."""
     carriers = set(SURFACE_FRAMES[list(surfaces)].tolist())
-    drivers = {int(f): set(joints) for f, joints in zip(CLOTH_FRAMES, CLOTH_JOINTS.tolist(), strict=True)}
-    carriers.update(*(joints for frame, joints in drivers.items() if frame in carriers))
+    cloth = [frame for frame in CLOTH_FRAMES.tolist() if frame in carriers]
+    if cloth:
+        carriers.update([PELVIS, HANGING])
+    if cloth and cloth[-1] >= _FIRST_WEB:
+        carriers.update(ANKLES.tolist())
     moved, leading = set[int](), set[int]()
     for j in range(N_JOINTS):
         first, last = DOF_RANGE[j]
@@ -63,8 +63,10 @@ def moving_frames(dofs: tuple[int, ...], surfaces: tuple[int, ...]) -> Ints:
     for j in reversed(range(N_JOINTS)):
         if j in carriers or j in {PARENT[k] for k in leading}:
             leading.add(j)
-    cloth = [frame for frame, joints in drivers.items() if frame in carriers and joints & moved]
-    return np.array([*sorted(moved & leading), *cloth], np.int32)
+    moving_cloth = [
+        f for f in CLOTH_FRAMES.tolist() if f in carriers and moved & {*CLOTH_JOINTS[f - N_JOINTS]}
+    ]
+    return np.array([*sorted(moved & leading), *moving_cloth], np.int32)
 
 
 def clip_to_limits(poses: Floats) -> Floats:
@@ -76,7 +78,8 @@ def frame_transforms(poses: Floats, offsets_m: Floats) -> Floats:
     """World transforms of all joints, and of CLOTH_FRAMES after them.
 
     poses: (N, D) in metres and radians. offsets_m: (J, 3), each joint relative to its parent in the rest
-    pose. Returns T_world_frame (N, J + 3, 4, 4).
+    pose; with one more row, the hem of a skirt relative to the pelvis. Returns T_world_frame
+    (N, J + 5, 4, 4).
     """
     # A copy: for Numba a read-only array, as in a message, is another type.
     poses = np.array(poses, np.float64, order="C")
@@ -99,7 +102,7 @@ def segment_transforms(poses: Floats, offsets_m: Floats) -> Floats:
 
 
 def surface_transforms(poses: Floats, offsets_m: Floats) -> Floats:
-    """World transforms of all surfaces: T_world_surface (N, S + 3, 4, 4); arguments as frame_transforms."""
+    """World transforms of all surfaces: T_world_surface (N, S + 5, 4, 4); arguments as frame_transforms."""
     return frame_transforms(poses, offsets_m)[:, SURFACE_FRAMES]
 
 
@@ -168,7 +171,7 @@ def _local_rotation(pose: Floats, joint: int, R: Floats, turn: Floats, product: 
 
 @numba.njit(cache=True, nogil=True)
 def place_frames(pose: Floats, offsets_m: Floats, frames: Ints, T_world_frame: Floats) -> None:
-    """Write the world transforms of some frames, parents before children, into T_world_frame (J + 3, 4, 4).
+    """Write the world transforms of some frames, parents before children, into T_world_frame (J + 5, 4, 4).
 
     The transforms of their other parents must be set. pose (D,); offsets_m as for frame_transforms.
     """
@@ -176,9 +179,12 @@ def place_frames(pose: Floats, offsets_m: Floats, frames: Ints, T_world_frame: F
     for j in frames:
         T = T_world_frame[j]
         T[3, 0], T[3, 1], T[3, 2], T[3, 3] = 0.0, 0.0, 0.0, 1.0
-        if j >= N_JOINTS:
-            one, other = CLOTH_JOINTS[j - N_JOINTS]
-            _place_cloth(T_world_frame[one], T_world_frame[other], j == _HANGING, T)
+        if j == HANGING:
+            hang(T_world_frame[PELVIS], T)
+            continue
+        if j >= _FIRST_WEB:
+            hem_m = -offsets_m[N_JOINTS, 2] if len(offsets_m) > N_JOINTS else 0.0
+            span(T_world_frame, T_world_frame[HANGING], hem_m, WEBS[j - _FIRST_WEB], T)
             continue
         _local_rotation(pose, j, R_parent_joint, turn, product)
         if PARENT[j] < 0:
@@ -195,31 +201,3 @@ def place_frames(pose: Floats, offsets_m: Floats, frames: Ints, T_world_frame: F
                 + T_parent[i, 2] * offsets_m[j, 2]
                 + T_parent[i, 3]
             )
-
-
-@numba.njit(cache=True, nogil=True)
-def _place_cloth(one: Floats, other: Floats, hangs: bool, out: Floats) -> None:
-    """Write the frame halfway between two (4, 4), or, where it hangs, halfway between the first and upright.
-
-    Its z axis is the mean of theirs, then its y axis as far as it can be. Where means have no direction, it
-    is turned as the first one.
-    """
-    for i in range(3):
-        out[i, 1], out[i, 2] = one[i, 1] + other[i, 1], one[i, 2] + other[i, 2]
-        out[i, 3] = (one[i, 3] + other[i, 3]) / 2.0
-    if hangs:
-        out[2, 2] += 2.0
-    up = np.sqrt(out[0, 2] ** 2 + out[1, 2] ** 2 + out[2, 2] ** 2)
-    along = (out[0, 1] * out[0, 2] + out[1, 1] * out[1, 2] + out[2, 1] * out[2, 2]) / max(up, _PARALLEL) ** 2
-    for i in range(3):
-        out[i, 1] -= along * out[i, 2]
-    across = np.sqrt(out[0, 1] ** 2 + out[1, 1] ** 2 + out[2, 1] ** 2)
-    if up < _PARALLEL or across < _PARALLEL:
-        copy_rotation(one, out)
-        return
-    for i in range(3):
-        out[i, 1] /= across
-        out[i, 2] /= up
-    for i in range(3):
-        k, m = (i + 1) % 3, (i + 2) % 3
-        out[i, 0] = out[k, 1] * out[m, 2] - out[m, 1] * out[k, 2]

@@ -191,30 +191,13 @@ SHANK = (Loft("zyx", _SHANK, -0.262, 0.033, 0.021, 0.033),)
 FOOT = (Loft("xyz", _FOOT, -0.031, 0.117, 0.016, 0.014),)
 _SKIRT_TOP, _SKIRT_CAP, _EASE = 0.015, 0.004, 0.006
 """Where a skirt begins over the hip joints, inside the pelvis; its rounding; its distance from the hips."""
-_TUBE_TOP, _THIGH_LENGTH, _LEAST_TUBE = 0.055, 0.231, 0.02
-"""Radius of the tube between the legs at the hips; where the knees are; it has no shorter part."""
 
 
-def skirt(length: float, flare: float) -> tuple[Loft, Loft, Loft | None]:
-    """A skirt that hangs `length` under the hip joints.
-
-    The cone, with its hem `flare` outside of the hips; the tube between the thighs; and its rest between the
-    shanks, if it reaches these. On someone who stands the tube is inside the cone.
-    """
+def skirt(length: float, flare: float) -> Loft:
+    """A cone that hangs `length` under the hip joints, with its hem `flare` outside of the hips."""
     _, _, half_width, back, front, *_ = min(_TRUNK, key=lambda row: abs(row[0]))
     rows = []
     for z, out in ((-length, _EASE + flare), (0.0, _EASE), (_SKIRT_TOP, _EASE)):
         across = half_width + out
         rows.append((z, -across, across, back - out, front + out, 2.3, 2.3))
-    cone = Loft("zyx", tuple(rows), -length, _SKIRT_TOP, _SKIRT_CAP, _SKIRT_CAP)
-    hem = min(front, -back) + _EASE + flare
-    above, below = min(length, _THIGH_LENGTH), length - _THIGH_LENGTH
-    at_knees = _TUBE_TOP + (hem - _TUBE_TOP) * above / length
-    thighs = _tube(above, _TUBE_TOP, at_knees)
-    return cone, thighs, _tube(below, at_knees, hem) if below > _LEAST_TUBE else None
-
-
-def _tube(length: float, top: float, bottom: float) -> Loft:
-    """A round tube downwards from a joint."""
-    rows = tuple((z, -r, r, -r, r, 2.0, 2.0) for z, r in ((-length, bottom), (0.0, top)))
-    return Loft("zyx", rows, -length, 0.0, _SKIRT_CAP, _SKIRT_CAP)
+    return Loft("zyx", tuple(rows), -length, _SKIRT_TOP, _SKIRT_CAP, _SKIRT_CAP)

@@ -1,21 +1,26 @@
-"""A skirt, or the tails of a coat: a cone that hangs about the legs, and a tube between them.
+"""A skirt, or the tails of a coat: a cone that hangs about the legs, and webs between them (cloth_frames.py).
 
-The cone hangs from the hips by its weight: it turns with the pelvis, but leans half as far. Where the legs
-leave it they stretch the cloth between them, which the tube stands for: one part lies halfway between the
-thighs, the other one halfway between the shanks. Without them, legs would be searched at the outline of the
-cloth.
+Without webs, legs would be searched at the outline of the cloth.
 """
 
 from functools import lru_cache
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from services.mocap.body import shape_profiles
-from services.mocap.body.body_mesh import NOTHING, BodyMesh
+from services.mocap.body.body_mesh import BodyMesh
+from services.mocap.body.cloth_frames import WEBS
 from services.mocap.body.shape import EDGE_HEIGHTS, SegmentMesh
 from services.mocap.body.shape_loft import loft_mesh
 
 _MESHES_KEPT = 64
+_WEB = SegmentMesh(
+    "web",
+    np.vstack([np.zeros((1, 3)), np.eye(3)]),
+    np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.int32),
+)
+"""A unit tetrahedron, whose corners a web's frame takes to points of the legs: not in body heights."""
 
 
 class Skirt(BaseModel):
@@ -34,9 +39,6 @@ class Skirt(BaseModel):
 @lru_cache(_MESHES_KEPT)
 def with_skirt(mesh: BodyMesh, skirt: Skirt) -> BodyMesh:
     """A body's mesh in a skirt."""
-    names, lofts = ("pelvis", "thigh", "shank"), shape_profiles.skirt(skirt.length, skirt.flare)
-    cone, thighs, shanks = (
-        SegmentMesh(name, *loft_mesh(loft, EDGE_HEIGHTS)) if loft else NOTHING
-        for name, loft in zip(names, lofts, strict=True)
-    )
-    return BodyMesh(mesh.segments, mesh.offsets_heights, mesh.lengths_heights, (cone, thighs, shanks))
+    cone = SegmentMesh("pelvis", *loft_mesh(shape_profiles.skirt(skirt.length, skirt.flare), EDGE_HEIGHTS))
+    cloth = (cone, *[_WEB] * len(WEBS))
+    return BodyMesh(mesh.segments, mesh.offsets_heights, mesh.lengths_heights, cloth)

@@ -37,9 +37,9 @@ class ColourPainter:
     def __init__(self, body: Body, rig: Rig) -> None:
         self._body, self._rig = body, rig
         self.ends_m = np.array([_ends_m(vertices_m) for vertices_m, _ in body.surfaces])
-        """(S + 3, 3, 3) near end, middle and far end of each surface in its frame."""
+        """(S + 5, 3, 3) near end, middle and far end of each surface in its frame."""
         self.nearer_m = np.where(np.array(COLOURED) == SKIRT, _CLOTH_NEARER_M, 0.0)
-        """(S + 3,) how much nearer to a camera than its middle each surface counts."""
+        """(S + 5,) how much nearer to a camera than its middle each surface counts."""
 
     def wrong_px(self, problem: Problem) -> Energy:
         """The number of pixels with a wrong class by a problem's values (N, d); cameras count by weight.
@@ -74,7 +74,7 @@ class ColourPainter:
         return pack((seen != 0) & (own != 0) & (own != seen))
 
     def painted(self, pose: Floats, region: Region, table: Bytes | None = None) -> Bytes:
-        """(C, h, w) the classes of a pose (D,) in a region; table (S + 3, QUARTERS): others than the body's,
+        """(C, h, w) the classes of a pose (D,) in a region; table (S + 5, QUARTERS): others than the body's,
         0 where nothing is to be painted."""
         T_world_frame = frame_transforms(pose[None], self._body.offsets_m)[0]
         coat = self._coat(self._body.colour_classes if table is None else table)

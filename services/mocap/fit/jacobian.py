@@ -7,9 +7,9 @@ import numpy as np
 
 from services.mocap.body import shape_space
 from services.mocap.body.actor import Actor, Body
+from services.mocap.body.cloth_frames import PELVIS
 from services.mocap.body.kinematics import (
-    CLOTH_FRAMES,
-    CLOTH_JOINTS,
+    HANGING,
     N_DOF,
     N_FRAMES,
     SURFACE_FRAMES,
@@ -41,7 +41,7 @@ class ShapeSlopes:
     vertex_slopes_m: Floats
     """(V, S, 3)"""
     offset_slopes_m: Floats
-    """(S, J, 3)"""
+    """(S, J or J + 1, 3)"""
 
     @classmethod
     def at(
@@ -51,7 +51,7 @@ class ShapeSlopes:
         body = shape_space.body_of(x, base)
         vertices_m = _vertices_m(body)
         vertex_slopes_m = np.empty((len(vertices_m), len(parameters), 3))
-        offset_slopes_m = np.empty((len(parameters), len(JOINTS), 3))
+        offset_slopes_m = np.empty((len(parameters), *body.offsets_m.shape))
         for k, parameter in enumerate(parameters):
             moved = x.copy()
             moved[parameter] += _STEP
@@ -91,7 +91,7 @@ def jacobian(slopes: ShapeSlopes, pose: Floats, rig: Rig, matches: list[Matches]
 
 
 def _frame_shifts(T_world_frame: Floats, offset_slopes_m: Floats) -> Floats:
-    """(S, J + 3, 3) derivative of the frames' origins in the world by the shape, for a fixed pose."""
+    """(S, J + 5, 3) derivative of the frames' origins in the world by the shape, for a fixed pose."""
     shifts_m: Floats = np.zeros((len(offset_slopes_m), N_FRAMES, 3))
     for j, joint in enumerate(JOINTS):  # parents precede children
         if joint.parent is None:
@@ -99,7 +99,7 @@ def _frame_shifts(T_world_frame: Floats, offset_slopes_m: Floats) -> Floats:
         else:
             parent = JOINT_INDEX[joint.parent]
             shifts_m[:, j] = shifts_m[:, parent] + offset_slopes_m[:, j] @ T_world_frame[parent, :3, :3].T
-    shifts_m[:, CLOTH_FRAMES] = shifts_m[:, CLOTH_JOINTS].mean(axis=2)
+    shifts_m[:, HANGING] = shifts_m[:, PELVIS]
     return shifts_m
 
 

@@ -13,7 +13,7 @@ from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.types import Bytes, Floats
 
-_LENGTHS_HEIGHTS = (0.18, 0.24, 0.30, 0.36, 0.42)
+_LENGTHS_HEIGHTS = (0.18, 0.21, 0.24, 0.27, 0.30, 0.33, 0.36, 0.39, 0.42)
 _FLARES_HEIGHTS = (0.0, 0.025, 0.05, 0.08)
 _FIRST_FLARE_HEIGHTS = 0.025
 """With which the lengths are compared."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.body.body_mesh import BodyMesh
-from services.mocap.body.kinematics import surface_transforms
+from services.mocap.body.kinematics import N_RIGID, surface_transforms
 from services.mocap.body.surface import closed_edges
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import outline_of
@@ -63,7 +63,8 @@ class Rim:
     normals: Floats
     """(N, 2) unit vectors that point off the model there."""
     edges: Indices
-    """(E, 2) mesh edges, as vertices of the whole body, between a front face and a back face."""
+    """(E, 2) mesh edges, as vertices of the whole body, between a front face and a back face; none of webs,
+    whose edges are long."""
     middles_px: Floats
     """(E, 2) the middles of their ends."""
     facing: Floats
@@ -99,7 +100,9 @@ class PosedSurface:
             np.ascontiguousarray(P_px_world),
         )  # fmt: skip
         outline = outline_of(_silhouette(ends_px, int(width_px), int(height_px)))
-        return Rim(*outline, self.mesh.edges[turning], ends_px.mean(axis=1), facing)
+        edges = self.mesh.edges[turning]
+        rigid = edges[:, 0] < self.mesh.starts[N_RIGID]
+        return Rim(*outline, edges[rigid], ends_px.mean(axis=1)[rigid], facing[rigid])
 
 
 @numba.njit(cache=True, nogil=True)

@@ -87,8 +87,8 @@ def _stages(part: str) -> list[Stage]:
 def _surfaces_below(joint: str) -> tuple[int, ...]:
     segments = segments_below(joint)
     carriers = SEGMENT_JOINTS[list(segments)]
-    cloth = len(SEGMENTS) + np.flatnonzero(np.isin(CLOTH_JOINTS, carriers).any(axis=1))
-    return (*segments, *cloth.tolist())
+    cloth = [len(SEGMENTS) + k for k, joints in enumerate(CLOTH_JOINTS) if np.isin(joints, carriers).any()]
+    return (*segments, *cloth)
 
 
 (TORSO,) = _stages("torso")

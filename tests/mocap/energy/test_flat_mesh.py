@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_RIGID
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.types import Ints
 
@@ -63,3 +64,7 @@ def test_spheres_hold_their_segments(real_body: Body) -> None:
     for vertices, sphere in zip(real_body.vertices_m, mesh.spheres_m, strict=False):
         distance = np.linalg.norm(vertices - sphere[:3], axis=1).max()
         assert distance <= sphere[3] <= distance * 1.001
+
+
+def test_spheres_of_webs_hold_everything(skirted_body: Body) -> None:
+    assert FlatMesh.of(skirted_body).spheres_m[N_RIGID:, 3].tolist() == [np.inf] * 4

@@ -29,7 +29,7 @@ def evaluate(
     """Write the energies (N,) of values (N, d).
 
     plan: the parameters that vary (d,), the frames that they move, the surfaces that are drawn. pose (D,)
-    and T_world_frame (J + 3, 4, 4): a base pose and its transforms, of which only what the plan names
+    and T_world_frame (J + 5, 4, 4): a base pose and its transforms, of which only what the plan names
     changes. gain_sums (C, H, W + 1) as summed_gain makes it; costs (3, C): blank, weights and cap of the
     Tally; canvas from empty_canvas.
     """
@@ -58,7 +58,7 @@ def cover(
     canvas: Canvas,
     covered: Bytes,
 ) -> None:
-    """Set the bits of pixels that bodies cover in covered (N, P, H, W); T_world_frame (N, J + 3, 4, 4)."""
+    """Set the bits of pixels that bodies cover in covered (N, P, H, W); T_world_frame (N, J + 5, 4, 4)."""
     P_px_world, lenses = cameras
     for n in range(len(T_world_frame)):
         for c in range(len(P_px_world)):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_RIGID
 from services.mocap.body.surface import Level, closed_edges
 from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.types import Floats, Ints
@@ -58,9 +59,7 @@ class FlatMesh(NamedTuple):
                 body.surfaces, thinned or [()] * len(body.surfaces), strict=True
             )
         ]
-        spheres_m = np.array(
-            [sphere_of(np.concatenate([level.vertices_m for level in ladder])) for ladder in ladders]
-        )
+        spheres_m = spheres_of([np.concatenate([level.vertices_m for level in ladder]) for ladder in ladders])
         n_levels = max(map(len, ladders))
         levels = [
             [ladder[k] if k < len(ladder) else _NO_LEVEL for ladder in ladders] for k in range(n_levels)
@@ -105,7 +104,17 @@ def _starts(parts: Sequence[NDArray[Any]]) -> list[int]:
     return [0, *accumulate(map(len, parts))]
 
 
-def sphere_of(vertices_m: Floats) -> Floats:
+def spheres_of(vertices_m: Sequence[Floats]) -> Floats:
+    """(S + 5, 4) centres and radii of spheres that hold each surface's vertices (V, 3), in its frame.
+
+    Those of webs, which their frames stretch, hold everything.
+    """
+    spheres_m = np.array([_sphere_of(of_one) for of_one in vertices_m])
+    spheres_m[N_RIGID:, 3] = np.where([len(of_one) > 0 for of_one in vertices_m[N_RIGID:]], np.inf, 0.0)
+    return spheres_m
+
+
+def _sphere_of(vertices_m: Floats) -> Floats:
     """Centre and radius (4,) of a sphere about the middle of the bounding box of vertices (V, 3), zeros for
     none."""
     if not len(vertices_m):

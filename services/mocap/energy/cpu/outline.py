@@ -54,7 +54,7 @@ def draw(
 ) -> None:
     """Put one camera's outlines of some surfaces on an empty canvas.
 
-    T_world_frame (J + 3, 4, 4); P_px_world (3, 4) and lens (LENS_SIZE,): the camera; detail_px: thinned
+    T_world_frame (J + 5, 4, 4); P_px_world (3, 4) and lens (LENS_SIZE,): the camera; detail_px: thinned
     levels may be off by this much.
     """
     xyz_m, edges, planes, block_planes, starts, spheres_m, errors_m = mesh

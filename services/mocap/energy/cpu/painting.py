@@ -17,9 +17,9 @@ from services.mocap.energy.cpu.outline import MeshArrays, Scratch, draw
 from services.mocap.types import Bytes, Floats, Ints
 
 Coat: TypeAlias = tuple[Bytes, Floats, Floats]
-"""What surfaces are painted with: the class of each quarter (S + 3, QUARTERS); near end, middle and far end
-of each surface in its frame (S + 3, 3, 3); how much nearer to the camera than its middle it counts
-(S + 3,)."""
+"""What surfaces are painted with: the class of each quarter (S + 5, QUARTERS); near end, middle and far end
+of each surface in its frame (S + 5, 3, 3); how much nearer to the camera than its middle it counts
+(S + 5,)."""
 Rest: TypeAlias = tuple[Bytes, Singles]
 """What is painted already: its classes (C, h, w) and how far away it is (C, h, w), infinite for nothing."""
 Room: TypeAlias = tuple[Ints, Floats, Floats, Ints]
@@ -51,7 +51,7 @@ def paint(
     everywhere: Bytes,
     rest: Rest,
 ) -> None:
-    """Paint surfaces of one pose over what is painted already; T_world_frame (J + 3, 4, 4).
+    """Paint surfaces of one pose over what is painted already; T_world_frame (J + 5, 4, 4).
 
     cameras: projections (C, 3, 4), lenses, and centres in the world (C, 3). everywhere (h, w): ones.
     """

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.body.surface import closed_edges
-from services.mocap.energy.cpu.mesh import sphere_of
+from services.mocap.energy.cpu.mesh import spheres_of
 from services.mocap.energy.gl.device import GROUP, MAX_GROUPS, GlDevice, GlUnavailableError
 
 _VERTEX_BYTES, _EDGE_BYTES = 3 * 8, 4 * 4
@@ -45,7 +45,7 @@ class GlMesh:
         vertices_m = [vertices_m for vertices_m, _ in body.surfaces]
         self._first_vertices = [0, *accumulate(map(len, vertices_m))]
         self._first_edges = [0, *accumulate(map(len, edges))]
-        self._spheres_m = np.array([sphere_of(of_one) for of_one in vertices_m])
+        self._spheres_m = spheres_of(vertices_m)
         n_vertices, n_edges = self._first_vertices[-1], self._first_edges[-1]
         most = min(MAX_GROUPS - len(edges), device.max_buffer_bytes // (_EDGE_BYTES * GROUP)) * GROUP
         if n_edges > most or n_vertices > device.max_buffer_bytes // _VERTEX_BYTES:

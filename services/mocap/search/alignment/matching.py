@@ -86,7 +86,7 @@ def match_view(
     matches: Matches,
     shares_px: Floats,
 ) -> int:
-    """Write the matches of camera c and return how many there are; add to shares_px (S + 3, SHARES).
+    """Write the matches of camera c and return how many there are; add to shares_px (S + 5, SHARES).
 
     surfaces: whose rim counts. near_px: a rim point lies on the contour if the model's contour is less than
     this far from the input's. seen and model_planes (P, H, W): the input and the whole model in the same

@@ -3,7 +3,8 @@
 import numba
 import numpy as np
 
-from services.mocap.body.kinematics import CLOTH_FRAMES, CLOTH_JOINTS, N_DOF, N_JOINTS, PARENT
+from services.mocap.body.cloth_frames import PELVIS
+from services.mocap.body.kinematics import HANGING, N_DOF, N_JOINTS, PARENT
 from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
 from services.mocap.search.alignment.matching import Matches
 from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, TWIST_SIZE
@@ -12,7 +13,7 @@ from services.mocap.types import Floats
 
 @njit_without_refcounts
 def add_matches(matches: Matches, n: int, cap_px: float, wrenches: Floats, pulls: Floats) -> None:
-    """Add n matches to the sums of their frames, wrenches (J + 3, 6, 6) and pulls (J + 3, 6).
+    """Add n matches to the sums of their frames, wrenches (J + 5, 6, 6) and pulls (J + 5, 6).
 
     With the row w of the Jacobian by the frame's twist, the residual r and its length l of outline:
 
@@ -36,10 +37,11 @@ def normal_equations(twists: Floats, wrenches: Floats, pulls: Floats) -> tuple[F
 
     wrenches and pulls as add_matches leaves them; what joints carry is summed down the tree in them (as in
     the composite rigid body algorithm: Featherstone, Rigid Body Dynamics Algorithms, 2008, chapter 6).
-    Of what cloth carries, each of its two joints takes one half.
+    What cloth that hangs from the pelvis carries is the pelvis's.
     """
     hessian, slope = np.empty((N_DOF, N_DOF)), np.empty(N_DOF)
-    _hand_over_cloth(wrenches, pulls)
+    wrenches[PELVIS] += wrenches[HANGING]
+    pulls[PELVIS] += pulls[HANGING]
     for j in range(N_JOINTS):
         for i in range(TWIST_SIZE):
             for k in range(i):
@@ -59,14 +61,6 @@ def normal_equations(twists: Floats, wrenches: Floats, pulls: Floats) -> tuple[F
             value = _dot(twists[e], moved) if MOVED_BY[DOF_JOINT[e], joint] else 0.0
             hessian[d, e] = hessian[e, d] = value
     return hessian, slope
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _hand_over_cloth(wrenches: Floats, pulls: Floats) -> None:
-    for k, frame in enumerate(CLOTH_FRAMES):
-        for joint in CLOTH_JOINTS[k]:
-            wrenches[joint] += 0.5 * wrenches[frame]
-            pulls[joint] += 0.5 * pulls[frame]
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
