@@ -23,6 +23,7 @@ from bench import (
     first_view,
     page_cost,
     people_tables,
+    pose_prior,
     reliability,
     settings_sweep,
     typical_poses,
@@ -319,6 +320,18 @@ def typical_poses_command(
     poses, mean_m = typical_poses.typical(np.vstack([typical_poses.poses_of(take) for take in takes]))
     typical_poses.write_typical(poses)
     typer.echo(f"{len(poses)} poses written; those of the takes are {mean_m:.3f} m from the nearest")
+
+
+@app.command("pose-prior")
+def pose_prior_command(
+    takes: Annotated[
+        list[Path], typer.Argument(metavar="TAKE...", help="z-up, with reference/joints.csv and actor.json.")
+    ],
+) -> None:
+    """Make the table of how likely limbs' poses are, from takes' true motions."""
+    poses = np.vstack([typical_poses.poses_of(take) for take in takes])
+    pose_prior.write_prior(poses)
+    typer.echo(f"made of {len(poses)} poses")
 
 
 @app.command()

@@ -108,11 +108,10 @@ class PathSearch:
         return path[::-1]
 
     def _energies_px(self, seen: TriPlanes, poses: Floats) -> Floats:
-        """(K,) what poses (K, D) cost in a frame, with what limbs inside others cost."""
+        """(K,) what poses (K, D) cost in a frame, with what unlikely limbs cost."""
         settings, picture = self._settings, Picture.of_frame(self._model.rig, seen)
         energy = whole_body_energy(self._model, picture, poses[0], settings.cost, settings.detail_px)
-        contact_px = self._model.aligner(settings).contact_px(poses, settings)
-        return np.asarray(energy(poses) + contact_px.sum(axis=1))
+        return np.asarray(energy(poses) + self._model.aligner(settings).unlikely_px(poses, settings))
 
 
 def apart_m(one: Floats, other: Floats, offsets_m: Floats) -> Floats:

@@ -19,6 +19,7 @@ from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
+from services.mocap.search.pairs import PAIRS, promising
 from services.mocap.search.part_confidence import (
     Differences,
     PartConfidence,
@@ -73,7 +74,8 @@ class _Search:
                 energy_px += self.settings.colour * float(self._wrong_px(aligned.pose[None])[0])
         else:
             energy_px = float(self._priced(aligned.pose[None])[0])
-        return _Seen(aligned, covered, contact_px, energy_px + contact_px.sum())
+        unlikely_px = self.model.aligner(self.settings).unlikely_px(aligned.pose[None], self.settings)
+        return _Seen(aligned, covered, contact_px, energy_px + float(unlikely_px[0]))
 
     def contact_px(self, pose: Floats) -> Floats:
         """(4,) what each limb (PRICED) costs for being inside the trunk, the head or the other leg."""
@@ -131,7 +133,11 @@ class _Search:
         return self.best_of(pose[None])
 
     def round(self, start: _Seen, parts: list[Part], settings: SearchSettings) -> _Seen:
-        """Search parts by XOR around a start, then align the whole body again."""
+        """Search parts by XOR around a start, then align the whole body again.
+
+        Where limbs are tried as in typical poses, so are pairs of them: neither of two exchanged legs fits
+        without the other, nor before the trunk turns.
+        """
         self.found.passes += 1
         names = [name for name in LIMBS if name in parts]
         self.limbs.start(limb_jobs(self.model, self.whole, start.pose, settings, names))
@@ -145,7 +151,16 @@ class _Search:
             solutions.append(of_limbs[name])
             self.found.note_limb(name, of_limbs[name])
         self.clock.book("limbs")
-        return self.align(self._one_by_one(start, solutions))
+        best = self.align(self._one_by_one(start, solutions))
+        if not settings.typical_limbs:
+            return best
+        begun = best
+        for pair in PAIRS:
+            if set(pair) <= set(names):
+                for pose in promising(self.model, pair, self.whole, begun.pose, settings):
+                    best = _better(best, self.align(self.best_of(pose[None])))
+        self.clock.book("limbs")
+        return best if best is begun else self.align(best)
 
     def _one_by_one(self, start: _Seen, solutions: list[Solution]) -> _Seen:
         """The start with the solutions that lower its energy, the best first, or with all of them.

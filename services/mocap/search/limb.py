@@ -67,7 +67,7 @@ def solve_limb(
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
     if settings.method == "contours":
-        energy = _with_contacts(model, limb.main, pose, settings, energy)
+        energy = with_unlikely(model, limb.main, pose, settings, energy)
         return _align_limb(model, limb, seen, pose, settings, Tried(points, energy(points)))
     main = descend_from(energy, best_of(energy, points), limb.main, box, settings)
     return _with_extremity(model, limb, seen, main.applied_to(pose), settings, main)
@@ -96,7 +96,7 @@ def _align_limb(
     """
     whole_limb = Stage(limb.dofs, limb.main.surfaces, limb.main.window_px)
     energy, start, box = prepare(model, whole_limb, seen, pose, settings)
-    energy = _with_contacts(model, whole_limb, pose, settings, energy)
+    energy = with_unlikely(model, whole_limb, pose, settings, energy)
     aligner = model.aligner(settings)
     candidates = [start]
     for point in tried.best_apart(_STARTS, 1.5 * _grid_steps(limb.main, settings)):
@@ -112,16 +112,16 @@ def _align_limb(
     return replace(lowest, evaluations=before + lowest.evaluations)
 
 
-def _with_contacts(
+def with_unlikely(
     model: Model, stage: Stage, pose: Floats, settings: SearchSettings, energy: Energy
 ) -> Energy:
-    """A stage's energy with what limbs inside others cost."""
+    """A stage's energy with what unlikely limbs cost."""
     aligner = model.aligner(settings)
 
     def priced(values: Floats) -> Floats:
         poses = np.tile(pose, (len(values), 1))
         poses[:, list(stage.dofs)] = values
-        return np.asarray(energy(values) + aligner.contact_px(poses, settings).sum(axis=1))
+        return np.asarray(energy(values) + aligner.unlikely_px(poses, settings))
 
     return priced
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import ALL_FRAMES, N_DOF, SURFACE_FRAMES, moving_frames
+from services.mocap.body.kinematics import ALL_FRAMES, N_DOF, N_RIGID, SURFACE_FRAMES, moving_frames
 from services.mocap.body.skeleton import BODY_DOFS, DOFS, LOWER, UPPER
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.collecting import empty_canvas
@@ -29,6 +29,7 @@ from services.mocap.search.alignment.matching import OWN_REACH_PX, SHARES, input
 from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SURFACES, REFERENCE_WIDTH_PX
+from services.mocap.search.pose_prior import pose_prior, surprises
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
@@ -52,6 +53,8 @@ _NEAR_PX = 2.0
 """A rim point nearer to the contour than this lies on it, in pictures 320 wide."""
 _CONTACT_WEIGHT = 1e4
 """Of the square of a depth in metres, for each unit of the setting and each camera."""
+_PRIOR_SHARE = 0.1
+"""Of the price of unlikely limbs: contours place limbs well, and it decides only what they do not tell."""
 _EVERYTHING = np.array(ALL_SURFACES, np.int32)
 _LIMITS = np.array([LOWER, UPPER])
 _REST_SHARES = np.array([dof.rest for dof in DOFS])
@@ -62,9 +65,9 @@ class SeenRim:
     """What is seen of each segment's rim, over all cameras."""
 
     lengths_px: Floats
-    """(S + 3, SHARES) summed over the cameras, each by its weight."""
+    """(S + 5, SHARES) summed over the cameras, each by its weight."""
     place_normals: Floats
-    """(S + 3, 3, 3) what the rim tells of the segment's place: its normal matrix, in cubic pixels per square
+    """(S + 5, 3, 3) what the rim tells of the segment's place: its normal matrix, in cubic pixels per square
     metre. Only the lower half is filled, which np.linalg.eigvalsh reads."""
 
     @classmethod
@@ -111,7 +114,7 @@ class Aligner:
     ) -> Aligned:
         """Move parameters of a pose (D,) so that segments' rims lie on the contours of a picture.
 
-        Of the dofs only those that the settings' body has move.
+        Of the dofs only those that the settings' body has move. Webs of cloth are drawn, but do not pull.
         The picture has full resolution: whole pictures, or windows. Rim points outside do not count.
         """
         free = np.zeros(N_DOF)
@@ -122,18 +125,20 @@ class Aligner:
         canvas = empty_canvas(region.height_px, region.width_px)
         moves = np.isin(SURFACE_FRAMES, moving_frames(tuple(np.flatnonzero(free)), ALL_SURFACES))
         drawing = (_EVERYTHING[~moves], _EVERYTHING[moves], self._mesh, self._scratch, cameras, canvas)
-        pulling, seen = np.array(segments, np.int32), input_of(picture)
+        pulling, seen = np.array([s for s in segments if s < N_RIGID], np.int32), input_of(picture)
         coarse_rim, fine_rim = self._rims
-        contact_weight = _CONTACT_WEIGHT * settings.contact * float(views[2].sum()) * self._scale**3
+        unit = float(views[2].sum()) * self._scale**3
+        contact_weight = _CONTACT_WEIGHT * settings.contact * unit
+        prior_weight = _PRIOR_SHARE * settings.pose_prior * unit
         pose, _, _, _ = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, settings.detail_px,
             (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, prior, _LIMITS,
-            self._contacts, contact_weight,
+            self._contacts, contact_weight, pose_prior(), prior_weight,
         )  # fmt: skip
         pose, prior_cost, rim_px, places = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, _FINE * settings.detail_px,
             (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, prior, _LIMITS,
-            self._contacts, contact_weight,
+            self._contacts, contact_weight, pose_prior(), prior_weight,
         )  # fmt: skip
         return Aligned(pose, prior_cost, SeenRim(rim_px, places[SURFACE_FRAMES]))
 
@@ -142,6 +147,11 @@ class Aligner:
         weights = settings.weights(self._rig.n_cameras)
         depths_cm = 100.0 * depths_m(self._contacts, self._offsets_m, poses)
         return np.asarray(settings.contact * weights.sum() * self._scale**2 * depths_cm)
+
+    def unlikely_px(self, poses: Floats, settings: SearchSettings) -> Floats:
+        """(N,) what limbs cost in poses (N, D) for being inside others, or as people seldom have them."""
+        price = settings.pose_prior * settings.weights(self._rig.n_cameras).sum() * self._scale**2
+        return np.asarray((self.contact_px(poses, settings) + price * surprises(poses)).sum(axis=1))
 
     def _steps(self, settings: SearchSettings) -> Floats:
         """(K, 4) as follow takes them: from far to near."""

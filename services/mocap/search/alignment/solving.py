@@ -21,6 +21,7 @@ from services.mocap.search.alignment.matching import (
 )
 from services.mocap.search.alignment.normal_equations import add_matches, normal_equations
 from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
+from services.mocap.search.pose_prior import PosePrior, add_prior
 from services.mocap.types import Floats, Ints
 
 Drawing: TypeAlias = tuple[Ints, Ints, MeshArrays, Scratch, tuple[Floats, Floats], Canvas]
@@ -46,14 +47,17 @@ def follow(
     limits: Floats,
     contacts: Contacts,
     contact_weight: float,
+    pose_prior: PosePrior,
+    prior_weight: float,
 ) -> tuple[Floats, float, Floats, Floats]:
     """Move a pose (D,) so that the rim comes to lie on the contours.
 
     steps (K, 4): for every step, in pixels, the reach, the distance that counts as on the contour, and the
     cap; and the damping as a share of the diagonal. free (D,): 1 for parameters that vary. prior (3, D):
-    target, weight of its square, and the largest step. limits (2, D). contact_weight: as for add_contacts.
-    Returns the pose, and of the last match the prior's cost, the rim's shares (S + 3,
-    SHARES), and the normal matrices of the places of the frames (J + 3, 3, 3), their lower halves.
+    target, weight of its square, and the largest step. limits (2, D). contact_weight: as for add_contacts,
+    pose_prior and prior_weight: as for add_prior.
+    Returns the pose, and of the last match the prior's cost, the rim's shares (S + 5,
+    SHARES), and the normal matrices of the places of the frames (J + 5, 3, 3), their lower halves.
     """
     still, moving, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
@@ -81,6 +85,7 @@ def follow(
         places = wrenches[:, 3:, 3:].copy()  # now: normal_equations adds to a joint what its children carry
         hessian, slope = normal_equations(twists, wrenches, pulls)
         add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
+        add_prior(pose_prior, prior_weight, pose, hessian, slope)
         prior_cost = 0.0
         for d in range(N_DOF):
             off = pose[d] - prior[0, d]

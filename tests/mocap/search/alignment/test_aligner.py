@@ -85,7 +85,7 @@ def test_the_full_meshes_do_as_well(
 def test_nothing_pulls_where_the_model_covers_just_what_is_seen(
     model: Model, standing: Maker, picture_of: Callable[[Floats], Picture]
 ) -> None:
-    truth, full = standing(**BENT), SearchSettings(detail_px=0.0, rest=0.0)
+    truth, full = standing(**BENT), SearchSettings(detail_px=0.0, rest=0.0, pose_prior=0.0)
     found = model.aligner(full).align(picture_of(truth), truth, full)
     np.testing.assert_array_equal(found.pose, truth)
     known_px, on_px, _ = found.rim.lengths_px.T
