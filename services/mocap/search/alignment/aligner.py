@@ -53,8 +53,6 @@ _NEAR_PX = 2.0
 """A rim point nearer to the contour than this lies on it, in pictures 320 wide."""
 _CONTACT_WEIGHT = 1e4
 """Of the square of a depth in metres, for each unit of the setting and each camera."""
-_PRIOR_SHARE = 0.1
-"""Of the price of unlikely limbs: contours place limbs well, and it decides only what they do not tell."""
 _EVERYTHING = np.array(ALL_SURFACES, np.int32)
 _LIMITS = np.array([LOWER, UPPER])
 _REST_SHARES = np.array([dof.rest for dof in DOFS])
@@ -128,8 +126,7 @@ class Aligner:
         pulling, seen = np.array([s for s in segments if s < N_RIGID], np.int32), input_of(picture)
         coarse_rim, fine_rim = self._rims
         unit = float(views[2].sum()) * self._scale**3
-        contact_weight = _CONTACT_WEIGHT * settings.contact * unit
-        prior_weight = _PRIOR_SHARE * settings.pose_prior * unit
+        contact_weight, prior_weight = _CONTACT_WEIGHT * settings.contact * unit, settings.pose_prior * unit
         pose, _, _, _ = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, settings.detail_px,
             (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, prior, _LIMITS,
