@@ -12,7 +12,10 @@ from services.mocap.body.skeleton import JOINT_INDEX, SIDES
 from services.mocap.types import Floats, Ints
 
 _PARALLEL = 1e-6
-"""A sum of two unit vectors shorter than this has no direction; a leg's bone with less depth is level."""
+"""A sum of two unit vectors shorter than this has no direction; a thigh with less depth is level."""
+_SLIPS_M = 0.1
+"""From a knee so far above the hem, cloth reaches all along a shin that is level or bent up; from a lower one
+it reaches less far, so that no web appears at once when a knee passes the hem."""
 PELVIS = JOINT_INDEX["pelvis"]
 HIPS, KNEES, ANKLES = (
     np.array([JOINT_INDEX[f"{side}_{at}"] for side in SIDES], np.int32) for at in ("hip", "knee", "ankle")
@@ -28,8 +31,8 @@ WEBS: Ints = np.array([(_HIP, _KNEE), (_KNEE, _LEAVES), (_LEAVES, _BELOW), (_KNE
 def hang(pelvis: Floats, out: Floats) -> None:
     """Write the frame (4, 4) of cloth that hangs from the pelvis (4, 4).
 
-    Its z axis is halfway to upright, its y axis as far as it can be the pelvis's. Upside down, it is turned
-    as the pelvis.
+    Its z axis is halfway to upright, its y axis as near to the pelvis's as it can be. Upside down, it is
+    turned as the pelvis.
     """
     for i in range(3):
         out[i, 1], out[i, 2], out[i, 3] = pelvis[i, 1], pelvis[i, 2], pelvis[i, 3]
@@ -67,27 +70,35 @@ def span(T_world_joint: Floats, hanging: Floats, hem_m: float, web: Ints, out: F
     for k in range(2):
         for side in range(2):
             column = 3 if k == 0 and side == 0 else 2 * side + k - 1
-            _point_of_leg(T_world_joint, hanging, side, web[k], hem_m, lowest_m, out[:3, column])
+            _write_point(T_world_joint, hanging, side, web[k], hem_m, lowest_m, out, column)
     for column in range(3):
         for i in range(3):
             out[i, column] -= out[i, 3]
 
 
 @numba.njit(cache=True, nogil=True)
-def _point_of_leg(
-    T_world_joint: Floats, hanging: Floats, side: int, point: int, hem_m: float, lowest_m: float, out: Floats
+def _write_point(
+    T_world_joint: Floats,
+    hanging: Floats,
+    side: int,
+    point: int,
+    hem_m: float,
+    lowest_m: float,
+    out: Floats,
+    column: int,
 ) -> None:
-    """Write a point (3,) of a leg that cloth hangs on; lowest_m: how far down what hangs reaches."""
+    """Write a point of a leg that cloth hangs on into a column of out (4, 4).
+
+    lowest_m: how far down what hangs reaches.
+    """
     hip, knee = T_world_joint[HIPS[side]], T_world_joint[KNEES[side]]
     ankle = T_world_joint[ANKLES[side]]
     hip_m, knee_m, ankle_m = _depth_m(hanging, hip), _depth_m(hanging, knee), _depth_m(hanging, ankle)
     # Along the leg, from 0 at the hip over 1 at the knee to 2 at the ankle.
     if knee_m > hem_m:
         leaves = max(hem_m - hip_m, 0.0) / max(knee_m - hip_m, _PARALLEL)
-    elif ankle_m > hem_m:
-        leaves = 1.0 + (hem_m - knee_m) / max(ankle_m - knee_m, _PARALLEL)
     else:
-        leaves = 2.0
+        leaves = 1.0 + min((hem_m - knee_m) / max(ankle_m - knee_m, _SLIPS_M), 1.0)
     at = 0.0
     if point in (_KNEE, _UNDER_KNEE):
         at = min(1.0, leaves)
@@ -96,13 +107,13 @@ def _point_of_leg(
     depth_m = 0.0
     for i in range(3):
         if at <= 1.0:
-            out[i] = hip[i, 3] + at * (knee[i, 3] - hip[i, 3])
+            out[i, column] = hip[i, 3] + at * (knee[i, 3] - hip[i, 3])
         else:
-            out[i] = knee[i, 3] + (at - 1.0) * (ankle[i, 3] - knee[i, 3])
-        depth_m -= hanging[i, 2] * (out[i] - hanging[i, 3])
+            out[i, column] = knee[i, 3] + (at - 1.0) * (ankle[i, 3] - knee[i, 3])
+        depth_m -= hanging[i, 2] * (out[i, column] - hanging[i, 3])
     if point in (_BELOW, _UNDER_KNEE):
         for i in range(3):
-            out[i] -= max(lowest_m - depth_m, 0.0) * hanging[i, 2]
+            out[i, column] -= max(lowest_m - depth_m, 0.0) * hanging[i, 2]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

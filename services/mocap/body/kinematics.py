@@ -43,7 +43,7 @@ SEGMENT_JOINTS: Ints = np.array([JOINT_INDEX[j] for j in SEGMENT_JOINT.values()]
 """(S,) the joint that carries each segment."""
 SURFACE_FRAMES: Ints = np.concatenate([SEGMENT_JOINTS, CLOTH_FRAMES])
 """(S + 5,) the frame of each surface that is drawn: of the segments, then of the cloth of a skirt."""
-N_RIGID = len(SEGMENT_JOINTS) + _FIRST_WEB - N_JOINTS
+N_RIGID = len(SEGMENT_JOINTS) + 1
 """Surfaces from this one on are webs, with frames that stretch them."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.colours import COLOURED, SKIRT
-from services.mocap.body.kinematics import frame_transforms, moving_frames
+from services.mocap.body.kinematics import N_RIGID, frame_transforms, moving_frames
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import pack, unpack_classes
@@ -28,6 +28,8 @@ _CLOTH_NEARER_M = 0.25
 """Cloth hangs about the legs, so it hides them although its middle is no nearer."""
 _COARSER = 4.0
 """Times the level of detail: where colours end is seen less exactly than an outline."""
+_ENDS_OF_WEB = ((0.0, 0.5, 0.0), (0.25, 0.25, 0.25), (0.5, 0.0, 0.5))
+"""From between the upper to between the lower points of the two legs, in a web's frame."""
 _EVERYTHING: Ints = np.arange(len(COLOURED), dtype=np.int32)
 
 
@@ -36,7 +38,8 @@ class ColourPainter:
 
     def __init__(self, body: Body, rig: Rig) -> None:
         self._body, self._rig = body, rig
-        self.ends_m = np.array([_ends_m(vertices_m) for vertices_m, _ in body.surfaces])
+        ends_m = [_ends_m(vertices_m) for vertices_m, _ in body.surfaces[:N_RIGID]]
+        self.ends_m = np.array([*ends_m, *[_ENDS_OF_WEB] * (len(body.surfaces) - N_RIGID)])
         """(S + 5, 3, 3) near end, middle and far end of each surface in its frame."""
         self.nearer_m = np.where(np.array(COLOURED) == SKIRT, _CLOTH_NEARER_M, 0.0)
         """(S + 5,) how much nearer to a camera than its middle each surface counts."""

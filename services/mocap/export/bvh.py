@@ -86,7 +86,7 @@ def _written_joints(name: str) -> Iterator[str]:
 def _with_tips(offsets_m: Floats, R_world_rest: Floats) -> Floats:
     """(J + T, 3) places against the parents in a rest pose: the joints, the root's zero, then the T tips.
 
-    offsets_m: (J, 3) in the T pose. R_world_rest: (J, 3, 3) of the rest pose.
+    offsets_m: of a body, in the T pose. R_world_rest: (J, 3, 3) of the rest pose.
     """
     tips_m = []
     for name, tip_heights in _TIPS_HEIGHTS.items():
@@ -95,7 +95,7 @@ def _with_tips(offsets_m: Floats, R_world_rest: Floats) -> Floats:
         tips_m.append(tip_heights * m_per_height)  # as long as the bone before it says
     carriers = [*(joint.parent for joint in JOINTS[1:]), *_TIPS_HEIGHTS]
     R_world_carrier = R_world_rest[[JOINT_INDEX[name] for name in carriers if name]]
-    turned_m = np.einsum("jab,jb->ja", R_world_carrier, np.vstack([offsets_m[1:], tips_m]))
+    turned_m = np.einsum("jab,jb->ja", R_world_carrier, np.vstack([offsets_m[1 : len(JOINTS)], tips_m]))
     # The root's position comes only from its position channels: some readers add its offset, others do not.
     return np.vstack([np.zeros((1, 3)), turned_m])
 

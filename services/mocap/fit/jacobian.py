@@ -91,7 +91,8 @@ def jacobian(slopes: ShapeSlopes, pose: Floats, rig: Rig, matches: list[Matches]
 
 
 def _frame_shifts(T_world_frame: Floats, offset_slopes_m: Floats) -> Floats:
-    """(S, J + 5, 3) derivative of the frames' origins in the world by the shape, for a fixed pose."""
+    """(S, J + 5, 3) derivative of the frames' origins in the world by the shape, for a fixed pose;
+    zeros for webs of cloth, whose rim is not matched."""
     shifts_m: Floats = np.zeros((len(offset_slopes_m), N_FRAMES, 3))
     for j, joint in enumerate(JOINTS):  # parents precede children
         if joint.parent is None:

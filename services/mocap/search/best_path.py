@@ -108,7 +108,7 @@ class PathSearch:
         return path[::-1]
 
     def _energies_px(self, seen: TriPlanes, poses: Floats) -> Floats:
-        """(K,) what poses (K, D) cost in a frame, with what unlikely limbs cost."""
+        """(K,) what poses (K, D) cost in a frame, with what limbs inside others or in unusual poses cost."""
         settings, picture = self._settings, Picture.of_frame(self._model.rig, seen)
         energy = whole_body_energy(self._model, picture, poses[0], settings.cost, settings.detail_px)
         return np.asarray(energy(poses) + self._model.aligner(settings).unlikely_px(poses, settings))

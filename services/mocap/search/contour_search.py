@@ -33,9 +33,9 @@ from services.mocap.search.stages import Solution, solve_head, whole_body_energy
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
 
-_SLACK = 1.05
-"""Accept an alignment whose energy is up to 5 % above that of its start: contours locate edges to sub-pixel
-precision, pixel counts cannot."""
+_SLACK = 0.05
+"""Accept an alignment with up to this share more differing pixels than its start: contours locate edges to
+sub-pixel precision, pixel counts cannot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +46,8 @@ class _Seen:
     covered: Bytes
     contact_px: Floats
     """(4,) of each limb (PRICED), within the energy."""
+    unlikely_px: float
+    """What limbs inside others and unusual poses cost, within the energy."""
     energy: float
 
     @property
@@ -74,8 +76,9 @@ class _Search:
                 energy_px += self.settings.colour * float(self._wrong_px(aligned.pose[None])[0])
         else:
             energy_px = float(self._priced(aligned.pose[None])[0])
-        unlikely_px = self.model.aligner(self.settings).unlikely_px(aligned.pose[None], self.settings)
-        return _Seen(aligned, covered, contact_px, energy_px + float(unlikely_px[0]))
+        unlikely = self.model.aligner(self.settings).unlikely_px(aligned.pose[None], self.settings)
+        unlikely_px = float(unlikely[0])
+        return _Seen(aligned, covered, contact_px, unlikely_px, energy_px + unlikely_px)
 
     def contact_px(self, pose: Floats) -> Floats:
         """(4,) what each limb (PRICED) costs for being inside the trunk, the head or the other leg."""
@@ -108,7 +111,7 @@ class _Search:
         aligned = self.see(aligner.align(self.whole, start.pose, self.settings))
         self.found.evaluations += self.settings.contour_steps
         self.clock.book("torso")
-        if aligned.energy <= _SLACK * start.energy:
+        if aligned.energy <= start.energy + _SLACK * (start.energy - start.unlikely_px):
             return aligned
         return replace(start, aligned=replace(start.aligned, rim=aligned.aligned.rim))
 
@@ -135,7 +138,7 @@ class _Search:
     def round(self, start: _Seen, parts: list[Part], settings: SearchSettings) -> _Seen:
         """Search parts by XOR around a start, then align the whole body again.
 
-        Where limbs are tried as in typical poses, so are pairs of them: neither of two exchanged legs fits
+        Where limbs are tried in typical poses, pairs of limbs are too: neither of two exchanged legs fits
         without the other, nor before the trunk turns.
         """
         self.found.passes += 1

@@ -115,7 +115,7 @@ def _align_limb(
 def with_unlikely(
     model: Model, stage: Stage, pose: Floats, settings: SearchSettings, energy: Energy
 ) -> Energy:
-    """A stage's energy with what unlikely limbs cost."""
+    """A stage's energy with what limbs inside others or in unusual poses cost."""
     aligner = model.aligner(settings)
 
     def priced(values: Floats) -> Floats:

@@ -1,8 +1,10 @@
-"""How likely limbs' poses are among people: that holds what no camera sees, and tells rivals apart.
+"""How unusual limbs' poses are among people: this places limbs that no camera sees, and decides between poses
+that look alike.
 
-For arms and for legs one Student distribution of the parameters of ball and hinge: broad, with heavy tails,
-so that a pose that people seldom take costs little more than one that they never take. The table beside this
-module is made by `scripts/bench pose-prior` from true motions.
+Arms and legs have one mean and one covariance each, of the parameters of ball and hinge. Near the mean a pose
+costs half its squared Mahalanobis distance, far away only the distance's logarithm: a pose that people seldom
+take costs little less than one that they never take. The table beside this module is made by
+`scripts/bench pose-prior` from true motions.
 """
 
 from functools import cache
@@ -22,12 +24,12 @@ PARAMETERS = {
     name.partition("_")[2]: [bare(DOFS[d].name) for d in limb.main.dofs] for name, limb in LIMBS.items()
 }
 """Arm and leg -> the parameters of their ball and hinge, without the side."""
-_FREEDOM = 8.0
-"""Degrees of freedom of the Student distributions."""
+_FAR = 8.0
+"""Squared distance at which the price turns from a parabola to a logarithm."""
 
 
 class PosePrior(NamedTuple):
-    """The distributions of the limbs, in the order of LIMBS."""
+    """Means and inverse covariances of the limbs, in the order of LIMBS."""
 
     dofs: Ints
     """(4, K) the parameters of each limb's ball and hinge."""
@@ -54,12 +56,11 @@ def pose_prior() -> PosePrior:
 
 
 def surprises(poses: Floats) -> Floats:
-    """(N, 4) how unlikely each limb is in poses (N, D): the negative logarithm of its density over the
-    largest, less the part that all poses share."""
+    """(N, 4) how unusual each limb is in poses (N, D): 0 at the mean."""
     prior = pose_prior()
     off = poses[:, prior.dofs] - prior.means
     squares = np.einsum("nlj,ljk,nlk->nl", off, prior.precisions, off)
-    return np.asarray(0.5 * _FREEDOM * np.log1p(squares / _FREEDOM))
+    return np.asarray(0.5 * _FAR * np.log1p(squares / _FAR))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -74,7 +75,7 @@ def add_prior(prior: PosePrior, weight: float, pose: Floats, hessian: Floats, sl
             for k in range(n_dofs):
                 off = pose[dofs[k]] - prior.means[limb, k]
                 square += (pose[dofs[j]] - prior.means[limb, j]) * precision[j, k] * off
-        share = 0.5 * weight / (1.0 + square / _FREEDOM)
+        share = 0.5 * weight / (1.0 + square / _FAR)
         for j in range(n_dofs):
             for k in range(n_dofs):
                 hessian[dofs[j], dofs[k]] += share * precision[j, k]

@@ -56,8 +56,9 @@ class SearchSettings(BaseModel):
     """Price of an arm inside the trunk or the head, and of a leg inside the other one: differing pixels for
     each camera and centimetre that its axis is inside, in pictures 320 wide."""
     pose_prior: float = Field(default=5.0, ge=0, le=1000, description="a number from 0 to 1000")
-    """Price of arms and legs in poses that people seldom take: differing pixels for each camera and each unit
-    of the logarithm of their probability, in pictures 320 wide."""
+    """Price of arms and legs in poses that people seldom take: differing pixels for each camera and half of
+    the squared distance from people's mean, in standard deviations, in pictures 320 wide; far away it grows
+    less."""
     doubt_px: float = Field(default=30.0, ge=0, le=10000, description="a number from 0 to 10000")
     """A limb is doubtful if about this many more pixels than usual differ near it by more than the rim, in
     pictures 320 wide in eight cameras."""

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import surface_transforms
+from services.mocap.body.kinematics import N_RIGID, surface_transforms
 from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENTS
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.cpu.arrays import Singles
@@ -23,6 +23,8 @@ FLICKER = 0.005
 """Standard deviation of a camera's gain from frame to frame."""
 
 _FLOOR_HALF_M, _FLOOR_CELL_M, _PENUMBRA_M = 3.2, 0.016, 0.03
+_FLAT = 1e-12
+"""A normal shorter than this has no direction."""
 _AMBIENT, _DIFFUSE, _SKY = 0.42, 0.62, 0.10
 
 _SKIN = (138.0, 168.0, 214.0)
@@ -73,7 +75,10 @@ class Model:
             ]
         )
         normals = np.concatenate(
-            [n @ T[:3, :3].T for n, T in zip(self._normals, T_world_surface, strict=True)]
+            [
+                _turned(n, T[:3, :3]) if s >= N_RIGID else n @ T[:3, :3].T
+                for s, (n, T) in enumerate(zip(self._normals, T_world_surface, strict=True))
+            ]
         )
         return vertices_world_m, normals
 
@@ -85,14 +90,22 @@ class Model:
         return Figure(vertices_world_m, bgr, self.faces, _cast_shadow(vertices_world_m, bgr, self.faces))
 
 
+def _turned(normals: Floats, A: Floats) -> Floats:
+    """Unit normals (V, 3) of a mesh that a matrix (3, 3) stretches; flat ones stay without a direction."""
+    a, b, c = A.T
+    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    turned = normals @ cofactors.T * np.sign(np.linalg.det(A))
+    return np.asarray(turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), _FLAT))
+
+
 def _dressed(body: Body) -> Floats:
     """BGR (V, 3) in grey levels under full light, for the vertices of all surfaces one after the other."""
     rng = np.random.default_rng(7)  # the weave of the cloth; the same in every take
     colours = []
     rows, cloth = [segment.row for segment in SEGMENTS], SEGMENTS[SEGMENT_INDEX["pelvis"]].row
     rows += [cloth] * len(body.cloth_m)
-    for row, (vertices_m, _) in zip(rows, body.surfaces, strict=True):
-        kind = row.name
+    for s, (row, (vertices_m, _)) in enumerate(zip(rows, body.surfaces, strict=True)):
+        kind = row.name if s < N_RIGID else "web"
         bgr = np.tile(_PLAIN[row.garment], (len(vertices_m), 1))
         x, y, z = vertices_m.T / body.height_m
         if kind == "upper_arm":

@@ -341,6 +341,25 @@ def test_webs_hang_on_the_legs(pose: Floats, hem_m: float) -> None:
             np.testing.assert_allclose(down, max(down @ up, 0.0) * up, atol=1e-9)
 
 
+@FEW
+@given(POSES, st.floats(0.1, 0.8), st.integers(0, 2**31))
+def test_webs_do_not_jump(pose: Floats, hem_m: float, seed: int) -> None:
+    nudged = pose + 1e-4 * np.random.default_rng(seed).uniform(-1.0, 1.0, N_DOF)
+    before, after = (
+        corners_of_webs(frame_transforms(each[None], with_hem(hem_m))[0]) for each in (pose, nudged)
+    )
+    assert np.abs(after - before).max() < 0.02
+
+
+@pytest.mark.parametrize("axis", ["root_pitch", "root_lean"])
+def test_cloth_of_somebody_upside_down_is_turned_as_the_pelvis(axis: str) -> None:
+    pose = np.zeros(N_DOF)
+    pose[DOF_INDEX[axis]] = np.pi
+    T = frame_transforms(pose[None], with_hem(0.5))[0]
+    assert np.isfinite(T).all()
+    np.testing.assert_array_equal(T[HANGING, :3, :3], T[JOINT_INDEX["pelvis"], :3, :3])
+
+
 def test_the_hem_of_someone_who_stands_is_level() -> None:
     T = frame_transforms(np.zeros((1, N_DOF)), with_hem(0.6))[0]
     corners_m = corners_of_webs(T)

@@ -11,9 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.humanoid_names import Naming, bone_names, matched_joints
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, JOINT_NAMES, JOINTS, LOWER, UPPER
+from services.mocap.body.skirt import Skirt
 from services.mocap.export.bvh import write_bvh
 from services.mocap.motion.motion import Rest, rest_pose
 from services.mocap.types import Floats
@@ -267,6 +269,13 @@ def test_who_stands_in_the_rest_pose_has_no_angles(tmp_path: Path) -> None:
     hand = bvh.positions()["left_wrist_end"] - bvh.positions()["left_shoulder"]  # in the A pose
     np.testing.assert_allclose(hand[0, 0], -hand[0, 1], atol=1e-5)
     assert hand[0, 0] > 0.3
+
+
+def test_a_skirt_changes_nothing(tmp_path: Path) -> None:
+    poses = random_poses(2, 3)
+    for name, skirt in (("bare", None), ("skirted", Skirt(length=0.3, flare=0.05))):
+        write_bvh(tmp_path / name, poses, build_body(Actor(skirt=skirt)).offsets_m, 30.0)
+    assert (tmp_path / "skirted").read_bytes() == (tmp_path / "bare").read_bytes()
 
 
 @pytest.mark.parametrize(

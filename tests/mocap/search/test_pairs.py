@@ -1,4 +1,4 @@
-"""Two limbs at once: what is promising, and that exchanged legs find back."""
+"""Two limbs at once: what is promising, and that exchanged legs find their way back."""
 
 from collections.abc import Callable
 
@@ -38,7 +38,7 @@ def test_the_exchanged_legs_come_first_and_all_are_apart(
     np.testing.assert_array_equal(others[:, still], np.tile(pose[still], (len(others), 1)))
 
 
-def test_exchanged_legs_find_back(
+def test_exchanged_legs_find_their_way_back(
     model: Model,
     standing: Callable[..., Floats],
     picture_of: Callable[[Floats], Picture],

@@ -146,7 +146,7 @@ class Aligner:
         return np.asarray(settings.contact * weights.sum() * self._scale**2 * depths_cm)
 
     def unlikely_px(self, poses: Floats, settings: SearchSettings) -> Floats:
-        """(N,) what limbs cost in poses (N, D) for being inside others, or as people seldom have them."""
+        """(N,) what limbs inside others, and limbs in poses that people seldom take, cost in poses (N, D)."""
         price = settings.pose_prior * settings.weights(self._rig.n_cameras).sum() * self._scale**2
         return np.asarray((self.contact_px(poses, settings) + price * surprises(poses)).sum(axis=1))
 
