@@ -18,6 +18,7 @@ from busy import ONE_WAY, SHORT
 from services.commands.fitted_runs import track_again
 from services.commands.track import track
 from services.mocap.body.actor import build_body
+from services.mocap.body.bones import BONES
 from services.mocap.body.measures import measure
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
@@ -181,7 +182,9 @@ def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupte
         jobs.append(job)
         return next(runs)(job, **watched)
 
-    wrong_m = {bone: first_fit.actor.bone_lengths[bone] + off_m for bone, _, off_m in _WRONG}
+    height_m, fitted_m = first_fit.actor.height, first_fit.actor.bone_lengths  # none where nothing was better
+    usual_m = {bone: BONES[bone].length_heights * height_m for bone, _, _ in _WRONG}
+    wrong_m = {bone: (usual_m | fitted_m)[bone] + off_m for bone, _, off_m in _WRONG}
     bones_m = first_fit.actor.bone_lengths | wrong_m
     badly = replace(first_fit, actor=first_fit.actor.model_copy(update={"bone_lengths": bones_m}))
     monkeypatch.setattr("services.commands.fitted_runs.track_take", counted)

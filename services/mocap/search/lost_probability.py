@@ -8,6 +8,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import N_JOINTS
+from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.error_by_part import PART_SEGMENTS
@@ -41,8 +44,22 @@ JUDGED_SEGMENTS: dict[Part, list[int]] = {
 """The segments whose outline tells whether a part is lost: of limbs all but the first."""
 
 
-def evidence_of(rim: SeenRim, nearest_px: Mapping[Part, int]) -> Floats:
-    """(6, len(EVIDENCE)) of the parts (PARTS); nearest_px as in Differences.
+def judged_segments(body: Body) -> dict[Part, list[int]]:
+    """JUDGED_SEGMENTS, but only the feet of legs that a skirt covers beyond the knees.
+
+    A shank may be anywhere in such a skirt, whose outline then looks like one that the shank stretches.
+    """
+    hem_m = -body.offsets_m[N_JOINTS:, 2].sum()
+    if hem_m <= -body.offsets_m[JOINT_INDEX["left_knee"], 2]:
+        return JUDGED_SEGMENTS
+    feet = {part: list(PART_SEGMENTS[part][2:]) for part in _LEGS}
+    return JUDGED_SEGMENTS | feet
+
+
+def evidence_of(
+    rim: SeenRim, nearest_px: Mapping[Part, int], judged: Mapping[Part, list[int]] = JUDGED_SEGMENTS
+) -> Floats:
+    """(6, len(EVIDENCE)) of the parts (PARTS); nearest_px as in Differences; judged from judged_segments.
 
     Outline that unsure pixels hide counts like the rest of the part's.
     """
@@ -50,7 +67,7 @@ def evidence_of(rim: SeenRim, nearest_px: Mapping[Part, int]) -> Floats:
     whole_trace = max(float(np.trace(rim.place_normals.sum(axis=0))), 1e-9)
     evidence = np.zeros((len(PARTS), len(EVIDENCE)))
     for row, part in zip(evidence, PARTS, strict=True):
-        segments = JUDGED_SEGMENTS[part]
+        segments = judged[part]
         known_px, on_px, unsure_px = rim.lengths_px[segments].sum(axis=0)
         known_px = max(known_px, 1.0)
         least = max(np.linalg.eigvalsh(rim.place_normals[segments].sum(axis=0))[0], 0.0)

@@ -173,12 +173,14 @@ def doubt_rivals(solution: FrameSolution, lost: Floats) -> None:
                 solution.distrusted.append(part)
 
 
-def confidences(evidence: Floats, rim: SeenRim) -> dict[Part, float]:
-    """Per part the probability that it is not lost; evidence (6, len(EVIDENCE)).
+def confidences(
+    evidence: Floats, rim: SeenRim, judged: Mapping[Part, list[int]] = JUDGED_SEGMENTS
+) -> dict[Part, float]:
+    """Per part the probability that it is not lost; evidence (6, len(EVIDENCE)); judged from judged_segments.
 
     A part is left out if unsure pixels hide most of the outline that it is judged by.
     """
-    shown = {part: rim.lengths_px[segments].sum(axis=0) for part, segments in JUDGED_SEGMENTS.items()}
+    shown = {part: rim.lengths_px[segments].sum(axis=0) for part, segments in judged.items()}
     return {
         part: 1.0 - float(lost)
         for part, lost in zip(PARTS, lost_probabilities(evidence), strict=True)

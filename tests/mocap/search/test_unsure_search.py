@@ -23,7 +23,7 @@ from services.mocap.search.single_person import uncovered_share
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Bytes, Floats
 
-SETTINGS = SearchSettings()
+SETTINGS = SearchSettings(pose_prior=0.0)  # which would pull what nothing else pulls
 Maker = Callable[..., Floats]
 BENT = {"shoulder_elevation": -50.0, "elbow_flexion": 40.0, "hip_flexion": 25.0, "hip_abduction": 12.0}
 SHANK = (SEGMENT_INDEX["left_shank"], SEGMENT_INDEX["left_foot"])

@@ -118,7 +118,7 @@ def test_the_last_steps_are_the_fine_ones(
     joint_errors_mm: Callable[[Floats, Floats], Floats],
 ) -> None:
     truth = standing(**BENT)
-    few, free = SearchSettings(contour_steps=2, rest=0.0), SearchSettings(rest=0.0)
+    few, free = SearchSettings(contour_steps=2, rest=0.0, pose_prior=0.0), SearchSettings(rest=0.0)
     near = model.aligner(few).align(picture_of(truth), truth, few)
     found = model.aligner(free).align(picture_of(truth), _nearby(truth, 1), free)
     assert joint_errors_mm(near.pose, truth).max() < 1.0
@@ -171,7 +171,7 @@ def test_what_nothing_tells_stays_as_it_was(model: Model, standing: Maker) -> No
 
 def test_hands_feet_and_twists_that_nothing_tells_are_drawn_to_rest(model: Model, standing: Maker) -> None:
     start = standing(wrist_flexion=20.0, wrist_twist=-30.0, ankle_inversion=10.0, elbow_flexion=40.0)
-    found = _unseen(model, start, SearchSettings(steadiness=100.0, rest=300.0))
+    found = _unseen(model, start, SearchSettings(steadiness=100.0, rest=300.0, pose_prior=0.0))
     kept = {"wrist_flexion": 1 / 4, "wrist_twist": 10 / 13, "ankle_inversion": 10 / 19, "elbow_flexion": 1.0}
     for name, share in kept.items():
         for side in ("left", "right"):
