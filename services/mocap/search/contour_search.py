@@ -36,6 +36,8 @@ from services.mocap.types import Bytes, Floats
 _SLACK = 0.05
 """Accept an alignment with up to this share more differing pixels than its start: contours locate edges to
 sub-pixel precision, pixel counts cannot."""
+_CLEARLY = 0.95
+"""Pairs of limbs move only if less than this share of the energy is left: exchanged legs look much alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,13 +159,13 @@ class _Search:
         best = self.align(self._one_by_one(start, solutions))
         if not settings.typical_limbs:
             return best
-        begun = best
+        begun = rival = best
         for pair in PAIRS:
             if set(pair) <= set(names):
                 for pose in promising(self.model, pair, self.whole, begun.pose, settings):
-                    best = _better(best, self.align(self.best_of(pose[None])))
+                    rival = _better(rival, self.align(self.best_of(pose[None])))
         self.clock.book("limbs")
-        return best if best is begun else self.align(best)
+        return self.align(rival) if rival.energy < _CLEARLY * begun.energy else begun
 
     def _one_by_one(self, start: _Seen, solutions: list[Solution]) -> _Seen:
         """The start with the solutions that lower its energy, the best first, or with all of them.
