@@ -12,7 +12,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -45,6 +44,8 @@ from services.mocap.errors import UserError
 from services.mocap.search.settings import Preset
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="Measure, beside the paper's numbers.")
+app.command("typical-poses")(typical_poses.make_table)
+app.command("pose-prior")(pose_prior.make_table)
 
 
 class Size(StrEnum):
@@ -308,30 +309,6 @@ def confidence(
             except UserError as error:
                 console.print(f"{take}: {error}", highlight=False)
     _finish(console, lost_parts.as_tables(known), json_path, machine, lost_parts.as_rows(known))
-
-
-@app.command("typical-poses")
-def typical_poses_command(
-    takes: Annotated[
-        list[Path], typer.Argument(metavar="TAKE...", help="z-up, with reference/joints.csv and actor.json.")
-    ],
-) -> None:
-    """Make the table of typical poses, where the search for a first pose starts, from takes' true motions."""
-    poses, mean_m = typical_poses.typical(np.vstack([typical_poses.poses_of(take) for take in takes]))
-    typical_poses.write_typical(poses)
-    typer.echo(f"{len(poses)} poses written; those of the takes are {mean_m:.3f} m from the nearest")
-
-
-@app.command("pose-prior")
-def pose_prior_command(
-    takes: Annotated[
-        list[Path], typer.Argument(metavar="TAKE...", help="z-up, with reference/joints.csv and actor.json.")
-    ],
-) -> None:
-    """Make the table of how likely limbs' poses are, from takes' true motions."""
-    poses = np.vstack([typical_poses.poses_of(take) for take in takes])
-    pose_prior.write_prior(poses)
-    typer.echo(f"made of {len(poses)} poses")
 
 
 @app.command()

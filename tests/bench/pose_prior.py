@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+import typer
 
+from bench.typical_poses import TakesOfMotion, poses_of
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.pose_prior import PARAMETERS, TABLE
 from services.mocap.take.csv_columns import as_cells, write_columns
@@ -27,3 +29,10 @@ def write_prior(poses: Floats, path: Path = TABLE) -> None:
     for k, covariances in enumerate(np.vstack(rows).T):
         columns[f"with_{k + 1}"] = as_cells(f"with_{k + 1}", covariances, ".4f")
     write_columns(path, columns)
+
+
+def make_table(takes: TakesOfMotion) -> None:
+    """Make the table of how likely limbs' poses are, from takes' true motions."""
+    poses = np.vstack([poses_of(take) for take in takes])
+    write_prior(poses)
+    typer.echo(f"made of {len(poses)} poses")

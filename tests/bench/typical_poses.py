@@ -5,8 +5,10 @@ and of their mirror images are typical: greedy ones, exchanged while that brings
 """
 
 from pathlib import Path
+from typing import Annotated, TypeAlias
 
 import numpy as np
+import typer
 
 from bench.pose_floor import true_poses
 from bench.studio_takes import true_actor
@@ -20,6 +22,9 @@ from services.mocap.take.layout import REFERENCE_JOINTS_CSV
 from services.mocap.take.tables import read_joints_csv
 from services.mocap.types import Floats
 
+TakesOfMotion: TypeAlias = Annotated[
+    list[Path], typer.Argument(metavar="TAKE...", help="z-up, with reference/joints.csv and actor.json.")
+]
 N_PAIRS = 24
 """Typical poses without their mirror images."""
 _EVERY = 10
@@ -88,3 +93,10 @@ def write_typical(poses: Floats, path: Path = TABLE) -> None:
     told = [d for d in TOLD if poses[:, d].round(2).any()]  # joints tell nothing of hands and feet
     columns = {DOFS[d].column: as_cells(DOFS[d].column, poses[:, d].round(2) + 0.0, ".2f") for d in told}
     write_columns(path, columns)
+
+
+def make_table(takes: TakesOfMotion) -> None:
+    """Make the table of typical poses, where the search for a first pose starts, from takes' true motions."""
+    poses, mean_m = typical(np.vstack([poses_of(take) for take in takes]))
+    write_typical(poses)
+    typer.echo(f"{len(poses)} poses written; those of the takes are {mean_m:.3f} m from the nearest")

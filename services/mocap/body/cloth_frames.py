@@ -13,9 +13,9 @@ from services.mocap.types import Floats, Ints
 
 _PARALLEL = 1e-6
 """A sum of two unit vectors shorter than this has no direction; a thigh with less depth is level."""
-_SLIPS_M = 0.1
-"""From a knee so far above the hem, cloth reaches all along a shin that is level or bent up; from a lower one
-it reaches less far, so that no web appears at once when a knee passes the hem."""
+_KNEE_ABOVE_HEM_M = 0.1
+"""The cloth lies along the whole of a shin that is level or raised if its knee is at least this far above the
+hem; less far if it is lower, so that no web appears at once when a knee rises above the hem."""
 PELVIS = JOINT_INDEX["pelvis"]
 HIPS, KNEES, ANKLES = (
     np.array([JOINT_INDEX[f"{side}_{at}"] for side in SIDES], np.int32) for at in ("hip", "knee", "ankle")
@@ -98,7 +98,7 @@ def _write_point(
     if knee_m > hem_m:
         leaves = max(hem_m - hip_m, 0.0) / max(knee_m - hip_m, _PARALLEL)
     else:
-        leaves = 1.0 + min((hem_m - knee_m) / max(ankle_m - knee_m, _SLIPS_M), 1.0)
+        leaves = 1.0 + min((hem_m - knee_m) / max(ankle_m - knee_m, _KNEE_ABOVE_HEM_M), 1.0)
     at = 0.0
     if point in (_KNEE, _UNDER_KNEE):
         at = min(1.0, leaves)

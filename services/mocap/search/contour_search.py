@@ -46,8 +46,6 @@ class _Seen:
 
     aligned: Aligned
     covered: Bytes
-    contact_px: Floats
-    """(4,) of each limb (PRICED), within the energy."""
     unlikely_px: float
     """What limbs inside others and unusual poses cost, within the energy."""
     energy: float
@@ -71,20 +69,15 @@ class _Search:
         covered = self.model.backend.coverage(
             aligned.pose[None], ALL_SURFACES, self.whole.region, self.settings.detail_px
         )[0]
-        contact_px = self.contact_px(aligned.pose)
         if self.settings.cost == Cost():
             energy_px = float(count_bits((covered ^ self.whole.silhouettes) & ~self.whole.ignored))
             if self._wrong_px is not None:
                 energy_px += self.settings.colour * float(self._wrong_px(aligned.pose[None])[0])
         else:
             energy_px = float(self._priced(aligned.pose[None])[0])
-        unlikely = self.model.aligner(self.settings).unlikely_px(aligned.pose[None], self.settings)
-        unlikely_px = float(unlikely[0])
-        return _Seen(aligned, covered, contact_px, unlikely_px, energy_px + unlikely_px)
-
-    def contact_px(self, pose: Floats) -> Floats:
-        """(4,) what each limb (PRICED) costs for being inside the trunk, the head or the other leg."""
-        return np.asarray(self.model.aligner(self.settings).contact_px(pose[None], self.settings)[0])
+        aligner = self.model.aligner(self.settings)
+        unlikely_px = float(aligner.unlikely_px(aligned.pose[None], self.settings)[0])
+        return _Seen(aligned, covered, unlikely_px, energy_px + unlikely_px)
 
     @cached_property
     def _priced(self) -> Callable[[Floats], Floats]:
@@ -124,7 +117,8 @@ class _Search:
             wrong = inner(self.model.colours.wrong(self.whole, seen.pose))
             for part, stage in PART_STAGES.items():
                 found.px[part] += round(self.settings.colour * within(wrong, self.model, stage, seen.pose))
-        for limb, px in zip(PRICED, seen.contact_px, strict=True):
+        contact_px = self.model.aligner(self.settings).contact_px(seen.pose[None], self.settings)[0]
+        for limb, px in zip(PRICED, contact_px, strict=True):
             found.px[limb] += round(px)
             found.nearest_px[limb] += round(px)
         return found

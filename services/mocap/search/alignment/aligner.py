@@ -126,16 +126,17 @@ class Aligner:
         pulling, seen = np.array([s for s in segments if s < N_RIGID], np.int32), input_of(picture)
         coarse_rim, fine_rim = self._rims
         unit = float(views[2].sum()) * self._scale**3
-        contact_weight, prior_weight = _CONTACT_WEIGHT * settings.contact * unit, settings.pose_prior * unit
+        contact_weight = _CONTACT_WEIGHT * settings.contact * unit
+        unlikely = (self._contacts, contact_weight, pose_prior(), settings.pose_prior * unit)
         pose, _, _, _ = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, settings.detail_px,
             (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, prior, _LIMITS,
-            self._contacts, contact_weight, pose_prior(), prior_weight,
+            unlikely,
         )  # fmt: skip
         pose, prior_cost, rim_px, places = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, _FINE * settings.detail_px,
             (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, prior, _LIMITS,
-            self._contacts, contact_weight, pose_prior(), prior_weight,
+            unlikely,
         )  # fmt: skip
         return Aligned(pose, prior_cost, SeenRim(rim_px, places[SURFACE_FRAMES]))
 

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import ALL_FRAMES, N_DOF, N_FRAMES, SEGMENT_JOINTS, place_frames
+from services.mocap.body.kinematics import N_DOF, N_JOINTS, SEGMENT_JOINTS, place_frames
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SIDES
 from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, cross
 from services.mocap.search.chains import LimbName
@@ -28,6 +28,7 @@ _HAND_SHARES = (0.33, 0.66, 0.9)
 _THIGH_SHARES, _SHANK_SHARES = (0.6, 0.8, 1.0), (0.25, 0.5, 0.75, 1.0)
 _LOWEST_HEIGHTS = -0.06
 """Of what counts, from a segment's joint, in body heights: skirts of own meshes hang lower and give way."""
+_JOINTS: Ints = np.arange(N_JOINTS, dtype=np.int32)
 _CENTRAL = 1e-3
 """Of an ellipse's radius: nearer to its centre no direction leads out."""
 
@@ -119,13 +120,13 @@ def _stack(vertices_m: Floats, faces: Ints, lowest_m: float) -> Floats:
 def depths_m(contacts: Contacts, offsets_m: Floats, poses: Floats) -> Floats:
     """(N, 4) how deep the axis of each limb (PRICED) is inside, at its deepest point, in poses (N, D)."""
     found = np.zeros((len(poses), len(PRICED)))
-    _depths(contacts, offsets_m, np.ascontiguousarray(poses), ALL_FRAMES, found)
+    _depths(contacts, offsets_m, np.ascontiguousarray(poses), _JOINTS, found)
     return found
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _depths(contacts: Contacts, offsets_m: Floats, poses: Floats, joints: Ints, found: Floats) -> None:
-    T_world_joint, point_m, out = np.empty((N_FRAMES, 4, 4)), np.empty(3), np.empty(3)
+    T_world_joint, point_m, out = np.empty((N_JOINTS, 4, 4)), np.empty(3), np.empty(3)
     for n in range(len(poses)):
         place_frames(poses[n], offsets_m, joints, T_world_joint)
         for p in range(len(contacts.points_m)):

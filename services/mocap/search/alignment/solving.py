@@ -29,6 +29,9 @@ Drawing: TypeAlias = tuple[Ints, Ints, MeshArrays, Scratch, tuple[Floats, Floats
 them."""
 Rims: TypeAlias = tuple[Ints, RimArrays, Views, tuple[RimScratch, Matches]]
 """Surfaces that pull; mesh, views and room as match_view takes them."""
+Unlikely: TypeAlias = tuple[Contacts, float, PosePrior, float]
+"""Shapes that limbs must not be inside of, and the prior of their poses, each with its weight, as
+add_contacts and add_prior take them."""
 _SINGULAR = 1e-6
 
 
@@ -45,22 +48,19 @@ def follow(
     free: Floats,
     prior: Floats,
     limits: Floats,
-    contacts: Contacts,
-    contact_weight: float,
-    pose_prior: PosePrior,
-    prior_weight: float,
+    unlikely: Unlikely,
 ) -> tuple[Floats, float, Floats, Floats]:
     """Move a pose (D,) so that the rim comes to lie on the contours.
 
     steps (K, 4): for every step, in pixels, the reach, the distance that counts as on the contour, and the
     cap; and the damping as a share of the diagonal. free (D,): 1 for parameters that vary. prior (3, D):
-    target, weight of its square, and the largest step. limits (2, D). contact_weight: as for add_contacts,
-    pose_prior and prior_weight: as for add_prior.
-    Returns the pose, and of the last match the prior's cost, the rim's shares (S + 5,
-    SHARES), and the normal matrices of the places of the frames (J + 5, 3, 3), their lower halves.
+    target, weight of its square, and the largest step. limits (2, D). Returns the pose, and of the last match
+    the prior's cost, the rim's shares (S + 5, SHARES), and the normal matrices of the places of the frames
+    (J + 5, 3, 3), their lower halves.
     """
     still, moving, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
+    contacts, contact_weight, pose_prior, pose_weight = unlikely
     pose, prior_cost, shares_px = start.copy(), 0.0, np.zeros((len(SURFACE_FRAMES), SHARES))
     T_world_frame = np.empty((1, N_FRAMES, 4, 4))
     place_frames(pose, offsets_m, frames, T_world_frame[0])
@@ -85,7 +85,7 @@ def follow(
         places = wrenches[:, 3:, 3:].copy()  # now: normal_equations adds to a joint what its children carry
         hessian, slope = normal_equations(twists, wrenches, pulls)
         add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
-        add_prior(pose_prior, prior_weight, pose, hessian, slope)
+        add_prior(pose_prior, pose_weight, pose, hessian, slope)
         prior_cost = 0.0
         for d in range(N_DOF):
             off = pose[d] - prior[0, d]
