@@ -395,7 +395,8 @@ class Telemetry(OfTake, type="telemetry"):
     seconds: Annotated[dict[Name, Scalar], Field(max_length=20)]
     """As in the last pose."""
     latency_s: Annotated[dict[Name, Scalar], Field(max_length=20)] = Field(default_factory=dict)
-    """Live: time from the shutter to the pose, over the last poses: median, and p95, the 95th percentile."""
+    """Live: time from the shutter to the pose, over the last poses: median, and p95, the 95th percentile;
+    settled_median and settled_p95 of settled poses."""
     drops: Annotated[
         dict[Name, Annotated[list[Count], Field(min_length=3, max_length=3)]], Field(max_length=MAX_CAMERAS)
     ] = Field(default_factory=dict)

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from services import options
 from services.commands.consoles import stderr, stdout, warn
-from services.commands.track import accuracy_in_words
+from services.commands.track import accuracy_in_words, corrected_in_words
 from services.commands.verdicts import StrictOption, conclude
 from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page
 from services.mocap.energy.engine import check_cost
@@ -127,6 +127,13 @@ def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> Non
     table.add_row(
         "latency", f"median {1000 * latency_s['median']:.0f} ms, 95 % below {1000 * latency_s['p95']:.0f} ms"
     )
+    settled_s = live_part.get("settled_latency_s", {})
+    if settled_s.get("median") is not None:
+        table.add_row(
+            "settled after",
+            f"median {settled_s['median']:.2f} s, 95 % within {settled_s['p95']:.2f} s; "
+            f"corrected: {corrected_in_words(report) or 'nothing'}",
+        )
     if (abreast := live_part["abreast"]) is not None and abreast["poses_before"]:
         since_ms = [1000 * abreast["latency_s"][name] for name in ("median", "p95")]
         table.add_row(

@@ -125,18 +125,22 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
         "frames per second",
         f"{speed['frames_per_s']:.2f}, after {speed['first_frame_s']:.1f} s for the first",
     )
-    corrected = report.get("corrected_frames_by_part", {})
-    if corrected:
-        told = ", ".join(
-            f"{part.replace('_', ' ')} in {n} frame{'' if n == 1 else 's'}" for part, n in corrected.items()
-        )
-        table.add_row("corrected on the way back", told)
+    if corrected := corrected_in_words(report):
+        table.add_row("corrected on the way back", corrected)
     table.add_row("evaluations per frame", f"{speed['evaluations_per_frame']:.0f}")
     if "accuracy" in report:
         table.add_row("joint error", accuracy_in_words(report["accuracy"]))
         table.add_row("lost limbs", f"{len(report['accuracy']['lost_limbs'])}")
     table.add_row("results", escape(str(folder)))
     stdout.print(table)
+
+
+def corrected_in_words(report: dict[str, Any]) -> str:
+    """Which parts of settled poses moved, from a run.json; empty for none."""
+    corrected: dict[str, int] = report.get("corrected_frames_by_part", {})
+    return ", ".join(
+        f"{part.replace('_', ' ')} in {n} frame{'' if n == 1 else 's'}" for part, n in corrected.items()
+    )
 
 
 def accuracy_in_words(accuracy: dict[str, Any]) -> str:

@@ -89,9 +89,9 @@ class Incoming(ABC):
     def catch_up(self) -> None:  # noqa: B027  (nothing to do for recorded takes)
         """Called after a long search for the actor: the following frames should lead up to the newest one."""
 
-    def note_latency(self, frame: Frame) -> float:  # noqa: ARG002
-        """Called when a frame's pose is published; returns the time since the shutter, 0 for recorded
-        frames."""
+    def note_latency(self, frame: Frame, *, is_settled: bool) -> float:  # noqa: ARG002
+        """Called when a frame's pose is published, the first or the settled one; returns the time since the
+        shutter, 0 for recorded frames."""
         return 0.0
 
     @property

@@ -46,7 +46,8 @@ class LiveFrames(Incoming):
         self._came_s = np.full(rig.n_cameras, -np.inf)
         self._pace = Pace(take.live.period_s)
         self._present_s = max(_PRESENT_S, _PRESENT_SHOTS * take.live.period_s)
-        self._latencies_s: deque[float] = deque(maxlen=_REMEMBERED)
+        self._latencies_s = {which: deque[float](maxlen=_REMEMBERED) for which in ("", "settled_")}
+        """Of first and of settled poses."""
         self._looked_s = self._returned_s = now()
         self._away_s, self._is_behind, self._is_solved_meanwhile = 0.0, False, False
 
@@ -147,12 +148,13 @@ class LiveFrames(Incoming):
         """See Incoming.waiting_for."""
         return np.flatnonzero(self._now() - self._came_s >= self._present_s).tolist()
 
-    def note_latency(self, frame: Frame) -> float:
+    def note_latency(self, frame: Frame, *, is_settled: bool) -> float:
         """See Incoming.note_latency."""
         if frame.shutter_s is None:
             return 0.0
-        self._latencies_s.append(max(self._now() - frame.shutter_s, 0.0))
-        return self._latencies_s[-1]
+        latencies_s = self._latencies_s["settled_" if is_settled else ""]
+        latencies_s.append(max(self._now() - frame.shutter_s, 0.0))
+        return latencies_s[-1]
 
     @property
     def n_ready(self) -> int:
@@ -191,8 +193,9 @@ class LiveFrames(Incoming):
         for c, name in enumerate(self._names):
             missed, dropped, unsent = told.get(c, (0, 0, 0))
             drops[name] = [missed, dropped, int(self._shots.passed[c]) + unsent]
-        latency_s = {}
-        if self._latencies_s:
-            median_s, p95_s = np.percentile(self._latencies_s, [50, 95])
-            latency_s = {"median": float(median_s), "p95": float(p95_s)}
+        latency_s: dict[str, float] = {}
+        for which, latencies_s in self._latencies_s.items():
+            if latencies_s:
+                median_s, p95_s = np.percentile(latencies_s, [50, 95])
+                latency_s |= {f"{which}median": float(median_s), f"{which}p95": float(p95_s)}
         return LiveFigures(latency_s, drops, [self._names[c] for c in self.waiting_for()])

@@ -92,9 +92,12 @@ class OutgoingMessages:
         self, number: int, frame: Frame, solution: FrameSolution, memory: dict[str, list[int]] | None = None
     ) -> Pose:
         """A solved frame; memory: the state after it, or None for a settled frame."""
-        now_s, dispatcher = time.perf_counter(), self._board.dispatcher
-        frame_s, self._published_s = now_s - self._published_s, now_s
-        self._seconds = {**solution.seconds, **solution.limb_seconds, "frame": frame_s}
+        dispatcher, is_settled = self._board.dispatcher, memory is None
+        seconds = {**solution.seconds, **solution.limb_seconds}
+        if not is_settled:
+            now_s = time.perf_counter()
+            seconds["frame"], self._published_s = now_s - self._published_s, now_s
+            self._seconds = seconds
         live = {"cameras_absent": [float(len(frame.absent))]} if frame.shutter_s is not None else {}
         return Pose(
             take=self.take,
@@ -108,17 +111,17 @@ class OutgoingMessages:
             retries=dispatcher.retries,
             backend=self._engine.name,
             worker_backends=dict(dispatcher.helped),
-            seconds=self._seconds,
+            seconds=seconds,
             confidence=solution.confidence,
             distrusted=solution.distrusted,
             measured=solution.measured | live,
             memory=memory or {},
             shot=frame.shot,
-            latency_s=self._incoming.note_latency(frame),
-            settled=memory is None,
+            latency_s=self._incoming.note_latency(frame, is_settled=is_settled),
+            settled=is_settled,
             absent=list(frame.absent),
             pose=solution.pose,
-            steady=self._steady(frame, solution.pose),
+            steady=np.zeros((0, len(solution.pose))) if is_settled else self._steady(frame, solution.pose),
         )
 
     def silhouettes(self, number: int, frame: Frame) -> Silhouettes:

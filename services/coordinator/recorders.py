@@ -112,11 +112,17 @@ class Recorders:
         """Poses that are kept because a recorder does not have them on disk yet."""
         return sum(frame >= self._recorded_end for frame in self._first)
 
+    @property
+    def settled_end(self) -> int:
+        """One past the last frame up to which all recorders have the settled poses of this run; 0 while some
+        have not reported."""
+        ends = [one.settled_end if one.run == self._run else 0 for one in self._recordings()]
+        return min(ends) if len(ends) >= max(1, self._n_expected) else 0
+
     def keep(self, pose: Pose) -> None:
         """Keep a published pose until all recorders have it on disk."""
         if pose.settled:
-            ends = [one.settled_end if one.run == self._run else 0 for one in self._recordings()]
-            self._settled.add(pose, min(ends) if len(ends) >= max(1, self._n_expected) else 0)
+            self._settled.add(pose, self.settled_end)
         else:
             self._first.add(pose, self._recorded_end if self._n_expected else OPEN_END)
 

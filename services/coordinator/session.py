@@ -10,12 +10,13 @@ from proto.messages import CoordinatorStage, Recording, TakeEnd, Telemetry
 from services.coordinator.incoming import Frame, Incoming, RecordedFrames
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.live_frames import LiveFrames
+from services.coordinator.live_settling import LiveSettling
 from services.coordinator.metrics import Gauges, note_pose
 from services.coordinator.outgoing_messages import OutgoingMessages
 from services.coordinator.overhead import Overhead
 from services.coordinator.plan import Plan
 from services.coordinator.recorders import LostFramesError
-from services.coordinator.settling import Settling
+from services.coordinator.settling import Settling, fetch_poses
 from services.coordinator.switchboard import Switchboard
 from services.coordinator.unsure import UnsureParts
 from services.health import beat
@@ -70,8 +71,9 @@ class Session:
         self._told = ""
         self._made: Model | None = None
         self._unsure: UnsureParts | None = None
-        settles = plan.settings.goes_both_ways and not self._incoming.is_live
-        self._settling = Settling(plan.frames.start) if settles else None
+        settles = plan.settings.goes_both_ways
+        self._settling = Settling(plan.frames.start) if settles and not self._incoming.is_live else None
+        self._live_settling: LiveSettling | None = None
         self._is_settled = False
         self._gauges, self._overhead = Gauges(), Overhead()
         self._board.telemetry = self._telemetry
@@ -146,6 +148,7 @@ class Session:
         for frame in range(self._solved_end, self._plan.frames.stop):
             found = self._next_frame()
             if found is None:
+                self._conclude_live()
                 return
             about(frame=frame)
             self._limbs.frame = frame
@@ -217,6 +220,11 @@ class Session:
         tracker = self._tracker(model_of(actor, self._rig, self._engine), actor, held.poses)
         tracker.recall(held.memory)
         self._incoming.recall(held.memory)
+        if self._live_settling is not None:  # their silhouettes are gone
+            unsettled = range(self._board.recorders.settled_end, held.end_frame)
+            first = fetch_poses(self._board.recorders, unsettled, lambda: self._look(_LOOK_S)) or {}
+            for frame in sorted(first):
+                self._board.publish(first[frame].model_copy(update={"settled": True, "memory": {}}))
         return tracker
 
     def _tracker(self, model: Model, actor: Actor, poses: Floats) -> Tracker:
@@ -224,6 +232,10 @@ class Session:
         self._model, self._limbs = model, self._pool(model, actor)
         self._unsure = UnsureParts(model, self._camera_names)
         self._board.announce(self._outgoing.take_info(actor, self._shards))
+        if self._incoming.is_live and self._plan.settings.goes_both_ways:
+            self._live_settling = LiveSettling(
+                model, self._plan.settings, self._limbs, self._solved_end, self._publish_settled
+            )
         return Tracker(model, self._plan.settings, self._limbs, poses)
 
     def _pool(self, model: Model, actor: Actor) -> RemoteLimbs:
@@ -259,6 +271,11 @@ class Session:
                 self._board.give_credit(credit)
             if found is not None:
                 return found
+            with self._overhead.fitting():
+                is_settling = self._live_settling is not None and self._live_settling.work()
+            if is_settling:
+                self._board.pump(0.0)
+                continue
             self._board.pump(_LOOK_S)
             looks += 1
             if looks % _SAY_WAITING_EVERY == 0:
@@ -287,25 +304,36 @@ class Session:
         self._stage = "tracking"
         if self._settling is not None:
             self._settling.note(frame.seen, solution.pose)
+        if self._live_settling is not None:
+            self._live_settling.note(frame, solution)
+
+    def _publish_settled(self, number: int, frame: Frame, solution: FrameSolution) -> None:
+        self._board.publish(self._outgoing.pose(number, frame, solution))
+
+    def _conclude_live(self) -> None:
+        """Settle what is left of live input, which has ended."""
+        if self._live_settling is not None:
+            self._live_settling.conclude()
+            self._is_settled = True
+
+    def _look(self, timeout_s: float) -> bool:
+        """Handle messages; False once a stop was requested."""
+        beat()
+        self._board.pump(timeout_s)
+        return not self._stop
 
     def _settle(self, settling: Settling) -> bool:
         """Solve all frames both ways and publish them again; False if a stop was requested meanwhile."""
 
-        def look(timeout_s: float) -> bool:
-            beat()
-            self._board.pump(timeout_s)
-            return not self._stop
-
         def begin(stage: CoordinatorStage, frame: int) -> bool:
             self._stage, self._told_frame = stage, frame
             about(frame=frame)
-            return look(0.0)
+            return self._look(0.0)
 
         def publish(frame: int, seen: TriPlanes, solution: FrameSolution) -> None:
-            found = Frame(seen, frame / self._plan.take.settings.fps, frame)
-            self._board.publish(self._outgoing.pose(frame, found, solution))
+            self._publish_settled(frame, Frame(seen, frame / self._plan.take.settings.fps, frame), solution)
 
-        if not settling.fetch(self._board.recorders, lambda: look(_LOOK_S)):
+        if not settling.fetch(self._board.recorders, lambda: self._look(_LOOK_S)):
             return False
         return settling.settle(self._model, self._plan.settings, self._limbs, begin, publish)
 

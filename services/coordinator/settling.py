@@ -1,10 +1,11 @@
 """Solves a recorded take again, both ways, once its last frame is solved."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 
+from proto.messages import Pose
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.recorders import LostFramesError, Recorders
 from services.mocap.energy.bitplanes import TriPlanes
@@ -19,8 +20,32 @@ _ASK_FRAMES, _ASK_AGAIN_S = 500, 1.0
 """Poses are requested from recorders in as many at once, and again after this time."""
 _PATIENCE_S = 30.0
 """How long recorders may send nothing before this coordinator gives up."""
-_SWEEPS: dict[Sweep, int] = {"tracking back": 1, "settling": 2}
+SWEEPS: dict[Sweep, int] = {"tracking back": 1, "settling": 2}
 """Their numbers for RemoteLimbs."""
+
+
+def fetch_poses(
+    recorders: Recorders, frames: Collection[int], look: Callable[[], bool]
+) -> dict[int, Pose] | None:
+    """The first poses of frames, from recorders; None if a stop was requested meanwhile.
+
+    look: handles messages; returns False once a stop was requested. Raises LostFramesError if recorders do
+    not answer.
+    """
+    heard_s, asked_s, found = time.monotonic(), 0.0, dict[int, Pose]()
+    while missing := sorted(set(frames) - found.keys()):
+        now_s = time.monotonic()
+        if returned := recorders.take_returned():
+            found |= returned
+            heard_s = now_s
+        if now_s - heard_s > _PATIENCE_S:
+            raise LostFramesError(f"no recorder sends frame {missing[0]} back, which was solved before")
+        if now_s - asked_s > _ASK_AGAIN_S:
+            asked_s = now_s
+            recorders.ask_back(missing[0], min(missing[0] + _ASK_FRAMES, missing[-1] + 1))
+        if not look():
+            return None
+    return found
 
 
 class Settling:
@@ -43,26 +68,11 @@ class Settling:
         self._seen.append(seen)
 
     def fetch(self, recorders: Recorders, look: Callable[[], bool]) -> bool:
-        """Get the poses that are missing, from recorders; False if a stop was requested meanwhile.
-
-        look: handles messages; returns False once a stop was requested. Raises LostFramesError if recorders
-        do not answer.
-        """
-        heard_s, asked_s = time.monotonic(), 0.0
+        """Get the poses that are missing, as `fetch_poses` does."""
         frames = range(self._first_frame, self.next_frame)
-        while missing := [frame for frame in frames if frame not in self._poses]:
-            now_s = time.monotonic()
-            if returned := recorders.take_returned():
-                self._poses |= {frame: message.pose for frame, message in returned.items()}
-                heard_s = now_s
-            if now_s - heard_s > _PATIENCE_S:
-                raise LostFramesError(f"no recorder sends frame {missing[0]} back, which was solved before")
-            if now_s - asked_s > _ASK_AGAIN_S:
-                asked_s = now_s
-                recorders.ask_back(missing[0], min(missing[0] + _ASK_FRAMES, missing[-1] + 1))
-            if not look():
-                return False
-        return True
+        returned = fetch_poses(recorders, {frame for frame in frames if frame not in self._poses}, look)
+        self._poses |= {frame: message.pose for frame, message in (returned or {}).items()}
+        return returned is not None
 
     def settle(
         self,
@@ -85,7 +95,7 @@ class Settling:
                 publish(number, self._seen[step.frame], step.solution)
             elif not begin(step.sweep, number):
                 return False
-            limbs.frame, limbs.sweep = number, _SWEEPS[step.sweep]
+            limbs.frame, limbs.sweep = number, SWEEPS[step.sweep]
         return True
 
     def close(self) -> None:

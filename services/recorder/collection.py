@@ -108,10 +108,14 @@ class Collection:
         return self._store.first.gap_before(end)
 
     def missing_settled(self) -> tuple[int, int] | None:
-        """The first gap in the settled poses, as a range, of a run that has them for all frames."""
-        if self.info is None or not self._is_settled:
+        """The first gap in the settled poses, as a range, up to the latest of them or, once it is known that
+        all frames have one, the end of the take."""
+        if self.info is None:
             return None
-        return self._store.settled.gap_before(self._store.first.end)
+        settled = self._store.settled
+        return settled.gap_before(
+            self._store.first.end if self._is_settled else max(settled.frames, default=0)
+        )
 
     @property
     def held_ends(self) -> tuple[int, int]:

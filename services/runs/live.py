@@ -86,6 +86,8 @@ def live(
             names = ("source", "segmentation", "tracking")
             drops = {cam: dict(zip(names, counts, strict=True)) for cam, counts in ended.told.drops.items()}
             report["live"]["drops"] = drops
+            settled_s = {which: ended.told.latency_s.get(f"settled_{which}") for which in ("median", "p95")}
+            report["live"]["settled_latency_s"] = settled_s
     return report
 
 

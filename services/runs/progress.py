@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from proto.keys import ClientKeys
-from proto.messages import Message, Pose, Telemetry
+from proto.messages import OPEN_END, Message, Pose, Telemetry
 from services.listener import PosesListener
 
 
@@ -50,6 +50,8 @@ class ProgressWatch(PosesListener):
                 self._note_sweep(message.stage, message.end_frame - message.next_frame)
         elif isinstance(message, Pose):
             self._energy_px = message.energy_px
+            if message.settled and (self.told is None or self.told.end_frame == OPEN_END):
+                return  # live input has no sweeps: frames are settled while others are solved
             if message.settled:
                 self._note_sweep("settling", message.frame + 1 - self._start)
             elif message.frame >= self._end:
@@ -94,4 +96,6 @@ def live_in_words(progress: Progress) -> str:
     if told.latency_s:
         median_ms, p95_ms = 1000 * told.latency_s["median"], 1000 * told.latency_s["p95"]
         words += f"  latency {median_ms:.0f} ms (95 % below {p95_ms:.0f})"
+        if "settled_median" in told.latency_s:
+            words += f", settled {1000 * told.latency_s['settled_median']:.0f} ms"
     return f"{words}  {dropped}"

@@ -277,7 +277,7 @@ def test_settled_poses_replace_the_first_ones_once_all_are_here(tmp_path: Path) 
     one = Collection(first)
     for message in (info(0, 2), blob(_ACTOR), blob(_RIG, "rig"), pose(0), pose(1), settled(1)):
         one.add(message)
-    assert one.missing_settled() is None  # nobody has said that the take has them
+    assert one.missing_settled() == (0, 1)
     one.add(end(2, settled=True))
     assert one.missing_frames() is None
     assert one.missing_settled() == (0, 1)

@@ -4,6 +4,7 @@ It has the least energy and the least movement together (Viterbi's search: Forne
 61(3), 1973).
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import product
 
@@ -83,8 +84,11 @@ class PathSearch:
         """(K,) of the best path to each choice of the last frame."""
         self._joints_m: Floats = np.zeros((1, len(_MOVING), 3))
 
-    def add(self, seen: TriPlanes, one: Floats, other: Floats) -> None:
-        """Add the next frame, whose silhouettes are `seen` (P, H, W), with two poses (D,) of it."""
+    def add(self, seen: TriPlanes, one: Floats, other: Floats, absent: Collection[int] = ()) -> None:
+        """Add the next frame, whose silhouettes are `seen` (P, H, W), with two poses (D,) of it.
+
+        absent: cameras that do not count.
+        """
         offsets_m = self._model.body.offsets_m
         off_m = apart_m(one, other, offsets_m)
         poses, of_other = _mixtures(one, other, off_m > _SAME_M)
@@ -94,7 +98,7 @@ class PathSearch:
             moved_m = np.linalg.norm(joints_m[:, None] - self._joints_m, axis=-1)
             steps = steps + _MOVE_PX * self._scale * np.minimum(moved_m, _MOST_MOVED_M).sum(axis=-1)
         self._from.append(steps.argmin(axis=1))
-        energies_px = self._energies_px(seen, poses)
+        energies_px = self._energies_px(seen, poses, absent)
         self._costs = steps.min(axis=1) + energies_px
         self._choices.append(_Choices(poses, of_other, energies_px, off_m))
         self._joints_m = joints_m
@@ -107,9 +111,11 @@ class PathSearch:
             at = int(came_from[at])
         return path[::-1]
 
-    def _energies_px(self, seen: TriPlanes, poses: Floats) -> Floats:
+    def _energies_px(self, seen: TriPlanes, poses: Floats, absent: Collection[int]) -> Floats:
         """(K,) what poses (K, D) cost in a frame, with what limbs inside others or in unusual poses cost."""
-        settings, picture = self._settings, Picture.of_frame(self._model.rig, seen)
+        rig = self._model.rig
+        picture = Picture.of_frame(rig, seen).without_cameras(absent)
+        settings = self._settings.without_cameras(absent, rig.n_cameras)
         energy = whole_body_energy(self._model, picture, poses[0], settings.cost, settings.detail_px)
         return np.asarray(energy(poses) + self._model.aligner(settings).unlikely_px(poses, settings))
 

@@ -37,7 +37,8 @@ class SearchSettings(BaseModel):
     zero."""
     both_ways: bool = Field(default=True, description="true or false")
     """With method contours, recorded takes are also tracked from the last frame back, and every frame is
-    solved again from the best combination of both ways. If false, they are tracked only forwards."""
+    solved again from the best combination of both ways; live frames with doubtful parts likewise, from half a
+    second later. If false, takes are tracked only forwards."""
     search_limbs: Literal["in doubt", "always"] = Field(
         default="in doubt", description='"in doubt" or "always"'
     )

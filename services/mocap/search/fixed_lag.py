@@ -1,0 +1,108 @@
+"""Solves frames of live input again a moment later, with the frames after them: a fixed-lag smoother.
+
+It does for a block of frames what both_ways does for a take: a limb that was lost, and that shows again
+within this moment, is found on the way back. Blocks without a doubtful part stay as they are.
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+
+from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.energy.picture import Picture
+from services.mocap.search.best_path import PathSearch
+from services.mocap.search.both_ways import Step
+from services.mocap.search.found import FrameSolution
+from services.mocap.search.frame import extrapolated, solve_frame
+from services.mocap.search.jobs import LimbPool
+from services.mocap.search.lost_probability import rival_probabilities
+from services.mocap.search.model import Model
+from services.mocap.search.part_confidence import PartConfidence, doubt_rivals
+from services.mocap.search.settings import SearchSettings
+from services.mocap.types import Floats
+
+_BLOCK_S = 0.3
+"""Length of a block; it is settled once the next block is there as well. Longer ones find more, later."""
+_MOST_WAITING_S = 4 * _BLOCK_S
+"""When more than this waits to be settled, there is no time to solve anything again."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Tracked:
+    seen: TriPlanes
+    absent: Collection[int]
+    time_s: float
+    solution: FrameSolution
+
+
+class FixedLag:
+    """Settles the frames of a live take, in order."""
+
+    def __init__(self, model: Model, settings: SearchSettings, limbs: LimbPool, first_frame: int) -> None:
+        """first_frame: number of the frame that is noted first."""
+        self._model, self._settings, self._limbs = model, settings, limbs
+        self._trust = PartConfidence(model.rig, settings.doubt_px)
+        self._first_frame = first_frame
+        """Number of the first frame of those that wait."""
+        self._waiting: list[_Tracked] = []
+        self._before: _Tracked | None = None
+        """The frame that was settled last."""
+
+    def note(self, seen: TriPlanes, absent: Collection[int], time_s: float, solution: FrameSolution) -> None:
+        """Add the next frame: its silhouettes (P, H, W), the cameras that are not used, and its solution."""
+        self._waiting.append(_Tracked(seen, absent, time_s, solution))
+
+    def settle(self) -> Iterator[Step]:
+        """Settle the next block, if there is one.
+
+        Yields as solve_both_ways does: between two steps, the caller may note further frames.
+        """
+        frames = list(self._waiting)
+        waiting_s = frames[-1].time_s - frames[0].time_s if frames else 0.0
+        if waiting_s < 2 * _BLOCK_S:
+            return
+        n_settled = sum(frame.time_s < frames[0].time_s + _BLOCK_S for frame in frames)
+        if waiting_s > _MOST_WAITING_S or not self._is_worth_it(frames, n_settled):
+            yield from self.unchanged(n_settled)
+            return
+        path = PathSearch(self._model, self._settings)
+        yield from self._track_back(frames, path)
+        for frame, chosen in zip(frames[:n_settled], path.best()[::-1][-len(frames) :], strict=False):
+            yield Step("settling", self._first_frame)
+            solution = self._solve(frame, chosen.pose[None], self._trust)
+            doubt_rivals(solution, rival_probabilities(chosen.apart_m, chosen.margin_px))
+            yield self._settled(solution)
+
+    def unchanged(self, n_settled: int | None = None) -> Iterator[Step]:
+        """Settle the next frames, or all that wait, as they were solved first."""
+        for frame in self._waiting[:n_settled]:
+            yield self._settled(frame.solution)
+
+    def _is_worth_it(self, frames: list[_Tracked], n_settled: int) -> bool:
+        """Whether a limb or the head was doubtful in the block, and the actor was not lost."""
+        parts = [part for frame in frames[:n_settled] for part in frame.solution.distrusted]
+        return bool(parts) and not any("torso" in frame.solution.distrusted for frame in frames)
+
+    def _track_back(self, frames: list[_Tracked], path: PathSearch) -> Iterator[Step]:
+        """Track from the last of some frames to the first, and add both ways to a path, which leads to the
+        frame that was settled last."""
+        trust, poses = PartConfidence(self._model.rig, self._settings.doubt_px), [frames[-1].solution.pose]
+        path.add(frames[-1].seen, poses[0], poses[0], frames[-1].absent)
+        for k in reversed(range(len(frames) - 1)):
+            yield Step("tracking back", self._first_frame + k)
+            poses.append(self._solve(frames[k], extrapolated(poses[-2:]), trust).pose)
+            path.add(frames[k].seen, frames[k].solution.pose, poses[-1], frames[k].absent)
+        if self._before is not None:
+            pose = self._before.solution.pose
+            path.add(self._before.seen, pose, pose, self._before.absent)
+
+    def _solve(self, frame: _Tracked, starts: Floats, trust: PartConfidence) -> FrameSolution:
+        rig = self._model.rig
+        picture = Picture.of_frame(rig, frame.seen).without_cameras(frame.absent)
+        settings = self._settings.without_cameras(frame.absent, rig.n_cameras)
+        return solve_frame(self._model, picture, starts, settings, self._limbs, trust)
+
+    def _settled(self, solution: FrameSolution) -> Step:
+        """The first of the waiting frames has this solution, and waits no longer."""
+        self._before = replace(self._waiting.pop(0), solution=solution)
+        self._first_frame += 1
+        return Step("settling", self._first_frame - 1, solution)
