@@ -17,7 +17,7 @@ from services.mocap.search.chains import ALL_SURFACES, LIMBS
 from services.mocap.search.error_by_part import PART_STAGES, error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
-from services.mocap.search.lost_probability import evidence_of, judged_segments
+from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
 from services.mocap.search.pairs import PAIRS, promising
 from services.mocap.search.part_confidence import (
@@ -223,9 +223,8 @@ def solve_by_contours(
     solution.note_shares(shares)
     solution.measured["prior"] = [float(best.aligned.prior_cost)]
     solution.evaluations += 1
-    judged = judged_segments(model.body)
-    solution.evidence = evidence_of(best.aligned.rim, left.nearest_px, judged)
-    solution.confidence = confidences(solution.evidence, best.aligned.rim, judged)
+    solution.evidence = evidence_of(best.aligned.rim, left.nearest_px, best.pose)
+    solution.confidence = confidences(solution.evidence, best.aligned.rim)
     solution.distrusted = trust.distrusted(left, solution.confidence)
     trust.remember(left)
     search.clock.book("torso")

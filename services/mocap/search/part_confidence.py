@@ -38,7 +38,7 @@ _LONGEST_REST = 8
 _LOST_SHARE, _LOST_OVER_USUAL, _MOST_LOST_SHARE = 0.1, 0.06, 0.25
 """The torso is in doubt when more pixels differ than the first share of the input's, and more than usual by
 the second; more than the third always. What the body lacks, a coat's tails say, differs in every frame."""
-_MARKED_FROM = 0.1
+_MARKED_FROM = 0.05
 """A limb or the head that is lost with more than this probability is marked."""
 
 
@@ -173,14 +173,12 @@ def doubt_rivals(solution: FrameSolution, lost: Floats) -> None:
                 solution.distrusted.append(part)
 
 
-def confidences(
-    evidence: Floats, rim: SeenRim, judged: Mapping[Part, list[int]] = JUDGED_SEGMENTS
-) -> dict[Part, float]:
-    """Per part the probability that it is not lost; evidence (6, len(EVIDENCE)); judged from judged_segments.
+def confidences(evidence: Floats, rim: SeenRim) -> dict[Part, float]:
+    """Per part the probability that it is not lost; evidence (6, len(EVIDENCE)).
 
     A part is left out if unsure pixels hide most of the outline that it is judged by.
     """
-    shown = {part: rim.lengths_px[segments].sum(axis=0) for part, segments in judged.items()}
+    shown = {part: rim.lengths_px[segments].sum(axis=0) for part, segments in JUDGED_SEGMENTS.items()}
     return {
         part: 1.0 - float(lost)
         for part, lost in zip(PARTS, lost_probabilities(evidence), strict=True)

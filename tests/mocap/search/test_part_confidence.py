@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_INDEX
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import SeenRim
@@ -19,6 +20,7 @@ from services.mocap.search.part_confidence import (
     differences,
     doubt_rivals,
 )
+from services.mocap.search.pose_prior import pose_prior
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
 
@@ -28,6 +30,8 @@ NOTHING: dict[Part, int] = dict.fromkeys(
 USUAL_RIM = SeenRim(
     np.tile([100.0, 87.0, 0.0], (len(ALL_SURFACES), 1)), np.tile(np.eye(3), (len(ALL_SURFACES), 1, 1))
 )
+USUAL_POSE = np.zeros(N_DOF)
+USUAL_POSE[pose_prior().dofs] = pose_prior().means
 LOWER_ARM = [SEGMENT_INDEX["left_forearm"], SEGMENT_INDEX["left_hand"]]
 
 
@@ -52,7 +56,7 @@ def test_the_right_pose_leaves_nothing(
     found = differences(model, Picture.whole(model.rig, planes), pose, planes)
     assert found == Differences(NOTHING, NOTHING, 0.0)
     trust = PartConfidence(model.rig, 30.0)
-    confidence = confidences(evidence_of(USUAL_RIM, found.nearest_px), USUAL_RIM)
+    confidence = confidences(evidence_of(USUAL_RIM, found.nearest_px, USUAL_POSE), USUAL_RIM)
     assert trust.doubtful(found) == trust.distrusted(found, confidence) == []
     assert min(confidence.values()) > 0.98
 
@@ -65,7 +69,7 @@ def test_an_arm_that_is_elsewhere_is_in_doubt_and_the_legs_are_not(
     wrong[DOF_INDEX["left_shoulder_elevation"]] += 1.0
     found = differences(model, Picture.whole(model.rig, silhouettes_of(pose)), wrong, silhouettes_of(wrong))
     trust, rim = PartConfidence(model.rig, 30.0), _rim((100.0, 20.0, 0.0), told=0.2)
-    confidence = confidences(evidence_of(rim, found.nearest_px), rim)
+    confidence = confidences(evidence_of(rim, found.nearest_px, wrong), rim)
     assert "left_arm" in trust.doubtful(found)
     assert trust.distrusted(found, confidence) == ["left_arm"]
     assert confidence["left_arm"] < 0.5 < 0.98 < min(confidence[part] for part in ("left_leg", "right_leg"))
@@ -147,20 +151,22 @@ def test_the_torso_is_not_searched_like_a_limb(model: Model) -> None:
 
 
 def test_confidence_falls_with_what_speaks_against_a_limb() -> None:
-    def of_arm(rim: SeenRim, near_px: int = 0) -> float:
-        return confidences(evidence_of(rim, {**NOTHING, "left_arm": near_px}), rim)["left_arm"]
+    def of_arm(rim: SeenRim, near_px: int = 0, pose: Floats = USUAL_POSE) -> float:
+        return confidences(evidence_of(rim, {**NOTHING, "left_arm": near_px}, pose), rim)["left_arm"]
 
     usual, flat = of_arm(USUAL_RIM), _rim((100.0, 87.0, 0.0))
     flat.place_normals[LOWER_ARM] = np.diag([1.0, 0.01, 1.0])  # cameras that face each other see it
     hidden, off = _rim((5.0, 4.35, 0.0), told=0.05), _rim((100.0, 30.0, 0.0), told=0.05)
     assert usual > 0.98
     assert of_arm(off) < 0.5
-    assert max(of_arm(hidden), of_arm(flat), of_arm(USUAL_RIM, 2000)) < usual
+    unusual = USUAL_POSE.copy()
+    unusual[DOF_INDEX["left_shoulder_elevation"]] += 1.5
+    assert max(of_arm(hidden), of_arm(flat), of_arm(USUAL_RIM, 2000), of_arm(USUAL_RIM, 0, unusual)) < usual
 
 
 def test_what_unsure_pixels_hide_counts_like_the_rest_and_a_part_behind_them_is_not_judged() -> None:
     def judged(rim: SeenRim) -> float | None:
-        return confidences(evidence_of(rim, NOTHING), rim).get("left_arm")
+        return confidences(evidence_of(rim, NOTHING, USUAL_POSE), rim).get("left_arm")
 
     half, shown = _rim((50.0, 43.5, 50.0), told=0.5), _rim((50.0, 43.5, 0.0), told=0.5)
     assert judged(half) == pytest.approx(judged(USUAL_RIM), abs=1e-3)

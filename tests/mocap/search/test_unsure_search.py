@@ -85,7 +85,7 @@ def test_a_leg_that_is_unsure_is_not_judged_and_the_others_are_trusted(
     aligned = model.aligner(SETTINGS).align(picture, start, SETTINGS)
     covered = model.backend.coverage(aligned.pose[None], ALL_SURFACES, picture.region)[0]
     found = differences(model, picture, aligned.pose, covered)
-    confidence = confidences(evidence_of(aligned.rim, found.nearest_px), aligned.rim)
+    confidence = confidences(evidence_of(aligned.rim, found.nearest_px, aligned.pose), aligned.rim)
     assert "left_leg" not in confidence
     assert min(confidence[part] for part in ("torso", "head", "right_arm", "right_leg")) > 0.9
 
