@@ -16,6 +16,7 @@ from services.mocap.motion.settings import OutputSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
 from services.mocap.take.live import open_live
+from services.mocap.take.marks import PARTS
 from services.mocap.take.tables import read_joints_csv, read_poses_csv
 from services.runs.live import LiveJob, live
 from services.runs.progress import Progress, live_in_words
@@ -121,6 +122,14 @@ def test_every_picture_is_in_a_pose_or_told_as_dropped(unplugged: Run) -> None:
     for camera, counts in live["drops"].items():
         unseen = absent.sum() if camera == _CUT else 0
         assert len(absent) - unseen + sum(counts.values()) == 24, camera
+
+
+def test_every_frame_is_settled_once_the_next_ones_are_there(unplugged: Run) -> None:
+    out, _, _ = unplugged
+    report = json.loads((out / "run.json").read_text())
+    assert set(report["corrected_frames_by_part"]) <= set(PARTS)  # told only where all frames are settled
+    latencies_s = read_poses_csv(out / "poses.csv").extra["latency_s"]
+    assert report["live"]["settled_latency_s"]["median"] > np.median(latencies_s) + 0.5 * _SLOWER / 15
 
 
 def test_an_unplugged_camera_is_missed_and_comes_back(unplugged: Run) -> None:
