@@ -308,7 +308,8 @@ class Pose(OfRun, type="pose"):
     absent: Annotated[list[Count], Field(max_length=MAX_CAMERAS)] = Field(default_factory=list)
     """Live: cameras without a picture of this shot, which were not used, by their position from 0."""
     settled: bool = False
-    """Whether the frame was solved again with the frames after it; replaces the frame's earlier pose."""
+    """Whether the pose is final, found with the frames after it; replaces the frame's earlier pose, and may
+    be the same."""
     pose: Annotated[NDArray[np.float64], Array("float64", ("D",))]
     """The body's D parameters, in metres and radians, in the z-up world."""
     steady: Annotated[NDArray[np.float64], Array("float64", ("k", "D"))] = Field(

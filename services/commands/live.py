@@ -127,8 +127,7 @@ def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> Non
     table.add_row(
         "latency", f"median {1000 * latency_s['median']:.0f} ms, 95 % below {1000 * latency_s['p95']:.0f} ms"
     )
-    settled_s = live_part.get("settled_latency_s", {})
-    if settled_s.get("median") is not None:
+    if settled_s := live_part.get("settled_latency_s"):
         table.add_row(
             "settled after",
             f"median {settled_s['median']:.2f} s, 95 % within {settled_s['p95']:.2f} s; "

@@ -119,7 +119,7 @@ class Dispatcher:
         return bool(self._open)
 
     def next_pass(self, frame: int, sweep: int = 0) -> int:
-        """The number of the next pass over a frame; every sweep through the take visits a frame once.
+        """The number of the next pass over a frame; every sweep visits a frame once.
 
         A coordinator that solves a frame again, after another one's death, numbers its passes the same way.
         """

@@ -47,7 +47,8 @@ class RemoteLimbs:
         self.frame = 0
         """The frame that jobs belong to."""
         self.sweep = 0
-        """The sweep through the take that they belong to: 0 forwards, 1 back, 2 settling."""
+        """The sweep through the take that they belong to: 0 forwards, 1 back, 2 settling; from 3 on
+        the ways back of live input."""
 
     def start(self, jobs: list[LimbJob]) -> None:
         """See LimbPool.start."""

@@ -100,7 +100,7 @@ class LiveFrames(Incoming):
         away_s, self._looked_s = now_s - self._looked_s, now_s
         if self._is_solved_meanwhile and away_s > self._take.live.period_s:
             self._returned_s, self._away_s = now_s, away_s
-        self._is_solved_meanwhile = False  # between calls that find no frame the coordinator only waits
+        self._is_solved_meanwhile = False  # between calls that find no frame no new frame is solved
         whole = self._whole(now_s)
         if not whole:
             return None

@@ -12,6 +12,9 @@ from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 
+_WAYS_BACK = 8
+"""Numbers for sweeps on the way back, for RemoteLimbs: more than there are ways back through one frame."""
+
 
 class LiveSettling:
     """Does the work step by step, so that no new frame waits longer than for one step."""
@@ -35,35 +38,42 @@ class LiveSettling:
         """The frame and the sweep of the next step."""
         self._n_blocks = 0
 
-    def note(self, frame: Frame, solution: FrameSolution) -> None:
-        """Add the next frame and its first solution."""
+    def note(self, frame: Frame, solution: FrameSolution, memory: dict[str, list[int]]) -> None:
+        """Add the next frame, its first solution and the tracker's memory after it.
+
+        Where newer frames leave too little time to settle it, older ones are published as they are.
+        """
         self._frames.append(frame)
-        self._lag.note(frame.seen, frame.absent, frame.time_s, solution)
+        self._lag.note(frame.seen, frame.absent, frame.time_s, solution, memory)
+        if self._lag.is_late:
+            self._steps = iter(())
+            for step in self._lag.catch_up():
+                self._publish_step(step)
 
     def work(self) -> bool:
         """Do one step: solve a frame, or publish one; False if there is nothing to do yet."""
-        first = self._limbs.frame, self._limbs.sweep
+        newest = self._limbs.frame, self._limbs.sweep
         self._limbs.frame, self._limbs.sweep = self._at
         step = next(self._steps, None)
-        self._limbs.frame, self._limbs.sweep = first
+        self._limbs.frame, self._limbs.sweep = newest
         if step is None:
             self._steps = self._lag.settle()
             step = next(self._steps, None)
             if step is None:
                 return False
             self._n_blocks += 1
-        # A frame is tracked back twice, before its own block is settled and with it.
-        is_second = step.sweep == "tracking back" and self._n_blocks % 2
-        self._at = step.frame, len(SWEEPS) + 1 if is_second else SWEEPS[step.sweep]
-        self._note(step)
+        # A frame is tracked back with its own block and with several before it.
+        way_back = len(SWEEPS) + 1 + self._n_blocks % _WAYS_BACK
+        self._at = step.frame, way_back if step.sweep == "tracking back" else SWEEPS[step.sweep]
+        self._publish_step(step)
         return True
 
     def conclude(self) -> None:
         """Publish the frames that wait, as they are, because no others will come."""
         self._steps = iter(())
         for step in self._lag.unchanged():
-            self._note(step)
+            self._publish_step(step)
 
-    def _note(self, step: Step) -> None:
+    def _publish_step(self, step: Step) -> None:
         if step.solution is not None:
             self._publish(step.frame, self._frames.popleft(), step.solution)

@@ -94,7 +94,7 @@ class OutgoingMessages:
         """A solved frame; memory: the state after it, or None for a settled frame."""
         dispatcher, is_settled = self._board.dispatcher, memory is None
         seconds = {**solution.seconds, **solution.limb_seconds}
-        if not is_settled:
+        if not is_settled or frame.shutter_s is None:  # else they are those of the first solution
             now_s = time.perf_counter()
             seconds["frame"], self._published_s = now_s - self._published_s, now_s
             self._seconds = seconds

@@ -122,7 +122,7 @@ class Recorders:
     def keep(self, pose: Pose) -> None:
         """Keep a published pose until all recorders have it on disk."""
         if pose.settled:
-            self._settled.add(pose, self.settled_end)
+            self._settled.add(pose, self.settled_end if self._n_expected else OPEN_END)
         else:
             self._first.add(pose, self._recorded_end if self._n_expected else OPEN_END)
 

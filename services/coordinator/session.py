@@ -4,6 +4,9 @@ import logging
 import secrets
 import time
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from proto.auth import Admission
 from proto.messages import CoordinatorStage, Recording, TakeEnd, Telemetry
@@ -22,6 +25,7 @@ from services.coordinator.unsure import UnsureParts
 from services.health import beat
 from services.logs import about
 from services.mocap.body.actor import Actor
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import Engine
@@ -222,9 +226,12 @@ class Session:
         self._incoming.recall(held.memory)
         if self._live_settling is not None:  # their silhouettes are gone
             unsettled = range(self._board.recorders.settled_end, held.end_frame)
-            first = fetch_poses(self._board.recorders, unsettled, lambda: self._look(_LOOK_S)) or {}
-            for frame in sorted(first):
-                self._board.publish(first[frame].model_copy(update={"settled": True, "memory": {}}))
+            first = fetch_poses(self._board.recorders, unsettled, lambda: self._look(_LOOK_S))
+            final = {"settled": True, "memory": {}, "steady": np.zeros((0, N_DOF))}
+            for frame in sorted(first or {}):
+                self._board.publish(first[frame].model_copy(update=final))  # type: ignore[index]
+            if first is None:  # a stop was requested, so that not all frames will be settled
+                self._live_settling = None
         return tracker
 
     def _tracker(self, model: Model, actor: Actor, poses: Floats) -> Tracker:
@@ -305,7 +312,7 @@ class Session:
         if self._settling is not None:
             self._settling.note(frame.seen, solution.pose)
         if self._live_settling is not None:
-            self._live_settling.note(frame, solution)
+            self._live_settling.note(frame, replace(solution, seconds=pose.seconds), memory)
 
     def _publish_settled(self, number: int, frame: Frame, solution: FrameSolution) -> None:
         self._board.publish(self._outgoing.pose(number, frame, solution))

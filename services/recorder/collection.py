@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from proto.messages import Blob, Pose, PoseRequest, Recording, TakeEnd, TakeInfo
+from proto.messages import OPEN_END, Blob, Pose, PoseRequest, Recording, TakeEnd, TakeInfo
 from services.blob_store import BlobStore, UnusableBlobError
 from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
@@ -141,11 +141,14 @@ class Collection:
         return [self._store.first[frame] for frame in range(end - self.n_recorded, end)]
 
     def recorded(self) -> list[Pose]:
-        """The same frames, settled if all of them are."""
+        """The same frames, settled if all of them are; of live input, those that are."""
         poses, settled = self.first_poses(), self._store.settled
-        if settled.end < self._store.first.end:
+        is_live = self.info is not None and self.info.end_frame == OPEN_END
+        if settled.end < self._store.first.end and not is_live:
             return poses
         for n, pose in enumerate(poses):
+            if pose.frame not in settled:
+                continue
             found = settled[pose.frame]
             poses[n] = pose.model_copy(update={name: getattr(found, name) for name in _SETTLED})
         return poses

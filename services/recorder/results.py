@@ -63,7 +63,7 @@ def write_results(
     poses = np.array([message.pose for message in recorded])
     marks = Marks.of(recorded)
     known = dict(known or {})
-    if recorded[-1].settled:
+    if any(message.settled for message in recorded):
         first_poses = np.array([message.pose for message in collection.first_poses()])
         known["corrected_frames_by_part"] = corrected_frames(first_poses, poses, body.offsets_m)
     live = is_live(info)

@@ -86,8 +86,9 @@ def live(
             names = ("source", "segmentation", "tracking")
             drops = {cam: dict(zip(names, counts, strict=True)) for cam, counts in ended.told.drops.items()}
             report["live"]["drops"] = drops
-            settled_s = {which: ended.told.latency_s.get(f"settled_{which}") for which in ("median", "p95")}
-            report["live"]["settled_latency_s"] = settled_s
+            if "settled_median" in (latency_s := ended.told.latency_s):
+                settled_s = {which: latency_s[f"settled_{which}"] for which in ("median", "p95")}
+                report["live"]["settled_latency_s"] = settled_s
     return report
 
 

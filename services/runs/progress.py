@@ -49,9 +49,9 @@ class ProgressWatch(PosesListener):
             if message.stage == "tracking back":
                 self._note_sweep(message.stage, message.end_frame - message.next_frame)
         elif isinstance(message, Pose):
-            self._energy_px = message.energy_px
             if message.settled and (self.told is None or self.told.end_frame == OPEN_END):
                 return  # live input has no sweeps: frames are settled while others are solved
+            self._energy_px = message.energy_px
             if message.settled:
                 self._note_sweep("settling", message.frame + 1 - self._start)
             elif message.frame >= self._end:

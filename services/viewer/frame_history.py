@@ -38,7 +38,7 @@ class SolvedFrame:
     arrived_s: float = np.nan
     """When the viewer received it (time.monotonic); NaN for finished takes."""
     settled: bool = False
-    """Whether it was solved again with the frames after it, and replaces an earlier solution."""
+    """Whether it is final, found with the frames after it, and replaces an earlier solution."""
     iou: Floats = field(default_factory=lambda: np.zeros(0))
     """(C,) intersection over union of body and silhouette by camera; empty where it is not known."""
 
@@ -132,6 +132,9 @@ class FrameHistory:
             return
         FRAMES.inc()
         with self._lock:
+            known = self._latest.get(solved.frame) or self._fetched.get(solved.frame)
+            if known is not None and known.settled and not solved.settled:
+                return  # it was asked for before it was settled
             self._mark(solved)
             if self.newest is None:
                 self.newest = solved.frame

@@ -1,8 +1,7 @@
 """Live frames are settled between the newest ones, which they do not disturb."""
 
-from itertools import pairwise
-
 import numpy as np
+import pytest
 from floor import Floor
 
 from proto.messages import LimbTask
@@ -22,7 +21,7 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker
 from services.mocap.synth.studio import studio_cameras
 
-N, FPS = 14, 10.0
+N, FPS = 24, 10.0
 QUICK = SearchSettings(
     search_limbs="always", arm_grid=(1, 1, 1, 3), leg_grid=(1, 1, 1, 3), contour_steps=2, max_passes=1
 )
@@ -38,7 +37,9 @@ class Watched(Floor):
         self.dispatcher.submit = lambda tasks: (self.tasks.extend(tasks), submit(tasks))[1]  # type: ignore[method-assign]
 
 
-def test_frames_are_settled_in_order_and_no_two_tasks_are_taken_for_each_other() -> None:
+@pytest.mark.parametrize("steps_a_frame", [0, 3, 8])
+def test_frames_are_settled_in_order_and_no_two_tasks_are_taken_for_each_other(steps_a_frame: int) -> None:
+    """Doubts are everywhere, and there is no time for them, little time, or enough."""
     actor, rig = Actor(height=1.75), Rig.of(studio_cameras(4))
     body = build_body(actor)
     model, floor = Model(body, rig, CpuBackend(body, rig)), Watched()
@@ -53,24 +54,17 @@ def test_frames_are_settled_in_order_and_no_two_tasks_are_taken_for_each_other()
         limbs.frame = number
         frames.append(Frame(seen, number / FPS, number, shutter_s=number / FPS))
         first.append(tracker.solve(seen))
-        first[-1].distrusted = ["left_arm"] if number in (4, 7) else []
-        settling.note(frames[-1], first[-1])
-        for _ in range(4):
+        first[-1].distrusted = ["left_arm"] if number > 2 else []
+        settling.note(frames[-1], first[-1], tracker.memory())
+        for _ in range(steps_a_frame):
             settling.work()
             assert (limbs.frame, limbs.sweep) == (number, 0)
-    while settling.work():
-        pass
-    assert {number for number, _, _ in published} < set(range(N))
+        assert len(frames) - len(published) <= 13  # those of 1.2 seconds
     settling.conclude()
     assert [number for number, _, _ in published] == list(range(N))
     assert [frame for _, frame, _ in published] == frames
-    again = [
-        number for (number, _, solution), one in zip(published, first, strict=True) if solution is not one
-    ]
-    assert {4, 7} <= set(again)
-    assert all(later - earlier == 1 for earlier, later in pairwise(again))
+    again = {number for number, _, solution in published if solution is not first[number]}
+    assert (len(again) > 0) == (steps_a_frame > 0)
+    assert all(published[number][2].seconds == first[number].seconds for number in again)
     keys = [(task.frame, task.pass_index, task.limb) for task in floor.tasks]
     assert len(keys) == len(set(keys))
-    assert (
-        len({task.pass_index for task in floor.tasks if task.frame == 6}) == 4
-    )  # two ways back, both others

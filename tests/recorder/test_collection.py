@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from proto.framing import encode
-from proto.messages import Blob, Pose, PoseRequest, TakeEnd, TakeInfo
+from proto.messages import OPEN_END, Blob, Pose, PoseRequest, TakeEnd, TakeInfo
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.take.journal import JOURNAL, Journal
@@ -270,6 +270,14 @@ def test_a_journal_of_the_whole_take_is_complete(tmp_path: Path) -> None:
     assert not one.complete
     first.close(remove=False)
     assert Collection(store(tmp_path)).complete
+
+
+def test_live_poses_are_settled_as_far_as_settled_ones_came() -> None:
+    live = info(0, OPEN_END)
+    one = collection(live, blob(_ACTOR), blob(_RIG, "rig"), pose(0), pose(1), pose(2), settled(0), settled(1))
+    assert [message.settled for message in one.recorded()] == [True, True, False]
+    one.add(end(3))
+    assert one.complete
 
 
 def test_settled_poses_replace_the_first_ones_once_all_are_here(tmp_path: Path) -> None:

@@ -147,6 +147,14 @@ def test_settled_frames_replace_what_the_overview_tells_of_the_first_ones(solved
     assert [history.doubtful_beside(frame, 1) for frame in (0, 2, 6)] == [2, 6, 7]
 
 
+def test_a_first_pose_that_comes_late_does_not_replace_the_settled_one(solved: Make) -> None:
+    history, settled = FrameHistory(range(10)), replace(solved(3), settled=True)
+    history.put(settled)
+    history.put(solved(3, distrusted=("left_arm",)))
+    assert history.solved(3) is settled
+    assert history.doubtful_beside(0, 1) is None
+
+
 def test_the_timeline_of_an_open_take_grows_with_it(solved: Make) -> None:
     history, same = (
         FrameHistory(range(100_000), capacity=10, is_open=True),

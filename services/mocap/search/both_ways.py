@@ -44,7 +44,7 @@ class Step:
 
     sweep: Sweep
     frame: int
-    """From 0."""
+    """From 0, or of live input its number."""
     solution: FrameSolution | None = None
     """None: it is about to be solved; of the way back there is none."""
 

@@ -4,7 +4,7 @@ It does for a block of frames what both_ways does for a take: a limb that was lo
 within this moment, is found on the way back. Blocks without a doubtful part stay as they are.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from services.mocap.energy.bitplanes import TriPlanes
@@ -23,7 +23,7 @@ from services.mocap.types import Floats
 _BLOCK_S = 0.3
 """Length of a block; it is settled once the next block is there as well. Longer ones find more, later."""
 _MOST_WAITING_S = 4 * _BLOCK_S
-"""When more than this waits to be settled, there is no time to solve anything again."""
+"""When more than this waits, there is no time to solve all of it again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +32,8 @@ class _Tracked:
     absent: Collection[int]
     time_s: float
     solution: FrameSolution
+    memory: Mapping[str, list[int]]
+    """The tracker's, after this frame."""
 
 
 class FixedLag:
@@ -40,16 +42,32 @@ class FixedLag:
     def __init__(self, model: Model, settings: SearchSettings, limbs: LimbPool, first_frame: int) -> None:
         """first_frame: number of the frame that is noted first."""
         self._model, self._settings, self._limbs = model, settings, limbs
-        self._trust = PartConfidence(model.rig, settings.doubt_px)
         self._first_frame = first_frame
         """Number of the first frame of those that wait."""
         self._waiting: list[_Tracked] = []
         self._before: _Tracked | None = None
         """The frame that was settled last."""
 
-    def note(self, seen: TriPlanes, absent: Collection[int], time_s: float, solution: FrameSolution) -> None:
-        """Add the next frame: its silhouettes (P, H, W), the cameras that are not used, and its solution."""
-        self._waiting.append(_Tracked(seen, absent, time_s, solution))
+    def note(
+        self,
+        seen: TriPlanes,
+        absent: Collection[int],
+        time_s: float,
+        solution: FrameSolution,
+        memory: Mapping[str, list[int]],
+    ) -> None:
+        """Add the next frame: its silhouettes (P, H, W), the cameras that are not used, its solution, and the
+        tracker's memory after it."""
+        self._waiting.append(_Tracked(seen, absent, time_s, solution, memory))
+
+    @property
+    def _waiting_s(self) -> float:
+        return self._waiting[-1].time_s - self._waiting[0].time_s if self._waiting else 0.0
+
+    @property
+    def is_late(self) -> bool:
+        """Whether so much waits that frames must be settled unchanged."""
+        return self._waiting_s > _MOST_WAITING_S
 
     def settle(self) -> Iterator[Step]:
         """Settle the next block, if there is one.
@@ -57,25 +75,36 @@ class FixedLag:
         Yields as solve_both_ways does: between two steps, the caller may note further frames.
         """
         frames = list(self._waiting)
-        waiting_s = frames[-1].time_s - frames[0].time_s if frames else 0.0
-        if waiting_s < 2 * _BLOCK_S:
+        if self._waiting_s < 2 * _BLOCK_S:
             return
         n_settled = sum(frame.time_s < frames[0].time_s + _BLOCK_S for frame in frames)
-        if waiting_s > _MOST_WAITING_S or not self._is_worth_it(frames, n_settled):
+        if not self._is_worth_it(frames, n_settled):
             yield from self.unchanged(n_settled)
             return
-        path = PathSearch(self._model, self._settings)
+        trust, path = self._new_trust(), PathSearch(self._model, self._settings)
+        trust.recall(frames[0].memory)
         yield from self._track_back(frames, path)
         for frame, chosen in zip(frames[:n_settled], path.best()[::-1][-len(frames) :], strict=False):
             yield Step("settling", self._first_frame)
-            solution = self._solve(frame, chosen.pose[None], self._trust)
+            solution = self._solve(frame, chosen.pose[None], trust)
             doubt_rivals(solution, rival_probabilities(chosen.apart_m, chosen.margin_px))
+            effort = frame.solution  # those of the first solution stay
+            solution.seconds, solution.limb_seconds = effort.seconds, effort.limb_seconds
             yield self._settled(solution)
 
     def unchanged(self, n_settled: int | None = None) -> Iterator[Step]:
-        """Settle the next frames, or all that wait, as they were solved first."""
+        """Settle the next frames as they were solved first: so many, or all."""
         for frame in self._waiting[:n_settled]:
             yield self._settled(frame.solution)
+
+    def catch_up(self) -> Iterator[Step]:
+        """Settle frames as they were solved first, until only two blocks wait. A block that is being settled
+        must be abandoned before."""
+        while self._waiting_s > 2 * _BLOCK_S:
+            yield from self.unchanged(1)
+
+    def _new_trust(self) -> PartConfidence:
+        return PartConfidence(self._model.rig, self._settings.doubt_px)
 
     def _is_worth_it(self, frames: list[_Tracked], n_settled: int) -> bool:
         """Whether a limb or the head was doubtful in the block, and the actor was not lost."""
@@ -85,7 +114,7 @@ class FixedLag:
     def _track_back(self, frames: list[_Tracked], path: PathSearch) -> Iterator[Step]:
         """Track from the last of some frames to the first, and add both ways to a path, which leads to the
         frame that was settled last."""
-        trust, poses = PartConfidence(self._model.rig, self._settings.doubt_px), [frames[-1].solution.pose]
+        trust, poses = self._new_trust(), [frames[-1].solution.pose]
         path.add(frames[-1].seen, poses[0], poses[0], frames[-1].absent)
         for k in reversed(range(len(frames) - 1)):
             yield Step("tracking back", self._first_frame + k)

@@ -1,7 +1,7 @@
 """The probability that a part of the body is lost: that one of its joints is more than 15 cm off.
 
-A logistic regression on what a solved frame shows of the part. Its weights are fitted, as by
-`scripts/bench confidence`, to takes of people of known motion, who are not the body model.
+A logistic regression on what a solved frame shows of the part. Its weights come from takes of people of known
+motion, who are not the body model; `scripts/bench confidence` fits such weights and tests these.
 """
 
 from collections.abc import Mapping
@@ -30,8 +30,8 @@ differ by more than the rim are nearer to this part than to any other. unusual: 
 pose (pose_prior); 0 of trunk and head. The last three are 1 or 0."""
 WEIGHTS: Floats = np.array([4.294, -8.583, -2.308, 0.365, 1.4, 1.372, 1.619, -0.692])
 """The bias, and the weights of the evidence. Those of all but `unusual` were fitted to 24 takes with 3 to 8
-cameras (seeds below 100), with a bias of 6.144; `unusual`, with one factor (0.943) for all others, to 36
-takes of the present search. Fitting all anew to the latter is worse on takes that are left out, because few
+cameras (seeds below 100); `unusual`, the bias, and one factor (0.943) for all others, to 36 takes of the
+present search. Fitting all anew to the latter is worse on takes that are left out, because few
 limbs are lost there."""
 _RIVAL_FROM_M, _RIVAL_M = 0.12, 0.15
 """Two tracks that have a part within the first distance agree; from the second on they differ wholly."""
