@@ -76,7 +76,7 @@ def solve_first_frame(
     for remark in look.remarks:
         log.warning("%s", remark)
     settings = settings.without_cameras(look.left_out, rig.n_cameras)
-    hull = carve(rig, look.believed(masks), possible)
+    hull = carve(rig, look.believed(masks), look.possible)
     guess = first_guess(hull, picture, rig, actor, hints, pool, engine, settings, made=made, names=names)
     if actor is not None or hints.actor_height is not None:
         return guess

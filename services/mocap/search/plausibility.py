@@ -1,7 +1,7 @@
 """Checks whether the first frame's silhouettes can be tracked, before any search."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ from services.mocap.errors import NotInViewError, TakeError
 from services.mocap.search.agreement import WELL_FILLED, Agreement, find_agreement
 from services.mocap.search.hull import MIN_CAMERAS
 from services.mocap.search.unsure_shares import REMEDY, UnsureShares, names_or_numbers
-from services.mocap.types import Floats, Mask
+from services.mocap.types import Floats, Ints, Mask
 
 _FULL_SHARE = 0.75
 """Share of a picture; a silhouette that covers more cannot be an actor's."""
@@ -27,6 +27,8 @@ _SPECK_SHARE = 0.05
 _SECOND_SHARE = 0.12
 """Share of the silhouettes that only a second person covers; phantom and small pieces of the hull cover
 almost nothing."""
+_ALONG = 0.9
+"""Cosine of the angle between the axes of cameras that look along one line, as far as is known."""
 _LEFT_OUT = ": it is left out of the search for the first pose"
 
 
@@ -38,6 +40,8 @@ class FirstLook:
     """Cameras with unusable silhouettes."""
     remarks: tuple[str, ...]
     """A sentence for each of them, and for problems that do not prevent tracking."""
+    possible: Mask = field(compare=False)
+    """(C, H, W) what may be actor: besides what was told as such, what something before the actor hides."""
 
     def believed(self, silhouettes: Mask) -> Mask:
         """A copy of silhouettes (…, C, H, W) with those left out empty, so that they do not carve the
@@ -70,10 +74,20 @@ def look_first(
     unsure_shares = UnsureShares(silhouettes, possible, names)
     with unsure_shares.blamed_first():
         _check_cut_off(rig, silhouettes, possible, usable, names)
-        agreement = find_agreement(rig, silhouettes, usable, possible)
+        agreement, cut = find_agreement(rig, silhouettes, usable, possible), tuple[int, ...]()
+        if _shows_two(agreement) and (parted := _parted(rig, silhouettes, usable)):
+            bridged = _bridged(silhouettes, possible, parted)
+            again = find_agreement(rig, silhouettes, usable, bridged)
+            if again.agree and not _shows_two(again):
+                agreement, possible, cut = again, bridged, parted
         _check_agreement(agreement, names)
-    left_out = (*empty, *full, *agreement.odd)
-    return FirstLook(left_out, tuple(_remarks(empty, full, agreement, names, unsure_shares)))
+    remarks = _remarks(empty, full, agreement, names, unsure_shares)
+    remarks += [
+        f"silhouettes: something hides part of the actor from {names[c]} in the first frame, which shows its "
+        "rest in pieces"
+        for c in cut
+    ]
+    return FirstLook((*empty, *full, *agreement.odd), tuple(remarks), possible)
 
 
 def _remarks(
@@ -196,8 +210,43 @@ def _check_agreement(agreement: Agreement, names: Sequence[str]) -> None:
             f"{100 * agreement.filled:.0f}% of them{who}: check that the calibration belongs to this "
             "take and that the videos are synchronised"
         )
-    if len(agreement.person_shares) > 1 and agreement.person_shares[1] > _SECOND_SHARE:
+    if _shows_two(agreement):
         raise TakeError(
             "silhouettes: two people, or the actor and something large, are visible in the first frame: "
             "expected the actor alone: choose a first frame without the other one, or mask it out"
         )
+
+
+def _shows_two(agreement: Agreement) -> bool:
+    return len(agreement.person_shares) > 1 and bool(agreement.person_shares[1] > _SECOND_SHARE)
+
+
+def _parted(rig: Rig, silhouettes: Mask, usable: tuple[int, ...]) -> tuple[int, ...]:
+    """The cameras that see the actor in pieces, if what the others see is likely to be one person; else none.
+
+    At least half of the cameras must see one piece, from different directions: two people who stand apart are
+    in one piece for the cameras along the line from one to the other, and for few others.
+    """
+    whole = [c for c in usable if len(_pieces(silhouettes[c])) == 1]
+    axes = rig.P_px_world[whole, 2, :3]
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    if 2 * len(whole) < len(usable) or np.abs(axes @ axes.T).min() > _ALONG:
+        return ()
+    return tuple(c for c in usable if c not in whole)
+
+
+def _pieces(silhouette: Mask) -> list[Ints]:
+    """The pixels (N, 2), as x and y, of each piece of a silhouette (H, W) that is no speck."""
+    _, pieces, statistics, _ = cv2.connectedComponentsWithStats(silhouette.view(np.uint8))
+    areas_px = statistics[1:, cv2.CC_STAT_AREA]
+    large = 1 + np.flatnonzero(areas_px > _SPECK_SHARE * areas_px.max(initial=0))
+    return [np.argwhere(pieces == piece)[:, ::-1].astype(np.int32) for piece in large]
+
+
+def _bridged(silhouettes: Mask, possible: Mask, parted: tuple[int, ...]) -> Mask:
+    """What may be actor (C, H, W) if something hides what is between the pieces that some cameras see."""
+    bridged = possible.copy()
+    for c in parted:
+        around = cv2.convexHull(np.concatenate(_pieces(silhouettes[c])))
+        bridged[c] |= cv2.fillConvexPoly(np.zeros(possible.shape[1:], np.uint8), around, 1) > 0
+    return bridged

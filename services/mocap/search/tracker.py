@@ -126,7 +126,8 @@ def whole_person(model: Model, seen: TriPlanes) -> Hull | None:
     rig = model.rig
     masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
     try:
-        hull = carve(rig, look_first(rig, masks, possible=possible).believed(masks), possible)
+        look = look_first(rig, masks, possible=possible)
+        hull = carve(rig, look.believed(masks), look.possible)
     except TakeError:  # nobody, more than one person, or a person at the pictures' edges: quick to detect
         return None
     return hull if hull.suits(model.body.height_m) else None
