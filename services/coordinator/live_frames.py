@@ -47,7 +47,7 @@ class LiveFrames(Incoming):
         self._pace = Pace(take.live.period_s)
         self._present_s = max(_PRESENT_S, _PRESENT_SHOTS * take.live.period_s)
         self._latencies_s = {which: deque[float](maxlen=_REMEMBERED) for which in ("", "settled_")}
-        """Of first and of settled poses."""
+        """Of first and of settled poses, by how their names in figures begin."""
         self._looked_s = self._returned_s = now()
         self._away_s, self._is_behind, self._is_solved_meanwhile = 0.0, False, False
 

@@ -224,15 +224,22 @@ class Session:
         tracker = self._tracker(model_of(actor, self._rig, self._engine), actor, held.poses)
         tracker.recall(held.memory)
         self._incoming.recall(held.memory)
-        if self._live_settling is not None:  # their silhouettes are gone
-            unsettled = range(self._board.recorders.settled_end, held.end_frame)
-            first = fetch_poses(self._board.recorders, unsettled, lambda: self._look(_LOOK_S))
-            final = {"settled": True, "memory": {}, "steady": np.zeros((0, N_DOF))}
-            for frame in sorted(first or {}):
-                self._board.publish(first[frame].model_copy(update=final))  # type: ignore[index]
-            if first is None:  # a stop was requested, so that not all frames will be settled
-                self._live_settling = None
+        if self._live_settling is not None and not self._settle_unchanged(held.end_frame):
+            self._live_settling = None
         return tracker
+
+    def _settle_unchanged(self, end_frame: int) -> bool:
+        """Settle the live frames of an earlier coordinator as they are, because their silhouettes are gone;
+        False if a stop was requested meanwhile."""
+        recorders = self._board.recorders
+        unsettled = range(recorders.settled_end, end_frame)
+        first = fetch_poses(recorders, unsettled, lambda: self._look(_LOOK_S))
+        final = {"settled": True, "memory": {}, "steady": np.zeros((0, N_DOF))}
+        if first is None:
+            return False
+        for frame in unsettled:
+            self._board.publish(first[frame].model_copy(update=final))
+        return True
 
     def _tracker(self, model: Model, actor: Actor, poses: Floats) -> Tracker:
         """The tracker of the actor; also announces the take to recorders and viewers."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from floor import Floor
 
 from proto.messages import LimbTask
+from services.coordinator.dispatch import Dispatcher
 from services.coordinator.incoming import Frame
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.live_settling import LiveSettling
@@ -27,14 +27,17 @@ QUICK = SearchSettings(
 )
 
 
-class Watched(Floor):
-    """A floor without workers that remembers all tasks."""
+class Watched(Dispatcher):
+    """A dispatcher without workers that remembers all tasks."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __init__(self) -> None:
+        super().__init__(lambda *_: False, lambda: 0.0)
         self.tasks = list[LimbTask]()
-        submit = self.dispatcher.submit
-        self.dispatcher.submit = lambda tasks: (self.tasks.extend(tasks), submit(tasks))[1]  # type: ignore[method-assign]
+
+    def submit(self, tasks: list[LimbTask]) -> None:
+        """See Dispatcher.submit."""
+        self.tasks += tasks
+        super().submit(tasks)
 
 
 @pytest.mark.parametrize("steps_a_frame", [0, 3, 8])
@@ -42,8 +45,8 @@ def test_frames_are_settled_in_order_and_no_two_tasks_are_taken_for_each_other(s
     """Doubts are everywhere, and there is no time for them, little time, or enough."""
     actor, rig = Actor(height=1.75), Rig.of(studio_cameras(4))
     body = build_body(actor)
-    model, floor = Model(body, rig, CpuBackend(body, rig)), Watched()
-    limbs = RemoteLimbs(model, "walk", "0" * 32, actor.content_hash, floor.dispatcher, lambda _: None)
+    model, dispatcher = Model(body, rig, CpuBackend(body, rig)), Watched()
+    limbs = RemoteLimbs(model, "walk", "0" * 32, actor.content_hash, dispatcher, lambda _: None)
     pose = clip_to_limits(np.zeros((1, N_DOF)))[0]
     pose[2] = body.pelvis_height_m
     seen = TriPlanes.sure(model.backend.coverage(pose[None], ALL_SURFACES, Region.whole(rig))[0])
@@ -66,5 +69,5 @@ def test_frames_are_settled_in_order_and_no_two_tasks_are_taken_for_each_other(s
     again = {number for number, _, solution in published if solution is not first[number]}
     assert (len(again) > 0) == (steps_a_frame > 0)
     assert all(published[number][2].seconds == first[number].seconds for number in again)
-    keys = [(task.frame, task.pass_index, task.limb) for task in floor.tasks]
+    keys = [(task.frame, task.pass_index, task.limb) for task in dispatcher.tasks]
     assert len(keys) == len(set(keys))

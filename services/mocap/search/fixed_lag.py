@@ -88,9 +88,8 @@ class FixedLag:
             yield Step("settling", self._first_frame)
             solution = self._solve(frame, chosen.pose[None], trust)
             doubt_rivals(solution, rival_probabilities(chosen.apart_m, chosen.margin_px))
-            effort = frame.solution  # those of the first solution stay
-            solution.seconds, solution.limb_seconds = effort.seconds, effort.limb_seconds
-            yield self._settled(solution)
+            first = frame.solution
+            yield self._settled(replace(solution, seconds=first.seconds, limb_seconds=first.limb_seconds))
 
     def unchanged(self, n_settled: int | None = None) -> Iterator[Step]:
         """Settle the next frames as they were solved first: so many, or all."""

@@ -10,6 +10,7 @@ from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SURFACES
@@ -69,6 +70,20 @@ def silhouettes_of(model: Model) -> Callable[[Floats], Bytes]:
 def picture_of(model: Model, silhouettes_of: Callable[[Floats], Bytes]) -> Callable[[Floats], Picture]:
     """`picture_of(pose)`: the same as a whole picture to search in."""
     return lambda pose: Picture.whole(model.rig, silhouettes_of(pose))
+
+
+@pytest.fixture(scope="session")
+def sinking_arms(standing: Callable[..., Floats]) -> Floats:
+    """(9, D): both arms sink slowly from the side, and the actor walks on."""
+    poses = np.array([standing(shoulder_elevation=-10.0 - 6.0 * k, elbow_flexion=40.0) for k in range(9)])
+    poses[:, 0] += 0.03 * np.arange(9)
+    return poses
+
+
+@pytest.fixture(scope="session")
+def sinking_arms_seen(sinking_arms: Floats, silhouettes_of: Callable[[Floats], Bytes]) -> list[TriPlanes]:
+    """The silhouettes of these poses."""
+    return [TriPlanes.sure(silhouettes_of(pose)) for pose in sinking_arms]
 
 
 @pytest.fixture(scope="session")

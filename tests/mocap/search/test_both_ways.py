@@ -18,23 +18,20 @@ from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker
 from services.mocap.take.marks import PARTS
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Floats
 
 SETTINGS = SearchSettings()
 N = 6
 
 
 @pytest.fixture(scope="module")
-def truth(standing: Callable[..., Floats]) -> Floats:
-    """(N, D): both arms sink slowly from the side, and the actor walks on."""
-    poses = np.array([standing(shoulder_elevation=-10.0 - 6.0 * k, elbow_flexion=40.0) for k in range(N)])
-    poses[:, 0] += 0.03 * np.arange(N)
-    return poses
+def truth(sinking_arms: Floats) -> Floats:
+    return sinking_arms[:N]
 
 
 @pytest.fixture(scope="module")
-def seen(truth: Floats, silhouettes_of: Callable[[Floats], Bytes]) -> list[TriPlanes]:
-    return [TriPlanes.sure(silhouettes_of(pose)) for pose in truth]
+def seen(sinking_arms_seen: list[TriPlanes]) -> list[TriPlanes]:
+    return sinking_arms_seen[:N]
 
 
 def without(poses: Floats, limb: LimbName, frames: slice, standing: Callable[..., Floats]) -> Floats:
