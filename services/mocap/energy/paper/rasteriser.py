@@ -94,16 +94,18 @@ class Rasteriser:
 
     def __init__(self, device: GlDevice, body: Body, n_cameras: int) -> None:
         vertices_m, self._faces = zip(*body.surfaces, strict=True)
-        self._device, self._n_cameras = device, n_cameras
+        self._device = device
         self._first_vertex = np.cumsum([0, *map(len, vertices_m)])
         n_segments = len(vertices_m)
-        plane_rows = CAMERAS_PER_PLANE * n_segments * _ROWS_PER_MATRIX
+        self._plane_bytes = CAMERAS_PER_PLANE * n_segments * _ROWS_PER_MATRIX * _BYTES_PER_ROW
         with device.current() as context:
             self._program = context.program(_vertex_shader(n_segments), _FRAGMENT_SHADER)
             self._nothing = context.detect_framebuffer(0)
             self._vertices = context.buffer(_interleaved(vertices_m))
-            self._matrices = context.buffer(reserve=n_planes(n_cameras) * plane_rows * _BYTES_PER_ROW)
-        self._plane_bytes = plane_rows * _BYTES_PER_ROW
+            # Blocks may start only at multiples of it: 16 bytes with Mesa, 256 with NVIDIA.
+            step = int(context.info["GL_UNIFORM_BUFFER_OFFSET_ALIGNMENT"])
+            self._plane_stride = -(-self._plane_bytes // step) * step
+            self._matrices = context.buffer(reserve=n_planes(n_cameras) * self._plane_stride)
         self._meshes: Kept[tuple[int, ...], _Mesh] = Kept(self._mesh, _Mesh.release, _MOST_MESHES)
         self._targets: Kept[tuple[int, int, int], _Target] = Kept(
             lambda key: _Target(device.context, key[:2]),
@@ -135,15 +137,16 @@ class Rasteriser:
         A matrix takes homogeneous segment metres to clip x, y and depth in metres, row 0 of the picture at
         clip y = -1. Only within ready.
         """
-        self._matrices.write(M_clip_segment.astype(np.float32))
+        matrices = M_clip_segment.astype(np.float32)
         targets = [self._targets[planes.shape[2], planes.shape[1], p].framebuffer for p in range(len(planes))]
         for p, target in enumerate(targets):
             target.clear(depth=1.0)
             target.use()
             if segments:
-                self._matrices.bind_to_uniform_block(0, p * self._plane_bytes, self._plane_bytes)
-                n_cameras = min(CAMERAS_PER_PLANE, self._n_cameras - CAMERAS_PER_PLANE * p)
-                self._meshes[segments].array.render(instances=n_cameras)
+                of_plane = matrices[CAMERAS_PER_PLANE * p : CAMERAS_PER_PLANE * (p + 1)]
+                self._matrices.write(of_plane, offset=p * self._plane_stride)
+                self._matrices.bind_to_uniform_block(0, p * self._plane_stride, self._plane_bytes)
+                self._meshes[segments].array.render(instances=len(of_plane))
         for target, plane in zip(targets, planes, strict=True):
             target.read_into(plane, components=1, alignment=1)
 

@@ -88,7 +88,7 @@ def test_ten_thousand_evaluations_leave_memory_flat(
         for _ in range(times):
             energy(values)
 
-    evaluate(10)
+    evaluate(110)  # a driver may take its own memory meanwhile: NVIDIA's takes 8 MB
     objects = alive()
     assert resident_growth(lambda: evaluate(100)) < 2_000_000
     assert alive() == objects

@@ -18,7 +18,7 @@ void main() {
     if (view >= n_images * n_slots) return;
     uint image = view / n_slots, slot = view % n_slots;
     uint p = 12u * camera_of(image), t = 12u * (pose_of(image) * n_slots + slot);
-    dvec4 rows[3];
+    double M[12];  // no dvec4 until it is full: NVIDIA's compiler has no index into one that it does not know ahead
     for (uint i = 0u; i < 3u; ++i)
         for (uint j = 0u; j < 4u; ++j) {
             uint k = p + 4u * i;
@@ -27,15 +27,17 @@ void main() {
                 + P_px_world[k + 1u] * T_world_segment[t + 4u + j]
                 + P_px_world[k + 2u] * T_world_segment[t + 8u + j];
             precise double entry = j == 3u ? sum + P_px_world[k + 3u] : sum;
-            rows[i][j] = entry;
+            M[4u * i + j] = entry;
             M_px_segment[12u * view + 4u * i + j] = entry;
         }
+    dvec4 row_x = dvec4(M[0], M[1], M[2], M[3]), row_y = dvec4(M[4], M[5], M[6], M[7]);
+    dvec4 row_depth = dvec4(M[8], M[9], M[10], M[11]);
     double radius = spheres_m[4u * slot + 3u];
     dvec4 at = dvec4(spheres_m[4u * slot], spheres_m[4u * slot + 1u], spheres_m[4u * slot + 2u], 1.0);
-    double depth_m = dot(rows[2], at), reach_m = radius * length(rows[2].xyz);
+    double depth_m = dot(row_depth, at), reach_m = radius * length(row_depth.xyz);
     bool hidden = depth_m + 1.000001 * reach_m < 0.999 * NEAR_M;
     if (depth_m - reach_m > 1.000001 * NEAR_M)
-        hidden = beyond(at, rows[0], rows[2], radius, width_px) || beyond(at, rows[1], rows[2], radius, height_px);
+        hidden = beyond(at, row_x, row_depth, radius, width_px) || beyond(at, row_y, row_depth, radius, height_px);
     shown[view] = hidden ? 0u : 1u;
     if (slot == 0u) sums[image] = uvec2(0u);
 }
