@@ -130,7 +130,7 @@ def table1(
         with console.status(str(setup)) as status:
             for of_case in measure(candidates, setup, repeats):
                 measured += of_case
-                status.update(f"{setup}: {len({row.case for row in measured})} of 10 rows")
+                status.update(f"{setup}: {len({row.case for row in measured})} rows")
         console.print(as_table(setup, measured))
         rows += measured
     for reason in candidates.reasons:

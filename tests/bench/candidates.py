@@ -8,10 +8,11 @@ from bench.problems import Case, Scene
 from bench.rates import Runner, with_best_batch
 from services.mocap.body.actor import Body
 from services.mocap.camera.camera import Camera
-from services.mocap.energy.backend import Backend
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
+from services.mocap.search.model import Model
+from services.mocap.search.stages import energy_of
 
 
 class Name(StrEnum):
@@ -50,7 +51,7 @@ class Candidates:
                 self._engines[name] = open_engine(ENGINES[name])
             except UserError as error:
                 self.leave_out(name, str(error))
-        self._backends: dict[Name, Backend] = {}
+        self._models: dict[Name, Model] = {}
         self._alternatives: dict[Name, Silhouettes] = {}
         self._scene: Scene | None = None
 
@@ -66,7 +67,8 @@ class Candidates:
         for name in list(self.names):
             try:
                 if name in self._engines:
-                    self._backends[name] = self._engines[name].backend(scene.body, scene.rig)
+                    backend = self._engines[name].backend(scene.body, scene.rig)
+                    self._models[name] = Model(scene.body, scene.rig, backend)
                 else:
                     self._alternatives[name] = ALTERNATIVES[name](scene.body, scene.cameras)
             except UserError as error:
@@ -76,9 +78,9 @@ class Candidates:
         """What there is to measure for a case of the scene: each candidate's single poses and best batch."""
         found = []
         for name in list(self.names):
-            if name in self._backends:
+            if name in self._models:
                 problem = case.thinned if name is Name.CPU_LOD else case.problem
-                single = Runner(name, self._backends[name].energy(problem), case.values)
+                single = Runner(name, energy_of(self._models[name], problem), case.values)
                 # To the paper's backend a batch is but its poses.
                 found += [single] if name is Name.PAPER else with_best_batch(single)
             elif case.is_plain_whole and self._scene is not None:
@@ -90,7 +92,7 @@ class Candidates:
         """Leave out whoever fell back to another backend: its figures are not its own."""
         for name, engine in self._engines.items():
             if name in self.names and engine.name != ENGINES[name].backend:
-                self._backends.pop(name)
+                self._models.pop(name)
                 self.leave_out(name, engine.reason)
 
     def close(self) -> None:
@@ -100,7 +102,7 @@ class Candidates:
             engine.close()
 
     def _leave(self) -> None:
-        for backend in self._backends.values():
-            backend.close()
-        self._backends.clear()
+        for model in self._models.values():
+            model.backend.close()
+        self._models.clear()
         self._alternatives.clear()

@@ -1,16 +1,18 @@
-"""What table 1 evaluates: the paper's windows about one upright person, by itself and with pre-rendering."""
+"""What table 1 evaluates: the paper's windows about a person, plain, with pre-rendering, with colours."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.rates import BATCHES
 from services.mocap.body.actor import Actor, Body, build_body
+from services.mocap.body.colours import QUARTERS
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.body.skeleton import DOF_INDEX, SIDES
+from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_NAMES, SIDES
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend, Problem
+from services.mocap.energy.bitplanes import pack_classes
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS, Stage
@@ -24,12 +26,22 @@ LARGEST_BATCH = max(BATCHES)
 DETAIL_PX = SearchSettings().detail_px
 _PAPER_SETUP = (320, 240, 8)
 _PAPER_RATES = {
-    "full": (95.9, 95.5),
-    "half-res": (131.1, 131.2),
-    "arm": (133.7, 433.1),
-    "head": (144.9, 855.4),
+    ("full", "XOR"): 95.9,
+    ("full", "XORPR"): 95.5,
+    ("half-res", "XOR"): 131.1,
+    ("half-res", "XORPR"): 131.2,
+    ("arm", "XOR"): 133.7,
+    ("arm", "XORPR"): 433.1,
+    ("head", "XOR"): 144.9,
+    ("head", "XORPR"): 855.4,
 }
-"""Window -> evaluations per second on a GeForce3, XOR and XORPR (the paper, table 1)."""
+"""Window and method -> evaluations per second on a GeForce3 (the paper, table 1)."""
+_SHIRT, _TROUSERS, _HAIR = ((number,) * QUARTERS for number in (1, 2, 3))
+_CLOTHES = {
+    name: _HAIR if name == "head" else _SHIRT if "arm" in name or name == "torso" else _TROUSERS
+    for name in SEGMENT_NAMES
+}
+"""Segment -> the colour class of each quarter; the hands and the pelvis, too, are as the trousers."""
 _SPREAD = 0.02  # metres and radians about the pose, as in a descent
 
 
@@ -58,7 +70,8 @@ class Case:
     window: str
     """full, half-res, arm, head or hand."""
     method: str
-    """XOR: all segments are drawn at every evaluation. XORPR: those that do not move are pre-rendered."""
+    """XOR: all segments are drawn at every evaluation. XORPR: those that do not move are pre-rendered. XORPR,
+    colours: pixels of a wrong colour class count, too."""
     problem: Problem
     thinned: Problem
     """The same at the search's usual level of detail."""
@@ -85,7 +98,7 @@ class Scene:
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self.cameras: tuple[Camera, ...] = studio_cameras(setup.n_cameras, setup.width_px, setup.height_px)
-        self.rig, self.body = Rig.of(self.cameras), build_body(Actor())
+        self.rig, self.body = Rig.of(self.cameras), build_body(Actor(colours=_CLOTHES))
         self.pose = _standing(self.body)
 
     def cases(self) -> list[Case]:
@@ -103,12 +116,21 @@ class Scene:
             "head": (HEAD, stage_window(model, HEAD, whole, self.pose)),
             "hand": (arm.extremity, stage_window(model, arm.extremity, whole, self.pose)),
         }
+        cases = [
+            (window, method, make, stage, picture)
+            for window, (stage, picture) in pictures.items()
+            for method, make in (("XOR", self._plain), ("XORPR", self._pre_rendered))
+        ]
+        painted = pack_classes(model.colours.painted(self.pose, whole.region))
+        coloured = replace(whole, classes=painted)
+        for window, stage in (("full", everything), ("arm", arm.main), ("hand", arm.extremity)):
+            picture = coloured if stage is everything else stage_window(model, stage, coloured, self.pose)
+            cases.append((window, "XORPR, colours", self._pre_rendered, stage, picture))
         return [
             self._case(
                 window, method, *(make(backend, stage, picture, detail_px) for detail_px in (0.0, DETAIL_PX))
             )
-            for window, (stage, picture) in pictures.items()
-            for method, make in (("XOR", self._plain), ("XORPR", self._pre_rendered))
+            for window, method, make, stage, picture in cases
         ]
 
     def _plain(self, _: Backend, stage: Stage, picture: Picture, detail_px: float) -> Problem:
@@ -121,8 +143,8 @@ class Scene:
         return Problem(self.pose, stage.dofs, stage.segments, picture, detail_px=detail_px)
 
     def _case(self, window: str, method: str, problem: Problem, thinned: Problem) -> Case:
-        setup, rates = self.setup, _PAPER_RATES.get(window)
-        is_papers = rates is not None and (setup.width_px, setup.height_px, setup.n_cameras) == _PAPER_SETUP
+        setup = self.setup
+        is_papers = (setup.width_px, setup.height_px, setup.n_cameras) == _PAPER_SETUP
         around = np.random.default_rng(0).normal(0.0, _SPREAD, (LARGEST_BATCH, len(problem.dofs)))
         return Case(
             window,
@@ -130,7 +152,7 @@ class Scene:
             problem,
             thinned,
             self.pose[list(problem.dofs)] + around,
-            rates[method == "XORPR"] if rates and is_papers else None,
+            _PAPER_RATES.get((window, method)) if is_papers else None,
         )
 
 

@@ -45,7 +45,7 @@ class Solution:
 
 def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Energy:
     """The energy of all parameters with the whole body drawn; pose (D,) is any; the rest as in Problem."""
-    return _energy(model, whole_body_problem(picture, pose, cost, detail_px))
+    return energy_of(model, whole_body_problem(picture, pose, cost, detail_px))
 
 
 def whole_body_problem(picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Problem:
@@ -53,7 +53,7 @@ def whole_body_problem(picture: Picture, pose: Floats, cost: Cost, detail_px: fl
     return Problem(pose, tuple(range(N_DOF)), ALL_SURFACES, cost.priced(picture), cost, detail_px)
 
 
-def _energy(model: Model, problem: Problem) -> Energy:
+def energy_of(model: Model, problem: Problem) -> Energy:
     """The energy of a problem, with what wrong colours cost if its picture has classes."""
     energy, price = model.backend.energy(problem), problem.cost.colour
     if not model.counts_colours(problem.picture, price):
@@ -102,7 +102,7 @@ def prepare(
         drawn = stage.surfaces
         others = model.backend.coverage(pose[None], stage.others, picture.region, detail_px)
         picture = picture.ignoring(others[0])
-    energy = _energy(model, Problem(pose, stage.dofs, drawn, picture, cost, detail_px))
+    energy = energy_of(model, Problem(pose, stage.dofs, drawn, picture, cost, detail_px))
     box = Box(*stage.limits())
     return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
 
