@@ -57,19 +57,27 @@ def marked(n_lost: int, n_limbs: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("n_lost", "n_limbs", "iou", "level"),
+    ("n_lost", "n_limbs", "confidence", "iou", "level"),
     [
-        (0, 0, 0.9, "good"),
-        (0, 1, 0.9, "usable with gaps"),
-        (0, 10, 0.9, "usable with gaps"),
-        (0, 11, 0.9, "not usable"),
-        (4, 0, 0.9, "usable with gaps"),
-        (5, 0, 0.9, "not usable"),
-        (0, 0, 0.59, "not usable"),
+        (0, 0, 0.99, 0.9, "good"),
+        (0, 1, 0.9, 0.9, "usable with gaps"),
+        (0, 20, 0.61, 0.9, "usable with gaps"),
+        (0, 20, 0.59, 0.9, "not usable"),
+        (0, 8, np.nan, 0.9, "usable with gaps"),
+        (0, 9, np.nan, 0.9, "not usable"),
+        (4, 0, 0.0, 0.9, "usable with gaps"),
+        (5, 0, 0.0, 0.9, "not usable"),
+        (20, 0, 0.0, 0.9, "not usable"),
+        (0, 0, 0.99, 0.59, "not usable"),
     ],
 )
-def test_the_level_follows_from_marks_and_overlap(n_lost: int, n_limbs: int, iou: float, level: str) -> None:
-    assert level_of(marked(n_lost, n_limbs), {"cam01": np.full(20, iou)}) == level
+def test_the_level_follows_from_marks_confidence_and_overlap(
+    n_lost: int, n_limbs: int, confidence: float, iou: float, level: str
+) -> None:
+    """One leg of four limbs has that confidence where it is doubtful; all else is sure."""
+    distrusted = marked(n_lost, n_limbs)
+    confident = np.where(distrusted, confidence, 1.0)
+    assert level_of(distrusted, confident, {"cam01": np.full(20, iou)}) == level
 
 
 def test_a_camera_that_stands_out_is_a_cause_with_its_remedy(folder: Path) -> None:
