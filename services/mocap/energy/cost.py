@@ -5,17 +5,19 @@ from math import ceil
 from typing import TypeAlias
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.energy.picture import Picture
-from services.mocap.types import Floats, Ints, Mask
+from services.mocap.types import Bytes, Floats, Ints, Mask
 
 Counts: TypeAlias = Ints
 
 DISTANCE_STEPS = 16
 """Distances count in sixteenths of a pixel, so that sums are whole numbers and the same on every backend."""
+_EVERY_PIXEL_1: Counts = np.ones((1, 1, 1), np.int32)
 _BEYOND_CONTOUR_PX = 0.5  # a contour runs half-way between two pixel centres
 
 
@@ -68,21 +70,18 @@ class Cost:
         n_cameras = len(picture.region.origin_px)
         if self.camera_weights and len(self.camera_weights) != n_cameras:
             raise ValueError(f"camera_weights: expected {n_cameras}, one per camera, or none")
-        prices, steps = (picture.prices, DISTANCE_STEPS) if self.distance_cap_px > 0 else (np.int32(1), 1)
+        prices, steps = (picture.prices, DISTANCE_STEPS) if self.distance_cap_px > 0 else (_EVERY_PIXEL_1, 1)
         if prices is None:
             raise ValueError("prices: the picture needs them, since pixels cost their distance")
-        on_input, counted = unpack(picture.silhouettes, n_cameras), ~unpack(picture.ignored, n_cameras)
         cap_px = np.inf
         if self.camera_cap > 0:
+            on_input = unpack(picture.silhouettes, n_cameras)
             foreground_px = float(np.median(np.count_nonzero(on_input, axis=(1, 2))))
             cap_px = max(self.camera_cap * foreground_px, 1.0) * (self.distance_cap_px or 1.0)
-        price = np.where(counted, prices, np.int32(0))
-        return Tally(
-            gain=np.where(on_input, -price, price),
-            blank=np.sum(price, axis=(1, 2), where=on_input, dtype=np.int64),
-            weights=self.weights(n_cameras) / steps,
-            cap=cap_px * steps,
-        )
+        planes = np.ascontiguousarray(picture.silhouettes), np.ascontiguousarray(picture.ignored)
+        gain, blank = np.empty((n_cameras, *planes[0].shape[1:]), np.int32), np.empty(n_cameras, np.int64)
+        _price(*planes, np.ascontiguousarray(prices), gain, blank)
+        return Tally(gain, blank, self.weights(n_cameras) / steps, cap_px * steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +104,27 @@ class Tally:
         """Energies (N,) in pixels of cameras' E_c (N, C) in steps."""
         energies: Floats = (per_camera / (1.0 + per_camera / self.cap)) @ self.weights
         return energies
+
+
+@numba.njit(cache=True, nogil=True)
+def _price(
+    silhouettes: Bytes, ignored: Bytes, prices: Counts, gain: Counts, blank: NDArray[np.int64]
+) -> None:
+    """Write gain and blank of a Tally from planes (P, h, w) and prices (C, h, w), or (1, 1, 1) for all."""
+    n_cameras, height, width = gain.shape
+    for c in range(n_cameras):
+        plane, bit, blank[c] = c // 8, c % 8, 0
+        for y in range(height):
+            on_input, left_out, to = silhouettes[plane, y], ignored[plane, y], gain[c, y]
+            paid = np.int32(0)
+            for x in range(width):
+                price = np.int32(1 - (left_out[x] >> bit & 1))
+                if prices.size > 1:
+                    price *= prices[c, y, x]
+                is_on = np.int32(on_input[x] >> bit & 1)
+                to[x] = price * (1 - 2 * is_on)
+                paid += price * is_on
+            blank[c] += paid
 
 
 def _contour_distance_px(mask: Mask, unknown: Mask) -> NDArray[np.float32]:
