@@ -122,7 +122,7 @@ def table1(
     repeats: Annotated[int, typer.Option(min=1, help="Figures are medians over so many turns.")] = 5,
     json_path: JsonOption = None,
 ) -> None:
-    """Energy evaluations per second by window, plain and pre-rendered (the paper's table 1)."""
+    """Energy evaluations per second by window: plain, pre-rendered, with colours (the paper's table 1)."""
     (console, machine), candidates = _begin(), Candidates(backends or list(Name))
     rows: list[Row] = []
     for setup in _setups(sizes or list(Size), cameras or [Cameras.ALL]):

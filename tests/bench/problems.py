@@ -36,12 +36,13 @@ _PAPER_RATES = {
     ("head", "XORPR"): 855.4,
 }
 """Window and method -> evaluations per second on a GeForce3 (the paper, table 1)."""
-_SHIRT, _TROUSERS, _HAIR = ((number,) * QUARTERS for number in (1, 2, 3))
+_SHIRT, _TROUSERS, _SKIN = ((number,) * QUARTERS for number in (1, 2, 3))
+_BARE = ("head", "left_hand", "right_hand")
 _CLOTHES = {
-    name: _HAIR if name == "head" else _SHIRT if "arm" in name or name == "torso" else _TROUSERS
+    name: _SKIN if name in _BARE else _SHIRT if "arm" in name or name == "torso" else _TROUSERS
     for name in SEGMENT_NAMES
 }
-"""Segment -> the colour class of each quarter; the hands and the pelvis, too, are as the trousers."""
+"""Segment -> the colour class of each quarter."""
 _SPREAD = 0.02  # metres and radians about the pose, as in a descent
 
 
@@ -70,8 +71,8 @@ class Case:
     window: str
     """full, half-res, arm, head or hand."""
     method: str
-    """XOR: all segments are drawn at every evaluation. XORPR: those that do not move are pre-rendered. XORPR,
-    colours: pixels of a wrong colour class count, too."""
+    """XOR: all segments are drawn at every evaluation. XORPR: those that do not move are pre-rendered.
+    "XORPR, colours": pixels of a wrong colour class count, too; the CPU paints them, whatever draws."""
     problem: Problem
     thinned: Problem
     """The same at the search's usual level of detail."""
@@ -102,7 +103,7 @@ class Scene:
         self.pose = _standing(self.body)
 
     def cases(self) -> list[Case]:
-        """All rows of the table; the person's own silhouettes are the input."""
+        """All rows of the table; the person's own silhouettes and classes are the input."""
         backend = CpuBackend(self.body, self.rig)
         model = Model(self.body, self.rig, backend)
         drawn = backend.coverage(self.pose[None], ALL_SURFACES, Region.whole(self.rig))

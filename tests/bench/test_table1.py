@@ -20,6 +20,8 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
+from services.mocap.search.model import Model
+from services.mocap.search.stages import energy_of
 from services.mocap.types import Floats
 
 
@@ -64,6 +66,17 @@ def test_both_methods_differ_by_a_constant() -> None:
             energies = [backend.energy(problem)(values) for problem in problems]
             assert len(np.unique(energies[0])) > 5
             np.testing.assert_array_equal(energies[0] - energies[1], energies[0][0] - energies[1][0])
+
+
+def test_rows_with_colours_count_them() -> None:
+    scene = Scene(Setup(320, 240, 4))
+    backend = CpuBackend(scene.body, scene.rig)
+    model = Model(scene.body, scene.rig, backend)
+    for case in [case for case in scene.cases() if case.method.endswith("colours")]:
+        values = case.values[:10] + np.linspace(0.0, 1.0, 10)[:, None]  # far, for a hand to hide another part
+        more_px = energy_of(model, case.problem)(values) - backend.energy(case.problem)(values)
+        assert (more_px >= 0).all()
+        assert more_px.any()
 
 
 def test_only_cpu_lod_draws_thinned_meshes() -> None:

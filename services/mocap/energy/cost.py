@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from services.mocap.energy.bitplanes import unpack
+from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, n_planes, unpack
 from services.mocap.energy.picture import Picture
 from services.mocap.types import Bytes, Floats, Ints, Mask
 
@@ -65,7 +65,8 @@ class Cost:
     def tally(self, picture: Picture) -> "Tally":
         """Convert a picture, with prices if needed, to the energy that each covered pixel adds.
 
-        Raises ValueError where the number of weights is not that of cameras, or where prices are missing.
+        Raises ValueError where the number of weights is not that of cameras, where prices are missing, or
+        where planes or prices are not of one size.
         """
         n_cameras = len(picture.region.origin_px)
         if self.camera_weights and len(self.camera_weights) != n_cameras:
@@ -78,9 +79,16 @@ class Cost:
             on_input = unpack(picture.silhouettes, n_cameras)
             foreground_px = float(np.median(np.count_nonzero(on_input, axis=(1, 2))))
             cap_px = max(self.camera_cap * foreground_px, 1.0) * (self.distance_cap_px or 1.0)
-        planes = np.ascontiguousarray(picture.silhouettes), np.ascontiguousarray(picture.ignored)
-        gain, blank = np.empty((n_cameras, *planes[0].shape[1:]), np.int32), np.empty(n_cameras, np.int64)
-        _price(*planes, np.ascontiguousarray(prices), gain, blank)
+        # Compiled code tells arrays that may be written to from others: for these it would be compiled again.
+        silhouettes = np.require(picture.silhouettes, requirements=("C", "W"))
+        ignored = np.require(picture.ignored, requirements=("C", "W"))
+        prices = np.require(prices, requirements=("C", "W"))
+        gain = np.empty((n_cameras, *silhouettes.shape[1:]), np.int32)
+        blank, has_prices = np.empty(n_cameras, np.int64), self.distance_cap_px > 0
+        fit = silhouettes.shape == ignored.shape == (n_planes(n_cameras), *gain.shape[1:])
+        if not fit or (has_prices and prices.shape != gain.shape):
+            raise ValueError("picture: expected planes of one size, and prices of that size if there are any")
+        _price(silhouettes, ignored, prices, has_prices, gain, blank)
         return Tally(gain, blank, self.weights(n_cameras) / steps, cap_px * steps)
 
 
@@ -108,18 +116,23 @@ class Tally:
 
 @numba.njit(cache=True, nogil=True)
 def _price(
-    silhouettes: Bytes, ignored: Bytes, prices: Counts, gain: Counts, blank: NDArray[np.int64]
+    silhouettes: Bytes,
+    ignored: Bytes,
+    prices: Counts,
+    has_prices: bool,
+    gain: Counts,
+    blank: NDArray[np.int64],
 ) -> None:
-    """Write gain and blank of a Tally from planes (P, h, w) and prices (C, h, w), or (1, 1, 1) for all."""
+    """Write gain and blank of a Tally from planes (P, h, w); prices (C, h, w), or any where all are 1."""
     n_cameras, height, width = gain.shape
     for c in range(n_cameras):
-        plane, bit, blank[c] = c // 8, c % 8, 0
+        plane, bit, blank[c] = c // CAMERAS_PER_PLANE, c % CAMERAS_PER_PLANE, 0
         for y in range(height):
             on_input, left_out, to = silhouettes[plane, y], ignored[plane, y], gain[c, y]
             paid = np.int32(0)
             for x in range(width):
                 price = np.int32(1 - (left_out[x] >> bit & 1))
-                if prices.size > 1:
+                if has_prices:
                     price *= prices[c, y, x]
                 is_on = np.int32(on_input[x] >> bit & 1)
                 to[x] = price * (1 - 2 * is_on)

@@ -66,6 +66,8 @@ class Verdict(_Frozen):
     """Frames with a doubtful part."""
     lost_frames: int
     """Frames in which the whole body is doubtful."""
+    lost_limbs: float = 0.0
+    """The share of arms and legs, from 0 to 1, that may be lost in the other frames."""
     doubts: tuple[Doubt, ...]
     """Parts that are doubtful in some frame in which not the whole body is, in the order of PARTS."""
     iou: dict[str, float]
@@ -80,11 +82,13 @@ class Verdict(_Frozen):
 
     @property
     def headline(self) -> str:
-        """The level, and how many frames are doubtful."""
+        """The level, how many frames are doubtful, and how many arms and legs may be lost."""
         if not self.doubtful_frames:
             return f"{self.level}: no part is doubtful in any of {self.frames} frames"
         have = "has" if self.doubtful_frames == 1 else "have"
-        return f"{self.level}: {self.doubtful_frames} of {self.frames} frames {have} doubtful parts"
+        frames = f"{self.level}: {self.doubtful_frames} of {self.frames} frames {have} doubtful parts"
+        percent = round(100 * self.lost_limbs)
+        return f"{frames}; {percent} % of arms and legs may be lost" if percent else frames
 
     @property
     def doubts_in_words(self) -> str:

@@ -130,6 +130,27 @@ def test_prices_must_be_there(ring: Ring) -> None:
         Cost(distance_cap_px=2.0).tally(picture)
 
 
+def test_planes_of_two_sizes_are_refused(ring: Ring) -> None:
+    rig = ring(3)
+    picture = Picture.whole(rig, np.zeros((1, *rig.shape_px), np.uint8))
+    with pytest.raises(ValueError, match="of one size"):
+        Cost().tally(replace(picture, ignored=picture.ignored[:, :-1]))
+
+
+def test_prices_of_many_cameras(ring: Ring) -> None:
+    """Cameras in a second plane, pictures that others hold, and a price for every pixel."""
+    rig, rng = ring(11), np.random.default_rng(2)
+    wanted, ignored = rng.random((2, 11, *rig.shape_px)) < 0.4
+    cost = Cost(distance_cap_px=4.0)
+    picture = cost.priced(Picture.whole(rig, pack(wanted))).ignoring(pack(ignored))
+    picture.silhouettes.flags.writeable = False
+    tally, prices = cost.tally(picture), picture.prices
+    assert prices is not None
+    price = np.where(unpack(picture.ignored, 11), 0, prices)
+    np.testing.assert_array_equal(tally.gain, np.where(wanted, -price, price))
+    np.testing.assert_array_equal(tally.blank, (price * wanted).sum(axis=(1, 2)))
+
+
 @pytest.mark.parametrize("cap_px", [0.5, 3.2, 9.0])
 def test_prices_in_a_window_with_its_margin_are_those_of_the_whole(ring: Ring, cap_px: float) -> None:
     """Wherever the window lies, over the picture's edges too: so may a worker know no more than it needs."""

@@ -102,7 +102,7 @@ class Rasteriser:
             self._program = context.program(_vertex_shader(n_segments), _FRAGMENT_SHADER)
             self._nothing = context.detect_framebuffer(0)
             self._vertices = context.buffer(_interleaved(vertices_m))
-            # Blocks may start only at multiples of it: 16 bytes with Mesa, 256 with NVIDIA.
+            # A block may start only at a multiple of this step: 16 bytes with Mesa, 256 with NVIDIA.
             step = int(context.info["GL_UNIFORM_BUFFER_OFFSET_ALIGNMENT"])
             self._plane_stride = -(-self._plane_bytes // step) * step
             self._matrices = context.buffer(reserve=n_planes(n_cameras) * self._plane_stride)

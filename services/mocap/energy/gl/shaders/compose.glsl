@@ -18,7 +18,7 @@ void main() {
     if (view >= n_images * n_slots) return;
     uint image = view / n_slots, slot = view % n_slots;
     uint p = 12u * camera_of(image), t = 12u * (pose_of(image) * n_slots + slot);
-    double M[12];  // no dvec4 until it is full: NVIDIA's compiler has no index into one that it does not know ahead
+    double M[12];  // an array: NVIDIA's compiler cannot index a dvec4 by a variable
     for (uint i = 0u; i < 3u; ++i)
         for (uint j = 0u; j < 4u; ++j) {
             uint k = p + 4u * i;
