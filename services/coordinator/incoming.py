@@ -26,6 +26,8 @@ class Frame:
     """Cameras without a picture, which are not used."""
     shutter_s: float | None = None
     """When it was taken (time.monotonic); None for recorded frames."""
+    is_late: bool = False
+    """Whether newer shots wait already."""
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,13 @@ from services.mocap.take.live import LiveTake
 from services.mocap.take.live_settings import fresh_s
 from services.process import clock_name
 
-_GAINING = 1.5
+_GAINING = 2.0
 """Least speed relative to the cameras while catching up. Shots are skipped only as needed for this speed:
 after large motions between frames limbs become doubtful, and searching them takes longer than solving the
 skipped shots."""
+_LONGEST_STRIDE_S = 0.2
+"""Never are shots that are farther apart solved one after the other, as long as others between them are kept:
+people in motion would be lost."""
 _PRESENT_S, _PRESENT_SHOTS = 0.5, 3.0
 """A camera that has been silent for this time and this many shots is not waited for."""
 _REMEMBERED = 300
@@ -50,6 +53,7 @@ class LiveFrames(Incoming):
         """Of first and of settled poses, by how their names in figures begin."""
         self._looked_s = self._returned_s = now()
         self._away_s, self._is_behind, self._is_solved_meanwhile = 0.0, False, False
+        self._longest_stride = max(1, round(_LONGEST_STRIDE_S * take.settings.fps))
 
     def answer(self, sources: LiveSources) -> LivePace | None:
         """See Incoming.answer."""
@@ -104,6 +108,8 @@ class LiveFrames(Incoming):
         whole = self._whole(now_s)
         if not whole:
             return None
+        if self._last_shot >= 0 and whole[-1] - self._last_shot > self._longest_stride:
+            self._is_behind = True
         if self._is_behind:
             return self._hand_out(self._on_the_way(whole))
         period_s = self._take.live.period_s
@@ -122,7 +128,7 @@ class LiveFrames(Incoming):
         """The complete shot to solve next: near enough to be tracked, far enough to reach the newest in
         time."""
         fps = self._take.settings.fps
-        stride = max(1, ceil(_GAINING * self._away_s * fps))
+        stride = min(max(1, ceil(_GAINING * self._away_s * fps)), self._longest_stride)
         near = [shot for shot in whole if shot <= self._last_shot + stride]
         chosen = near[-1] if near else whole[0]
         self._is_behind = chosen < whole[-1]
@@ -142,7 +148,7 @@ class LiveFrames(Incoming):
         shutter_s = float(np.median(list(shot.times_s.values())))
         absent = tuple(c for c in range(self._rig.n_cameras) if c not in shot.times_s)
         time_s = max(self._pace.since_first_s(shutter_s), 0.0)
-        return Frame(seen, time_s, number, absent, shutter_s)
+        return Frame(seen, time_s, number, absent, shutter_s, self._is_behind)
 
     def waiting_for(self) -> list[int]:
         """See Incoming.waiting_for."""

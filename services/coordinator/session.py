@@ -158,7 +158,7 @@ class Session:
             self._limbs.frame = frame
             was_lost = tracker.is_lost
             with self._overhead.fitting():
-                solution = tracker.solve(found.seen, found.absent)
+                solution = tracker.solve(found.seen, found.absent, hurried=found.is_late)
             if was_lost and not tracker.is_lost:
                 self._incoming.catch_up()
             solution.seconds["overhead"] = self._overhead.of_frame()

@@ -137,9 +137,10 @@ def test_a_camera_that_is_cut_is_waited_for_only_at_first(stage: Stage) -> None:
         stage.clock.now_s = stage.origin_s + shot / _FPS + 0.02
         stage.send(shot, [0, 1])
         stage.send(shot, [3])
-    frame = stage.frames.take_next()  # at once by now
-    assert frame is not None
-    assert (frame.shot, frame.absent) == (7, (2,))
+    for shot in (3, 5, 7):  # at once by now, in strides
+        frame = stage.frames.take_next()
+        assert frame is not None
+        assert (frame.shot, frame.absent) == (shot, (2,))
     assert stage.frames.figures().absent == ["cam03"]
     stage.send_all(8)
     frame = stage.frames.take_next()
@@ -172,16 +173,33 @@ def test_after_the_actor_was_found_it_catches_up_in_strides(stage: Stage) -> Non
     assert now < 70
 
 
-def test_old_news_is_passed_over(stage: Stage) -> None:
+def test_old_news_waits_for_what_follows(stage: Stage) -> None:
     stage.send_all(0)
     assert stage.frames.take_next() is not None
     stage.send_all(1)
     stage.clock.now_s += 3.0  # something took long, and shots waited in queues meanwhile
     assert stage.frames.take_next() is None
     stage.send_all(31)
-    frame = stage.frames.take_next()
-    assert frame is not None
-    assert frame.shot == 31
+    taken = [stage.frames.take_next() for _ in range(2)]
+    assert [(frame.shot, frame.is_late) for frame in taken if frame is not None] == [(1, True), (31, False)]
+
+
+def test_after_a_long_search_no_stride_is_long(stage: Stage) -> None:
+    """However long the last frame took: 0.2 s at most, late frames are told, and the newest is reached."""
+    stage.send_all(0)
+    assert stage.frames.take_next() is not None
+    for shot in range(1, 21):
+        stage.send_all(shot)
+    taken = []
+    while not taken or taken[-1].is_late:
+        stage.clock.now_s += 0.15
+        frame = stage.frames.take_next()
+        assert frame is not None
+        taken.append(frame)
+    shots = [frame.shot for frame in taken]
+    assert shots[-1] == 20
+    assert max(np.diff([0, *shots])) <= 2
+    assert all(frame.is_late for frame in taken[:-1])
 
 
 def test_old_news_that_nothing_follows_is_solved_after_all(stage: Stage) -> None:

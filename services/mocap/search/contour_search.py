@@ -199,6 +199,8 @@ def solve_by_contours(
     everything = thorough or settings.search_limbs == "always"
     doubtful = trust.to_search(left)
     parts = list[Part](LIMBS) if everything else doubtful
+    if settings.search_limbs == "never":
+        parts = []
     searched = set(parts) & set(doubtful)  # others that were searched in vain need no rest
     if parts:
         found = _better(best, search.round(best, parts, farther if thorough else settings))

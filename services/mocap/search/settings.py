@@ -39,10 +39,11 @@ class SearchSettings(BaseModel):
     """With method contours, recorded takes are also tracked from the last frame back, and every frame is
     solved again from the best combination of both ways; live frames with doubtful parts likewise, from half a
     second later. If false, takes are tracked only forwards."""
-    search_limbs: Literal["in doubt", "always"] = Field(
-        default="in doubt", description='"in doubt" or "always"'
+    search_limbs: Literal["in doubt", "always", "never"] = Field(
+        default="in doubt", description='"in doubt", "always" or "never"'
     )
-    """Which limbs contours searches by XOR: those near differences, or all in every frame."""
+    """Which limbs contours searches by XOR: those near differences, all in every frame, or none. Live frames
+    that are late are solved with none."""
     contour_steps: int = Field(default=8, ge=2, le=100, description="an integer from 2 to 100")
     """Steps of an alignment with the contours."""
     contour_reach_px: int = Field(default=16, ge=2, le=64, description="an integer from 2 to 64")

@@ -64,11 +64,13 @@ class Tracker:
         *,
         start: Floats | None = None,
         thorough: bool = False,
+        hurried: bool = False,
     ) -> FrameSolution:
         """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
         absent: cameras that are not used. start: a pose (D,) to begin with, instead of what the last poses
-        predict. thorough: as in solve_by_contours. While the actor is lost, the torso is unreliable, which
+        predict. thorough: as in solve_by_contours. hurried: doubtful limbs are not searched, which takes
+        several times as long as the rest. While the actor is lost, the torso is unreliable, which
         stands for the whole body; where the body is not even near the silhouettes, the pose is the last one
         found.
         """
@@ -76,9 +78,13 @@ class Tracker:
         picture = Picture.of_frame(rig, seen).without_cameras(absent)
         settings = self._settings.without_cameras(absent, rig.n_cameras)
         starts = extrapolated(self._poses[-2:]) if start is None else start[None]
-        solution = solve_frame(
-            self._model, picture, starts, settings, self._limbs, self._trust, thorough=thorough
-        )
+
+        def solved(by: SearchSettings) -> FrameSolution:
+            return solve_frame(self._model, picture, starts, by, self._limbs, self._trust, thorough=thorough)
+
+        solution = solved(settings.model_copy(update={"search_limbs": "never"}) if hurried else settings)
+        if hurried and "torso" in solution.distrusted:  # perhaps because of its limbs
+            solution = solved(settings)
         is_lost = "torso" in solution.distrusted
         if is_lost or self._lost_frames:
             self._lost_frames += 1

@@ -60,6 +60,19 @@ def test_an_actor_who_leaves_is_missed_and_found_again(model: Model) -> None:
     assert abs(after.pose[0] - moved[0]) < 0.01
 
 
+def test_a_late_frame_is_solved_in_a_hurry(model: Model) -> None:
+    """No limb is searched in it, unless the body would be lost otherwise."""
+    here, away = _pose(model, 0.0, 0.5), _pose(model, 0.6, -2.0)
+    tracker = Tracker(model, SearchSettings(search_limbs="always"), LocalLimbs(model), here[None])
+    in_time, late = (tracker.solve(_drawn(model, here), hurried=hurried) for hurried in (False, True))
+    assert (in_time.seconds["limbs"] > 0, late.seconds["limbs"]) == (True, 0.0)
+    assert late.evaluations < 100 < in_time.evaluations
+    assert late.distrusted == []
+    found = tracker.solve(_drawn(model, away), hurried=True)
+    assert "torso" not in found.distrusted
+    assert abs(found.pose[0] - away[0]) < 0.02
+
+
 def test_an_actor_beside_something_large_is_marked_and_followed(model: Model) -> None:
     tracker = Tracker(model, SearchSettings(), LocalLimbs(model), _pose(model, 0.0, 0.5)[None])
     tracker.solve(_drawn(model, _pose(model, 0.0, 0.5)))
