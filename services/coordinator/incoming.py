@@ -27,7 +27,7 @@ class Frame:
     shutter_s: float | None = None
     """When it was taken (time.monotonic); None for recorded frames."""
     is_late: bool = False
-    """Whether newer shots wait already."""
+    """Whether a newer shot is waiting already."""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ _GAINING = 2.0
 after large motions between frames limbs become doubtful, and searching them takes longer than solving the
 skipped shots."""
 _LONGEST_STRIDE_S = 0.2
-"""Never are shots that are farther apart solved one after the other, as long as others between them are kept:
-people in motion would be lost."""
+"""Shots that are solved one after the other lie at most this far apart, unless there is none between them: a
+moving person may be lost in a longer step."""
 _PRESENT_S, _PRESENT_SHOTS = 0.5, 3.0
 """A camera that has been silent for this time and this many shots is not waited for."""
 _REMEMBERED = 300

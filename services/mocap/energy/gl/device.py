@@ -20,7 +20,6 @@ _INT64 = "GL_ARB_gpu_shader_int64"
 _KERNELS = ("compose", "project", "outline", "gain", "cover")
 _HEADINGS = ("GLSL Compiler failed", "GLSL Linker failed", "compute_shader", "Program", "Compute info")
 """Lines of moderngl's and NVIDIA's compiler logs that tell nothing."""
-_RULES = "=-"
 _NO_SUCH_DEVICE = "requested device index"  # as glcontext says it
 _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software rasterizer", "basic render")
 _HEADER = f"""#version 430
@@ -160,5 +159,5 @@ class GlDevice:
 def _first_line(problem: Exception) -> str:
     """The first line of a message, or of a compiler's log below its heading."""
     lines = [line.strip() for line in str(problem).splitlines()]
-    telling = [line for line in lines if line.strip(_RULES) and line not in _HEADINGS]
+    telling = [line for line in lines if line.strip("=-") and line not in _HEADINGS]
     return telling[0] if telling else type(problem).__name__
