@@ -1,5 +1,6 @@
 """Tracks a take with a progress bar: with a body as it is given, or fitted before, or fitted again after."""
 
+import shutil
 import tempfile
 from dataclasses import replace
 from functools import partial
@@ -19,6 +20,7 @@ from services.mocap.export.formats import FormatName, write_defaults
 from services.mocap.result.layout import journal_of
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor
+from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.layout import ACTOR
 from services.runs.fit import fit_take, init_frames
 from services.runs.progress import Progress as Run
@@ -96,9 +98,9 @@ def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
 
 
 def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> dict[str, Any]:
-    """Fit the actor to frames of the whole take, by the results in job.out, and track again.
+    """Fit the actor to frames of the whole take, by the results of a run one way in job.out, and track again.
 
-    Returns run.json. The results stay where that finds no better actor, and where they have too few frames
+    Returns run.json. The body stays where that finds no better one, and where the results have too few frames
     without a mark: then a warning says so, or UserError is raised if it is asked for.
     """
     varied, before = job.search.body, read_actor(job.out / ACTOR)
@@ -118,10 +120,10 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
             if is_asked_for:
                 raise
             warn([f"the body was not fitted again to the whole take: {error}"])
-            return _kept(job, report)
+            return _tracked_as_before(job, report)
         if found.actor == before:
             say(_AS_IT_IS, stdout)
-            return _kept(job, report)
+            return _tracked_as_before(job, report)
         report = track_with_bar(replace(job, fitted=Path(temporary)), found.warnings)
     if found.actor.model_copy(update={"colours": before.colours}) == before:
         became = "were learnt" if found.actor.colours else "cannot be told apart any more"
@@ -134,8 +136,15 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
     return report
 
 
-def _kept(job: TakeJob, report: dict[str, Any]) -> dict[str, Any]:
-    """The report of the first run, whose results get the overlay that was left to the second."""
+def _tracked_as_before(job: TakeJob, report: dict[str, Any]) -> dict[str, Any]:
+    """The report of the job with the body of its first run, which tracked one way and drew no overlay."""
+    if job.search.goes_both_ways:
+        with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+            fitted, of_first = Path(temporary) / FIT_FOLDER, job.out / FIT_FOLDER
+            if job.fitted is None and of_first.exists():
+                shutil.copytree(of_first, fitted)
+                job = replace(job, fitted=fitted)
+            return track_with_bar(job, [])
     made: tuple[FormatName, ...] = ("overlay", "report") if job.overlay else ()
     write_defaults(job.out, load_result(job.out), made, lambda sentence: warn([sentence]))
     return report

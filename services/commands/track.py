@@ -110,7 +110,9 @@ def track(
     fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
     enough = _WORTH_REFINING * len(init_frames(opened))
     again = refine if refine is not None else fits and len(job.frames) >= enough
-    first = replace(job, overlay=overlay and not again)  # it would be drawn twice
+    # The second fit needs poses of sure frames only, and replaces all of them.
+    one_way = job.search.model_copy(update={"both_ways": False})
+    first = replace(job, overlay=False, search=one_way) if again else job
     report = fit_and_track(first, mesh, goes_on=again) if fits else track_with_bar(first, [])
     if again:
         report = track_again(job, report, is_asked_for=refine is True)
