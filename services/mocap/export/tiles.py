@@ -123,9 +123,11 @@ def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid, doubtful: Mask | 
     fill the rest.
     """
     size = _fitting(segment_mask.shape, grid)
-    shown, fill = _resized(picture, size), _resized(_FILL[segment_mask], size)
-    coverage = fill[..., 3:] / np.float32(255.0)
-    drawn = np.rint(shown * (1.0 - _OPACITY * coverage) + _OPACITY * fill[..., :3]).astype(np.uint8)
+    drawn, fill = _resized(picture, size).copy(), _resized(_FILL[segment_mask], size)
+    x, y, width, height = cv2.boundingRect(fill[..., 3])
+    about = np.s_[y : y + height, x : x + width]
+    coverage = fill[about][..., 3:] / np.float32(255.0)
+    drawn[about] = np.rint(drawn[about] * (1.0 - _OPACITY * coverage) + _OPACITY * fill[about][..., :3])
     if doubtful is not None and doubtful.any():
         _hatch(drawn, _resized(np.asarray(doubtful * 255, np.uint8), size) > 127)
     _outline(drawn, fill[..., 3], _OUTLINE_BGR)

@@ -23,7 +23,6 @@ from services.mocap.types import Bytes, Floats, Mask, Trimap
 
 NEAR_LOSSLESS_CRF = 12
 _KEYFRAME_EVERY_S = 2  # for fast seeking in browsers and readers
-_QUICK = {"preset": "superfast", "threads": "1"}
 _BT601 = 6  # FFmpeg's number (SMPTE 170M) for the colours of its default conversion
 _LIMITED_RANGE = 1
 _ROUNDED = int(Interpolation.BILINEAR) | int(
@@ -82,13 +81,12 @@ def video_writer(
     height_px: int,
     fps: float,
     crf: int = NEAR_LOSSLESS_CRF,
-    *,
-    is_quick: bool = False,
+    **options: str,
 ) -> Iterator[VideoWriter]:
     """A writer of an mp4 that browsers play; the file appears when the block ends without an exception.
 
     crf: x264's quality, 0 to 51, smaller is better: 12 is nearly lossless, about 20 is good for viewing.
-    is_quick: encode in a quarter of the time, and in one thread, to a larger file.
+    options: further ones of x264, such as its preset.
     Raises TakeError for odd sizes, which the pixel format of browsers (yuv420p) does not support.
     """
     if width_px % 2 or height_px % 2:
@@ -99,8 +97,7 @@ def video_writer(
         atomic_file(path) as part,
         av.open(str(part), "w", format="mp4", options={"movflags": "+faststart"}) as container,
     ):
-        options = {"crf": str(crf), **(_QUICK if is_quick else {})}
-        writer = VideoWriter(container, width_px, height_px, fps, options)
+        writer = VideoWriter(container, width_px, height_px, fps, {"crf": str(crf), **options})
         yield writer
         writer.finish()
 
