@@ -82,8 +82,7 @@ def _print_version(is_asked: bool) -> None:
 @app.callback()
 def _(
     _version: Annotated[
-        bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version."),
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """Nothing of its own."""

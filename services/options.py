@@ -17,10 +17,7 @@ DEFAULT_ENGINE = EngineSettings()
 DEFAULT_OUTPUT = OutputSettings()
 BackendOption: TypeAlias = Annotated[
     Choice,
-    typer.Option(
-        envvar="XORMOCAP_BACKEND",
-        help="Energy backend; auto: gl on a GPU with OpenGL, else cpu.",
-    ),
+    typer.Option(envvar="XORMOCAP_BACKEND", help="Energy backend; auto: gl on a GPU with OpenGL, else cpu."),
 ]
 ThreadsOption: TypeAlias = Annotated[
     int,
@@ -63,14 +60,13 @@ SmoothOption: TypeAlias = Annotated[
     Smoother,
     typer.Option(
         help="Smoothing of joints.csv and motion.*: rts looks forward and back, one-euro only back; "
-        "poses.csv is never smoothed.",
+        "poses.csv is never smoothed."
     ),
 ]
 CutoffOption: TypeAlias = Annotated[
     float | None,
     typer.Option(
-        metavar="HZ",
-        help="Cutoff frequency of the smoothing, in hertz; default: rts finds it, one-euro 4.",
+        metavar="HZ", help="Cutoff frequency of the smoothing, in hertz; default: rts finds it, one-euro 4."
     ),
 ]
 DEFAULT_SEGMENTER = "auto"
@@ -123,8 +119,7 @@ MetricsOption: TypeAlias = Annotated[
 
 
 NiceOption: TypeAlias = Annotated[
-    int,
-    typer.Option("--nice", min=0, max=19, help="Lower the priority by this much (niceness)."),
+    int, typer.Option("--nice", min=0, max=19, help="Lower the priority by this much (niceness).")
 ]
 
 

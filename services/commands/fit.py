@@ -35,8 +35,7 @@ EVERY_CORE = 0
 _HEIGHT_CM = 2.0
 """A fitted height that differs by more than this from that in take.toml causes a warning."""
 MeshOption: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(help="Fit this mesh: a skinned character (.glb) or named parts (.obj, .glb)."),
+    Path | None, typer.Option(help="Fit this mesh: a skinned character (.glb) or named parts (.obj, .glb).")
 ]
 
 

@@ -60,16 +60,7 @@ def settle_edges(
     farthest_px = rim_px + _TOO_FAT_PX + 1
     inside2, outside2 = _depths2(part, ceil(farthest_px), np.float32(farthest_px**2))
     share, on_rim = part.astype(np.float32), np.zeros_like(part)
-    _mix(
-        share,
-        on_rim,
-        corner_px,
-        inside2,
-        outside2,
-        channels,
-        expected,
-        np.float32(rim_px),
-    )
+    _mix(share, on_rim, corner_px, inside2, outside2, channels, expected, np.float32(rim_px))
     height, width = part.shape
     (top, left), radius_px = corner_px, max(1, round(rim_px / _RIM_PER_RADIUS))
     picture = cv2.merge([plane[top : top + height, left : left + width] for plane in channels])

@@ -101,10 +101,7 @@ def in_glare() -> Bytes:
 @pytest.mark.parametrize(
     ("picture", "said"),
     [
-        (
-            np.full((240, 320, 3), 120, np.uint8),
-            "no colour chart was found in it: expected a ColorChecker",
-        ),
+        (np.full((240, 320, 3), 120, np.uint8), "no colour chart was found in it: expected a ColorChecker"),
         (overexposed(), "patches are overexposed: expose so that"),
         (cast(chart(), 0.02 * np.eye(3), noise=0), "the chart is too dark, its white patch has"),
         (in_glare(), "off (delta E) after correction: expected a ColorChecker Classic in even light"),

@@ -100,15 +100,7 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
 def tracked(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of an undisturbed run both ways with four limb workers, by a command that is a process."""
     out = tmp_path_factory.mktemp("tracked") / "result"
-    command = [
-        sys.executable,
-        "-m",
-        "services.cli",
-        "track",
-        synthetic_take,
-        "--out",
-        out,
-    ]
+    command = [sys.executable, "-m", "services.cli", "track", synthetic_take, "--out", out]
     done = subprocess.run(
         [*command, "--frames", FRAMES, *BUSY], capture_output=True, text=True, timeout=240, check=False
     )

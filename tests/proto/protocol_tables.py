@@ -182,10 +182,7 @@ def numbers_table() -> str:
             "silence after which an idle worker gets no task until it is heard again",
             f"{FROM_CLIENTS.silence_s:g} s",
         ),
-        _row(
-            "what `poses` repeats for those who join late, every",
-            f"{PUBLISHED.every_s:g} s",
-        ),
+        _row("what `poses` repeats for those who join late, every", f"{PUBLISHED.every_s:g} s"),
         _row("`live_sources` from a segmentation, every", f"{FROM_LIVE_CAMERAS.every_s:g} s"),
         _row("silence after which a live segmentation counts as gone", f"{FROM_LIVE_CAMERAS.silence_s:g} s"),
         _row("deadline of the first task", f"{deadline.FIRST_DEADLINE_S:g} s"),

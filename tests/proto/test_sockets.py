@@ -9,16 +9,7 @@ import zmq
 
 from proto.framing import MalformedMessage
 from proto.messages import Beat, Credit, Hello, Silhouettes
-from proto.sockets import (
-    QUEUE_MESSAGES,
-    bind,
-    connect,
-    make_socket,
-    receive,
-    receive_from,
-    send,
-    wait,
-)
+from proto.sockets import QUEUE_MESSAGES, bind, connect, make_socket, receive, receive_from, send, wait
 from proto.streams import AddressError
 
 Socket = zmq.Socket[bytes]

@@ -79,10 +79,7 @@ def test_an_actor_who_is_there_is_seen_at_once(take: Take) -> None:
 
 @pytest.mark.parametrize("how", [_nobody, _cut_off])
 def test_the_work_begins_where_the_whole_actor_is_in_view(
-    take: Take,
-    changed: Show,
-    how: Change,
-    capsys: pytest.CaptureFixture[str],
+    take: Take, changed: Show, how: Change, capsys: pytest.CaptureFixture[str]
 ) -> None:
     changed(how)
     assert frames_in_view(take, range(34), lambda _: None) == range(20, 34)

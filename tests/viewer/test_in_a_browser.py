@@ -193,12 +193,7 @@ def _check_tiles(page: Page, screenshots: Path) -> None:
 
 @pytest.mark.parametrize(("width", "height"), [(1600, 900), (1024, 700)])
 def test_the_3d_view_has_room_and_clicks_on_time_axes_choose_frames(
-    doubtful: Path,
-    start_viewer: Start,
-    free_port: int,
-    page: Page,
-    width: int,
-    height: int,
+    doubtful: Path, start_viewer: Start, free_port: int, page: Page, width: int, height: int
 ) -> None:
     page.set_viewport_size({"width": width, "height": height})
     start_viewer(doubtful, "--port", free_port, module=("services.cli", "view"))

@@ -19,8 +19,7 @@ from services.viewer.show import SEGMENT_PARENTS, Show, lenses_of, placed_segmen
 
 
 @pytest.mark.parametrize(
-    ("colours", "said"),
-    [({}, []), ({"head": (1, 1, 1, 1), "left_hand": (2, 2, 2, 2)}, ["head", "hand"])],
+    ("colours", "said"), [({}, []), ({"head": (1, 1, 1, 1), "left_hand": (2, 2, 2, 2)}, ["head", "hand"])]
 )
 def test_colour_classes_can_be_chosen_where_there_are_any(
     colours: dict[str, tuple[int, ...]], said: list[str]

@@ -64,8 +64,7 @@ def span(T_world_joint: Floats, hanging: Floats, hem_m: float, web: Ints, out: F
     z axis of hanging.
     """
     lowest_m = min(
-        hem_m,
-        max(_depth_m(hanging, T_world_joint[ANKLES[0]]), _depth_m(hanging, T_world_joint[ANKLES[1]])),
+        hem_m, max(_depth_m(hanging, T_world_joint[ANKLES[0]]), _depth_m(hanging, T_world_joint[ANKLES[1]]))
     )
     for k in range(2):
         for side in range(2):

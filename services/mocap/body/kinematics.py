@@ -4,15 +4,7 @@ import numba
 import numpy as np
 
 from services.mocap.body.cloth_frames import ANKLES, HIPS, KNEES, PELVIS, WEBS, hang, span
-from services.mocap.body.skeleton import (
-    DOFS,
-    JOINT_INDEX,
-    JOINTS,
-    LOWER,
-    SEGMENT_JOINT,
-    UPPER,
-    dofs_of,
-)
+from services.mocap.body.skeleton import DOFS, JOINT_INDEX, JOINTS, LOWER, SEGMENT_JOINT, UPPER, dofs_of
 from services.mocap.types import Floats, Ints
 
 N_DOF = len(DOFS)

@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import (
-    CAMERAS_PER_PLANE,
-    TriPlanes,
-    camera_bit,
-    n_planes,
-    pack,
-)
+from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, TriPlanes, camera_bit, n_planes, pack
 from services.mocap.types import Bytes, Floats, Ints
 
 _Pixel = TypeVar("_Pixel", np.bool_, np.int32)

@@ -129,10 +129,7 @@ FORMATS: dict[FormatName, Format] = {
     "angles": Format((ANGLES,), _angles),
     "report": Format((REPORT,), _report, needs=("jinja2", "matplotlib")),
     "parquet": Format(
-        (POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET),
-        _parquet,
-        by_default=False,
-        needs=("pyarrow",),
+        (POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET), _parquet, by_default=False, needs=("pyarrow",)
     ),
     "overlay": Format((OVERLAY,), _overlay, by_default=False),  # runs draw it themselves, if it is wanted
 }

@@ -124,11 +124,7 @@ class _File:
         skinned mesh."""
         for n, name in enumerate(_NODE_NAMES):
             children = [k for k, parent in enumerate(_NODE_PARENTS) if parent == _NODE_JOINTS[n]]
-            node = gltf.Node(
-                name=name,
-                translation=_single(offsets_m[n]),
-                rotation=_single(quaternions[n]),
-            )
+            node = gltf.Node(name=name, translation=_single(offsets_m[n]), rotation=_single(quaternions[n]))
             node.children = children or None  # an empty list is not glTF
             self._document.nodes.append(node)
         self._document.nodes.append(gltf.Node(name="body", mesh=0, skin=0))

@@ -8,13 +8,7 @@ import numpy as np
 from services.mocap.body import shape_space
 from services.mocap.body.actor import Actor, Body
 from services.mocap.body.cloth_frames import PELVIS
-from services.mocap.body.kinematics import (
-    HANGING,
-    N_DOF,
-    N_FRAMES,
-    SURFACE_FRAMES,
-    frame_transforms,
-)
+from services.mocap.body.kinematics import HANGING, N_DOF, N_FRAMES, SURFACE_FRAMES, frame_transforms
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.matching import Matches

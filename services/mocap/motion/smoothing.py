@@ -32,12 +32,7 @@ _METRES_PER_RADIAN = 0.5
 _SPEED_UNIT: Floats = np.array([_METRES_PER_RADIAN if dof.unit == "m" else 1.0 for dof in DOFS])
 
 
-def smoothed(
-    poses: Floats,
-    fps: float,
-    settings: OutputSettings,
-    times_s: Floats | None = None,
-) -> Floats:
+def smoothed(poses: Floats, fps: float, settings: OutputSettings, times_s: Floats | None = None) -> Floats:
     """Poses (N, D) of consecutive frames smoothed by the settings; N >= 1.
 
     times_s: (N,) of frames that do not come evenly, which one-euro heeds.

@@ -6,21 +6,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import (
-    CLOTH_JOINTS,
-    SEGMENT_JOINTS,
-    SURFACE_FRAMES,
-    segment_transforms,
-)
-from services.mocap.body.skeleton import (
-    BODY_DOFS,
-    LOWER,
-    SEGMENTS,
-    UPPER,
-    BodyName,
-    dofs_of,
-    segments_below,
-)
+from services.mocap.body.kinematics import CLOTH_JOINTS, SEGMENT_JOINTS, SURFACE_FRAMES, segment_transforms
+from services.mocap.body.skeleton import BODY_DOFS, LOWER, SEGMENTS, UPPER, BodyName, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
 from services.mocap.types import Floats, Ints
 

@@ -166,12 +166,7 @@ def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:
 
 
 def _first_pose(
-    model: Model,
-    picture: Picture,
-    hull: Hull,
-    hints: TakeSettings,
-    limbs: LimbPool,
-    settings: SearchSettings,
+    model: Model, picture: Picture, hull: Hull, hints: TakeSettings, limbs: LimbPool, settings: SearchSettings
 ) -> FirstPose:
     if hints.initial_pose:
         standing = standing_pose(model, hull)

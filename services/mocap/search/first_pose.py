@@ -6,16 +6,7 @@ from math import pi, radians
 import numpy as np
 
 from services.mocap.body.kinematics import N_DOF, clip_to_limits, joint_positions
-from services.mocap.body.skeleton import (
-    DOF_INDEX,
-    DOFS,
-    JOINTS,
-    SEGMENTS,
-    SIDES,
-    BodyName,
-    Dof,
-    pose_of_body,
-)
+from services.mocap.body.skeleton import DOF_INDEX, DOFS, JOINTS, SEGMENTS, SIDES, BodyName, Dof, pose_of_body
 from services.mocap.energy.picture import Picture
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame

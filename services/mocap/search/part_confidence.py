@@ -15,12 +15,7 @@ from services.mocap.energy.bitplanes import camera_bit, count_bits
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.alignment.matching import KNOWN, UNSURE
-from services.mocap.search.chains import (
-    Stage,
-    pixel_scale,
-    window_origins_px,
-    window_size_px,
-)
+from services.mocap.search.chains import Stage, pixel_scale, window_origins_px, window_size_px
 from services.mocap.search.error_by_part import PART_STAGES, pixels_by_part
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.lost_probability import JUDGED_SEGMENTS, lost_probabilities

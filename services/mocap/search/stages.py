@@ -9,14 +9,7 @@ from services.mocap.body.skeleton import DOFS
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import (
-    ALL_SURFACES,
-    HEAD,
-    TORSO,
-    Stage,
-    window_origins_px,
-    window_size_px,
-)
+from services.mocap.search.chains import ALL_SURFACES, HEAD, TORSO, Stage, window_origins_px, window_size_px
 from services.mocap.search.descent import Box, Minimum, descend
 from services.mocap.search.grid import best_of
 from services.mocap.search.model import Model

@@ -18,10 +18,7 @@ UNTOLD_SHARE = 0.4
 limb. With the forearm or the shank it is half, and nothing determines the bend of elbow or knee."""
 _LEAST_PX = 20
 """A part with fewer pixels in a picture, because it is at the edge, is not judged there."""
-_PAIRS: dict[str, tuple[Part, Part]] = {
-    "arms": ("left_arm", "right_arm"),
-    "legs": ("left_leg", "right_leg"),
-}
+_PAIRS: dict[str, tuple[Part, Part]] = {"arms": ("left_arm", "right_arm"), "legs": ("left_leg", "right_leg")}
 
 
 @dataclass(frozen=True, eq=False)

@@ -156,13 +156,7 @@ def render(camera: Camera, view: RoomView, figure: Figure) -> tuple[Singles, Mas
     body too.
     """
     picture = shadowed(view, figure)
-    layer = draw(
-        figure.vertices_world_m,
-        figure.bgr,
-        figure.faces,
-        camera.P_px_world,
-        camera.size_px,
-    )
+    layer = draw(figure.vertices_world_m, figure.bgr, figure.faces, camera.P_px_world, camera.size_px)
     height, width = layer.coverage.shape
     window = np.s_[layer.y_px : layer.y_px + height, layer.x_px : layer.x_px + width]
     picture[window] = picture[window] * (1.0 - layer.coverage[..., None]) + layer.bgr

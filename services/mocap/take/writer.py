@@ -76,12 +76,7 @@ class VideoWriter:
 
 @contextmanager
 def video_writer(
-    path: Path,
-    width_px: int,
-    height_px: int,
-    fps: float,
-    crf: int = NEAR_LOSSLESS_CRF,
-    **options: str,
+    path: Path, width_px: int, height_px: int, fps: float, crf: int = NEAR_LOSSLESS_CRF, **options: str
 ) -> Iterator[VideoWriter]:
     """A writer of an mp4 that browsers play; the file appears when the block ends without an exception.
 

@@ -19,8 +19,6 @@ _WAITING = 120
 """Most pictures that wait to be written, some seconds; more are dropped."""
 _CRF = 16
 """Video quality, high enough to be tracked as well as the live pictures."""
-_QUICK = {"preset": "superfast", "threads": "1"}
-"""A quarter of the encoder's usual time, for a larger file."""
 
 log = logging.getLogger(__name__)
 
@@ -93,7 +91,9 @@ class CameraRecording:
         path = video_path(self._folder, self._camera.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         came = self._next()  # first: a run that fails before its first picture leaves no file
-        with video_writer(path, *self._camera.size_px, self._fps, _CRF, **_QUICK) as writer:
+        size_px = self._camera.size_px
+        # A quarter of the encoder's usual time, for a larger file.
+        with video_writer(path, *size_px, self._fps, _CRF, preset="superfast", threads="1") as writer:
             while True:
                 shot, image, time_s = came
                 if image is not None and not self._times_s:

@@ -33,8 +33,7 @@ _console = Console(highlight=False)
 
 
 SeedOption = Annotated[
-    int | None,
-    typer.Option(min=0, help="Repeats what is done, if not just when; else it differs each time."),
+    int | None, typer.Option(min=0, help="Repeats what is done, if not just when; else it differs each time.")
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the figures here as well.")]
 

@@ -15,14 +15,7 @@ from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
 from services.mocap.body.profiles import FACTOR_RANGE, MOST_CONTROLS, SECTIONS, Profile
 from services.mocap.body.shape import generic_segments
-from services.mocap.body.skeleton import (
-    JOINT_INDEX,
-    JOINTS,
-    LOWER,
-    SEGMENT_INDEX,
-    SEGMENT_NAMES,
-    UPPER,
-)
+from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, LOWER, SEGMENT_INDEX, SEGMENT_NAMES, UPPER
 from services.mocap.body.skeleton_table import PELVIS_HEIGHT
 from services.mocap.body.skirt import Skirt
 from services.mocap.types import Floats

@@ -265,11 +265,7 @@ def _broken(folder: Path, name: str, text: str) -> Path:
         ("c.yml", "%YAML:1.0\n---\nK: 3\n", "has no rotation"),
         ("c.yml", "nothing", "FileStorage"),
         ("c.xcp", "<Cameras/>", "contains no camera"),
-        (
-            "c.xcp",
-            '<C><Camera DEVICEID="7"><KeyFrames><KeyFrame/></KeyFrames></Camera></C>',
-            "SENSOR_SIZE",
-        ),
+        ("c.xcp", '<C><Camera DEVICEID="7"><KeyFrames><KeyFrame/></KeyFrames></Camera></C>', "SENSOR_SIZE"),
         ("c.calib", "1920 1080 1 0", "has 4 numbers"),
         ("c.doc", "", "is not a known calibration format"),
     ],

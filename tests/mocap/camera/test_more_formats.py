@@ -123,8 +123,7 @@ def as_opencv_tutorial(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "write",
-    [as_opencap, as_vicon, as_biocv, as_easymocap_by_pose2sim, as_openpose, as_opencv_tutorial],
+    "write", [as_opencap, as_vicon, as_biocv, as_easymocap_by_pose2sim, as_openpose, as_opencv_tutorial]
 )
 def test_cameras_of_more_tools_see_what_they_saw(tmp_path: Path, write: Callable[[Path], Path]) -> None:
     found, remarks = read(write(tmp_path), up=None, size_px=(1920, 1080))

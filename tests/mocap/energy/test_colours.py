@@ -15,14 +15,7 @@ from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.body.skirt import Skirt
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Problem
-from services.mocap.energy.bitplanes import (
-    TriPlanes,
-    joined,
-    pack,
-    pack_classes,
-    unpack,
-    unpack_classes,
-)
+from services.mocap.energy.bitplanes import TriPlanes, joined, pack, pack_classes, unpack, unpack_classes
 from services.mocap.energy.colours import ColourPainter
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.cpu.backend import CpuBackend

@@ -17,9 +17,7 @@ MESA = {
 }
 DRIVER = {"proc/driver/nvidia/version": "NVRM version: …"}
 LIBRARY = {"usr/lib/x86_64-linux-gnu/libEGL_nvidia.so.0": ""}
-VENDOR = {
-    "usr/share/glvnd/egl_vendor.d/10_nvidia.json": '{"ICD": {"library_path": "libEGL_nvidia.so.0"}}',
-}
+VENDOR = {"usr/share/glvnd/egl_vendor.d/10_nvidia.json": '{"ICD": {"library_path": "libEGL_nvidia.so.0"}}'}
 
 
 @pytest.fixture

@@ -212,10 +212,7 @@ def test_cpu_looks_for_no_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
     ("backend", "said"),
     [
         ("cpu", "cpu backend: asked for"),
-        (
-            "auto",
-            f"cpu backend: no OpenGL that can be used: {NO_MODERNGL}",
-        ),
+        ("auto", f"cpu backend: no OpenGL that can be used: {NO_MODERNGL}"),
         ("gl", f"--backend gl: {NO_MODERNGL}"),
     ],
 )

@@ -42,11 +42,7 @@ def rig_of(look: Callable[..., Camera]) -> Callable[[int], Rig]:
 
     def make(scale: int) -> Rig:
         angles = 2 * np.pi * np.arange(8) / 8 + 0.2
-        size = {
-            "focal_px": FOCAL_PX * scale,
-            "width_px": WIDTH_PX * scale,
-            "height_px": HEIGHT_PX * scale,
-        }
+        size = {"focal_px": FOCAL_PX * scale, "width_px": WIDTH_PX * scale, "height_px": HEIGHT_PX * scale}
         return Rig.of(tuple(look((4 * np.cos(a), 4 * np.sin(a), 1.4), **size) for a in angles))
 
     return make

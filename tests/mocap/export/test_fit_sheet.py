@@ -20,11 +20,7 @@ def _close_to(sheet: Bytes, colour: Bytes) -> Mask:
 @pytest.fixture
 def seen(small_cameras: Callable[[int], list[Camera]], ball_silhouette: Callable[..., Mask]) -> list[Seen]:
     return [
-        Seen(
-            camera,
-            np.full((*camera.shape_px, 3), 90, np.uint8),
-            trimap_of(ball_silhouette(camera, 0)),
-        )
+        Seen(camera, np.full((*camera.shape_px, 3), 90, np.uint8), trimap_of(ball_silhouette(camera, 0)))
         for camera in small_cameras(3)
     ]
 

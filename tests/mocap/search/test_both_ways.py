@@ -137,10 +137,7 @@ def test_a_limb_that_was_lost_for_long_is_found_by_a_thorough_search(
 
 
 def test_an_actor_who_leaves_is_missed_in_both_ways(
-    model: Model,
-    truth: Floats,
-    seen: list[TriPlanes],
-    joint_errors_mm: Callable[[Floats, Floats], Floats],
+    model: Model, truth: Floats, seen: list[TriPlanes], joint_errors_mm: Callable[[Floats, Floats], Floats]
 ) -> None:
     nobody = TriPlanes.sure(np.zeros_like(seen[0].silhouettes))
     gone = {2, 3}

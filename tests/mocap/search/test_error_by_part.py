@@ -32,10 +32,7 @@ def test_the_right_pose_leaves_nothing(
 
 
 def test_an_arm_that_is_elsewhere_is_the_arms_energy(
-    model: Model,
-    standing: Callable[..., Floats],
-    silhouettes_of: Callable[[Floats], Bytes],
-    wrong: Floats,
+    model: Model, standing: Callable[..., Floats], silhouettes_of: Callable[[Floats], Bytes], wrong: Floats
 ) -> None:
     truth, drawn = silhouettes_of(standing()), silhouettes_of(wrong)
     found = error_by_part(model, Picture.whole(model.rig, truth), wrong)

@@ -52,11 +52,7 @@ def off_rad(heading_rad: float, true_rad: float) -> float:
     ids=["A", "hanging", "T", "walking"],
 )
 def test_finds_heading_and_joints(
-    model: Model,
-    standing: Poser,
-    picture_of: PictureOf,
-    joint_errors_mm: Errors,
-    stance: dict[str, float],
+    model: Model, standing: Poser, picture_of: PictureOf, joint_errors_mm: Errors, stance: dict[str, float]
 ) -> None:
     truth = standing(**stance)
     picture, limbs = picture_of(truth), LocalLimbs(model)

@@ -25,11 +25,7 @@ def test_missing_settings_and_calibration(small_take: SmallTake, refusal: Refusa
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        (
-            "fps = 10.0",
-            "fsp = 10.0",
-            "take.toml: fsp: unknown field: did you mean fps",
-        ),
+        ("fps = 10.0", "fsp = 10.0", "take.toml: fsp: unknown field: did you mean fps"),
         (
             "units = ",
             "init_frame = 2\nunits = ",

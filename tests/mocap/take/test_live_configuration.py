@@ -83,18 +83,12 @@ def test_kinds_of_sources(folder: Path) -> None:
             "[cameras.cam02] source: expected an address that begins with rtsp:// or http://, or a file, "
             "found 'ftp://camera'",
         ),
-        (
-            _HEAD + _CAMERAS + "stamp = 'arrival'",
-            "[cameras.cam03] stamp: unknown field: did you mean stamps",
-        ),
+        (_HEAD + _CAMERAS + "stamp = 'arrival'", "[cameras.cam03] stamp: unknown field: did you mean stamps"),
         (
             _HEAD.replace("10.0", "0.0") + _CAMERAS,
             "fps: expected the cameras' frames per second, above 0, found 0.0",
         ),
-        (
-            _HEAD + "tolerance = 0.1\n" + _CAMERAS,
-            "tolerance: unknown field: did you mean tolerance_s",
-        ),
+        (_HEAD + "tolerance = 0.1\n" + _CAMERAS, "tolerance: unknown field: did you mean tolerance_s"),
         (
             _HEAD + "least_cameras = 9\n" + _CAMERAS,
             "least_cameras: expected at most 3, the cameras of calibration.toml",

@@ -137,12 +137,7 @@ def _depths(contacts: Contacts, offsets_m: Floats, poses: Floats, joints: Ints, 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_contacts(
-    contacts: Contacts,
-    weight: float,
-    T_world_joint: Floats,
-    twists: Floats,
-    hessian: Floats,
-    slope: Floats,
+    contacts: Contacts, weight: float, T_world_joint: Floats, twists: Floats, hessian: Floats, slope: Floats
 ) -> float:
     """Add the cost weight x depth² of every point to the normal equations (D, D) and (D,); returns the sum.
 

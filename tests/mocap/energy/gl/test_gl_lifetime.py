@@ -108,11 +108,7 @@ def test_a_kernel_that_does_not_link_as_nvidia_says_it(monkeypatch: pytest.Monke
 
 
 def test_close_releases_every_buffer(
-    device: GlDevice,
-    coarse_body: Body,
-    ring: Ring,
-    standing_pose: Floats,
-    monkeypatch: pytest.MonkeyPatch,
+    device: GlDevice, coarse_body: Body, ring: Ring, standing_pose: Floats, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[moderngl.Buffer] = []
     make = moderngl.Context.buffer
