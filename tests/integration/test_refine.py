@@ -221,8 +221,9 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     assert len(read_poses_csv(out / "poses.csv").frames) == 3
     assert (out / "overlay.mp4").exists()
 
+    one_way = SearchSettings(both_ways=False)
     job = TakeJob(
-        out=out, workers=0, engine=EngineSettings(), search=SearchSettings(), take=open_take(strange_take),
+        out=out, workers=0, engine=EngineSettings(), search=one_way, take=open_take(strange_take),
         frames=range(3), overlay=False,
     )  # fmt: skip
     report, known = {"speed": {}}, load_result(out)
@@ -232,6 +233,16 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: same)
     assert track_again(job, report, is_asked_for=True) is report
     assert capfd.readouterr().out.endswith("left the body as it is\n")
+
+    def tracked_both_ways(job: TakeJob, _: object) -> dict[str, Any]:
+        assert job.search == SearchSettings()
+        assert job.fitted is not None
+        assert read_actor(job.fitted / ACTOR) == known.actor
+        return {"speed": {"fps": 2.0}}
+
+    monkeypatch.setattr("services.commands.fitted_runs.track_with_bar", tracked_both_ways)
+    settled = track_again(replace(job, search=SearchSettings()), report, is_asked_for=True)
+    assert settled == {"speed": {"fps": 2.0}}, "the first run went one way only"
     coloured = known.actor.model_copy(update={"colours": {"head": (1, 1, 2, 2)}})
     with_colours = SimpleNamespace(actor=coloured, warnings=[])
     monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: with_colours)
