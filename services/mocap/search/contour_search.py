@@ -14,6 +14,7 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned, SeenRim
 from services.mocap.search.alignment.contacts import PRICED
 from services.mocap.search.chains import ALL_SURFACES, LIMBS
+from services.mocap.search.descent import Solution
 from services.mocap.search.error_by_part import PART_STAGES, error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
@@ -29,7 +30,7 @@ from services.mocap.search.part_confidence import (
     within,
 )
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.stages import Solution, solve_head, whole_body_energy, whole_body_problem
+from services.mocap.search.stages import solve_head, whole_body_energy, whole_body_problem
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
 

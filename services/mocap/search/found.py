@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from services.mocap.search.chains import LimbName
+from services.mocap.search.descent import Solution
 from services.mocap.search.error_by_part import ErrorByPart
-from services.mocap.search.stages import Solution
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats
 

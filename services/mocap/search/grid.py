@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.energy.backend import Energy
-from services.mocap.search.descent import Box, Minimum
+from services.mocap.search.descent import Box, Solution
 from services.mocap.types import Floats
 
 
@@ -22,11 +22,11 @@ def grid_points(centre: Floats, counts: tuple[int, ...], steps: Floats, box: Box
     return np.concatenate([np.clip(centre, box.lower, box.upper)[None], points])
 
 
-def best_of(energy: Energy, points: Floats) -> Minimum:
-    """The point (of N, d) of least energy; the first of equals."""
+def best_of(energy: Energy, points: Floats, dofs: tuple[int, ...]) -> Solution:
+    """The point (of N, d) of least energy as values of these parameters; the first of equals."""
     energies = energy(points)
     best = int(np.argmin(energies))
-    return Minimum(points[best], float(energies[best]), len(points))
+    return Solution(dofs, points[best], float(energies[best]), len(points))
 
 
 @dataclass(frozen=True, eq=False)

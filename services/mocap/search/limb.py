@@ -9,11 +9,11 @@ from services.mocap.body.skeleton import DOFS
 from services.mocap.energy.backend import Energy
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import LIMBS, Limb, LimbName, Stage
+from services.mocap.search.descent import Solution
 from services.mocap.search.grid import Tried, best_of, grid_points
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import (
-    Solution,
     descend_from,
     descend_stage,
     looked_at,
@@ -69,7 +69,7 @@ def solve_limb(
     if settings.method == "contours":
         energy = with_unlikely(model, limb.main, pose, settings, energy)
         return _align_limb(model, limb, seen, pose, settings, Tried(points, energy(points)))
-    main = descend_from(energy, best_of(energy, points), limb.main, box, settings)
+    main = descend_from(energy, best_of(energy, points, limb.main.dofs), box, settings)
     return _with_extremity(model, limb, seen, main.applied_to(pose), settings, main)
 
 
@@ -104,11 +104,11 @@ def _align_limb(
         begun[list(limb.main.dofs)] = point
         aligned = aligner.align(seen, begun, settings, limb.dofs, limb.main.surfaces)
         candidates += [begun[list(limb.dofs)], aligned.pose[list(limb.dofs)]]
-    found = best_of(energy, np.array(candidates))
+    found = best_of(energy, np.array(candidates), limb.dofs)
     before = len(tried.points) + (len(candidates) - 1) // 2 * settings.contour_steps
     if not model.counts_colours(seen, settings.colour):
-        return Solution(limb.dofs, found.values, found.energy_px, before + found.evaluations)
-    lowest = descend_from(energy, found, whole_limb, box, settings)
+        return replace(found, evaluations=before + found.evaluations)
+    lowest = descend_from(energy, found, box, settings)
     return replace(lowest, evaluations=before + lowest.evaluations)
 
 

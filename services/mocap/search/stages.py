@@ -1,7 +1,5 @@
 """Prepares the stages of a frame's search, and solves them by a descent on XOR."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from services.mocap.body.kinematics import N_DOF
@@ -10,30 +8,11 @@ from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import ALL_SURFACES, HEAD, TORSO, Stage, window_origins_px, window_size_px
-from services.mocap.search.descent import Box, Minimum, descend
+from services.mocap.search.descent import Box, Solution, descend
 from services.mocap.search.grid import best_of
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """A chain's parameter values and what they cost."""
-
-    dofs: tuple[int, ...]
-    values: Floats
-    """(d,)"""
-    energy_px: float
-    evaluations: int
-    seconds: float = 0.0
-    """The time to find them, if it was measured."""
-
-    def applied_to(self, pose: Floats) -> Floats:
-        """The pose (D,) with this chain's parameters replaced."""
-        changed = pose.copy()
-        changed[list(self.dofs)] = self.values
-        return changed
 
 
 def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Energy:
@@ -100,27 +79,10 @@ def prepare(
     return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
 
 
-def _steps(stage: Stage, settings: SearchSettings) -> Floats:
-    """The first step (d,) of a line search over each of a stage's parameters."""
-    return np.array(
-        [settings.shift_step_m if DOFS[d].unit == "m" else settings.angle_step_rad for d in stage.dofs]
-    )
-
-
-def descend_from(
-    energy: Energy, start: Minimum, stage: Stage, box: Box, settings: SearchSettings
-) -> Solution:
-    """Lower a stage's energy from a start, first along its parameters one by one."""
-    found = descend(
-        energy,
-        start,
-        box,
-        np.diag(_steps(stage, settings)),
-        settings.line_tolerance,
-        settings.descent_tolerance,
-        settings.descent_rounds,
-    )
-    return Solution(stage.dofs, found.values, found.energy_px, found.evaluations)
+def descend_from(energy: Energy, start: Solution, box: Box, settings: SearchSettings) -> Solution:
+    """Lower an energy from a start, first along the parameters one by one."""
+    steps = [settings.shift_step_m if DOFS[d].unit == "m" else settings.angle_step_rad for d in start.dofs]
+    return descend(energy, start, box, np.diag(steps), settings)
 
 
 def descend_stage(
@@ -128,4 +90,4 @@ def descend_stage(
 ) -> Solution:
     """Lower a stage's energy in a picture, from a pose (D,)."""
     energy, start, box = prepare(model, stage, picture, pose, settings)
-    return descend_from(energy, best_of(energy, start[None]), stage, box, settings)
+    return descend_from(energy, best_of(energy, start[None], stage.dofs), box, settings)

@@ -47,5 +47,5 @@ def test_points_are_evenly_spaced_about_the_centre() -> None:
 
 def test_best_of_takes_the_first_of_equals() -> None:
     points = np.array([[3.0], [1.0], [-1.0], [2.0]])
-    best = best_of(lambda values: np.abs(values[:, 0]), points)
+    best = best_of(lambda values: np.abs(values[:, 0]), points, (0,))
     assert (best.values[0], best.energy_px, best.evaluations) == (1.0, 1.0, 4)
