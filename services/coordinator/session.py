@@ -31,9 +31,9 @@ from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import Engine
 from services.mocap.errors import TakeError, UserError
 from services.mocap.search.chains import LIMBS
-from services.mocap.search.first_frame import model_of, solve_first_frame, told_actor
+from services.mocap.search.first_frame import solve_first_frame, told_actor
 from services.mocap.search.found import FrameSolution
-from services.mocap.search.model import Model
+from services.mocap.search.model import Model, model_of
 from services.mocap.search.tracker import Tracker
 from services.mocap.search.warm_up import rehearse
 from services.mocap.take.live import LiveTake

@@ -8,13 +8,12 @@ import numpy as np
 
 from proto.messages import LimbRefusal, LimbResult, LimbTask
 from services.blob_store import BlobStore, keep_latest
-from services.mocap.body.actor import build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import CLASS_BITS
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.search.limb import solve_limb
-from services.mocap.search.model import Model
+from services.mocap.search.model import Model, model_of
 from services.mocap.search.settings import SearchSettings
 
 _KEPT_BESIDE = 3
@@ -59,8 +58,8 @@ class LimbSolver:
     def _model(self, task: LimbTask) -> Model:
         key = (task.actor, task.rig)
         if key not in self._models:
-            rig, body = self.blobs.rig(task), build_body(self.blobs.actor(task))
-            model = Model(body, rig, self._engine.backend(body, rig))
+            rig = self.blobs.rig(task)
+            model = model_of(self.blobs.actor(task), rig, self._engine)
             for forgotten in keep_latest(self._models, key, model, self._most):
                 forgotten.backend.close()
         self._models.move_to_end(key)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from services.mocap.body.actor import build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.fitting import Fit
@@ -69,7 +68,6 @@ def fit_best_way_round(
 
 def tracked_px(rig: Rig, seen: Sequence[TriPlanes], fit: Fit, search: SearchSettings) -> float:
     """The energy of frames `seen`, each (P, H, W), tracked in this process from the last poses of a fit."""
-    body = build_body(fit.actor)
-    with model_on_cpu(body, rig) as model:
+    with model_on_cpu(fit.actor, rig) as model:
         tracker = Tracker(model, search, LocalLimbs(model), fit.poses[-2:])
         return sum((tracker.solve(planes).energy_px for planes in seen), fit.after.energy_px.sum())

@@ -24,16 +24,14 @@ from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.search.both_ways import found_anew
-from services.mocap.search.first_frame import FirstFrame, first_guess
+from services.mocap.search.first_frame import FirstFrame, check_alone, first_guess
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import model_on_cpu
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.single_person import MOST_UNCOVERED, NOT_ALONE, uncovered_share
 from services.mocap.search.unsure_parts import untold_parts
-from services.mocap.search.unsure_shares import UnsureShares, names_or_numbers
 from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
@@ -226,8 +224,7 @@ def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: 
 
     The body by which the first pose was found had other limbs and no skirt.
     """
-    body = build_body(actor)
-    with model_on_cpu(body, rig) as model:
+    with model_on_cpu(actor, rig) as model:
         limbs, picture = LocalLimbs(model), Picture.of_frame(rig, seen)
         starts = pose, found_anew(model, search, limbs, seen, pose)
         fitted, anew = (solve_frame(model, picture, start[None], search, limbs) for start in starts)
@@ -237,17 +234,10 @@ def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: 
 def _check_alone(found: TakeFit, *, is_told: bool) -> None:
     """Raise TakeError if a fitted body covers too little of its first frame; warn if the height is told, as
     that may be wrong as well."""
-    rig, seen, body = Rig.of(found.cameras), found.seen[0], build_body(found.fit.actor)
-    with model_on_cpu(body, rig) as model:
-        picture = Picture.of_frame(rig, seen)
-        uncovered = uncovered_share(model, picture, found.fit.poses[0], SearchSettings())
-    if uncovered > MOST_UNCOVERED:
-        masks, possible = unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras)
-        names = names_or_numbers([camera.name for camera in found.cameras], rig.n_cameras)
-        sentence = UnsureShares(masks, possible, names).before(NOT_ALONE.format(covered=1.0 - uncovered))
-        if not is_told:
-            raise TakeError(sentence)
-        log.warning("%s", sentence)
+    rig, names = Rig.of(found.cameras), [camera.name for camera in found.cameras]
+    with model_on_cpu(found.fit.actor, rig) as model:
+        picture, pose = Picture.of_frame(rig, found.seen[0]), found.fit.poses[0]
+        check_alone(model, picture, pose, SearchSettings(), names, is_told=is_told)
 
 
 def concluded(
@@ -261,8 +251,7 @@ def concluded(
 ) -> TakeFit:
     """A fit with its results: the actor to write, its measures, and the unsure parts."""
     actor = rounded(fit.actor)
-    body, rig = build_body(actor), Rig.of(cameras)
-    with model_on_cpu(body, rig) as model:
+    with model_on_cpu(actor, Rig.of(cameras)) as model:
         names, when = [camera.name for camera in cameras], f"the {len(frames)} frames of the fit"
         where = "its overlay.png shows where"
         sentence = untold_parts(model, seen, fit.poses, names, when, where)

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from services.mocap.body.actor import build_body
 from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
@@ -113,7 +112,7 @@ def look_over(
     frames: Sequence[int] = found.tracked.frames[rows].tolist()
     if len(rows) == n_frames:
         frames = range(frames[0], frames[-1] + 1)
-    (height_px, width_px), body = rig.shape_px, build_body(found.actor)
+    height_px, width_px = rig.shape_px
 
     def posed() -> Iterator[PosedFrame]:
         for k, (row, moment) in enumerate(zip(rows, read_moments(frames, segmenter), strict=True)):
@@ -123,7 +122,7 @@ def look_over(
             yield PosedFrame(packed(moment.trimaps, width_px, height_px), pose, bool(distrusted[_TORSO]))
             progress((k + 1) / len(rows))
 
-    with model_on_cpu(body, rig) as model:
+    with model_on_cpu(found.actor, rig) as model:
         lesson = ColourLesson(model, take.cameras)
         masks = find_occluded(model, posed())
     occluded = {}

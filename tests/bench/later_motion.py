@@ -11,8 +11,8 @@ from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import Engine
-from services.mocap.search.first_frame import model_of
 from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.model import model_of
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker
 from services.mocap.synth.motions import make_motion

@@ -54,9 +54,10 @@ def floor_of(take: Take, actor: Actor, frames: list[int], tracked: Floats, true_
     """
     made = make_segmenter(take, take.cameras)
     cameras, seen = seen_of(take, frames, made, lambda _: None)
-    body, rig, best = build_body(actor), Rig.of(cameras), true_poses(true_m, build_body(actor))
+    body, rig = build_body(actor), Rig.of(cameras)
+    best = true_poses(true_m, body)
     energies_px = np.zeros((2, len(frames)))
-    with model_on_cpu(body, rig) as model:
+    with model_on_cpu(actor, rig) as model:
         for f in range(len(frames)):
             picture = Picture.whole(rig, seen[f].silhouettes, seen[f].unsure)
             best[f] = aligned(model, picture, best[f])

@@ -1,4 +1,4 @@
-"""The first frame of a take: finds the actor and the first pose."""
+"""The first frame of a take: finds the actor, whose height may be unknown, and the first pose."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.actor import Actor
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
@@ -14,21 +14,39 @@ from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.errors import TakeError
+from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.first_pose import FirstPose, find_first_pose, standing_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
-from services.mocap.search.height import HEIGHT_RANGE_M, fit_height
 from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LimbPool
-from services.mocap.search.model import Model
+from services.mocap.search.line import minimise_line
+from services.mocap.search.model import Model, model_of
 from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.single_person import MOST_UNCOVERED, NOT_ALONE, uncovered_share
 from services.mocap.search.unsure_shares import UnsureShares, names_or_numbers
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
 
 log = logging.getLogger(__name__)
+
+_HEIGHT_RANGE_M = (0.7, 2.4)
+"""Range of heights, from children to the tallest adults."""
+_HEIGHT_STEP = 0.03
+"""First change of the height, as a share of it."""
+_LARGEST_STEPS = 5.0
+_TOLERANCE_STEPS = 0.15
+_MOST_TRIES = 5
+"""Evaluations after the best height is bracketed."""
+_MOST_UNCOVERED = 0.25
+"""Share of the silhouettes. The generic body of the right height leaves up to 0.15 of a stout person
+uncovered, and 0.27 and more of two people 0.4 m apart."""
+_NOT_ALONE = (
+    "silhouettes: one body covers only {covered:.0%} of them in the first frame: two people close together, "
+    "or the actor and something large, are visible, or the pose was not found: choose a first frame "
+    "without the other one or mask it out, or give initial_pose in take.toml"
+)
+"""The message; covered: a share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,15 +149,13 @@ def first_guess(
         log.warning("%s", unsure.before(sentence))
     model = made or model_of(actor, rig, engine)
     first = _first_pose(model, picture, hull, hints, pool(model, actor), settings)
-    if not is_fitted_next:
+    if not is_fitted_next:  # before a fit, a coat is wider than any body
         tell_facing(first)
-    uncovered = uncovered_share(model, picture, first.solution.pose, settings)
-    if uncovered > MOST_UNCOVERED and not is_fitted_next:  # a coat is wider than any body that is not fitted
-        sentence = unsure.before(NOT_ALONE.format(covered=1.0 - uncovered))
-        if told is None:
+        try:
+            check_alone(model, picture, first.solution.pose, settings, names, is_told=told is not None)
+        except TakeError:
             model.backend.close()
-            raise TakeError(sentence)
-        log.warning("%s", sentence)  # the given actor may be wrong as well
+            raise
     return FirstFrame(actor, model, first)
 
 
@@ -150,19 +166,13 @@ def _unsure_shares(picture: Picture, rig: Rig, names: Sequence[str]) -> UnsureSh
 
 
 def _plausible_height_m(hull: Hull) -> float:
-    low_m, high_m = HEIGHT_RANGE_M
+    low_m, high_m = _HEIGHT_RANGE_M
     if not hull.may_be(low_m, high_m):
         raise TakeError(
             f"calibration.toml: the visual hull of the first frame is {hull.height_m:.2f} m high: "
             "check that translations are in metres, or give actor_height in take.toml"
         )
     return min(max(hull.height_m, low_m), high_m)
-
-
-def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:
-    """The model of an actor in a rig, with a backend of the engine."""
-    body = build_body(actor)
-    return Model(body, rig, engine.backend(body, rig))
 
 
 def _first_pose(
@@ -189,3 +199,83 @@ def tell_facing(first: FirstPose) -> None:
         )
     else:
         log.info("the actor faces %.0f degrees", facing_deg)
+
+
+def check_alone(
+    model: Model,
+    picture: Picture,
+    pose: Floats,
+    settings: SearchSettings,
+    names: Sequence[str],
+    *,
+    is_told: bool,
+) -> None:
+    """Raise TakeError if a body in a pose (D,) covers too little of a whole frame; warn if the actor is told,
+    as that may be wrong as well.
+
+    Two people close together look like one in space, but one body does not cover both. names: of the cameras.
+    """
+    uncovered = uncovered_share(model, picture, pose, settings)
+    if uncovered > _MOST_UNCOVERED:
+        unsure = _unsure_shares(picture, model.rig, names)
+        sentence = unsure.before(_NOT_ALONE.format(covered=1.0 - uncovered))
+        if not is_told:
+            raise TakeError(sentence)
+        log.warning("%s", sentence)
+
+
+def uncovered_share(model: Model, picture: Picture, pose: Floats, settings: SearchSettings) -> float:
+    """How much of the silhouettes of a whole frame a body in a pose (D,) leaves uncovered.
+
+    It is averaged over the cameras that show a person and have a weight. Unsure pixels that the body covers
+    count as silhouette; otherwise a few certain pixels elsewhere would seem to be a large share.
+    """
+    covered = model.backend.coverage(pose[None], ALL_SURFACES, picture.region)[0]
+    seen = picture.likely(covered)
+    all_px, left_px = (
+        unpack(planes, model.rig.n_cameras).sum(axis=(1, 2)) for planes in (seen, seen & ~covered)
+    )
+    counts = (all_px > 0) & (settings.weights(model.rig.n_cameras) > 0)
+    return float(np.mean(left_px[counts] / all_px[counts])) if counts.any() else 0.0
+
+
+def fit_height(
+    rig: Rig,
+    picture: Picture,
+    pose: Floats,
+    height_m: float,
+    pool: Callable[[Model, Actor], LimbPool],
+    engine: Engine,
+    settings: SearchSettings,
+) -> float:
+    """The height in metres, near height_m, of the generic body that leaves the least energy.
+
+    picture: a whole frame. pose (D,): its pose, found with a body of height_m, which is in _HEIGHT_RANGE_M;
+    for each other height one pass searches the pose from there. pool makes the limb pool for a model, engine
+    the model's backend; settings: those of the frames to come.
+    """
+    # No level of detail: thinning a body's meshes takes longer than one search.
+    once = settings.model_copy(update={"max_passes": 1, "detail_px": 0.0})
+
+    def energy_px(steps: float) -> float:
+        scale = 1.0 + _HEIGHT_STEP * steps
+        actor = Actor(height=height_m * scale)
+        model, start = model_of(actor, rig, engine), pose.copy()
+        start[DOF_INDEX["root_z"]] += (
+            scale - 1.0
+        ) * model.body.pelvis_height_m  # the feet stay on the ground
+        limbs = pool(model, actor)
+        found = solve_frame(model, picture, start[None], once, limbs)
+        model.backend.close()
+        return found.energy_px
+
+    low, high = ((limit_m / height_m - 1.0) / _HEIGHT_STEP for limit_m in _HEIGHT_RANGE_M)
+    best = minimise_line(
+        energy_px,
+        energy_px(0.0),
+        max(low, -_LARGEST_STEPS),
+        min(high, _LARGEST_STEPS),
+        _TOLERANCE_STEPS,
+        _MOST_TRIES,
+    )
+    return height_m * (1.0 + _HEIGHT_STEP * best.t)

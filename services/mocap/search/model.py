@@ -5,11 +5,12 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
-from services.mocap.body.actor import Body
+from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend
 from services.mocap.energy.colours import ColourPainter
 from services.mocap.energy.cpu.backend import CpuBackend
+from services.mocap.energy.engine import Engine
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligner
 from services.mocap.search.settings import SearchSettings
@@ -45,8 +46,15 @@ class Model:
         return Aligner(self.body, self.rig, thinned=False)
 
 
+def model_of(actor: Actor, rig: Rig, engine: Engine) -> Model:
+    """The model of an actor in a rig, with a backend of the engine."""
+    body = build_body(actor)
+    return Model(body, rig, engine.backend(body, rig))
+
+
 @contextmanager
-def model_on_cpu(body: Body, rig: Rig) -> Iterator[Model]:
-    """The model with a backend of its own on the CPU, closed at the end."""
+def model_on_cpu(actor: Actor, rig: Rig) -> Iterator[Model]:
+    """The model of an actor in a rig with a backend of its own on the CPU, closed at the end."""
+    body = build_body(actor)
     with closing(CpuBackend(body, rig)) as backend:
         yield Model(body, rig, backend)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.actor import Actor
 from services.mocap.body.colours import QUARTERS
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
@@ -16,7 +16,7 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.hull import look_up
 from services.mocap.search.jobs import LimbPool, LocalLimbs
-from services.mocap.search.model import Model
+from services.mocap.search.model import Model, model_of
 from services.mocap.search.settings import SearchSettings
 
 _QUICK = {
@@ -34,8 +34,8 @@ def warm_up(engine: Engine) -> None:
     With the cpu backend it also thins the default body with the default settings, and stores it on disk.
     """
     rig = Rig(np.array([[[100.0, 0, 32, 0], [0, 100, 32, 0], [0, 0, 1, 3]]]), np.array([[64, 64]], np.int32))
-    body = build_body(Actor(colours={"head": (1,) * QUARTERS}))  # a class, so that painting is compiled
-    model = Model(body, rig, engine.backend(body, rig))
+    actor = Actor(colours={"head": (1,) * QUARTERS})  # a class, so that painting is compiled
+    model = model_of(actor, rig, engine)
     rehearse(model, LocalLimbs(model), SearchSettings())
     model.backend.close()
 

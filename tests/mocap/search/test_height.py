@@ -8,7 +8,7 @@ import pytest
 from services.mocap.energy.engine import open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.height import fit_height
+from services.mocap.search.first_frame import fit_height
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
