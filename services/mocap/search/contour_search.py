@@ -13,7 +13,7 @@ from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned, SeenRim
 from services.mocap.search.alignment.contacts import PRICED
-from services.mocap.search.chains import ALL_SURFACES, LIMBS
+from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS
 from services.mocap.search.descent import Solution
 from services.mocap.search.error_by_part import PART_STAGES, error_by_part
 from services.mocap.search.found import Clock, FrameSolution
@@ -30,7 +30,7 @@ from services.mocap.search.part_confidence import (
     within,
 )
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.stages import solve_head, whole_body_energy, whole_body_problem
+from services.mocap.search.stages import descend_stage, whole_body_energy, whole_body_problem
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Floats
 
@@ -143,7 +143,8 @@ class _Search:
         self.limbs.start(limb_jobs(self.model, self.whole, start.pose, settings, names))
         solutions = list[Solution]()
         if "head" in parts:
-            solutions.append(solve_head(self.model, self.whole, start.pose, settings))
+            head = HEAD.of(settings.body)
+            solutions.append(descend_stage(self.model, head, self.whole, start.pose, settings))
             self.found.evaluations += solutions[0].evaluations
             self.clock.book("head")
         of_limbs = dict(self.limbs.finish())

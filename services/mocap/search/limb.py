@@ -16,7 +16,6 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import (
     descend_from,
     descend_stage,
-    looked_at,
     prepare,
     stage_window,
 )
@@ -77,8 +76,7 @@ def _with_extremity(
     model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, main: Solution
 ) -> Solution:
     """A limb's solution, which the pose has, and that of its hand or foot (the paper, section 3)."""
-    window = looked_at(model, limb.extremity, seen, pose, settings)
-    extremity = descend_stage(model, limb.extremity, window, pose, settings)
+    extremity = descend_stage(model, limb.extremity, seen, pose, settings)
     return Solution(
         limb.dofs,
         np.concatenate([main.values, extremity.values]),

@@ -1,12 +1,13 @@
 """The paper's search: passes of torso, limbs and head until the energy stops falling."""
 
 from services.mocap.energy.picture import Picture
+from services.mocap.search.chains import HEAD, TORSO
 from services.mocap.search.error_by_part import error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.stages import solve_head, solve_torso, whole_body_energy
+from services.mocap.search.stages import descend_stage, whole_body_energy
 from services.mocap.types import Floats
 
 
@@ -25,6 +26,7 @@ def solve_by_passes(
     best = FrameSolution(
         starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts)
     )
+    # The paper, section 4.2: the torso is searched in whole pictures at half resolution.
     coarse, pose = settings.cost.priced(whole.halved()) if settings.windows else whole, best.pose
     for _ in range(settings.max_passes):
         before = best.energy_px
@@ -52,11 +54,11 @@ def _one_pass(
 ) -> Floats:
     """Torso, then limbs and head at the same time; returns the new pose and notes times and evaluations."""
     clock = Clock(account.seconds)
-    torso = solve_torso(model, coarse, pose, settings)
+    torso = descend_stage(model, TORSO.of(settings.body), coarse, pose, settings)
     pose = torso.applied_to(pose)
     clock.book("torso")
     limbs.start(limb_jobs(model, whole, pose, settings))
-    head = solve_head(model, whole, pose, settings)
+    head = descend_stage(model, HEAD.of(settings.body), whole, pose, settings)
     pose = head.applied_to(pose)
     clock.book("head")
     account.evaluations += torso.evaluations + head.evaluations

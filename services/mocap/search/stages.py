@@ -7,7 +7,7 @@ from services.mocap.body.skeleton import DOFS
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SURFACES, HEAD, TORSO, Stage, window_origins_px, window_size_px
+from services.mocap.search.chains import ALL_SURFACES, Stage, window_origins_px, window_size_px
 from services.mocap.search.descent import Box, Solution, descend
 from services.mocap.search.grid import best_of
 from services.mocap.search.model import Model
@@ -34,20 +34,6 @@ def energy_of(model: Model, problem: Problem) -> Energy:
     return lambda values: np.asarray(energy(values) + price * wrong_px(values))
 
 
-def solve_torso(model: Model, coarse: Picture, pose: Floats, settings: SearchSettings) -> Solution:
-    """Find the root, and the waist if the body's bends, from a pose by a descent that moves the whole body.
-
-    coarse: whole pictures, at half resolution in the paper (section 4.2).
-    """
-    return descend_stage(model, TORSO.of(settings.body), coarse, pose, settings)
-
-
-def solve_head(model: Model, whole: Picture, pose: Floats, settings: SearchSettings) -> Solution:
-    """Find the head's rotation by a descent in its window."""
-    head = HEAD.of(settings.body)
-    return descend_stage(model, head, looked_at(model, head, whole, pose, settings), pose, settings)
-
-
 def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, margin_px: int = 0) -> Picture:
     """Cut the windows of a stage out of a picture, centred on where the pose (D,) has its segments.
 
@@ -56,13 +42,6 @@ def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, mar
     size_px = window_size_px(stage, model.rig) + 2 * margin_px
     origins_px = window_origins_px(stage, pose, model.body, model.rig) - np.int32(margin_px)
     return picture.window(origins_px, size_px, size_px)
-
-
-def looked_at(
-    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
-) -> Picture:
-    """The part of a picture in which a stage is searched: its windows, or all of it."""
-    return stage_window(model, stage, picture, pose) if settings.windows else picture
 
 
 def prepare(
@@ -88,6 +67,8 @@ def descend_from(energy: Energy, start: Solution, box: Box, settings: SearchSett
 def descend_stage(
     model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
 ) -> Solution:
-    """Lower a stage's energy in a picture, from a pose (D,)."""
+    """Lower a stage's energy from a pose (D,), in the stage's windows of a picture or in all of it."""
+    if settings.windows and stage.window_px:
+        picture = stage_window(model, stage, picture, pose)
     energy, start, box = prepare(model, stage, picture, pose, settings)
     return descend_from(energy, best_of(energy, start[None], stage.dofs), box, settings)

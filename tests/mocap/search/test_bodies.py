@@ -15,7 +15,7 @@ from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import PRESETS, Preset, SearchSettings
-from services.mocap.search.stages import solve_torso
+from services.mocap.search.stages import descend_stage
 from services.mocap.types import Floats
 
 PictureOf = Callable[[Floats], Picture]
@@ -57,11 +57,11 @@ def test_the_papers_torso_stage_finds_the_waist_of_a_body_that_has_one(
 ) -> None:
     start = pose_of_body(bowing, "paper")
     coarse = picture_of(bowing).halved()
-    found = solve_torso(model, coarse, start, SearchSettings(method="paper"))
+    found = descend_stage(model, TORSO, coarse, start, SearchSettings(method="paper"))
     assert found.dofs == TORSO.dofs
     before_mm, after_mm = (joint_errors_mm(p, bowing).mean() for p in (start, found.applied_to(start)))
     assert after_mm < 0.4 * before_mm
-    rigid = solve_torso(model, coarse, start, PRESETS["paper"])
+    rigid = descend_stage(model, TORSO.of("paper"), coarse, start, PRESETS["paper"])
     assert rigid.dofs == TORSO.of("paper").dofs
     assert rigid.energy_px > 2 * found.energy_px
 

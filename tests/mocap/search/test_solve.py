@@ -20,7 +20,7 @@ from services.mocap.search.descent import Solution
 from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.stages import solve_head, solve_torso, stage_window
+from services.mocap.search.stages import descend_stage, stage_window
 from services.mocap.types import Floats
 
 Poser = Callable[..., Floats]
@@ -157,7 +157,7 @@ def test_the_head_is_found_again(
     model: Model, truth: Floats, picture_of: PictureOf, joint_errors_mm: Errors
 ) -> None:
     start = disturbed(truth, HEAD.dofs, 5, by_rad=0.4)
-    found = solve_head(model, picture_of(truth), start, SearchSettings())
+    found = descend_stage(model, HEAD, picture_of(truth), start, SearchSettings())
     assert joint_errors_mm(start, truth).max() > 25
     assert joint_errors_mm(found.applied_to(start), truth).max() < 10
     assert_within_limits(found)
@@ -170,7 +170,7 @@ def test_the_torso_is_found_again(
     start[:3] += 0.04, -0.05, 0.03
     backend: Any = model.backend
     before = backend.evaluations
-    found = solve_torso(model, picture_of(truth).halved(), start, SearchSettings())
+    found = descend_stage(model, TORSO, picture_of(truth).halved(), start, SearchSettings())
     assert found.evaluations == backend.evaluations - before
     assert joint_errors_mm(start, truth).mean() > 70
     assert joint_errors_mm(found.applied_to(start), truth).mean() < 15
