@@ -18,9 +18,9 @@ from services.mocap.search.descent import Solution
 from services.mocap.search.error_by_part import PART_STAGES, error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
+from services.mocap.search.limb import PAIRS, promising_of_pair
 from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
-from services.mocap.search.pairs import PAIRS, promising
 from services.mocap.search.part_confidence import (
     Differences,
     PartConfidence,
@@ -158,7 +158,7 @@ class _Search:
         begun = rival = best
         for pair in PAIRS:
             if set(pair) <= set(names):
-                for pose in promising(self.model, pair, self.whole, begun.pose, settings):
+                for pose in promising_of_pair(self.model, pair, self.whole, begun.pose, settings):
                     rival = _better(rival, self.align(self.best_of(pose[None])))
         self.clock.book("limbs")
         return self.align(rival) if rival.energy < _CLEARLY * begun.energy else begun

@@ -1,4 +1,4 @@
-"""Powell's direction-set descent within limits."""
+"""Powell's direction-set descent within limits, and the result of every search."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,6 +36,13 @@ class Box:
 
     lower: Floats
     upper: Floats
+
+
+def best_of(energy: Energy, points: Floats, dofs: tuple[int, ...]) -> Solution:
+    """The point (of N, d) of least energy as values of these parameters; the first of equals."""
+    energies = energy(points)
+    best = int(np.argmin(energies))
+    return Solution(dofs, points[best], float(energies[best]), len(points))
 
 
 def descend(

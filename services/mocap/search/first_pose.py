@@ -5,7 +5,7 @@ from math import pi, radians
 
 import numpy as np
 
-from services.mocap.body.kinematics import N_DOF, clip_to_limits, joint_positions
+from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX, DOFS, JOINTS, SEGMENTS, SIDES, BodyName, Dof, pose_of_body
 from services.mocap.energy.picture import Picture
 from services.mocap.search.found import FrameSolution
@@ -15,14 +15,12 @@ from services.mocap.search.jobs import LimbPool, limb_jobs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import whole_body_energy
-from services.mocap.search.typical_poses import typical_poses
+from services.mocap.search.typical_poses import first_apart, typical_poses
 from services.mocap.types import Floats
 
 _HEADINGS = 16
 _MOST_ALIGNED, _MOST_SEARCHED = 32, 6
 """Number of starts that are aligned, and of their results that are searched further."""
-_APART_M = 0.15
-"""Results are different if some joint is farther apart."""
 AMBIGUOUS_SHARE = 0.05
 """Two opposite headings whose energies differ by less are ambiguous."""
 
@@ -59,7 +57,7 @@ def find_first_pose(
     weightless = np.flatnonzero(settings.weights(model.rig.n_cameras) == 0)
     picture = picture.without_cameras(weightless.tolist())
     starts = _promising(model, picture, _starts(model, hull, settings.body, facing_rad), settings)
-    starts = _apart(model, _aligned(model, picture, starts, settings))
+    starts = first_apart(_aligned(model, picture, starts, settings), _MOST_SEARCHED, model.body.offsets_m)
     found = [_first_look(model, picture, start, settings, limbs) for start in starts]
     found.sort(key=_energy_px)
     best = solve_frame(model, picture, found[0].pose[None], settings.widened(), limbs)
@@ -164,17 +162,6 @@ def _aligned(model: Model, picture: Picture, starts: Floats, settings: SearchSet
     poses = np.array([aligner.align(picture, pose, settings).pose for pose in poses])
     energies = whole_body_energy(model, picture, poses[0], settings.cost, settings.detail_px)(poses)
     return np.asarray(poses[np.argsort(energies, kind="stable")])
-
-
-def _apart(model: Model, poses: Floats) -> Floats:
-    """The first poses (N, D) that are different from those before."""
-    joints_m = joint_positions(poses, model.body.offsets_m)
-    kept = list[int]()
-    for p, own_m in enumerate(joints_m):
-        off_m = np.linalg.norm(joints_m[kept] - own_m, axis=-1).max(axis=-1)
-        if len(kept) < _MOST_SEARCHED and bool((off_m > _APART_M).all()):
-            kept.append(p)
-    return np.asarray(poses[kept])
 
 
 def _turned_away(pose: Floats, other: Floats) -> bool:

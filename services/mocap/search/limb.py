@@ -1,4 +1,7 @@
-"""A limb with its hand or foot: grid search, then downhill on the energy, along the contours, or both."""
+"""A limb with its hand or foot: grid search, then downhill on the energy, along the contours, or both.
+
+And both arms, or both legs, at once: neither of two that are exchanged can be searched without the other.
+"""
 
 from dataclasses import replace
 
@@ -6,24 +9,20 @@ import numpy as np
 
 from services.mocap.body.kinematics import clip_to_limits
 from services.mocap.body.skeleton import DOFS
-from services.mocap.energy.backend import Energy
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import LIMBS, Limb, LimbName, Stage
-from services.mocap.search.descent import Solution
-from services.mocap.search.grid import Tried, best_of, grid_points
+from services.mocap.search.descent import Box, Solution, best_of
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.stages import (
-    descend_from,
-    descend_stage,
-    prepare,
-    stage_window,
-)
-from services.mocap.search.typical_poses import typical_poses
+from services.mocap.search.stages import descend_from, descend_stage, prepare, stage_window
+from services.mocap.search.typical_poses import first_apart, typical_poses
 from services.mocap.types import Floats
 
 _STARTS = 4
 """Points of a grid from which a limb is aligned with the contours."""
+PAIRS: tuple[tuple[LimbName, LimbName], ...] = (("left_arm", "right_arm"), ("left_leg", "right_leg"))
+_MOST_PROMISING = 5
+"""Poses that are worth a closer look."""
 
 
 def limb_picture(
@@ -58,76 +57,97 @@ def solve_limb(
     """
     limb, pose = LIMBS[name], clip_to_limits(pose)
     seen = _without_margin(settings.cost.priced(seen), settings)
-    energy, start, box = prepare(model, limb.main, seen, pose, settings)
-    points = grid_points(start, _grid_counts(limb, settings), _grid_steps(limb.main, settings), box)
+    by_contours = settings.method == "contours"
+    energy, start, box = prepare(model, limb.main, seen, pose, settings, unlikely=by_contours)
+    is_arm = DOFS[limb.main.dofs[0]].joint.endswith("shoulder")
+    counts = settings.arm_grid if is_arm else settings.leg_grid
+    points = grid_points(start, counts, _grid_steps(limb.main, settings), box)
     if settings.typical_limbs:
         typical = typical_poses()[:, list(limb.main.dofs)]
         points = np.concatenate([points, np.clip(typical, box.lower, box.upper)])
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
-    if settings.method == "contours":
-        energy = with_unlikely(model, limb.main, pose, settings, energy)
-        return _align_limb(model, limb, seen, pose, settings, Tried(points, energy(points)))
+    if by_contours:
+        return _align_limb(model, limb, seen, pose, settings, points, energy(points))
     main = descend_from(energy, best_of(energy, points, limb.main.dofs), box, settings)
-    return _with_extremity(model, limb, seen, main.applied_to(pose), settings, main)
-
-
-def _with_extremity(
-    model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, main: Solution
-) -> Solution:
-    """A limb's solution, which the pose has, and that of its hand or foot (the paper, section 3)."""
-    extremity = descend_stage(model, limb.extremity, seen, pose, settings)
-    return Solution(
-        limb.dofs,
-        np.concatenate([main.values, extremity.values]),
-        main.energy_px,
-        main.evaluations + extremity.evaluations,
-    )
+    # Then the hand or foot, at the end of the limb's new pose (the paper, section 3).
+    extremity = descend_stage(model, limb.extremity, seen, main.applied_to(pose), settings)
+    values = np.concatenate([main.values, extremity.values])
+    return Solution(limb.dofs, values, main.energy_px, main.evaluations + extremity.evaluations)
 
 
 def _align_limb(
-    model: Model, limb: Limb, seen: Picture, pose: Floats, settings: SearchSettings, tried: Tried
+    model: Model,
+    limb: Limb,
+    seen: Picture,
+    pose: Floats,
+    settings: SearchSettings,
+    points: Floats,
+    energies: Floats,
 ) -> Solution:
-    """Align from the best grid points that are not neighbours; returns the best by the energy.
+    """Align from the best grid points (N, d) that are not neighbours; returns the best by the energy.
 
     Where colours count, a descent on the energy follows, because a limb before the trunk has no contour.
     """
     whole_limb = Stage(limb.dofs, limb.main.surfaces, limb.main.window_px)
-    energy, start, box = prepare(model, whole_limb, seen, pose, settings)
-    energy = with_unlikely(model, whole_limb, pose, settings, energy)
+    energy, start, box = prepare(model, whole_limb, seen, pose, settings, unlikely=True)
     aligner = model.aligner(settings)
     candidates = [start]
-    for point in tried.best_apart(_STARTS, 1.5 * _grid_steps(limb.main, settings)):
+    for point in _best_apart(points, energies, 1.5 * _grid_steps(limb.main, settings)):
         begun = pose.copy()
         begun[list(limb.main.dofs)] = point
         aligned = aligner.align(seen, begun, settings, limb.dofs, limb.main.surfaces)
         candidates += [begun[list(limb.dofs)], aligned.pose[list(limb.dofs)]]
     found = best_of(energy, np.array(candidates), limb.dofs)
-    before = len(tried.points) + (len(candidates) - 1) // 2 * settings.contour_steps
+    before = len(points) + (len(candidates) - 1) // 2 * settings.contour_steps
     if not model.counts_colours(seen, settings.colour):
         return replace(found, evaluations=before + found.evaluations)
     lowest = descend_from(energy, found, box, settings)
     return replace(lowest, evaluations=before + lowest.evaluations)
 
 
-def with_unlikely(
-    model: Model, stage: Stage, pose: Floats, settings: SearchSettings, energy: Energy
-) -> Energy:
-    """A stage's energy with what limbs inside others or in unusual poses cost."""
-    aligner = model.aligner(settings)
+def grid_points(centre: Floats, counts: tuple[int, ...], steps: Floats, box: Box) -> Floats:
+    """All combinations (N, d) of counts[k] values spaced by steps[k] about centre (d,), within the box.
 
-    def priced(values: Floats) -> Floats:
-        poses = np.tile(pose, (len(values), 1))
-        poses[:, list(stage.dofs)] = values
-        return np.asarray(energy(values) + aligner.unlikely_px(poses, settings))
-
-    return priced
-
-
-def _grid_counts(limb: Limb, settings: SearchSettings) -> tuple[int, ...]:
-    is_arm = DOFS[limb.main.dofs[0]].joint.endswith("shoulder")
-    return settings.arm_grid if is_arm else settings.leg_grid
+    The centre is the first point, whatever the counts.
+    """
+    axes = [
+        np.unique(np.clip(c + step * (np.arange(n) - (n - 1) / 2), low, high))
+        for c, n, step, low, high in zip(centre, counts, steps, box.lower, box.upper, strict=True)
+    ]
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    return np.concatenate([np.clip(centre, box.lower, box.upper)[None], points])
 
 
 def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
     return np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in stage.dofs])
+
+
+def _best_apart(points: Floats, energies: Floats, steps: Floats) -> list[Floats]:
+    """Some points (of N, d) of least energy (N,), each farther than steps (d,) from those before in a
+    parameter."""
+    chosen: list[Floats] = []
+    for k in np.argsort(energies, kind="stable"):
+        if len(chosen) == _STARTS:
+            break
+        if all(np.any(np.abs(points[k] - other) > steps) for other in chosen):
+            chosen.append(points[k])
+    return chosen
+
+
+def promising_of_pair(
+    model: Model, pair: tuple[LimbName, LimbName], whole: Picture, pose: Floats, settings: SearchSettings
+) -> Floats:
+    """(N, D) other poses than one (D,) that may be better: two limbs exchanged, or as in typical poses.
+
+    pose: within the limits. Of these the best, each apart from the pose and from those before.
+    """
+    one, other = (LIMBS[name] for name in pair)
+    stage = Stage(one.dofs + other.dofs, tuple(sorted({*one.main.surfaces, *other.main.surfaces})), 0)
+    energy, _, _ = prepare(model, stage, whole, pose, settings, unlikely=True)
+    poses = np.tile(pose, (2 + len(typical_poses()), 1))
+    poses[1, list(stage.dofs)] = pose[list(other.dofs + one.dofs)]
+    turned = list(one.main.dofs + other.main.dofs)  # hands and feet stay as they are
+    poses[2:, turned] = typical_poses()[:, turned]
+    by_energy = np.argsort(energy(poses[2:, list(stage.dofs)]), kind="stable") + 2
+    return first_apart(poses[[0, 1, *by_energy]], 1 + _MOST_PROMISING, model.body.offsets_m)[1:]

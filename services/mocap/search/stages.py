@@ -8,8 +8,7 @@ from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import ALL_SURFACES, Stage, window_origins_px, window_size_px
-from services.mocap.search.descent import Box, Solution, descend
-from services.mocap.search.grid import best_of
+from services.mocap.search.descent import Box, Solution, best_of, descend
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
@@ -45,17 +44,36 @@ def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, mar
 
 
 def prepare(
-    model: Model, stage: Stage, picture: Picture, pose: Floats, settings: SearchSettings
+    model: Model,
+    stage: Stage,
+    picture: Picture,
+    pose: Floats,
+    settings: SearchSettings,
+    *,
+    unlikely: bool = False,
 ) -> tuple[Energy, Floats, Box]:
-    """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits."""
+    """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits.
+
+    unlikely: with what limbs inside others or in unusual poses cost.
+    """
     cost, detail_px, drawn = settings.cost, settings.detail_px, ALL_SURFACES
     if stage.others and settings.prerender:
         drawn = stage.surfaces
         others = model.backend.coverage(pose[None], stage.others, picture.region, detail_px)
         picture = picture.ignoring(others[0])
     energy = energy_of(model, Problem(pose, stage.dofs, drawn, picture, cost, detail_px))
-    box = Box(*stage.limits())
-    return energy, np.clip(pose[list(stage.dofs)], box.lower, box.upper), box
+    dofs, box = list(stage.dofs), Box(*stage.limits())
+    start = np.clip(pose[dofs], box.lower, box.upper)
+    if not unlikely:
+        return energy, start, box
+    aligner = model.aligner(settings)
+
+    def with_unlikely(values: Floats) -> Floats:
+        poses = np.tile(pose, (len(values), 1))
+        poses[:, dofs] = values
+        return np.asarray(energy(values) + aligner.unlikely_px(poses, settings))
+
+    return with_unlikely, start, box
 
 
 def descend_from(energy: Energy, start: Solution, box: Box, settings: SearchSettings) -> Solution:

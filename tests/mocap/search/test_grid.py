@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.mocap.search.descent import Box
-from services.mocap.search.grid import best_of, grid_points
+from services.mocap.search.descent import Box, best_of
+from services.mocap.search.limb import grid_points
 from services.mocap.types import Floats
 
 AXIS = st.tuples(

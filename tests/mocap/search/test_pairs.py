@@ -9,8 +9,8 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.limb import PAIRS, promising_of_pair
 from services.mocap.search.model import Model
-from services.mocap.search.pairs import PAIRS, promising
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
@@ -29,7 +29,7 @@ def test_the_exchanged_legs_come_first_and_all_are_apart(
     model: Model, standing: Callable[..., Floats], picture_of: Callable[[Floats], Picture]
 ) -> None:
     pose = standing(left_hip_flexion=35, right_hip_flexion=-20, right_knee_flexion=30)
-    others = promising(model, LEGS, picture_of(pose), pose, SearchSettings())
+    others = promising_of_pair(model, LEGS, picture_of(pose), pose, SearchSettings())
     np.testing.assert_array_equal(others[0], exchanged(pose))
     joints_m = joint_positions(np.vstack([pose[None], others]), model.body.offsets_m)
     off_m = np.linalg.norm(joints_m[:, None] - joints_m, axis=-1).max(axis=-1)
