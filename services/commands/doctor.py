@@ -156,7 +156,7 @@ def _rate(engine: Engine, batch: int) -> float:
     region = Region.whole(rig)
     picture = Picture.whole(rig, backend.coverage(poses[:1], ALL_SURFACES, region)[0])
     search = SearchSettings()
-    energy = whole_body_energy(Model(body, rig, backend), picture, poses[0], search.cost, search.detail_px)
+    energy = whole_body_energy(Model(body, rig, backend), picture, search)
     energy(poses)
     count, began = 0, time.perf_counter()
     while (elapsed_s := time.perf_counter() - began) < _TIMED_S:

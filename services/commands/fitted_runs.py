@@ -92,7 +92,7 @@ def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
         found = load_result(job.out)
     except UserError:
         return {}
-    asked = (actor, list(job.frames), job.search.to_wire())
+    asked = (actor, list(job.frames), job.search.model_dump(mode="json"))
     settings = found.run.get("settings", {}).get("search")
     return found.run if asked == (found.actor, found.frames.tolist(), settings) else {}
 

@@ -55,7 +55,8 @@ class RemoteLimbs:
         with self._overhead.talking():
             self._pump(0.0)
             self._jobs = {job.limb: job for job in jobs}
-            searches = {id(job.settings): job.settings.to_wire() for job in jobs}  # mostly one for all
+            # Mostly one for all.
+            searches = {id(job.settings): job.settings.model_dump(mode="json") for job in jobs}
             number = self._dispatcher.next_pass(self.frame, self.sweep)
             self._dispatcher.submit(
                 [

@@ -56,7 +56,7 @@ class OutgoingMessages:
             backend=self._engine.name,
             backend_reason=self._engine.reason[:_LONGEST_REASON],
             threads=self._engine.settings.threads,
-            search=self._plan.settings.to_wire(),
+            search=self._plan.settings.model_dump(mode="json"),
         )
 
     def telemetry(self, stage: CoordinatorStage, next_frame: int) -> Telemetry:

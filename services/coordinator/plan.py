@@ -50,7 +50,7 @@ class Plan:
             "inputs": inputs,
             "rig": Rig.of(self.take.cameras).content_hash,
             "frames": [self.frames.start, self.frames.stop],
-            "search": self.settings.to_wire(),
+            "search": self.settings.model_dump(mode="json"),
             "segmenter": self.segmenter,
             "actor": self.actor.content_hash if self.actor else None,
             "fitted_pose": None if self.fitted_pose is None else self.fitted_pose.tolist(),

@@ -37,7 +37,7 @@ class LimbSolver:
         began = time.perf_counter()
         try:
             model = self._model(task)
-            settings = SearchSettings.from_wire(task.search)
+            settings = SearchSettings.model_validate(task.search)
             _check(task, model.rig)
             region = Region(task.origin_px, task.window.shape[2], task.window.shape[1])
             unsure = task.unsure if len(task.unsure) else None

@@ -40,7 +40,7 @@ class Collection:
         if frames := store.first.frames:
             self._run = store.first[frames[0]].run
         if self.info is not None and store.first.end == self.info.end_frame:
-            self._is_settled = SearchSettings.from_wire(self.info.search).goes_both_ways
+            self._is_settled = SearchSettings.model_validate(self.info.search).goes_both_ways
             if not self._is_settled or self.missing_settled() is None:  # else more is to follow
                 self._end = self.info.end_frame
 
@@ -132,7 +132,7 @@ class Collection:
         """Whether every frame of a recorded take is here, and settled if it is tracked both ways."""
         if self.info is None or self._store.first.end != self.info.end_frame:
             return False
-        both_ways = SearchSettings.from_wire(self.info.search).goes_both_ways
+        both_ways = SearchSettings.model_validate(self.info.search).goes_both_ways
         return not both_ways or self._store.settled.end == self.info.end_frame
 
     def first_poses(self) -> list[Pose]:

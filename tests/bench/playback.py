@@ -49,7 +49,7 @@ class Playback:
             take=take.settings.name, run=RUN, fps=take.settings.fps, first_frame=0, end_frame=frames,
             plan="0" * 64, shards=1,
             actor=actor.content_hash, rig=rig.content_hash, backend="cpu", backend_reason="none",
-            threads=1, search=SearchSettings().to_wire(),
+            threads=1, search=SearchSettings().model_dump(mode="json"),
         )  # fmt: skip
         self.next_frame = 0
         self.sent_s: dict[int, float] = {}

@@ -15,7 +15,6 @@ from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, DOFS, LOWER, UPPER
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.model import Model, model_on_cpu
 from services.mocap.search.settings import SearchSettings
@@ -120,4 +119,4 @@ def aligned(model: Model, picture: Picture, start: Floats) -> Floats:
 
 def _energies_px(model: Model, picture: Picture, poses: Floats) -> Floats:
     """(N,) differing pixels of poses (N, D), with the full mesh."""
-    return whole_body_energy(model, picture, np.zeros(N_DOF), Cost(), 0.0)(poses)
+    return whole_body_energy(model, picture, SearchSettings(detail_px=0.0))(poses)

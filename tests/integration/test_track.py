@@ -63,7 +63,7 @@ def test_four_workers_did_the_limbs(tracked: Path) -> None:
 def test_the_report_says_what_evaluated_the_energy(tracked: Path) -> None:
     settings = _report(tracked)["settings"]
     assert settings["threads"] == 1
-    assert SearchSettings.from_wire(settings["search"]) == SearchSettings(search_limbs="always")
+    assert SearchSettings.model_validate(settings["search"]) == SearchSettings(search_limbs="always")
     assert settings["backend_reason"]
     assert settings["frames_by_backend"] == {settings["backend"]: 6}
     assert set(settings["worker_limbs_by_backend"]) == {settings["backend"]}
@@ -116,7 +116,7 @@ def test_what_is_chosen_reaches_every_process(known_take: Path, xormocap, tmp_pa
     assert (output["smooth"], output["cutoff_hz"]) == ("one-euro", 2.5)
     chosen = {name: settings[name] for name in ("backend", "backend_reason", "threads")}
     assert chosen == {"backend": "cpu", "backend_reason": "asked for", "threads": 2}
-    assert SearchSettings.from_wire(settings["search"]) == SearchSettings(
+    assert SearchSettings.model_validate(settings["search"]) == SearchSettings(
         method="paper",
         body="paper",
         max_passes=1,

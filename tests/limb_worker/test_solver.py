@@ -60,7 +60,8 @@ class Stage:
         fields: dict[str, Any] = {
             "take": "walk", "run": "0" * 32, "frame": 5, "pass_index": 2, "limb": limb,
             "shard": 0, "shards": 1,
-            "actor": self.actor.content_hash, "rig": self.rig.content_hash, "search": _SETTINGS.to_wire(),
+            "actor": self.actor.content_hash, "rig": self.rig.content_hash,
+            "search": _SETTINGS.model_dump(mode="json"),
             "pose": self.pose, "origin_px": window.region.origin_px, "window": window.silhouettes,
         }  # fmt: skip
         sent = LimbTask(**{**fields, **changed})
@@ -147,7 +148,7 @@ def test_equals_solving_it_directly(
 ) -> None:
     """Everything that the energy depends on travels with the task."""
     search = _SETTINGS.model_copy(update=changed)
-    task = stage.task(limb, search=search.to_wire())
+    task = stage.task(limb, search=search.model_dump(mode="json"))
     window = stage_window(stage.model, LIMBS[limb].main, stage.picture, stage.pose)
     direct = solve_limb(stage.model, limb, window, stage.pose, search)
     result = solved(ready, task)

@@ -45,7 +45,6 @@ from services.mocap.body.kinematics import N_DOF, joint_positions, segment_trans
 from services.mocap.body.skeleton import DOF_INDEX, DOFS, JOINT_NAMES, SEGMENT_NAMES, BodyName  # noqa: E402
 from services.mocap.camera.rig import Rig  # noqa: E402
 from services.mocap.energy.bitplanes import TriPlanes, unpack  # noqa: E402
-from services.mocap.energy.cost import Cost  # noqa: E402
 from services.mocap.energy.cpu.backend import CpuBackend  # noqa: E402
 from services.mocap.energy.picture import Picture, Region  # noqa: E402
 from services.mocap.export.formats import FORMATS  # noqa: E402
@@ -149,7 +148,7 @@ def test_who_faces_the_other_way_nods_and_leans_the_other_way() -> None:
 
 def test_energy_sees_the_parameters() -> None:
     picture = Picture.whole(RIG, SEEN[0])
-    energy = whole_body_energy(MODEL, picture, TRUTH[0], Cost(), 0.0)
+    energy = whole_body_energy(MODEL, picture, SearchSettings(detail_px=0.0))
     exact, straight = energy(np.stack([TRUTH[0], straightened(TRUTH[0])]))
     assert exact == 0
     assert straight > 300

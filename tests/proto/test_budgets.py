@@ -38,7 +38,7 @@ def test_a_limb_task_costs_less_than_nine_quarters_of_a_kilobyte_beyond_its_wind
         | {
             "actor": "a" * 64,
             "rig": "b" * 64,
-            "search": settings.to_wire(),
+            "search": settings.model_dump(mode="json"),
             "pose": np.full(N_DOF, 0.1),
             "origin_px": np.full((cameras, 2), 100, np.int32),
             "window": np.ones((-(-cameras // 8), 128, 128), np.uint8),

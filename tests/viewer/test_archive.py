@@ -26,7 +26,8 @@ _FRAMES = range(24)
 def info() -> TakeInfo:
     return TakeInfo(
         take="walk", run=RUN, fps=25.0, first_frame=0, end_frame=24, plan="0" * 64, shards=1, actor="1" * 64,
-        rig="2" * 64, backend="cpu", backend_reason="test", threads=1, search=SearchSettings().to_wire(),
+        rig="2" * 64, backend="cpu", backend_reason="test", threads=1,
+        search=SearchSettings().model_dump(mode="json"),
     )  # fmt: skip
 
 

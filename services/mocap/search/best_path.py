@@ -116,7 +116,7 @@ class PathSearch:
         rig = self._model.rig
         picture = Picture.of_frame(rig, seen).without_cameras(absent)
         settings = self._settings.without_cameras(absent, rig.n_cameras)
-        energy = whole_body_energy(self._model, picture, poses[0], settings.cost, settings.detail_px)
+        energy = whole_body_energy(self._model, picture, settings)
         return np.asarray(energy(poses) + self._model.aligner(settings).unlikely_px(poses, settings))
 
 

@@ -82,18 +82,14 @@ class _Search:
 
     @cached_property
     def _priced(self) -> Callable[[Floats], Floats]:
-        s = self.settings
-        return whole_body_energy(self.model, self.whole, np.zeros(N_DOF), s.cost, s.detail_px)
+        return whole_body_energy(self.model, self.whole, self.settings)
 
     @cached_property
     def _wrong_px(self) -> Energy | None:
         """How many pixels have a wrong colour class; None where colours do not count."""
-        s = self.settings
-        if not self.model.counts_colours(self.whole, s.colour):
+        if not self.model.counts_colours(self.whole, self.settings.colour):
             return None
-        return self.model.colours.wrong_px(
-            whole_body_problem(self.whole, np.zeros(N_DOF), s.cost, s.detail_px)
-        )
+        return self.model.colours.wrong_px(whole_body_problem(self.whole, self.settings))
 
     def best_of(self, poses: Floats) -> _Seen:
         """The first of the cheapest poses (N, D)."""

@@ -235,7 +235,7 @@ def uncovered_share(model: Model, picture: Picture, pose: Floats, settings: Sear
     all_px, left_px = (
         unpack(planes, model.rig.n_cameras).sum(axis=(1, 2)) for planes in (seen, seen & ~covered)
     )
-    counts = (all_px > 0) & (settings.weights(model.rig.n_cameras) > 0)
+    counts = (all_px > 0) & (settings.cost.weights(model.rig.n_cameras) > 0)
     return float(np.mean(left_px[counts] / all_px[counts])) if counts.any() else 0.0
 
 

@@ -54,7 +54,7 @@ def find_first_pose(
     and the best results that differ are searched. picture: the whole first frame. settings: as for the frames
     to come; the search is wider here. Cameras of weight 0 are not used.
     """
-    weightless = np.flatnonzero(settings.weights(model.rig.n_cameras) == 0)
+    weightless = np.flatnonzero(settings.cost.weights(model.rig.n_cameras) == 0)
     picture = picture.without_cameras(weightless.tolist())
     starts = _promising(model, picture, _starts(model, hull, settings.body, facing_rad), settings)
     starts = first_apart(_aligned(model, picture, starts, settings), _MOST_SEARCHED, model.body.offsets_m)
@@ -147,7 +147,7 @@ def _starts(model: Model, hull: Hull, body: BodyName, facing_rad: float | None) 
 
 def _promising(model: Model, picture: Picture, starts: Floats, settings: SearchSettings) -> Floats:
     """The best start of each pose and of each heading (N, D), the best first; starts (P, H, D)."""
-    energy = whole_body_energy(model, picture.halved(), starts[0, 0], settings.cost, settings.detail_px)
+    energy = whole_body_energy(model, picture.halved(), settings)
     energies = energy(starts.reshape(-1, N_DOF)).reshape(starts.shape[:2])
     of_poses = set(enumerate(energies.argmin(axis=1).tolist()))
     of_headings = {(p, h) for h, p in enumerate(energies.argmin(axis=0).tolist())}
@@ -160,7 +160,7 @@ def _aligned(model: Model, picture: Picture, starts: Floats, settings: SearchSet
     aligner = model.aligner(settings)
     poses = np.array([aligner.align(picture, start, settings).pose for start in starts])
     poses = np.array([aligner.align(picture, pose, settings).pose for pose in poses])
-    energies = whole_body_energy(model, picture, poses[0], settings.cost, settings.detail_px)(poses)
+    energies = whole_body_energy(model, picture, settings)(poses)
     return np.asarray(poses[np.argsort(energies, kind="stable")])
 
 

@@ -21,7 +21,7 @@ def solve_by_passes(
     starts count as seen.
     """
     whole = settings.cost.priced(whole)
-    energy = whole_body_energy(model, whole, starts[0], settings.cost, settings.detail_px)
+    energy = whole_body_energy(model, whole, settings)
     energies = energy(starts)
     best = FrameSolution(
         starts[int(energies.argmin())].copy(), float(energies.min()), evaluations=len(starts)

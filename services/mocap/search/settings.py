@@ -1,17 +1,18 @@
 """Every setting of the search, in one place."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, field_validator
 
 from services.mocap.body.skeleton import BodyName
 from services.mocap.energy.cost import Cost
-from services.mocap.types import Floats
 
 _Weight = Annotated[float, Field(ge=0, le=1000)]
 _Count = Annotated[int, Field(ge=1, le=15)]
-GridCounts: TypeAlias = tuple[_Count, _Count, _Count, _Count]
+# Messages and TOML have only lists: the tuples are not strict, what is in them is.
+_Weights: TypeAlias = Annotated[tuple[_Weight, ...], Strict(False)]
+GridCounts: TypeAlias = Annotated[tuple[_Count, _Count, _Count, _Count], Strict(False)]
 """Points along each axis; 15 keep the largest grid's poses within 100 MB."""
 
 _GRID = "four integers from 1 to 15, such as [5, 5, 3, 5]"
@@ -97,7 +98,7 @@ class SearchSettings(BaseModel):
     resolution; 0: always the full mesh."""
     distance_cap_px: float = Field(default=0.0, ge=0, le=50, description="a number from 0 to 50")
     """If positive, a differing pixel costs its distance to the input's contour, at most this many pixels."""
-    camera_weights: tuple[_Weight, ...] = Field(
+    camera_weights: _Weights = Field(
         default=(), description="a list of numbers from 0 to 1000, such as [1.0, 0.5, 1.0]"
     )
     """Weight of each camera's pixels, one factor per camera; empty: all 1."""
@@ -108,12 +109,6 @@ class SearchSettings(BaseModel):
     colour: float = Field(default=1.0, ge=0, le=10, description="a number from 0 to 10")
     """What a pixel with a wrong colour class costs, in differing pixels, where classes were learnt; 0:
     colours do not count."""
-
-    @field_validator("arm_grid", "leg_grid", "camera_weights", mode="before")
-    @classmethod
-    def _from_list(cls, value: object) -> object:
-        """Messages and TOML have only lists."""
-        return tuple(value) if isinstance(value, list) else value
 
     @field_validator("camera_weights")
     @classmethod
@@ -132,15 +127,11 @@ class SearchSettings(BaseModel):
         """The cost of differing pixels in the search; reported energies are always plain counts."""
         return Cost(self.distance_cap_px, self.camera_weights, self.camera_cap, self.colour)
 
-    def weights(self, n_cameras: int) -> Floats:
-        """(C,) weight of each camera's pixels."""
-        return self.cost.weights(n_cameras)
-
     def without_cameras(self, left_out: Collection[int], n_cameras: int) -> "SearchSettings":
         """The same with a weight of 0 for some of the cameras."""
         if not left_out:
             return self
-        weights = self.weights(n_cameras)
+        weights = self.cost.weights(n_cameras)
         weights[list(left_out)] = 0.0
         return self.model_copy(update={"camera_weights": tuple(weights.tolist())})
 
@@ -148,15 +139,6 @@ class SearchSettings(BaseModel):
         """The same for a rig with only some of the cameras, in this order."""
         weights = tuple(self.camera_weights[c] for c in kept) if self.camera_weights else ()
         return self.model_copy(update={"camera_weights": weights})
-
-    def to_wire(self) -> dict[str, bool | int | float | str | list[int] | list[float]]:
-        """The settings for a message."""
-        return {name: list(v) if isinstance(v, tuple) else v for name, v in self.model_dump().items()}
-
-    @classmethod
-    def from_wire(cls, fields: Mapping[str, object]) -> "SearchSettings":
-        """Read and check the settings of a message; raises ValueError (pydantic.ValidationError)."""
-        return cls.model_validate(dict(fields))
 
     def widened(self) -> "SearchSettings":
         """For a first pose, when the limbs may be anywhere."""

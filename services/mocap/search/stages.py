@@ -5,7 +5,6 @@ import numpy as np
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOFS
 from services.mocap.energy.backend import Energy, Problem
-from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import ALL_SURFACES, Stage, window_origins_px, window_size_px
 from services.mocap.search.descent import Box, Solution, best_of, descend
@@ -14,14 +13,15 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
 
-def whole_body_energy(model: Model, picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Energy:
-    """The energy of all parameters with the whole body drawn; pose (D,) is any; the rest as in Problem."""
-    return energy_of(model, whole_body_problem(picture, pose, cost, detail_px))
+def whole_body_energy(model: Model, picture: Picture, settings: SearchSettings) -> Energy:
+    """The energy of all parameters with the whole body drawn."""
+    return energy_of(model, whole_body_problem(picture, settings))
 
 
-def whole_body_problem(picture: Picture, pose: Floats, cost: Cost, detail_px: float) -> Problem:
+def whole_body_problem(picture: Picture, settings: SearchSettings) -> Problem:
     """The problem of whole_body_energy."""
-    return Problem(pose, tuple(range(N_DOF)), ALL_SURFACES, cost.priced(picture), cost, detail_px)
+    cost, dofs = settings.cost, tuple(range(N_DOF))
+    return Problem(np.zeros(N_DOF), dofs, ALL_SURFACES, cost.priced(picture), cost, settings.detail_px)
 
 
 def energy_of(model: Model, problem: Problem) -> Energy:

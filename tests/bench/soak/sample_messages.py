@@ -56,7 +56,7 @@ def _of_limbs(take: str, frame: int) -> list[Message]:
         | {
             "actor": _HASH,
             "rig": _HASH,
-            "search": SearchSettings().to_wire(),
+            "search": SearchSettings().model_dump(mode="json"),
             "pose": np.zeros(N_DOF),
             "origin_px": np.zeros((_CAMERAS, 2), np.int32),
             "window": np.zeros((1, 16, 16), np.uint8),
@@ -78,7 +78,8 @@ def _of_takes(take: str, frame: int) -> list[Message]:
         "rig": _HASH,
         "backend": "cpu",
     }
-    info |= {"fps": 15.0, "backend_reason": "no GPU", "threads": 1, "search": SearchSettings().to_wire()}
+    info |= {"fps": 15.0, "backend_reason": "no GPU", "threads": 1}
+    info |= {"search": SearchSettings().model_dump(mode="json")}
     solved: dict[str, object] = {
         "frame": frame,
         "time_s": 0.5,

@@ -161,7 +161,8 @@ def test_an_arm_before_the_trunk_is_told_by_its_colour(ring: Ring, standing_pose
     classes = pack_classes(model.colours.painted(poses[0], Region.whole(rig)))
     picture = Picture.of_frame(rig, replace(TriPlanes.sure(silhouettes), classes=classes))
     by_outline, by_colour = (
-        whole_body_energy(model, picture, poses[0], Cost(colour=price), 0.0)(poses) for price in (0.0, 1.0)
+        whole_body_energy(model, picture, SearchSettings(colour=price, detail_px=0.0))(poses)
+        for price in (0.0, 1.0)
     )
     assert by_outline[0] == by_colour[0] == 0.0
     assert by_outline[is_lost].min() < 10

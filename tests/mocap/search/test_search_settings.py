@@ -17,12 +17,12 @@ from services.mocap.search.settings import SearchSettings
     ],
 )
 def test_wire_round_trip(settings: SearchSettings) -> None:
-    carried = json.loads(json.dumps(settings.to_wire()))
-    assert SearchSettings.from_wire(carried) == settings
+    carried = json.loads(json.dumps(settings.model_dump(mode="json")))
+    assert SearchSettings.model_validate(carried) == settings
 
 
 def test_fields_left_out_have_their_defaults() -> None:
-    assert SearchSettings.from_wire({}) == SearchSettings()
+    assert SearchSettings.model_validate({}) == SearchSettings()
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_fields_left_out_have_their_defaults() -> None:
 )
 def test_nonsense_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(fields))):
-        SearchSettings.from_wire(fields)
+        SearchSettings.model_validate(fields)
 
 
 def test_every_setting_says_what_it_has_to_be() -> None:

@@ -118,7 +118,7 @@ class Aligner:
         free = np.zeros(N_DOF)
         free[[d for d in dofs if d in BODY_DOFS[settings.body]]] = 1.0
         prior, region, steps = _prior(pose, settings), picture.region, self._steps(settings)
-        views = views_of(self._rig, region, settings.weights(self._rig.n_cameras))
+        views = views_of(self._rig, region, settings.cost.weights(self._rig.n_cameras))
         cameras = (views[0], lenses_of(views[0], region.width_px, region.height_px))
         canvas = empty_canvas(region.height_px, region.width_px)
         moves = np.isin(SURFACE_FRAMES, moving_frames(tuple(np.flatnonzero(free)), ALL_SURFACES))
@@ -142,13 +142,13 @@ class Aligner:
 
     def contact_px(self, poses: Floats, settings: SearchSettings) -> Floats:
         """(N, 4) what limbs (contacts.PRICED) cost for being inside others in poses (N, D)."""
-        weights = settings.weights(self._rig.n_cameras)
+        weights = settings.cost.weights(self._rig.n_cameras)
         depths_cm = 100.0 * depths_m(self._contacts, self._offsets_m, poses)
         return np.asarray(settings.contact * weights.sum() * self._scale**2 * depths_cm)
 
     def unlikely_px(self, poses: Floats, settings: SearchSettings) -> Floats:
         """(N,) what limbs inside others, and limbs in poses that people seldom take, cost in poses (N, D)."""
-        price = settings.pose_prior * settings.weights(self._rig.n_cameras).sum() * self._scale**2
+        price = settings.pose_prior * settings.cost.weights(self._rig.n_cameras).sum() * self._scale**2
         return np.asarray((self.contact_px(poses, settings) + price * surprises(poses)).sum(axis=1))
 
     def _steps(self, settings: SearchSettings) -> Floats:
