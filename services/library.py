@@ -168,7 +168,7 @@ def _both_ways(
     """The same after a way back; begun: the silhouettes of the first frame."""
     with closing(SilhouetteSpool()) as spool:
         spool.append(begun)
-        forward = list(_one_way(first, map(spool.kept, seen), search))
+        forward = list(_one_way(first, map(spool.append, seen), search))
         poses = np.array([solution.pose for solution in forward])
         for step in solve_both_ways(first.model, search, LocalLimbs(first.model), spool, poses):
             if step.solution is not None:

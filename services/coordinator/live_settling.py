@@ -7,7 +7,7 @@ from services.coordinator.incoming import Frame
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.settling import SWEEPS
 from services.mocap.search.both_ways import Step
-from services.mocap.search.fixed_lag import FixedLag
+from services.mocap.search.fixed_lag import FixedLag, Tracked
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
@@ -44,7 +44,7 @@ class LiveSettling:
         Where newer frames leave too little time to settle it, older ones are published as they are.
         """
         self._frames.append(frame)
-        self._lag.note(frame.seen, frame.absent, frame.time_s, solution, memory)
+        self._lag.note(Tracked(frame.seen, frame.absent, frame.time_s, solution, memory))
         if self._lag.is_late:
             self._steps = iter(())
             for step in self._lag.catch_up():

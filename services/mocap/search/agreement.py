@@ -82,10 +82,10 @@ def find_agreement(
     TakeError if the rays do not meet.
     """
     space = _Space(rig, silhouettes, cameras, silhouettes if possible is None else possible)
-    best, suspects = _Choice((), space.filled(cameras)), tuple[int, ...]()
+    best, suspects = _choice(space, cameras, ()), tuple[int, ...]()
     all_filled = False
     for n_odd in range(1, (_MORE_LEFT_OUT if len(cameras) in _FOR_MORE else _MOST_LEFT_OUT) + 1):
-        is_cut = best.filled >= WELL_FILLED and space.is_cut(_kept(cameras, best))
+        is_cut = best.filled >= WELL_FILLED and space.is_cut(best.kept)
         if (best.filled >= WELL_FILLED and not is_cut) or len(cameras) - n_odd <= MIN_CAMERAS:
             break
         choices = [_choice(space, cameras, odd) for odd in combinations(cameras, n_odd)]
@@ -98,7 +98,7 @@ def find_agreement(
             is_decided = choices[0].filled >= _ALL_FILLED and not all_filled
         elif is_cut:
             gain = choices[0].filled - best.filled
-            is_decided = gain >= _DECISIVE_OF_CUT and not space.is_cut(_kept(cameras, choices[0]))
+            is_decided = gain >= _DECISIVE_OF_CUT and not space.is_cut(choices[0].kept)
         else:
             is_decided = _is_decided(len(cameras), choices[0].filled, choices[1].filled)
         all_filled = all_filled or choices[0].filled >= _ALL_FILLED
@@ -106,7 +106,7 @@ def find_agreement(
             best, suspects = choices[0], ()
         elif n_odd == 1 and not is_cut:
             suspects = _suspects(choices)
-    return Agreement(cameras, best.odd, best.filled, space.person_shares(_kept(cameras, best)), suspects)
+    return Agreement(cameras, best.odd, best.filled, space.person_shares(best.kept), suspects)
 
 
 def filled_by_others(rig: Rig, silhouettes: Mask, possible: Mask) -> Floats:
@@ -125,6 +125,8 @@ def filled_by_others(rig: Rig, silhouettes: Mask, possible: Mask) -> Floats:
 @dataclass(frozen=True)
 class _Choice:
     odd: tuple[int, ...]
+    kept: tuple[int, ...]
+    """The other cameras."""
     filled: float
 
 
@@ -140,8 +142,9 @@ def _without_post(space: "_Space", cameras: tuple[int, ...], choices: list[_Choi
     """The choice without the only camera that sees the actor cut in two; None if there is no such camera."""
     if len(cameras) < _FEWEST_FOR_POST:
         return None
-    whole = [choice for choice in choices if not space.is_cut(_kept(cameras, choice))]
-    return whole[0] if [choice.odd for choice in whole] == [space.in_parts(cameras)] else None
+    whole = [choice for choice in choices if not space.is_cut(choice.kept)]
+    in_parts = tuple(c for c in cameras if space.views[c].is_in_parts())
+    return whole[0] if [choice.odd for choice in whole] == [in_parts] else None
 
 
 def _suspects(choices: list[_Choice]) -> tuple[int, ...]:
@@ -151,11 +154,8 @@ def _suspects(choices: list[_Choice]) -> tuple[int, ...]:
 
 
 def _choice(space: "_Space", cameras: tuple[int, ...], odd: tuple[int, ...]) -> _Choice:
-    return _Choice(odd, space.filled(tuple(c for c in cameras if c not in odd)))
-
-
-def _kept(cameras: tuple[int, ...], choice: _Choice) -> tuple[int, ...]:
-    return tuple(c for c in cameras if c not in choice.odd)
+    kept = tuple(c for c in cameras if c not in odd)
+    return _Choice(odd, kept, space.filled(kept))
 
 
 class _Space:
@@ -170,7 +170,7 @@ class _Space:
         for c in cameras:
             in_picture, on_actor = look_up(rig, possible[c], c, self._points_m)
             self._carves[c], self._holds[c] = in_picture & ~on_actor, in_picture
-        self._views = {c: _View.of(rig, silhouettes[c], c, centre_m) for c in cameras}
+        self.views = {c: _View.of(rig, silhouettes[c], c, centre_m) for c in cameras}
 
     def filled(self, cameras: tuple[int, ...]) -> float:
         """The share of some cameras' silhouettes that the hull of these cameras covers, on average."""
@@ -183,11 +183,7 @@ class _Space:
 
     def covered(self, camera: int, points_m: Floats) -> float:
         """The share of a camera's silhouette that voxels about points (N, 3) cover."""
-        return self._views[camera].share(self._views[camera].draw(points_m))
-
-    def in_parts(self, cameras: tuple[int, ...]) -> tuple[int, ...]:
-        """The cameras whose silhouettes have two parts or more that count."""
-        return tuple(c for c in cameras if self._views[c].is_in_parts())
+        return self.views[camera].share(self.views[camera].draw(points_m))
 
     def is_cut(self, cameras: tuple[int, ...]) -> bool:
         """Whether the hull of some cameras is in several pieces that count."""
@@ -210,12 +206,9 @@ class _Space:
         n_pieces = min(int(pieces.max(initial=0)), 3)  # further pieces are negligible
         shares = np.zeros((n_pieces, len(cameras)))
         for k, c in enumerate(cameras):
-            drawn = [self._views[c].draw(self._points_m[pieces == 1 + n]) for n in range(n_pieces)]
-            for n in range(n_pieces):
-                others = [drawn[m] for m in range(n_pieces) if m != n]
-                shares[n, k] = self._views[c].share(
-                    drawn[n] & ~np.any(others, axis=0) if others else drawn[n]
-                )
+            drawn = [self.views[c].draw(self._points_m[pieces == 1 + n]) for n in range(n_pieces)]
+            once = np.sum(drawn, axis=0) == 1
+            shares[:, k] = [self.views[c].share(piece & once) for piece in drawn]
         upper_half: Floats = np.sort(shares, axis=1)[:, len(cameras) // 2 :].mean(axis=1)
         return np.sort(upper_half)[::-1]  # a large piece of possible actor pixels may cover nothing
 

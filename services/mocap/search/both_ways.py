@@ -7,7 +7,7 @@ tracks.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, TypeAlias
 
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.energy.bitplanes import TriPlanes
@@ -20,6 +20,7 @@ from services.mocap.search.lost_probability import rival_probabilities
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import doubt_rivals
 from services.mocap.search.settings import SearchSettings
+from services.mocap.search.silhouette_spool import SilhouetteSpool
 from services.mocap.search.tracker import Tracker, whole_person
 from services.mocap.types import Floats
 
@@ -28,14 +29,6 @@ _THOROUGH_EVERY = 5
 
 Sweep: TypeAlias = Literal["tracking back", "settling"]
 """What is done to all frames in turn: track them back; solve each again from the best path."""
-
-
-class SeenFrames(Protocol):
-    """The silhouettes of a take's frames."""
-
-    def __getitem__(self, frame: int, /) -> TriPlanes:
-        """(P, H, W) of a frame, from 0."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +43,7 @@ class Step:
 
 
 def solve_both_ways(
-    model: Model, settings: SearchSettings, limbs: LimbPool, seen: SeenFrames, forward: Floats
+    model: Model, settings: SearchSettings, limbs: LimbPool, seen: SilhouetteSpool, forward: Floats
 ) -> Iterator[Step]:
     """Solve all frames of a take again, given the poses (N, D) of a track from its first frame on.
 

@@ -27,9 +27,13 @@ _MOST_WAITING_S = 4 * _BLOCK_S
 
 
 @dataclass(frozen=True, eq=False)
-class _Tracked:
+class Tracked:
+    """A frame that was tracked as it came."""
+
     seen: TriPlanes
+    """(P, H, W)"""
     absent: Collection[int]
+    """Cameras that are not used."""
     time_s: float
     solution: FrameSolution
     memory: Mapping[str, list[int]]
@@ -44,21 +48,13 @@ class FixedLag:
         self._model, self._settings, self._limbs = model, settings, limbs
         self._first_frame = first_frame
         """Number of the first frame of those that wait."""
-        self._waiting: list[_Tracked] = []
-        self._before: _Tracked | None = None
+        self._waiting: list[Tracked] = []
+        self._before: Tracked | None = None
         """The frame that was settled last."""
 
-    def note(
-        self,
-        seen: TriPlanes,
-        absent: Collection[int],
-        time_s: float,
-        solution: FrameSolution,
-        memory: Mapping[str, list[int]],
-    ) -> None:
-        """Add the next frame: its silhouettes (P, H, W), the cameras that are not used, its solution, and the
-        tracker's memory after it."""
-        self._waiting.append(_Tracked(seen, absent, time_s, solution, memory))
+    def note(self, frame: Tracked) -> None:
+        """Add the next frame."""
+        self._waiting.append(frame)
 
     @property
     def _waiting_s(self) -> float:
@@ -81,7 +77,8 @@ class FixedLag:
         if not self._is_worth_it(frames, n_settled):
             yield from self.unchanged(n_settled)
             return
-        trust, path = self._new_trust(), PathSearch(self._model, self._settings)
+        trust = PartConfidence(self._model.rig, self._settings.doubt_px)
+        path = PathSearch(self._model, self._settings)
         trust.recall(frames[0].memory)
         yield from self._track_back(frames, path)
         for frame, chosen in zip(frames[:n_settled], path.best()[::-1][-len(frames) :], strict=False):
@@ -102,18 +99,16 @@ class FixedLag:
         while self._waiting_s > 2 * _BLOCK_S:
             yield from self.unchanged(1)
 
-    def _new_trust(self) -> PartConfidence:
-        return PartConfidence(self._model.rig, self._settings.doubt_px)
-
-    def _is_worth_it(self, frames: list[_Tracked], n_settled: int) -> bool:
+    def _is_worth_it(self, frames: list[Tracked], n_settled: int) -> bool:
         """Whether a limb or the head was doubtful in the block, and the actor was not lost."""
         parts = [part for frame in frames[:n_settled] for part in frame.solution.distrusted]
         return bool(parts) and not any("torso" in frame.solution.distrusted for frame in frames)
 
-    def _track_back(self, frames: list[_Tracked], path: PathSearch) -> Iterator[Step]:
+    def _track_back(self, frames: list[Tracked], path: PathSearch) -> Iterator[Step]:
         """Track from the last of some frames to the first, and add both ways to a path, which leads to the
         frame that was settled last."""
-        trust, poses = self._new_trust(), [frames[-1].solution.pose]
+        trust = PartConfidence(self._model.rig, self._settings.doubt_px)
+        poses = [frames[-1].solution.pose]
         path.add(frames[-1].seen, poses[0], poses[0], frames[-1].absent)
         for k in reversed(range(len(frames) - 1)):
             yield Step("tracking back", self._first_frame + k)
@@ -123,7 +118,7 @@ class FixedLag:
             pose = self._before.solution.pose
             path.add(self._before.seen, pose, pose, self._before.absent)
 
-    def _solve(self, frame: _Tracked, starts: Floats, trust: PartConfidence) -> FrameSolution:
+    def _solve(self, frame: Tracked, starts: Floats, trust: PartConfidence) -> FrameSolution:
         rig = self._model.rig
         picture = Picture.of_frame(rig, frame.seen).without_cameras(frame.absent)
         settings = self._settings.without_cameras(frame.absent, rig.n_cameras)

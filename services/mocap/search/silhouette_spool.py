@@ -19,16 +19,12 @@ class SilhouetteSpool:
         self._ends = [0]
         self._shape: tuple[int, ...] = ()
 
-    def append(self, seen: TriPlanes) -> None:
-        """Add the next frame's silhouettes (P, H, W)."""
+    def append(self, seen: TriPlanes) -> TriPlanes:
+        """Add the next frame's silhouettes (P, H, W), and return them."""
         planes = np.stack([seen.silhouettes, seen.unsure, *([] if seen.classes is None else seen.classes)])
         self._shape = planes.shape
         self._file.seek(self._ends[-1])
         self._ends.append(self._ends[-1] + self._file.write(zlib.compress(planes.tobytes(), _FAST)))
-
-    def kept(self, seen: TriPlanes) -> TriPlanes:
-        """Add the next frame's silhouettes, and return them."""
-        self.append(seen)
         return seen
 
     def __len__(self) -> int:

@@ -9,7 +9,7 @@ import pytest
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.search.both_ways import Step
 from services.mocap.search.chains import LIMBS
-from services.mocap.search.fixed_lag import FixedLag
+from services.mocap.search.fixed_lag import FixedLag, Tracked
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
@@ -51,7 +51,7 @@ def settled(lag: FixedLag, seen: list[TriPlanes], solutions: list[FrameSolution]
     """All steps, when each frame is noted and then everything is done that can be done."""
     steps = list[Step]()
     for frame, (planes, solution) in enumerate(zip(seen, solutions, strict=True)):
-        lag.note(planes, (), frame / fps, solution, {})
+        lag.note(Tracked(planes, (), frame / fps, solution, {}))
         steps += lag.settle()
     return steps
 
@@ -93,7 +93,7 @@ def test_frames_of_a_lost_actor_and_frames_that_come_too_fast_stay_as_they_are(
     assert [step.solution for step in steps] == lost[:BLOCK]
     lag, late = FixedLag(model, SETTINGS, LocalLimbs(model), 0), marked(forward, {0, 1}, "left_arm")
     for frame, (planes, solution) in enumerate(zip(seen, late, strict=True)):
-        lag.note(planes, (), frame / 4.9, solution, {})
+        lag.note(Tracked(planes, (), frame / 4.9, solution, {}))
     assert lag.is_late
     assert [step.solution for step in lag.catch_up()] == late[:-3]  # more than two blocks of 0.3 seconds
     assert not lag.is_late
