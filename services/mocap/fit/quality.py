@@ -11,7 +11,7 @@ from services.mocap.energy.bitplanes import TriPlanes, count_by_camera
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SURFACES
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Floats
 
 _LENGTHS_HEIGHTS = (0.18, 0.21, 0.24, 0.27, 0.30, 0.33, 0.36, 0.39, 0.42)
 _FLARES_HEIGHTS = (0.0, 0.025, 0.05, 0.08)
@@ -37,15 +37,12 @@ def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuali
     drawn = backend.coverage(poses, ALL_SURFACES, Region.whole(rig))
     backend.close()
     counted = ~(Region.whole(rig).outside(rig) | seen.unsure)
-    both = _counts(drawn & seen.silhouettes & counted, rig)
-    either = _counts((drawn | seen.silhouettes) & counted, rig)
+    both, either = (
+        np.array([count_by_camera(planes, rig.n_cameras) for planes in frames], np.float64)
+        for frames in (drawn & seen.silhouettes & counted, (drawn | seen.silhouettes) & counted)
+    )
     iou = np.where(either > 0, both / np.maximum(either, 1), 1.0)
     return FitQuality((either - both).sum(axis=1).astype(np.float64), iou)
-
-
-def _counts(frames: Bytes, rig: Rig) -> Floats:
-    """(F, C) set pixels of each camera in frames (F, P, H, W)."""
-    return np.array([count_by_camera(planes, rig.n_cameras) for planes in frames], np.float64)
 
 
 def in_best_skirt(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Actor:

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.types import Floats
 
-_HEADING, _LEAN, _PITCH = (DOF_INDEX[f"root_{name}"] for name in ("heading", "lean", "pitch"))
-ROOT_TURN = [_HEADING, _LEAN, _PITCH]
+ROOT_TURN = [DOF_INDEX[f"root_{name}"] for name in ("heading", "lean", "pitch")]
 """Indices into a pose of the angles that turn the root."""
 _ORDER = "ZXY"  # heading, then about the new x, then about the new y
 _GIMBAL_LOCK = 1e-7

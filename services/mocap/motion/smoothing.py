@@ -23,8 +23,7 @@ _CUTOFFS_HZ: Floats = np.geomspace(4.0, 12.0, 12).round(1)
 of a track are not, so it tends to too high cutoffs. On takes of people 14 Hz was no better than 12."""
 _OFFSETS_M: Floats = DEFAULT_HEIGHT_M * np.array([joint.offset_heights for joint in JOINTS])
 """(J, 3) of the generic body, whose joints tell the size of a motion."""
-
-SPEED_CUTOFF_HZ = 10.0
+_SPEED_CUTOFF_HZ = 10.0
 """By how much the cutoff rises per radian a second; chosen on tracked takes by their joint errors."""
 _DERIVATIVE_CUTOFF_HZ = 1.0
 _METRES_PER_RADIAN = 0.5
@@ -95,8 +94,8 @@ class OneEuro:
     long time, and fast motion hardly at all, so that it lags little.
     """
 
-    def __init__(self, rest_cutoff_hz: float = ONE_EURO_HZ, speed_cutoff_hz: float = SPEED_CUTOFF_HZ) -> None:
-        self._rest_hz, self._per_speed_hz = rest_cutoff_hz, speed_cutoff_hz
+    def __init__(self, rest_cutoff_hz: float = ONE_EURO_HZ) -> None:
+        self._rest_hz = rest_cutoff_hz
         self._before: tuple[float, Floats, Floats] | None = None
         """Time, the filtered pose (D,) and its filtered velocity (D,), with the root's turn as a vector."""
 
@@ -115,7 +114,7 @@ class OneEuro:
         velocity = velocity + _weight(_DERIVATIVE_CUTOFF_HZ, step_s) * (change / step_s - velocity)
         speed = np.abs(velocity) / _SPEED_UNIT
         speed[ROOT_TURN] = np.linalg.norm(velocity[ROOT_TURN])
-        step = _weight(self._rest_hz + self._per_speed_hz * speed, step_s) * change
+        step = _weight(self._rest_hz + _SPEED_CUTOFF_HZ * speed, step_s) * change
         result = last + step
         turned = turn_last * Rotation.from_rotvec(step[ROOT_TURN][None])
         result[ROOT_TURN] = root_angles(turned, near=pose[ROOT_TURN][None])[0]

@@ -218,9 +218,9 @@ def solve_by_contours(
             if is_last:
                 break
     trust.note_search(searched, gained=gained)
-    solution, shares = search.found, error_by_part(model, whole, best.pose)
-    solution.pose, solution.energy_px = best.pose, float(shares.energy_px)
-    solution.note_shares(shares)
+    solution = search.found
+    solution.pose = best.pose
+    solution.note_shares(error_by_part(model, whole, best.pose))
     solution.measured["prior"] = [float(best.aligned.prior_cost)]
     solution.evaluations += 1
     solution.evidence = evidence_of(best.aligned.rim, left.nearest_px, best.pose)

@@ -7,7 +7,6 @@ import numpy as np
 
 from services.mocap.body.kinematics import N_JOINTS, PARENT, SEGMENT_JOINTS, joint_transforms
 from services.mocap.body.skeleton import SEGMENTS
-from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, count_by_camera
 from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS, Stage
@@ -65,21 +64,18 @@ def pixels_by_part(planes: Bytes, model: Model, pose: Floats) -> dict[Part, int]
     That is told in the pictures, of a pose (D,).
     """
     counts: Ints = np.zeros(len(PARTS), np.int32)
-    _count_nearest(planes, _points_px(model.rig, _points_m(model, pose)), _POINT_PARTS, counts)
+    _count_nearest(planes, _points_px(model, pose), _POINT_PARTS, counts)
     return dict(zip(PARTS, counts.tolist(), strict=True))
 
 
-def _points_m(model: Model, pose: Floats) -> Floats:
-    """Joints and middles of segments (J + S, 3) in the world."""
+def _points_px(model: Model, pose: Floats) -> Floats:
+    """Projections (C, J + S, 2) of the joints and of the middles of segments."""
     T_world_joint = joint_transforms(pose[None], model.body.offsets_m)[0]
     T_world_segment = T_world_joint[SEGMENT_JOINTS]
     middles_m = (T_world_segment[:, :3, :3] @ model.body.centres_m[:, :, None])[:, :, 0]
-    return np.vstack([T_world_joint[:, :3, 3], middles_m + T_world_segment[:, :3, 3]])
-
-
-def _points_px(rig: Rig, points_m: Floats) -> Floats:
-    """Projections (C, N, 2) of points (N, 3)."""
-    homogeneous = rig.P_px_world[:, None, :, :3] @ points_m[:, :, None] + rig.P_px_world[:, None, :, 3:]
+    points_m = np.vstack([T_world_joint[:, :3, 3], middles_m + T_world_segment[:, :3, 3]])
+    P_px_world = model.rig.P_px_world
+    homogeneous = P_px_world[:, None, :, :3] @ points_m[:, :, None] + P_px_world[:, None, :, 3:]
     points_px: Floats = homogeneous[:, :, :2, 0] / np.maximum(homogeneous[:, :, 2:, 0], _NEAREST_M)
     return points_px
 

@@ -45,7 +45,8 @@ class FrameSolution:
         self.limb_seconds[name] = self.limb_seconds.get(name, 0.0) + solution.seconds
 
     def note_shares(self, shares: ErrorByPart) -> None:
-        """Note the differences between the pose and the input."""
+        """Note the differences between the pose and the input: plain XOR, whatever was minimised."""
+        self.energy_px = float(shares.energy_px)
         self.measured["part_px"] = [float(shares.part_px[part]) for part in PARTS]
         self.measured["iou"] = shares.iou
 

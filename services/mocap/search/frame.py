@@ -80,9 +80,7 @@ def _solve_by_passes(
             best.pose, best.energy_px = pose, energy_px
         if before - energy_px <= settings.pass_tolerance * before:
             break
-    shares = error_by_part(model, whole, best.pose)
-    best.energy_px = float(shares.energy_px)  # plain XOR of the full mesh, whatever was minimised
-    best.note_shares(shares)
+    best.note_shares(error_by_part(model, whole, best.pose))
     return best
 
 

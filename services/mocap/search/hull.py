@@ -46,13 +46,12 @@ class Hull:
 
     points_world_m: Floats
     """(N, 3) including space that unsure pixels leave open."""
-    firm: Mask | None = None
-    """(N,) points at which most cameras certainly see the actor, used for measuring; None: all of them."""
+    firm: Mask
+    """(N,) points at which most cameras certainly see the actor, used for measuring; without any, all are."""
 
     @property
     def _firm_m(self) -> Floats:
-        firm = self.firm
-        return self.points_world_m if firm is None or not firm.any() else self.points_world_m[firm]
+        return self.points_world_m[self.firm] if self.firm.any() else self.points_world_m
 
     @property
     def bottom_m(self) -> float:

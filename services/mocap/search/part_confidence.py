@@ -4,7 +4,7 @@ A model that fits differs from the input only along the rim, by about a pixel. A
 a limb is elsewhere, or that something that is not part of the body is in the picture.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -91,15 +91,15 @@ class PartConfidence:
         self._doubt_px = doubt_px * pixel_scale(rig)
         self._usual: dict[Part, deque[int]] = {}
         """Of limbs and head, pixels; of the torso, thousandths of the input's pixels."""
-        self._fruitless: dict[Part, int] = {}
-        self._rest: dict[Part, int] = {}
+        self._fruitless: Counter[Part] = Counter()
+        self._rest: Counter[Part] = Counter()
 
     def as_lists(self) -> dict[str, list[int]]:
         """Its state, for `recall`."""
         parts = list(PART_STAGES)
         return {f"usual.{part}": list(seen) for part, seen in self._usual.items()} | {
-            "fruitless": [self._fruitless.get(part, 0) for part in parts],
-            "rest": [self._rest.get(part, 0) for part in parts],
+            "fruitless": [self._fruitless[part] for part in parts],
+            "rest": [self._rest[part] for part in parts],
         }
 
     def recall(self, lists: Mapping[str, list[int]]) -> None:
@@ -110,13 +110,8 @@ class PartConfidence:
             for part in PARTS
             if f"usual.{part}" in lists
         }
-        self._fruitless = dict(zip(parts, lists.get("fruitless", []), strict=False))
-        self._rest = dict(zip(parts, lists.get("rest", []), strict=False))
-
-    def doubtful(self, found: Differences) -> list[Part]:
-        """Doubtful limbs and head, and the torso if the whole body is doubtful."""
-        limbs: list[Part] = [part for part in PART_STAGES if found.px[part] > self._allowed_px(part)]
-        return ["torso", *limbs] if found.share > self._allowed_share() else limbs
+        self._fruitless = Counter(dict(zip(parts, lists.get("fruitless", []), strict=False)))
+        self._rest = Counter(dict(zip(parts, lists.get("rest", []), strict=False)))
 
     def _allowed_share(self) -> float:
         usual = self._usual.get("torso")
@@ -135,13 +130,13 @@ class PartConfidence:
 
     def to_search(self, found: Differences) -> list[Part]:
         """The doubtful limbs and head, except those that were just searched in vain."""
-        doubtful = self.doubtful(found)
-        return [part for part in PART_STAGES if part in doubtful and self._rest.get(part, 0) == 0]
+        over = [part for part in PART_STAGES if found.px[part] > self._allowed_px(part)]
+        return [part for part in over if self._rest[part] == 0]
 
     def note_search(self, parts: Iterable[Part], *, gained: bool) -> None:
         """Note a search of parts; after a search in vain they pause for some frames, and longer each time."""
         for part in parts:
-            self._fruitless[part] = 0 if gained else self._fruitless.get(part, 0) + 1
+            self._fruitless[part] = 0 if gained else self._fruitless[part] + 1
             self._rest[part] = min(2 ** self._fruitless[part], _LONGEST_REST) if self._fruitless[part] else 0
 
     def remember(self, found: Differences) -> None:
@@ -153,7 +148,7 @@ class PartConfidence:
         if "torso" not in self._usual or found.share <= self._allowed_share():
             self._usual.setdefault("torso", deque(maxlen=_REMEMBERED)).append(round(1000 * found.share))
         for part in PART_STAGES:
-            self._rest[part] = max(self._rest.get(part, 0) - 1, 0)
+            self._rest[part] = max(self._rest[part] - 1, 0)
             if part not in self._usual or found.px[part] <= _LEARNT * self._allowed_px(part):
                 self._usual.setdefault(part, deque(maxlen=_REMEMBERED)).append(found.px[part])
 

@@ -93,7 +93,7 @@ def test_a_camera_of_weight_0_has_no_say(
 
 
 def test_stands_on_the_hull(model: Model) -> None:
-    hull = Hull(np.array([[1.0, 2.0, 0.5], [1.0, 2.0, 2.0]]))
+    hull = Hull(np.array([[1.0, 2.0, 0.5], [1.0, 2.0, 2.0]]), np.ones(2, bool))
     pose = standing_pose(model, hull)
     np.testing.assert_array_equal(pose[:2], [1.0, 2.0])
     assert model.body.lowest_point_m(pose) == pytest.approx(hull.bottom_m)

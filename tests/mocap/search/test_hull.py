@@ -140,6 +140,7 @@ def test_the_soles_are_where_the_feet_are_wide() -> None:
         return np.column_stack([VOXEL_M * np.arange(n), np.zeros(n), np.full(n, height_m)])
 
     tip_then_feet = [layer(-0.06, 2), layer(-0.03, 11), layer(0.0, 30), layer(0.03, 24), layer(0.06, 9)]
-    hull = Hull(np.vstack([*tip_then_feet, layer(1.5, 90)]))
+    points_m = np.vstack([*tip_then_feet, layer(1.5, 90)])
+    hull = Hull(points_m, np.ones(len(points_m), bool))
     assert hull.bottom_m == pytest.approx(0.0)
     assert hull.height_m == pytest.approx(1.5)

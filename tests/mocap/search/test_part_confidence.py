@@ -57,7 +57,7 @@ def test_the_right_pose_leaves_nothing(
     assert found == Differences(NOTHING, NOTHING, 0.0)
     trust = PartConfidence(model.rig, 30.0)
     confidence = confidences(evidence_of(USUAL_RIM, found.nearest_px, USUAL_POSE), USUAL_RIM)
-    assert trust.doubtful(found) == trust.distrusted(found, confidence) == []
+    assert trust.to_search(found) == trust.distrusted(found, confidence) == []
     assert min(confidence.values()) > 0.98
 
 
@@ -70,7 +70,7 @@ def test_an_arm_that_is_elsewhere_is_in_doubt_and_the_legs_are_not(
     found = differences(model, Picture.whole(model.rig, silhouettes_of(pose)), wrong, silhouettes_of(wrong))
     trust, rim = PartConfidence(model.rig, 30.0), _rim((100.0, 20.0, 0.0), told=0.2)
     confidence = confidences(evidence_of(rim, found.nearest_px, wrong), rim)
-    assert "left_arm" in trust.doubtful(found)
+    assert "left_arm" in trust.to_search(found)
     assert trust.distrusted(found, confidence) == ["left_arm"]
     assert confidence["left_arm"] < 0.5 < 0.98 < min(confidence[part] for part in ("left_leg", "right_leg"))
 
@@ -81,7 +81,7 @@ def test_an_empty_picture_is_a_loss_of_all(
     pose = standing()
     planes = silhouettes_of(pose)
     found = differences(model, Picture.whole(model.rig, np.zeros_like(planes)), pose, planes)
-    assert "torso" in PartConfidence(model.rig, 30.0).doubtful(found)
+    assert "torso" in PartConfidence(model.rig, 30.0).distrusted(found, {})
 
 
 def test_pixels_that_are_ignored_do_not_count(
@@ -97,8 +97,8 @@ def test_what_usually_differs_is_no_doubt_but_a_leap_is(model: Model) -> None:
     trust = PartConfidence(model.rig, 30.0)
     for _ in range(20):
         trust.remember(_left_arm(100))
-    assert trust.doubtful(_left_arm(150)) == []
-    assert trust.doubtful(_left_arm(200)) == ["left_arm"]
+    assert trust.to_search(_left_arm(150)) == []
+    assert trust.to_search(_left_arm(200)) == ["left_arm"]
 
 
 def test_a_lost_limb_never_becomes_usual(model: Model) -> None:
@@ -106,7 +106,7 @@ def test_a_lost_limb_never_becomes_usual(model: Model) -> None:
     trust.remember(_left_arm(0))
     for _ in range(200):
         trust.remember(_left_arm(120))
-    assert trust.doubtful(_left_arm(120)) == ["left_arm"]
+    assert trust.to_search(_left_arm(120)) == ["left_arm"]
 
 
 def test_the_torso_is_in_doubt_against_what_is_usual_but_never_at_a_quarter(model: Model) -> None:
@@ -121,13 +121,15 @@ def test_the_torso_is_in_doubt_against_what_is_usual_but_never_at_a_quarter(mode
     again.recall(coat.as_lists())
     for trust, doubtful in ((bare, [0.11, 0.18, 0.26]), (coat, [0.2, 0.26]), (again, [0.2, 0.26])):
         found = [
-            share for share in (0.09, 0.11, 0.18, 0.2, 0.26) if trust.doubtful(sharing(share)) == ["torso"]
+            share
+            for share in (0.09, 0.11, 0.18, 0.2, 0.26)
+            if trust.distrusted(sharing(share), {}) == ["torso"]
         ]
         assert set(doubtful) <= set(found)
         assert (0.18 in found) == (trust is bare)
     for _ in range(200):
         bare.remember(sharing(0.3))
-    assert bare.doubtful(sharing(0.11)) == ["torso"]
+    assert bare.distrusted(sharing(0.11), {}) == ["torso"]
 
 
 def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Model) -> None:
@@ -146,7 +148,7 @@ def test_searches_in_vain_grow_rare_and_one_that_helps_ends_the_rest(model: Mode
 def test_the_torso_is_not_searched_like_a_limb(model: Model) -> None:
     lost = Differences(_left_arm(500).px, NOTHING, 0.5)
     trust = PartConfidence(model.rig, 30.0)
-    assert trust.doubtful(lost) == ["torso", "left_arm"]
+    assert trust.distrusted(lost, {"left_arm": 0.5}) == ["torso", "left_arm"]
     assert trust.to_search(lost) == ["left_arm"]
 
 

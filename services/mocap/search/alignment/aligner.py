@@ -10,14 +10,18 @@ The fit of a body's shape has a solver of its own (fit/least_squares.py), with s
 solver for both was measured, and results of some takes became worse.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import ALL_FRAMES, N_DOF, N_RIGID, SURFACE_FRAMES, moving_frames
 from services.mocap.body.skeleton import BODY_DOFS, DOFS, LOWER, UPPER
+from services.mocap.body.surface import Level, closed_edges
 from services.mocap.camera.rig import Rig
+from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import lenses_of
 from services.mocap.energy.cpu.mesh import FlatMesh
@@ -26,12 +30,11 @@ from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.contacts import Contacts, depths_m
 from services.mocap.search.alignment.matching import OWN_REACH_PX, SHARES, input_of, room_for, views_of
-from services.mocap.search.alignment.rim_mesh import RimMesh
 from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SURFACES, REFERENCE_WIDTH_PX
 from services.mocap.search.pose_prior import pose_prior, surprises
 from services.mocap.search.settings import SearchSettings
-from services.mocap.types import Floats
+from services.mocap.types import Floats, Ints
 
 _FIRST_CAP_PX, _LAST_CAP_PX = 6.0, 1.5
 """Contours farther away than this count as outliers, in the first and in the last step."""
@@ -85,6 +88,33 @@ class Aligned:
     rim: SeenRim
 
 
+class _RimMesh(NamedTuple):
+    """Every segment's edges, the candidates for the rim, concatenated, in the segment's frame."""
+
+    planes: Singles
+    """(8, E): normal and offset (n, d) of the faces on both sides; n . x > d in front of a face."""
+    middles_m: Floats
+    """(3, E)"""
+    halves_m: Floats
+    """(3, E) from the middle to an end."""
+    outward: Floats
+    """(3, E) the sum of both faces' unit normals."""
+    starts: Ints
+    """(segments + 1,) where each segment's edges begin, and their number."""
+
+    @classmethod
+    def of(cls, body: Body, thinned: Sequence[Sequence[Level]] = (), most_m: float = 0.0) -> "_RimMesh":
+        """The edges of a body, from each segment's coarsest thinned mesh with an error of at most most_m, or
+        its full mesh."""
+        ladders = thinned or [()] * len(body.surfaces)
+        levels = [_coarsest(body, s, ladder, most_m) for s, ladder in enumerate(ladders)]
+        pieces = [_edges(level) for level in levels]
+        starts = np.cumsum([0] + [len(piece[0]) for piece in pieces])
+        arrays = (np.ascontiguousarray(np.concatenate(column).T) for column in zip(*pieces, strict=True))
+        planes, middles_m, halves_m, outward = arrays
+        return cls(planes.astype(np.float32), middles_m, halves_m, outward, starts.astype(np.int32))
+
+
 class Aligner:
     """Aligns one body in one camera rig; only one thread at a time may call it."""
 
@@ -96,8 +126,8 @@ class Aligner:
         self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
         self._scale = rig.shape_px[1] / REFERENCE_WIDTH_PX
         self._rims = (
-            (*RimMesh.of(body, levels, max(_COARSE_M / self._scale, _COARSEST_M)),),
-            (*RimMesh.of(body),),
+            (*_RimMesh.of(body, levels, max(_COARSE_M / self._scale, _COARSEST_M)),),
+            (*_RimMesh.of(body),),
         )
         self._contacts = Contacts.of(body)
         self._room = room_for(self._rims[-1])
@@ -168,3 +198,19 @@ def _prior(expected: Floats, settings: SearchSettings) -> Floats:
     weights = settings.steadiness + rest
     likely = expected * np.divide(settings.steadiness, weights, out=np.zeros(N_DOF), where=weights > 0)
     return np.stack([likely, weights, _LONGEST])
+
+
+def _coarsest(body: Body, surface: int, ladder: Sequence[Level], most_m: float) -> Level:
+    full = Level(*body.surfaces[surface], 0.0)
+    return max([full, *(lv for lv in ladder if lv.error_m <= most_m)], key=lambda level: level.error_m)
+
+
+def _edges(level: Level) -> tuple[Floats, Floats, Floats, Floats]:
+    """(E, 8) planes, (E, 3) middles, halves and outward directions of one segment."""
+    edges, sides = closed_edges(level.faces)
+    a, b, c = (level.vertices_m[corner] for corner in level.faces.T)
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    planes = np.column_stack([normals, np.sum(normals * a, axis=1)])[sides].reshape(-1, 8)
+    ends = level.vertices_m[edges[:, :2]]
+    return planes, ends.mean(axis=1), (ends[:, 1] - ends[:, 0]) / 2, normals[sides].sum(axis=1)

@@ -18,7 +18,7 @@ from services.mocap.search.alignment.twists import TWIST_SIZE
 from services.mocap.types import Bytes, Floats, Ints
 
 RimArrays: TypeAlias = tuple[Singles, Floats, Floats, Floats, Ints]
-"""A RimMesh as a plain tuple."""
+"""The aligner's mesh of a rim as a plain tuple."""
 Views: TypeAlias = tuple[Floats, Floats, Floats, Ints]
 """Projections (C, 3, 4), centres in the world (C, 3), weights (C,) and the pictures' sizes (C, 2)."""
 Input: TypeAlias = tuple[Bytes, Bytes, Ints]

@@ -5,9 +5,19 @@ from typing import TypeAlias
 import numba
 import numpy as np
 
-from services.mocap.body.kinematics import N_DOF, N_FRAMES, SURFACE_FRAMES, place_frames
+from services.mocap.body.cloth_frames import PELVIS
+from services.mocap.body.kinematics import (
+    HANGING,
+    N_DOF,
+    N_FRAMES,
+    N_JOINTS,
+    PARENT,
+    SURFACE_FRAMES,
+    place_frames,
+)
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.evaluation import cover
+from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch
 from services.mocap.search.alignment.contacts import Contacts, add_contacts
 from services.mocap.search.alignment.matching import (
@@ -19,8 +29,7 @@ from services.mocap.search.alignment.matching import (
     Views,
     match_view,
 )
-from services.mocap.search.alignment.normal_equations import add_matches, normal_equations
-from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
+from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, TWIST_SIZE, place_twists
 from services.mocap.search.pose_prior import PosePrior, add_prior
 from services.mocap.types import Floats, Ints
 
@@ -81,9 +90,9 @@ def follow(
                     c, rim, pulling, T_world_frame[0], views, seen, model_planes[0],
                     int(reach_px), near_px, rim_scratch, matches, shares_px,
                 )  # fmt: skip
-                add_matches(matches, n, cap_px, wrenches, pulls)
-        places = wrenches[:, 3:, 3:].copy()  # now: normal_equations adds to a joint what its children carry
-        hessian, slope = normal_equations(twists, wrenches, pulls)
+                _add_matches(matches, n, cap_px, wrenches, pulls)
+        places = wrenches[:, 3:, 3:].copy()  # now: _normal_equations adds to a joint what its children carry
+        hessian, slope = _normal_equations(twists, wrenches, pulls)
         add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
         add_prior(pose_prior, pose_weight, pose, hessian, slope)
         prior_cost = 0.0
@@ -124,3 +133,63 @@ def _step(
         move = min(max(-step[d], -longest[d]), longest[d])
         if not held[d]:
             pose[d] = min(max(pose[d] + move, limits[0, d]), limits[1, d])
+
+
+@njit_without_refcounts
+def _add_matches(matches: Matches, n: int, cap_px: float, wrenches: Floats, pulls: Floats) -> None:
+    """Add n matches to the sums of their frames, wrenches (J + 5, 6, 6) and pulls (J + 5, 6).
+
+    With the row w of the Jacobian by the frame's twist, the residual r and its length l of outline:
+
+        wrench += weight w w'  (its lower half),    pull += weight r w,    weight = l / (1 + (r / cap)^2)
+    """
+    _, frames, residuals_px, lengths_px, rows = matches
+    for n_th in range(n):
+        r, w = residuals_px[n_th], rows[n_th]
+        wrench, pull = wrenches[frames[n_th]], pulls[frames[n_th]]
+        weight = lengths_px[n_th] / (1.0 + (r / cap_px) ** 2)
+        for i in range(TWIST_SIZE):
+            weighted = weight * w[i]
+            pull[i] += weighted * r
+            for k in range(i + 1):
+                wrench[i, k] += weighted * w[k]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _normal_equations(twists: Floats, wrenches: Floats, pulls: Floats) -> tuple[Floats, Floats]:
+    """The normal matrix (D, D) and the gradient (D,) of all parameters.
+
+    wrenches and pulls as _add_matches leaves them; what joints carry is summed down the tree in them (as in
+    the composite rigid body algorithm: Featherstone, Rigid Body Dynamics Algorithms, 2008, chapter 6).
+    What cloth that hangs from the pelvis carries is the pelvis's.
+    """
+    hessian, slope = np.empty((N_DOF, N_DOF)), np.empty(N_DOF)
+    wrenches[PELVIS] += wrenches[HANGING]
+    pulls[PELVIS] += pulls[HANGING]
+    for j in range(N_JOINTS):
+        for i in range(TWIST_SIZE):
+            for k in range(i):
+                wrenches[j, k, i] = wrenches[j, i, k]
+    for j in range(N_JOINTS - 1, 0, -1):
+        wrenches[PARENT[j]] += wrenches[j]
+        pulls[PARENT[j]] += pulls[j]
+    moved = np.empty(TWIST_SIZE)
+    for d in range(N_DOF):
+        joint = DOF_JOINT[d]
+        for i in range(TWIST_SIZE):
+            moved[i] = 0.0
+            for k in range(TWIST_SIZE):
+                moved[i] += wrenches[joint, i, k] * twists[d, k]
+        slope[d] = _dot(twists[d], pulls[joint])
+        for e in range(d + 1):
+            value = _dot(twists[e], moved) if MOVED_BY[DOF_JOINT[e], joint] else 0.0
+            hessian[d, e] = hessian[e, d] = value
+    return hessian, slope
+
+
+@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _dot(a: Floats, b: Floats) -> float:
+    total = 0.0
+    for i in range(TWIST_SIZE):
+        total += a[i] * b[i]
+    return total
