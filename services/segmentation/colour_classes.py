@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
-from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.take.fit_record import COLOUR_BINS
-from services.mocap.types import Bytes, Floats, Ints, Mask
+from services.mocap.types import Bytes, Floats, Ints, Mask, Singles
 
 _SMOOTH_BINS = (1.2, 0.8, 0.8)
 """Standard deviation by which histograms are smoothed."""

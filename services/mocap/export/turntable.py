@@ -6,11 +6,10 @@ import numpy as np
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_NAMES, SIDES
-from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
 from services.mocap.synth.raster import draw
 from services.mocap.synth.render import Model
-from services.mocap.types import Bytes, Floats, Ints
+from services.mocap.types import Bytes, Floats, Ints, Singles
 
 N_VIEWS = 8
 _COLUMNS = 4

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, project_snapped
-from services.mocap.types import Floats, Ints, Mask
+from services.mocap.types import Floats, Ints, Mask, Singles
 
 SAMPLES = 3
 """Samples per pixel and axis; being odd, one of them lies at the pixel's centre."""

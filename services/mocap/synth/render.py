@@ -10,10 +10,9 @@ from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_RIGID, surface_transforms
 from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENTS
 from services.mocap.camera.camera import Camera
-from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.synth.raster import draw
 from services.mocap.synth.room import LIGHT_WORLD, RoomView
-from services.mocap.types import Bytes, Floats, Ints, Mask
+from services.mocap.types import Bytes, Floats, Ints, Mask, Singles
 
 SHADOW = 0.6
 """What is left of the floor's brightness in the full shadow."""

@@ -10,8 +10,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from services.mocap.camera.camera import Camera
-from services.mocap.energy.cpu.arrays import Singles
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Floats, Ints, Singles
 
 LIGHT_WORLD: Floats = np.array([0.42, 0.28, 0.863]) / np.linalg.norm([0.42, 0.28, 0.863])
 """Unit vector towards the main light, 60 degrees over the horizon."""

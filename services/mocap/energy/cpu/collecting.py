@@ -9,8 +9,7 @@ from llvmlite import ir
 from numba.extending import intrinsic
 
 from services.mocap.energy.cost import Counts
-from services.mocap.energy.cpu.arrays import Shorts, Words
-from services.mocap.types import Bytes, Ints
+from services.mocap.types import Bytes, Ints, Shorts, Words
 
 Canvas: TypeAlias = tuple[Shorts, Words, Ints, Ints]
 """winding (H, W): signed outline crossings at the left edge of each pixel; a pixel is covered where the

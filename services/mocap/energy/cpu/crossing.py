@@ -3,10 +3,9 @@
 import numba
 import numpy as np
 
-from services.mocap.energy.cpu.arrays import Indices
 from services.mocap.energy.cpu.collecting import Canvas, cross
 from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, SUBPIXEL_BITS
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Floats, Indices, Ints
 
 X, Y, DX, DY, FIRST, LAST, SIGN = range(7)
 """Columns of crossings: an edge's upper end and the way to its lower end, in 1/256 pixel; first row and last

@@ -11,10 +11,9 @@ from math import sqrt
 import numba
 import numpy as np
 
-from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.energy.cpu.mesh import BLOCK
 from services.mocap.energy.snapping import LIMIT_STEPS, NEAR_M, SUBPIXEL
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Bytes, Floats, Indices, Singles
 
 HIDDEN, NEAR, SEEN = 0, 1, 2
 """How a camera sees a segment: not at all; as one that may reach behind the near plane; wholly before it."""

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_RIGID
 from services.mocap.body.surface import Level, closed_edges
-from services.mocap.energy.cpu.arrays import Indices, Singles
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Floats, Indices, Ints, Singles
 
 BLOCK = 32
 """Edges a block; as many planes are looked at at once."""

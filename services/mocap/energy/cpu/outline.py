@@ -11,14 +11,13 @@ import numba
 import numpy as np
 
 from services.mocap.body.kinematics import SURFACE_FRAMES
-from services.mocap.energy.cpu.arrays import Indices, Singles
 from services.mocap.energy.cpu.collecting import Canvas
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
 from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, PX_PER_M, find_candidates, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
 from services.mocap.energy.snapping import depth_range, project_range
-from services.mocap.types import Bytes, Floats, Ints
+from services.mocap.types import Bytes, Floats, Indices, Ints, Singles
 
 MeshArrays: TypeAlias = tuple[Floats, Indices, Singles, Singles, Ints, Floats, Floats]
 """A FlatMesh as a plain tuple: numba's cache on disk cannot be read once a named one has been renamed."""

@@ -10,11 +10,10 @@ import numba
 import numpy as np
 
 from services.mocap.body.kinematics import SURFACE_FRAMES, place_frames
-from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.energy.cpu.collecting import Canvas, row_spans
 from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, draw
-from services.mocap.types import Bytes, Floats, Ints
+from services.mocap.types import Bytes, Floats, Ints, Singles
 
 Coat: TypeAlias = tuple[Bytes, Floats, Floats]
 """What surfaces are painted with: the class of each quarter (S + 5, QUARTERS); near end, middle and far end

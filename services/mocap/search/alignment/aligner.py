@@ -21,7 +21,6 @@ from services.mocap.body.kinematics import ALL_FRAMES, N_DOF, N_RIGID, SURFACE_F
 from services.mocap.body.skeleton import BODY_DOFS, DOFS, LOWER, UPPER
 from services.mocap.body.surface import Level, closed_edges
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.cpu.arrays import Singles
 from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import lenses_of
 from services.mocap.energy.cpu.mesh import FlatMesh
@@ -34,7 +33,7 @@ from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SURFACES, REFERENCE_WIDTH_PX
 from services.mocap.search.pose_prior import pose_prior, surprises
 from services.mocap.search.settings import SearchSettings
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Floats, Ints, Singles
 
 _FIRST_CAP_PX, _LAST_CAP_PX = 6.0, 1.5
 """Contours farther away than this count as outliers, in the first and in the last step."""
