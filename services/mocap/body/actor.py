@@ -10,15 +10,13 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
 
-from services.mocap.body.body_mesh import BodyMesh, OwnMesh, generic_mesh
+from services.mocap.body.body_mesh import BodyMesh, OwnMesh, SegmentMesh, Skirt, generic_mesh, with_skirt
 from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_ratios, trunk_widening
 from services.mocap.body.colours import check_colours, class_table
 from services.mocap.body.kinematics import CLOTH_FRAMES, N_DOF, segment_transforms
 from services.mocap.body.profiles import SECTIONS, SHAPED_BY, Profile, check_profiles, factors_along
-from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
 from services.mocap.body.skeleton_table import PELVIS, THIGH
-from services.mocap.body.skirt import Skirt, with_skirt
 from services.mocap.body.surface import volume_m3
 from services.mocap.types import Bytes, Floats, Ints
 

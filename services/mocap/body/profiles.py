@@ -13,9 +13,9 @@ from math import comb
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from services.mocap.body.body_mesh import SegmentMesh
 from services.mocap.body.bones import smoothstep
 from services.mocap.body.segment_row import Section
-from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats, Ints
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.body.actor import Actor, Body, build_body
-from services.mocap.body.skirt import Skirt
+from services.mocap.body.body_mesh import Skirt
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, count_by_camera
 from services.mocap.energy.cpu.backend import CpuBackend

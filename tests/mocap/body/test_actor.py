@@ -10,14 +10,13 @@ from pydantic import ValidationError
 
 from services.mocap.body import shape_space
 from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, _shape, build_body
+from services.mocap.body.body_mesh import Skirt, generic_segments
 from services.mocap.body.bones import BONES
 from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
 from services.mocap.body.profiles import FACTOR_RANGE, MOST_CONTROLS, SECTIONS, Profile
-from services.mocap.body.shape import generic_segments
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, LOWER, SEGMENT_INDEX, SEGMENT_NAMES, UPPER
 from services.mocap.body.skeleton_table import PELVIS_HEIGHT
-from services.mocap.body.skirt import Skirt
 from services.mocap.types import Floats
 
 HEIGHT_M = 1.8

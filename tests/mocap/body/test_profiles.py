@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.body_mesh import SegmentMesh, generic_segments
 from services.mocap.body.bones import BONES
 from services.mocap.body.profiles import (
     FACTOR_RANGE,
@@ -17,7 +18,6 @@ from services.mocap.body.profiles import (
     bezier_weights,
     factors_along,
 )
-from services.mocap.body.shape import SegmentMesh, generic_segments
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX
 from services.mocap.body.skeleton_table import ROWS
 from services.mocap.errors import TakeError, load_toml, validated

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
+from services.mocap.body.body_mesh import SegmentMesh, generic_segments
 from services.mocap.body.kinematics import N_DOF, segment_transforms
-from services.mocap.body.shape import SegmentMesh, generic_segments
 from services.mocap.body.shape_loft import Loft, loft_mesh
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_JOINT, SEGMENT_NAMES
 from services.mocap.body.skeleton_table import PELVIS_HEIGHT

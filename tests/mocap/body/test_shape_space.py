@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, build_body
+from services.mocap.body.body_mesh import generic_segments
 from services.mocap.body.bones import BONES
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.profiles import SECTIONS, Profile
-from services.mocap.body.shape import generic_segments
 from services.mocap.body.shape_space import (
     DEVIATIONS,
     INDEX,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.body_mesh import Skirt
 from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_NAMES
-from services.mocap.body.skirt import Skirt
 from services.mocap.body.surface import is_closed, volume_m3
 
 PELVIS = SEGMENT_INDEX["pelvis"]

@@ -14,9 +14,9 @@ import pytest
 import trimesh
 
 from services.mocap.body.actor import Actor, Body, build_body
+from services.mocap.body.body_mesh import Skirt
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import LOWER, SEGMENT_NAMES, UPPER
-from services.mocap.body.skirt import Skirt
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.backend import CpuBackend

@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from services.mocap.body.actor import Body
+from services.mocap.body.body_mesh import Skirt
 from services.mocap.body.kinematics import N_DOF, surface_transforms
 from services.mocap.body.shape_space import GENERIC_ACTOR, PARAMETERS, body_of
-from services.mocap.body.skirt import Skirt
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.fit.contours import Contour, contours_of, outline_of

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from services.mocap.body.actor import build_body
+from services.mocap.body.body_mesh import Skirt
 from services.mocap.body.shape_space import actor_of
-from services.mocap.body.skirt import Skirt
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.cpu.backend import CpuBackend

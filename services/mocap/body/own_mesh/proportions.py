@@ -5,10 +5,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from services.mocap.body.body_mesh import BodyMesh
+from services.mocap.body.body_mesh import BodyMesh, SegmentMesh
 from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_ratios, trunk_widening
 from services.mocap.body.own_mesh.character import Character, Piece
-from services.mocap.body.shape import SegmentMesh
 from services.mocap.body.skeleton import (
     JOINT_INDEX,
     JOINTS,
