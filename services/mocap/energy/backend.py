@@ -1,11 +1,15 @@
 """What every energy backend offers, and the problem that it evaluates."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Bytes, Floats
+
+Energy: TypeAlias = Callable[[Floats], Floats]
+"""A problem's energies (N,) in pixels of the parameter values (N, d)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +35,6 @@ class Problem:
         poses = self.base_pose[None].repeat(len(values), axis=0)
         poses[:, self.dofs] = values
         return poses
-
-
-class Energy(Protocol):
-    """The energy of a problem."""
-
-    def __call__(self, values: Floats) -> Floats:
-        """Energies (N,) in pixels of the parameter values (N, d)."""
-        ...
 
 
 class Backend(Protocol):

@@ -32,7 +32,15 @@ class FallbackBackend:
 
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy; the energy goes on with the other backend too."""
-        return _FallbackEnergy(self, problem)
+        prepared = self.attempt(lambda backend: (backend, backend.energy(problem)))
+
+        def evaluate(backend: Backend, values: Floats) -> Floats:
+            nonlocal prepared
+            if prepared[0] is not backend:
+                prepared = backend, backend.energy(problem)
+            return prepared[1](values)
+
+        return lambda values: self.attempt(lambda backend: evaluate(backend, values))
 
     def coverage(
         self, poses: Floats, segments: tuple[int, ...], region: Region, detail_px: float = 0.0
@@ -60,20 +68,3 @@ class FallbackBackend:
         if self._made is None or self._made[0] != self._engine.name:
             self._made = self._engine.name, self._engine.make(self._body, self._rig)
         return self._made[1]
-
-
-class _FallbackEnergy:
-    """A problem's energy, prepared by whichever backend evaluates it."""
-
-    def __init__(self, owner: FallbackBackend, problem: Problem) -> None:
-        self._owner, self._problem = owner, problem
-        self._prepared: tuple[Backend, Energy] | None = None
-        owner.attempt(self._prepare)
-
-    def __call__(self, values: Floats) -> Floats:
-        return self._owner.attempt(lambda backend: self._prepare(backend)(values))
-
-    def _prepare(self, backend: Backend) -> Energy:
-        if self._prepared is None or self._prepared[0] is not backend:
-            self._prepared = backend, backend.energy(self._problem)
-        return self._prepared[1]
