@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.atomic import atomic_folder
-from services.mocap.camera.reduction import enlarge_trimap
+from services.mocap.camera.undistort import resized_trimap
 from services.mocap.errors import UserError
 from services.mocap.export.fit_sheet import Seen, draw_unsure_sheet
 from services.mocap.search.unsure_shares import REMEDY, UNTOLD, may_be_actor, without_rims
@@ -45,7 +45,7 @@ def write_silhouettes(take: Take, out: Path, advance: Callable[[], None], segmen
         for frame, moment in enumerate(made.raw_moments(0, take.settings.frames)):
             for calibrated, trimap, of_camera in zip(take.calibrated, moment.trimaps, thirds, strict=True):
                 folder = part / layout.SILHOUETTES / calibrated.name
-                write_picture(layout.silhouette_path(folder, frame), enlarge_trimap(trimap, calibrated))
+                write_picture(layout.silhouette_path(folder, frame), resized_trimap(trimap, calibrated))
                 of_camera.add(frame, trimap)
                 advance()
         sentence = thirds_in_words([camera.name for camera in take.cameras], thirds)

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from bench.takes import take_folder
 from services.mocap.camera.camera import Camera
-from services.mocap.camera.reduction import reduce_trimap
+from services.mocap.camera.undistort import resized_trimap
 from services.mocap.errors import UserError
 from services.mocap.take import layout
 from services.mocap.take.folder import Take, open_take
@@ -117,7 +117,7 @@ def _true_silhouette(take: Take, camera: Camera, frame: int) -> Mask | None:
     path = layout.silhouette_path(take.folder / _TRUE_SILHOUETTES / camera.name, frame)
     if not path.exists():
         return None
-    true: Mask = reduce_trimap(read_trimap(path, ()), camera) == ACTOR
+    true: Mask = resized_trimap(read_trimap(path, ()), camera) == ACTOR
     return true if true.any() else None
 
 

@@ -1,4 +1,4 @@
-"""Undistortion: converts raw pictures and silhouettes to those of the camera's pinhole."""
+"""Converts raw pictures and silhouettes to those of the camera's pinhole, and to the camera's size."""
 
 from collections.abc import Callable
 
@@ -87,6 +87,27 @@ def trimap_by_masks(trimap: Trimap, change: Callable[[Mask], Mask]) -> Trimap:
     return changed
 
 
+def reduce_picture(picture: Bytes, camera: Camera) -> Bytes:
+    """A picture (H, W, 3) in the camera's size, by the mean over areas; itself if it has that size."""
+    return picture if picture.shape[:2] == camera.shape_px else _resized(picture, camera, cv2.INTER_AREA)
+
+
+def resized_trimap(trimap: Trimap, camera: Camera) -> Trimap:
+    """A trimap (H, W) in the camera's size; itself if it has that size.
+
+    A larger one is reduced: a pixel is the actor if half of its area is, and certain if that holds whatever
+    the unsure pixels are. A smaller one is enlarged: its outlines are interpolated.
+    """
+    if trimap.shape == camera.shape_px:
+        return trimap
+    by = cv2.INTER_AREA if trimap.size > camera.width_px * camera.height_px else cv2.INTER_LINEAR
+
+    def resized(mask: Mask) -> Mask:
+        return np.asarray(_resized(mask.view(np.uint8) * np.uint8(255), camera, by) > 127)
+
+    return trimap_by_masks(trimap, resized)
+
+
 def undistortion_maps(camera: Camera, kind: int) -> tuple[np.ndarray, np.ndarray]:
     """Where each undistorted pixel lies in the raw picture: OpenCV's two maps of a kind, such as CV_32FC1."""
     make = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
@@ -99,6 +120,10 @@ def undistorted_px(camera: Camera, raw_px: Floats, K: Floats | None = None) -> F
     onto = camera.K if K is None else K
     pixels = undistort(raw_px[:, None], camera.K, camera.distortion, P=onto)
     return np.asarray(pixels, np.float64).reshape(-1, 2)
+
+
+def _resized(picture: Bytes, camera: Camera, interpolation: int) -> Bytes:
+    return np.asarray(cv2.resize(picture, camera.size_px, interpolation=interpolation), np.uint8)
 
 
 def _taking(of: tuple[Ints, Ints], begin: int, size: int) -> slice:

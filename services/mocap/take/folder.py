@@ -10,7 +10,7 @@ from services.mocap.camera.calibration import Up, read_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import ColourCorrection, read_colours
 from services.mocap.camera.formats import read_any
-from services.mocap.camera.reduction import reduce_picture
+from services.mocap.camera.undistort import reduce_picture
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.pictures import TrimapReader, check_png, read_picture, read_trimap

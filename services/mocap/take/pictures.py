@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.camera.reduction import reduce_trimap
+from services.mocap.camera.undistort import resized_trimap
 from services.mocap.errors import TakeError
 from services.mocap.take.layout import CALIBRATION, silhouette_path
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
@@ -128,7 +128,7 @@ class TrimapReader:
     def read(self, frame: int) -> Trimap:
         """One frame's trimap; raises TakeError when it is missing or cannot be decoded."""
         trimap = read_trimap(silhouette_path(self.folder, frame), self._unsure)
-        return trimap if self._camera is None else reduce_trimap(trimap, self._camera)
+        return trimap if self._camera is None else resized_trimap(trimap, self._camera)
 
 
 def _bytes(path: Path) -> bytes:

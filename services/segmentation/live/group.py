@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from services.mocap.camera.camera import Camera
-from services.mocap.camera.reduction import reduce_picture
+from services.mocap.camera.undistort import reduce_picture
 from services.mocap.errors import UserError
 from services.mocap.take.live import LiveTake
 from services.mocap.types import Bytes

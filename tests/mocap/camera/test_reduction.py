@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from distorted_cameras import CAMERA
-from services.mocap.camera.reduction import enlarge_trimap, reduce_picture, reduce_trimap
+from services.mocap.camera.undistort import reduce_picture, resized_trimap
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Trimap
 
 STATES = np.array([BACKGROUND, UNSURE, ACTOR], np.uint8)
@@ -71,9 +71,9 @@ def test_a_reduced_pixel_is_certain_if_unsure_ones_cannot_change_it(seed: int, l
     rng = np.random.default_rng(seed)
     coarse = rng.choice(STATES, (12, 16), p=[0.4, 0.2, 0.4])
     trimap: Trimap = cv2.resize(coarse, (320, 240), interpolation=cv2.INTER_NEAREST)
-    reduced = reduce_trimap(trimap, small)
-    at_least = reduce_trimap(np.where(trimap == UNSURE, np.uint8(BACKGROUND), trimap), small)
-    at_most = reduce_trimap(np.where(trimap == UNSURE, np.uint8(ACTOR), trimap), small)
+    reduced = resized_trimap(trimap, small)
+    at_least = resized_trimap(np.where(trimap == UNSURE, np.uint8(BACKGROUND), trimap), small)
+    at_most = resized_trimap(np.where(trimap == UNSURE, np.uint8(ACTOR), trimap), small)
     assert not np.any(at_least == UNSURE) and not np.any(at_most == UNSURE)
     np.testing.assert_array_equal(reduced, np.where(at_least == at_most, at_least, np.uint8(UNSURE)))
 
@@ -83,7 +83,7 @@ def test_half_of_a_pixel_decides() -> None:
     trimap[0, 0:2] = ACTOR  # two of the first pixel's four
     trimap[0, 4] = ACTOR
     trimap[0, 8], trimap[1, 8] = ACTOR, UNSURE
-    small = reduce_trimap(trimap, CAMERA.reduced(160))
+    small = resized_trimap(trimap, CAMERA.reduced(160))
     assert small[0, :5].tolist() == [ACTOR, BACKGROUND, BACKGROUND, BACKGROUND, UNSURE]
     assert not small[0, 5:].any() and not small[1:].any()
 
@@ -94,9 +94,9 @@ def test_an_enlarged_silhouette_stays_in_place_and_is_reduced_to_nearly_itself(l
     v, u = np.mgrid[: small.height_px, : small.width_px] / small.height_px
     trimap = np.where(np.hypot(u - 0.6, v - 0.55) < 0.3, ACTOR, BACKGROUND).astype(np.uint8)
     trimap[np.hypot(u - 0.9, v - 0.55) < 0.1] = UNSURE
-    whole = enlarge_trimap(trimap, CAMERA)
+    whole = resized_trimap(trimap, CAMERA)
     assert whole.shape == (240, 320)
-    assert (reduce_trimap(whole, small) != trimap).sum() <= 4
+    assert (resized_trimap(whole, small) != trimap).sum() <= 4
     for state in (ACTOR, UNSURE):
         shares = [(np.argwhere(of == state).mean(axis=0) + 0.5) / of.shape for of in (trimap, whole)]
         np.testing.assert_allclose(shares[0], shares[1], atol=0.2 / 320)
@@ -105,5 +105,4 @@ def test_an_enlarged_silhouette_stays_in_place_and_is_reduced_to_nearly_itself(l
 def test_what_has_the_size_already_is_not_copied() -> None:
     picture, trimap = np.zeros((240, 320, 3), np.uint8), np.zeros((240, 320), np.uint8)
     assert reduce_picture(picture, CAMERA) is picture
-    assert reduce_trimap(trimap, CAMERA) is trimap
-    assert enlarge_trimap(trimap, CAMERA) is trimap
+    assert resized_trimap(trimap, CAMERA) is trimap

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rotation_tag import tag_a_quarter_turn
-from services.mocap.camera.reduction import reduce_trimap
+from services.mocap.camera.undistort import resized_trimap
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import LONGEST_SIDE, read_take_file
 from services.mocap.take.writer import write_picture
@@ -81,7 +81,7 @@ def test_silhouettes_are_reduced(small_take: SmallTake) -> None:
     whole, reduced = _whole_and_reduced(folder)
     (of_file,), (trimap,) = whole.trimaps(whole.cameras[0]), reduced.trimaps(reduced.cameras[0])
     assert trimap.shape == (24, 32)
-    np.testing.assert_array_equal(trimap, reduce_trimap(of_file, reduced.cameras[0]))
+    np.testing.assert_array_equal(trimap, resized_trimap(of_file, reduced.cameras[0]))
 
 
 def test_by_default_only_large_pictures_are_reduced(small_take: SmallTake) -> None:
