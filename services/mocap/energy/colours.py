@@ -5,7 +5,7 @@ term adds to the XOR where a picture has classes (Picture.classes): a pixel cost
 input and another one of the body. It is computed by the CPU, whatever draws the silhouettes.
 """
 
-from functools import cached_property
+from functools import cache, partial
 
 import numpy as np
 
@@ -16,11 +16,9 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import pack, unpack_classes
 from services.mocap.energy.cpu.collecting import empty_canvas
-from services.mocap.energy.cpu.facing import CENTRE_X, lenses_of
-from services.mocap.energy.cpu.mesh import FlatMesh
-from services.mocap.energy.cpu.outline import MeshArrays, Scratch, scratch_for
+from services.mocap.energy.cpu.facing import CENTRE_X, cameras_of
+from services.mocap.energy.cpu.outline import prepared
 from services.mocap.energy.cpu.painting import Coat, Drawing, Rest, count_wrong, paint, room_for
-from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.types import Bytes, Floats, Ints
 
@@ -38,6 +36,7 @@ class ColourPainter:
 
     def __init__(self, body: Body, rig: Rig) -> None:
         self._body, self._rig = body, rig
+        self._prepared = cache(partial(prepared, body))
         ends_m = [_ends_m(vertices_m) for vertices_m, _ in body.surfaces[:N_RIGID]]
         self.ends_m = np.array([*ends_m, *[_ENDS_OF_WEB] * (len(body.surfaces) - N_RIGID)])
         """(S + 5, 3, 3) near end, middle and far end of each surface in its frame."""
@@ -54,7 +53,8 @@ class ColourPainter:
         weights = problem.cost.weights(n_cameras)
         cameras, drawn = self._cameras(picture.region), np.array(problem.segments, np.int32)
         T_world_frame = frame_transforms(problem.base_pose[None], self._body.offsets_m)[0]
-        coat, others = self._coat(self._body.colour_classes), np.setdiff1d(_EVERYTHING, drawn)
+        coat = self._body.colour_classes, self.ends_m, self.nearer_m
+        others = np.setdiff1d(_EVERYTHING, drawn)
         rest = self._painted(T_world_frame, others.astype(np.int32), coat, picture.region, detail_px)
         wrong = (seen != 0) & (rest[0] != 0) & (rest[0] != seen)
         blank_px = float(wrong.sum(axis=(1, 2)) @ weights)
@@ -80,7 +80,7 @@ class ColourPainter:
         """(C, h, w) the classes of a pose (D,) in a region; table (S + 5, QUARTERS): others than the body's,
         0 where nothing is to be painted."""
         T_world_frame = frame_transforms(pose[None], self._body.offsets_m)[0]
-        coat = self._coat(self._body.colour_classes if table is None else table)
+        coat = (self._body.colour_classes if table is None else table), self.ends_m, self.nearer_m
         return self._painted(T_world_frame, _EVERYTHING, coat, region, 0.0)[0]
 
     def _seen(self, picture: Picture) -> Bytes:
@@ -101,28 +101,14 @@ class ColourPainter:
         return rest
 
     def _drawing(self, region: Region, n_surfaces: int, detail_px: float) -> Drawing:
-        mesh, scratch = self._detailed if detail_px > 0 else self._full
+        mesh, (scratch,) = self._prepared(detail_px > 0)
         canvas = empty_canvas(region.height_px, region.width_px)
         return detail_px, mesh, scratch, canvas, room_for(n_surfaces, region.height_px)
 
-    def _coat(self, table: Bytes) -> Coat:
-        return table, self.ends_m, self.nearer_m
-
     def _cameras(self, region: Region) -> tuple[Floats, Floats, Floats]:
         """Projections (C, 3, 4), lenses, and centres (C, 3) in the world."""
-        P_px_world = region.projections(self._rig)
-        lenses = lenses_of(P_px_world, region.width_px, region.height_px)
+        P_px_world, lenses = cameras_of(self._rig, region)
         return P_px_world, lenses, np.ascontiguousarray(lenses[:, CENTRE_X : CENTRE_X + 3])
-
-    @cached_property
-    def _full(self) -> tuple[MeshArrays, Scratch]:
-        mesh = FlatMesh.of(self._body)
-        return (*mesh,), scratch_for(mesh)
-
-    @cached_property
-    def _detailed(self) -> tuple[MeshArrays, Scratch]:
-        mesh = FlatMesh.of(self._body, levels_of(self._body))
-        return (*mesh,), scratch_for(mesh)
 
 
 def _ends_m(vertices_m: Floats) -> Floats:

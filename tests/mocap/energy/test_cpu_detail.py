@@ -182,7 +182,7 @@ def test_segments_may_have_different_numbers_of_levels(
     poses, region = random_poses(4, 6), Region.whole(ring(4))
     ladders = levels_of(real_body)
     fewer = [ladder[: s % 5] for s, ladder in enumerate(ladders)]
-    monkeypatch.setattr("services.mocap.energy.cpu.backend.levels_of", lambda _: fewer)
+    monkeypatch.setattr("services.mocap.energy.cpu.outline.levels_of", lambda _: fewer)
     backend = CpuBackend(real_body, ring(4))
     full = backend.coverage(poses, ALL, region)
     for s, ladder in enumerate(fewer):

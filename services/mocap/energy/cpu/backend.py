@@ -2,7 +2,7 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
+from functools import cache, partial
 
 import numpy as np
 
@@ -12,11 +12,8 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Energy, Problem
 from services.mocap.energy.bitplanes import n_planes
 from services.mocap.energy.cpu.collecting import empty_canvas, summed_gain
-from services.mocap.energy.cpu.evaluation import cover, evaluate
-from services.mocap.energy.cpu.facing import lenses_of
-from services.mocap.energy.cpu.mesh import FlatMesh
-from services.mocap.energy.cpu.outline import MeshArrays, Scratch, scratch_for
-from services.mocap.energy.detail.cache import levels_of
+from services.mocap.energy.cpu.facing import cameras_of
+from services.mocap.energy.cpu.outline import cover, evaluate, prepared
 from services.mocap.energy.picture import Region
 from services.mocap.types import Bytes, Floats
 
@@ -35,6 +32,7 @@ class CpuBackend:
         n_cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self._n_threads = threads or n_cores
         self._pool = ThreadPoolExecutor(self._n_threads, "energy") if self._n_threads > 1 else None
+        self._prepared = cache(partial(prepared, body, n=self._n_threads))
 
     def energy(self, problem: Problem) -> Energy:
         """See Backend.energy. Costs a pass over the picture; every call then touches outlines only."""
@@ -42,8 +40,8 @@ class CpuBackend:
         frames = moving_frames(problem.dofs, problem.segments)
         plan = (np.array(problem.dofs, np.int32), frames, np.array(problem.segments, np.int32))
         T_world_frame = frame_transforms(base[None], self._body.offsets_m)[0]
-        mesh, scratches = self._detailed if problem.detail_px > 0 else self._full
-        cameras, gain_sums = self._cameras(region), summed_gain(tally.gain)
+        mesh, scratches = self._prepared(problem.detail_px > 0)
+        cameras, gain_sums = cameras_of(self._rig, region), summed_gain(tally.gain)
         costs = np.array([tally.blank, tally.weights, np.full(self._rig.n_cameras, tally.cap)])
         lanes = [
             (base.copy(), T_world_frame.copy(), scratch, empty_canvas(region.height_px, region.width_px))
@@ -76,29 +74,13 @@ class CpuBackend:
         """See Backend.coverage."""
         shape = (len(poses), n_planes(self._rig.n_cameras), region.height_px, region.width_px)
         planes: Bytes = np.zeros(shape, np.uint8)
-        mesh, scratches = self._detailed if detail_px > 0 else self._full
+        mesh, scratches = self._prepared(detail_px > 0)
         T_world_frame = frame_transforms(poses, self._body.offsets_m)
         cover(
-            T_world_frame, np.array(segments, np.int32), self._cameras(region), detail_px,
+            T_world_frame, np.array(segments, np.int32), cameras_of(self._rig, region), detail_px,
             mesh, scratches[0], empty_canvas(region.height_px, region.width_px), planes,
         )  # fmt: skip
         return planes
-
-    def _cameras(self, region: Region) -> tuple[Floats, Floats]:
-        """Projections (C, 3, 4) and lenses."""
-        P_px_world = region.projections(self._rig)
-        return P_px_world, lenses_of(P_px_world, region.width_px, region.height_px)
-
-    @cached_property
-    def _full(self) -> tuple[MeshArrays, list[Scratch]]:
-        return self._prepared(FlatMesh.of(self._body))
-
-    @cached_property
-    def _detailed(self) -> tuple[MeshArrays, list[Scratch]]:
-        return self._prepared(FlatMesh.of(self._body, levels_of(self._body)))
-
-    def _prepared(self, mesh: FlatMesh) -> tuple[MeshArrays, list[Scratch]]:
-        return (*mesh,), [scratch_for(mesh) for _ in range(self._n_threads)]
 
     def close(self) -> None:
         """End the threads."""

@@ -11,7 +11,9 @@ from math import sqrt
 import numba
 import numpy as np
 
+from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.mesh import BLOCK
+from services.mocap.energy.picture import Region
 from services.mocap.energy.snapping import LIMIT_STEPS, NEAR_M, SUBPIXEL
 from services.mocap.types import Bytes, Floats, Indices, Singles
 
@@ -30,6 +32,12 @@ _SNAP_ERROR_PX = 0.501 / SUBPIXEL
 """Half a step, and a little for the rounding of floats before it."""
 _SINGLE_ERROR = 2.0**-19
 """Of a plane at a point in single precision, against the sum of the sizes of its terms: twice what can be."""
+
+
+def cameras_of(rig: Rig, region: Region) -> tuple[Floats, Floats]:
+    """Projections (C, 3, 4) to a region's pixels, and lenses."""
+    P_px_world = region.projections(rig)
+    return P_px_world, lenses_of(P_px_world, region.width_px, region.height_px)
 
 
 def lenses_of(P_px_world: Floats, width_px: int, height_px: int) -> Floats:

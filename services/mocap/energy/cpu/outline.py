@@ -2,7 +2,7 @@
 
 The front faces of a closed mesh cover a point as often as their common boundary winds around it, so only the
 edges between a front and a back face matter. Those are few: about a hundredth of all pixels that triangles
-touch.
+touch. Batches are evaluated in one call: from parameter values to energies, or to covered pixels.
 """
 
 from typing import TypeAlias
@@ -10,12 +10,15 @@ from typing import TypeAlias
 import numba
 import numpy as np
 
-from services.mocap.body.kinematics import SURFACE_FRAMES
-from services.mocap.energy.cpu.collecting import Canvas
+from services.mocap.body.actor import Body
+from services.mocap.body.kinematics import SURFACE_FRAMES, place_frames
+from services.mocap.energy.cost import Counts
+from services.mocap.energy.cpu.collecting import Canvas, collect_bits, collect_gain
 from services.mocap.energy.cpu.crossing import find_crossings, find_near_crossings, wind
 from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, PX_PER_M, find_candidates, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
+from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.snapping import depth_range, project_range
 from services.mocap.types import Bytes, Floats, Indices, Ints, Singles
 
@@ -24,6 +27,12 @@ MeshArrays: TypeAlias = tuple[Floats, Indices, Singles, Singles, Ints, Floats, F
 Scratch: TypeAlias = tuple[Bytes, Indices, Ints, Floats, Ints, Floats, Singles]
 """flags (BLOCK + B,); edges found (E + 1,); snapped vertices uv (2, V); depth_m (V,); crossings (E + 1, 7);
 the M (3, 4) and eye (EYE_SIZE,) of look."""
+
+
+def prepared(body: Body, is_detailed: bool, n: int = 1) -> tuple[MeshArrays, list[Scratch]]:
+    """A body's mesh, with its thinned levels if it is detailed, and room to draw it n times at once."""
+    mesh = FlatMesh.of(body, levels_of(body) if is_detailed else ())
+    return (*mesh,), [scratch_for(mesh) for _ in range(n)]
 
 
 def scratch_for(mesh: FlatMesh) -> Scratch:
@@ -78,6 +87,62 @@ def draw(
             n_found = find_candidates(planes, block_planes, block, block_end, eye, flags, found)
             n = find_crossings(found, n_found, edges, uv, height_px, crossings)
         wind(crossings, n, canvas)
+
+
+@njit_without_refcounts
+def evaluate(
+    values: Floats,
+    plan: tuple[Ints, Ints, Ints],
+    pose: Floats,
+    T_world_frame: Floats,
+    offsets_m: Floats,
+    cameras: tuple[Floats, Floats],
+    detail_px: float,
+    mesh: MeshArrays,
+    scratch: Scratch,
+    gain_sums: Counts,
+    costs: Floats,
+    canvas: Canvas,
+    energies: Floats,
+) -> None:
+    """Write the energies (N,) of values (N, d).
+
+    plan: the parameters that vary (d,), the frames that they move, the surfaces that are drawn. pose (D,)
+    and T_world_frame (J + 5, 4, 4): a base pose and its transforms, of which only what the plan names
+    changes. gain_sums (C, H, W + 1) as summed_gain makes it; costs (3, C): blank, weights and cap of the
+    Tally; canvas from empty_canvas.
+    """
+    dofs, frames, surfaces = plan
+    P_px_world, lenses = cameras
+    for n in range(len(values)):
+        for k in range(len(dofs)):
+            pose[dofs[k]] = values[n, k]
+        place_frames(pose, offsets_m, frames, T_world_frame)
+        energy = 0.0
+        for c in range(len(P_px_world)):
+            draw(T_world_frame, surfaces, P_px_world[c], lenses[c], detail_px, mesh, scratch, canvas)
+            cost = costs[0, c] + collect_gain(canvas, gain_sums[c])
+            energy += costs[1, c] * (cost / (1.0 + cost / costs[2, c]))
+        energies[n] = energy
+
+
+@njit_without_refcounts
+def cover(
+    T_world_frame: Floats,
+    surfaces: Ints,
+    cameras: tuple[Floats, Floats],
+    detail_px: float,
+    mesh: MeshArrays,
+    scratch: Scratch,
+    canvas: Canvas,
+    covered: Bytes,
+) -> None:
+    """Set the bits of pixels that bodies cover in covered (N, P, H, W); T_world_frame (N, J + 5, 4, 4)."""
+    P_px_world, lenses = cameras
+    for n in range(len(T_world_frame)):
+        for c in range(len(P_px_world)):
+            draw(T_world_frame[n], surfaces, P_px_world[c], lenses[c], detail_px, mesh, scratch, canvas)
+            collect_bits(canvas, covered[n, c // 8], np.uint8(1 << c % 8))
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")

@@ -16,9 +16,8 @@ from services.mocap.body.kinematics import (
     place_frames,
 )
 from services.mocap.energy.cpu.collecting import Canvas
-from services.mocap.energy.cpu.evaluation import cover
 from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
-from services.mocap.energy.cpu.outline import MeshArrays, Scratch
+from services.mocap.energy.cpu.outline import MeshArrays, Scratch, cover
 from services.mocap.search.alignment.contacts import Contacts, add_contacts
 from services.mocap.search.alignment.matching import (
     SHARES,
