@@ -1,7 +1,7 @@
 """Compiled sums along pixel rows: from where outlines cross them to which pixels are covered."""
 
 from collections.abc import Callable
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias, TypeVar, cast
 
 import numba
 import numpy as np
@@ -11,12 +11,13 @@ from numba.extending import intrinsic
 from services.mocap.energy.cost import Counts
 from services.mocap.types import Bytes, Ints, Shorts, Words
 
+Function = TypeVar("Function", bound=Callable[..., object])
 Canvas: TypeAlias = tuple[Shorts, Words, Ints, Ints]
 """winding (H, W): signed outline crossings at the left edge of each pixel; a pixel is covered where the
 running sum of its row is positive. crossed (H, words): a bit for every column of a row that is crossed.
 extent (2,): the first row and the last row + 1 of those that may be crossed. spans (w // 2 + 1, 2): room for
 those of a row. Crossings right of the picture leave nothing."""
-_BITS, _LOG2_BITS = 64, 6
+BITS, LOG2_BITS = 64, 6
 """Of a word."""
 
 
@@ -32,9 +33,22 @@ lowest_bit = cast(Callable[[np.uint64], np.uint64], intrinsic(_lowest_bit))
 """The number of the lowest bit that is set; one has to be. For compiled code only."""
 
 
+def njit_without_refcounts(function: Function) -> Function:
+    """Compile what loops over cameras, segments and outlines.
+
+    To take an array out of a tuple, or a slice of one, otherwise counts it up and down again, which was a
+    fifth to half of all the time that evaluations took. Such a function can make no arrays; those that it is
+    given have to be held by who calls it, as Python does.
+    """
+    compiled: Function = numba.njit(  # type: ignore[call-overload]  # _nrt is not in its stubs
+        cache=True, nogil=True, error_model="numpy", _nrt=False
+    )(function)
+    return compiled
+
+
 def empty_canvas(height_px: int, width_px: int) -> Canvas:
     """Room for what outlines leave behind in a picture: nothing yet."""
-    crossed = np.zeros((height_px, -(-width_px // _BITS)), np.uint64)
+    crossed = np.zeros((height_px, -(-width_px // BITS)), np.uint64)
     extent, spans = np.array([height_px, 0], np.int32), np.zeros((width_px // 2 + 1, 2), np.int32)
     return np.zeros((height_px, width_px), np.int16), crossed, extent, spans
 
@@ -45,18 +59,6 @@ def summed_gain(gain: Counts) -> Counts:
     sums = np.zeros((n_cameras, height_px, width_px + 1), np.int32)
     np.cumsum(gain, axis=2, out=sums[:, :, 1:])
     return sums
-
-
-@numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def cross(canvas: Canvas, row: np.uint32, column: np.uint32, sign: int) -> None:
-    """Note that an outline crosses a row from the column before into this one, which is in the picture.
-
-    Whoever calls it widens the extent.
-    """
-    winding, crossed = canvas[0], canvas[1]
-    winding[row, column] += sign
-    bit = np.uint64(1) << np.uint64(column & np.uint32(_BITS - 1))
-    crossed[row, column >> np.uint32(_LOG2_BITS)] |= bit
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
@@ -71,7 +73,7 @@ def collect_gain(canvas: Canvas, gain_sums: Counts) -> int:
             bits = crossed[row, word]
             crossed[row, word] = 0
             while bits:
-                column = np.uint32(_BITS * word + lowest_bit(bits))
+                column = np.uint32(BITS * word + lowest_bit(bits))
                 bits &= bits - np.uint64(1)
                 was_covered = depth > 0
                 depth += winding[row, column]
@@ -93,7 +95,7 @@ def row_spans(canvas: Canvas, row: int) -> int:
         bits = crossed[row, word]
         crossed[row, word] = 0
         while bits:
-            column = int(_BITS * word + lowest_bit(bits))
+            column = int(BITS * word + lowest_bit(bits))
             bits &= bits - np.uint64(1)
             was_covered = depth > 0
             depth += winding[row, column]

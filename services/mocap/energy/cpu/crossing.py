@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from services.mocap.energy.cpu.collecting import Canvas, cross
+from services.mocap.energy.cpu.collecting import BITS, LOG2_BITS, Canvas
 from services.mocap.energy.snapping import NEAR_M, SUBPIXEL, SUBPIXEL_BITS
 from services.mocap.types import Floats, Indices, Ints
 
@@ -81,7 +81,8 @@ def wind(crossings: Ints, n: int, canvas: Canvas) -> None:
     bits, so that below 65536 columns a quotient that is not whole is farther off a whole number than it is
     rounded; and a numerator too long to be exact stands for a column beyond any picture.
     """
-    extent, width_px = canvas[2], canvas[0].shape[1]
+    winding, crossed, extent, _ = canvas
+    width_px = winding.shape[1]
     top, bottom = extent[0], extent[1]
     for i in range(n):
         x, y = np.int64(crossings[i, X]), np.int64(crossings[i, Y])
@@ -94,5 +95,7 @@ def wind(crossings: Ints, n: int, canvas: Canvas) -> None:
             column = np.int64(min(max(np.ceil(crossing / divisor), 0.0), float(width_px)))
             crossing += step
             if column < width_px:
-                cross(canvas, np.uint32(row), np.uint32(column), sign)
+                r, c = np.uint32(row), np.uint32(column)
+                winding[r, c] += sign
+                crossed[r, c >> np.uint32(LOG2_BITS)] |= np.uint64(1) << np.uint64(c & np.uint32(BITS - 1))
     extent[0], extent[1] = top, bottom

@@ -10,8 +10,7 @@ import numba
 import numpy as np
 
 from services.mocap.body.kinematics import SURFACE_FRAMES, place_frames
-from services.mocap.energy.cpu.collecting import Canvas, row_spans
-from services.mocap.energy.cpu.njit_without_refcounts import njit_without_refcounts
+from services.mocap.energy.cpu.collecting import Canvas, njit_without_refcounts, row_spans
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, draw
 from services.mocap.types import Bytes, Floats, Ints, Singles
 
