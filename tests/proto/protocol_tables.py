@@ -11,7 +11,7 @@ from proto import framing, sockets
 from proto.messages import MESSAGES, Message, Pose, arrays_of
 from proto.streams import FROM_CLIENTS, FROM_LIVE_CAMERAS, PUBLISHED, STREAMS, TO_CLIENTS, Flow
 from services.coordinator import deadline
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.search.chains import LIMBS
 from services.mocap.take.quantities import QUANTITIES
 
@@ -136,8 +136,8 @@ def pose_table() -> str:
             f"`{dof.joint}`",
             dof.role,
             "({})".format(", ".join(f"{x + 0.0:g}" for x in dof.axis)),
-            _degrees(dof.lower),
-            _degrees(dof.upper),
+            _degrees(LOWER[k]),
+            _degrees(UPPER[k]),
         )
         for k, dof in enumerate(DOFS)
     ]

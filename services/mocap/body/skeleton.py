@@ -5,7 +5,6 @@ What is on the body's plane of symmetry comes first, then the left, then the rig
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import radians
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -49,16 +48,6 @@ class Dof(Parameter):
     """One pose parameter, on its side of the body."""
 
     joint: str = field(kw_only=True)
-
-    @property
-    def lower(self) -> float:
-        """The smallest value within the joint limits, in the parameter's unit."""
-        return radians(self.lower_deg)
-
-    @property
-    def upper(self) -> float:
-        """The largest one."""
-        return radians(self.upper_deg)
 
     @property
     def unit(self) -> Literal["m", "rad"]:
@@ -134,8 +123,9 @@ DOFS: tuple[Dof, ...] = tuple(
 )
 DOF_NAMES: tuple[str, ...] = tuple(dof.name for dof in DOFS)
 DOF_INDEX: dict[str, int] = {name: i for i, name in enumerate(DOF_NAMES)}
-LOWER: Floats = np.array([dof.lower for dof in DOFS])
-UPPER: Floats = np.array([dof.upper for dof in DOFS])
+LOWER: Floats = np.radians([dof.lower_deg for dof in DOFS])
+UPPER: Floats = np.radians([dof.upper_deg for dof in DOFS])
+"""(D,) the joint limits, in the parameters' units."""
 BODY_DOFS: dict[BodyName, tuple[int, ...]] = {
     body: tuple(i for i, dof in enumerate(DOFS) if body == "anatomical" or dof.in_paper)
     for body in get_args(BodyName)

@@ -8,7 +8,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from services.mocap.atomic import atomic_file
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.camera.calibration import Up
 from services.mocap.errors import TakeError, load_toml, nearest, validated
 from services.mocap.types import UNSURE, Floats
@@ -103,10 +103,10 @@ class TakeFile(BaseModel):
         for column, value in initial_pose.items():
             if column not in _DOF_OF_COLUMN:
                 raise ValueError(f"{column}: unknown parameter: {nearest(column, _DOF_OF_COLUMN)}")
-            dof = _DOF_OF_COLUMN[column][1]
-            if not dof.lower <= value <= dof.upper:
+            i, dof = _DOF_OF_COLUMN[column]
+            if not LOWER[i] <= value <= UPPER[i]:
                 raise ValueError(
-                    f"{column}: expected {dof.lower:.3f} to {dof.upper:.3f} {dof.unit}, the limits of the "
+                    f"{column}: expected {LOWER[i]:.3f} to {UPPER[i]:.3f} {dof.unit}, the limits of the "
                     f"joint, found {value:g}"
                 )
         return initial_pose

@@ -1,6 +1,6 @@
 """The table of the body: its counts, names, limits, axes and the order that the maths rely on."""
 
-from math import degrees
+from math import degrees, radians
 
 import numpy as np
 import pytest
@@ -99,18 +99,18 @@ def test_every_joint_but_the_tip_carries_one_segment() -> None:
 
 @pytest.mark.parametrize("dof", DOFS, ids=lambda dof: dof.name)
 def test_limits_are_ordered_and_hold_the_rest_pose(dof: Dof) -> None:
-    assert dof.lower < dof.upper
-    assert dof.lower <= 0.0 <= dof.upper
+    assert dof.lower_deg < dof.upper_deg
+    assert dof.lower_deg <= 0.0 <= dof.upper_deg
 
 
 def test_only_the_root_is_without_limits() -> None:
-    unlimited = {dof.name for dof in DOFS if np.isinf([dof.lower, dof.upper]).any()}
+    unlimited = {dof.name for dof in DOFS if np.isinf([dof.lower_deg, dof.upper_deg]).any()}
     assert unlimited == {dof.name for dof in DOFS if dof.joint == "pelvis"}
 
 
 def test_limits_stand_in_radians_in_the_arrays() -> None:
-    np.testing.assert_array_equal(LOWER, [dof.lower for dof in DOFS])
-    np.testing.assert_array_equal(UPPER, [dof.upper for dof in DOFS])
+    np.testing.assert_array_equal(LOWER, [radians(dof.lower_deg) for dof in DOFS])
+    np.testing.assert_array_equal(UPPER, [radians(dof.upper_deg) for dof in DOFS])
     assert degrees(UPPER[DOF_INDEX["left_knee_flexion"]]) == pytest.approx(150.0)
 
 
@@ -155,7 +155,7 @@ def test_right_mirrors_left() -> None:
             twin = DOFS[DOF_INDEX[f"right_{bare(dof.name)}"]]
             # An axis of rotation is a pseudovector: its mirror image is turned round as well.
             np.testing.assert_array_equal(twin.axis, -mirror_y * dof.axis)
-            assert (twin.lower, twin.upper, twin.role) == (dof.lower, dof.upper, dof.role)
+            assert (twin.lower_deg, twin.upper_deg, twin.role) == (dof.lower_deg, dof.upper_deg, dof.role)
             assert (twin.joint, dof.joint) == (f"right_{bare(dof.joint)}", f"left_{bare(dof.joint)}")
 
 
