@@ -5,10 +5,11 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from typing import Annotated
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_serializer, field_validator
 
 from services.mocap.body.body_mesh import BodyMesh, OwnMesh, SegmentMesh, Skirt, generic_mesh, with_skirt
 from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_ratios, trunk_widening
@@ -53,7 +54,9 @@ class Actor(BaseModel):
     it."""
     bone_lengths: dict[str, float] = Field(default={}, description="a table of bones with lengths in metres")
     """Bone -> metres, for those that differ from the generic proportions (names: BONES)."""
-    profiles: dict[str, Profile] = Field(default={}, description="a table of segments with width and depth")
+    profiles: Annotated[dict[str, Profile], BeforeValidator(check_profiles)] = Field(
+        default={}, description="a table of segments with width and depth"
+    )
     """Segment (without its side) -> its outline's factors over the generic one at this height (SECTIONS)."""
     hip_depth: float = Field(default=1.0, ge=0.5, le=2.0, description="a factor from 0.5 to 2")
     """How deep the hip joints lie behind the front of the thighs, over the generic body's."""
@@ -62,7 +65,7 @@ class Actor(BaseModel):
 
     skirt: Skirt | None = Field(default=None, description="a table with length and flare")
     """A skirt or the tails of a coat, if the actor wears one."""
-    colours: dict[str, tuple[int, ...]] = Field(
+    colours: Annotated[dict[str, tuple[int, ...]], BeforeValidator(check_colours)] = Field(
         default={}, description="a table of segments with four colour classes each"
     )
     """Segment, with its side, or skirt -> the colour class of each quarter (services.mocap.body.colours)."""
@@ -76,18 +79,6 @@ class Actor(BaseModel):
             if not 0.01 <= length_m <= 1.0:
                 raise ValueError(f"{name} = {length_m}: expected metres from 0.01 to 1")
         return lengths
-
-    @field_validator("profiles", mode="before")
-    @classmethod
-    def _clear_complaints(cls, profiles: object) -> object:
-        check_profiles(profiles)
-        return profiles
-
-    @field_validator("colours", mode="before")
-    @classmethod
-    def _known_classes(cls, colours: object) -> object:
-        check_colours(colours)
-        return colours
 
     @property
     def form(self) -> BodyMesh:
@@ -250,9 +241,8 @@ def _shaped(segment: str, form: SegmentMesh, actor: Actor, ratios: dict[str, flo
     profiles = ((name, actor.profiles[name]) for name in SHAPED_BY[segment] if name in actor.profiles)
     scales = tuple(scales_across(segment, ratios).tolist())
     trunk = trunk_ratios(segment, ratios)
-    return _shape(
-        segment, form, actor.height, scales, trunk, tuple(profiles), _setback_m(segment, actor)
-    ).copy()
+    setback_m = _hips_setback_m(actor) if segment in (PELVIS.name, THIGH.name) else 0.0
+    return _shape(segment, form, actor.height, scales, trunk, tuple(profiles), setback_m).copy()
 
 
 @lru_cache(_SHAPES_KEPT)
@@ -271,27 +261,12 @@ def _shape(
     for extent, axis in zip(("width", "depth"), SECTIONS[segment].axes[1:], strict=True):
         vertices_m[:, "xyz".index(axis)] *= factors_along(segment, extent, dict(profiles), form)
     vertices_m[:, 1] *= trunk_widening(segment, heights[:, 2], *trunk)
-    vertices_m[:, 0] += _before_bone_m(segment, heights[:, 2], setback_m)
+    # Pelvis and thighs stay where they are when their bones begin farther back.
+    along = heights[:, 2] / THIGH.section.end if segment == THIGH.name else 0.0
+    vertices_m[:, 0] += setback_m * (1.0 - np.clip(along, 0.0, 1.0))
     return vertices_m
 
 
 def _hips_setback_m(actor: Actor) -> float:
     """How far the hip joints lie behind the generic body's."""
     return (actor.hip_depth - 1.0) * _HIP_DEPTH_HEIGHTS * actor.height
-
-
-def _setback_m(segment: str, actor: Actor) -> float:
-    """_hips_setback_m if it moves a segment's bones, as those of pelvis and thighs; else 0."""
-    return _hips_setback_m(actor) if segment in (PELVIS.name, THIGH.name) else 0.0
-
-
-def _before_bone_m(segment: str, z_heights: Floats, setback_m: float) -> Floats | float:
-    """(V,) how much farther forward a segment's vertices at heights (V,) lie in its frame.
-
-    Pelvis and thighs stay where they are when their bones begin farther back.
-    """
-    if setback_m == 0.0:
-        return 0.0
-    along = z_heights / THIGH.section.end if segment == THIGH.name else 0.0
-    share: Floats = 1.0 - np.clip(along, 0.0, 1.0)
-    return setback_m * share

@@ -31,8 +31,8 @@ def parts_of_classes(classes: Bytes) -> dict[int, str]:
     return {number: ", ".join(words) for number, words in sorted(parts.items())}
 
 
-def check_colours(colours: object) -> None:
-    """Raise ValueError for the first error in the colours of a file."""
+def check_colours(colours: object) -> object:
+    """The colours of a file; raises ValueError for the first error in them."""
     if not isinstance(colours, dict):
         raise ValueError("expected a table of segments")
     for name, classes in colours.items():
@@ -44,6 +44,7 @@ def check_colours(colours: object) -> None:
                 f"{name} = {classes}: expected {QUARTERS} classes from 1 to {MOST_CLASSES}, 0 where none is "
                 "known"
             )
+    return colours
 
 
 def class_table(colours: dict[str, tuple[int, ...]]) -> Bytes:

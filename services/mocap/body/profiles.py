@@ -66,8 +66,8 @@ _HAUNCH_POWER = 1.9
 half a thigh about the hip joint. Any power keeps widths positive; this is nearest to one outline."""
 
 
-def check_profiles(profiles: object) -> None:
-    """Raise ValueError for the first error in the profiles of a file."""
+def check_profiles(profiles: object) -> object:
+    """The profiles of a file; raises ValueError for the first error in them."""
     if not isinstance(profiles, dict):
         raise ValueError("expected a table per segment, such as [profiles.torso]")
     for segment, profile in profiles.items():
@@ -78,6 +78,7 @@ def check_profiles(profiles: object) -> None:
             raise ValueError(f"{segment}: expected only width and depth, each a list of factors")
         for name, factors in fields.items():
             _check_factors(f"{segment}.{name}", factors)
+    return profiles
 
 
 def _check_factors(where: str, factors: object) -> None:
