@@ -19,8 +19,7 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.egl_setup import EglSetup
-from services.mocap.energy.engine import Engine, open_engine
-from services.mocap.energy.gl.devices import Found, find_device
+from services.mocap.energy.engine import Engine, Found, find_device, open_engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.chains import ALL_SURFACES

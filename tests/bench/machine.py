@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from services.mocap.energy.gl.devices import find_device
+from services.mocap.energy.engine import find_device
 
 _PACKAGES = ("numpy", "numba", "moderngl", "opencv-contrib-python-headless", "pyrender")
 

@@ -11,8 +11,7 @@ from services import cli
 from services.commands import doctor
 from services.commands.doctor import Check, State, opengl_checks
 from services.mocap.energy.egl_setup import EglSetup
-from services.mocap.energy.engine import Engine
-from services.mocap.energy.gl.devices import Found
+from services.mocap.energy.engine import Engine, Found
 from services.mocap.energy.settings import EngineSettings
 
 VENDOR_FILE = Path("/etc/glvnd/egl_vendor.d/10_nvidia.json")

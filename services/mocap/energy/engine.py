@@ -1,9 +1,10 @@
 """Which backend evaluates the energy in this process: chosen once, and why; another where a GPU fails."""
 
 import logging
+import os
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Literal, Self, TypeAlias
 
 from services.mocap.body.actor import Body
@@ -11,8 +12,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.backend import Backend
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.cpu.backend import CpuBackend
-from services.mocap.energy.egl_setup import EglSetup
-from services.mocap.energy.gl.devices import Found, find_device
+from services.mocap.energy.egl_setup import INDEX_VARIABLE, EglSetup
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
 
@@ -23,6 +23,22 @@ log = logging.getLogger(__name__)
 
 EngineName: TypeAlias = Literal["gl", "cpu", "paper"]
 ASKED_FOR = "asked for"
+_MOST_DEVICES = 32
+
+
+@dataclass(frozen=True)
+class Found:
+    """What looking for a device came to."""
+
+    device: "GlDevice | None"
+    """A GPU's if there is one, else the first software renderer's; open, and the caller's to close."""
+    failures: tuple[str, ...] = ()
+    """Why those that might have been better cannot be used."""
+
+    @property
+    def problem(self) -> str:
+        """The failures as one sentence."""
+        return "; ".join(self.failures)
 
 
 class Engine:
@@ -88,6 +104,37 @@ def check_cost(settings: EngineSettings, cost: Cost) -> None:
             f"--backend paper: counts differing pixels and knows no {changed}: leave that setting out, or "
             "choose another backend"
         )
+
+
+def find_device() -> Found:
+    """Open EGL devices one after the other until a GPU draws; only the one that GLCONTEXT_DEVICE_INDEX names
+    where that is set. Never call it before a fork: EGL does not survive one.
+    """
+    try:
+        from services.mocap.energy.gl.device import GlDevice, GlUnavailableError, NoSuchDeviceError
+    except ImportError as error:
+        return Found(None, (f"the Python package {error.name} cannot be loaded; run scripts/setup",))
+    software: GlDevice | None = None
+    failures: list[str] = []
+    for index in range(1 if os.environ.get(INDEX_VARIABLE) else _MOST_DEVICES):
+        try:
+            device = GlDevice(index)
+        except NoSuchDeviceError as error:
+            if index == 0:  # there is none at all, or not the one that is named
+                failures.append(str(error))
+            break
+        except GlUnavailableError as error:
+            failures.append(str(error))
+            continue
+        if device.is_hardware:
+            if software is not None:
+                software.close()
+            return Found(device)
+        if software is None:
+            software = device
+        else:
+            device.close()
+    return Found(software, tuple(dict.fromkeys(failures)))  # without libEGL every index fails alike
 
 
 def open_engine(settings: EngineSettings, look: Callable[[], EglSetup] = EglSetup.look) -> Engine:
