@@ -26,6 +26,8 @@ _DRIVERS = ("dri/*_dri.so", "libgallium-*.so")  # of Mesa: one a file, and since
 _CARDS = {"0x1002": "AMD", "0x8086": "Intel"}  # by PCI's number of the maker
 _DISPLAY_CLASS = "0x03"
 _WANTED_CAPABILITIES = "graphics,compute,utility"
+_exists = os.path.exists
+"""Unlike Path.exists, it sees nothing in a folder that may not be looked into."""
 _MESA_LIBRARY = "libEGL_mesa.so.0"
 _NVIDIA_LIBRARY = "libEGL_nvidia.so.0"
 _NVIDIA_VENDOR_FILE = "/usr/share/glvnd/egl_vendor.d/10_nvidia.json"
@@ -177,14 +179,6 @@ def _mesa_card(root: Path) -> str:
         if maker and _text(device / "class").startswith(_DISPLAY_CLASS):
             return maker
     return ""
-
-
-def _exists(path: Path) -> bool:
-    """Whether there is such a file, as far as this user can see."""
-    try:
-        return path.exists()
-    except OSError:  # a folder that may not be looked into
-        return False
 
 
 def _text(path: Path) -> str:

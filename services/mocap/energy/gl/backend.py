@@ -34,8 +34,6 @@ from services.mocap.energy.gl.mesh import GlMesh
 from services.mocap.energy.picture import Region
 from services.mocap.types import Bytes, Floats, Ints
 
-ALL_DOFS = tuple(range(N_DOF))
-
 
 class Posing:
     """How the drawn segments follow from the parameters that vary; the other joints stay where they are."""
@@ -125,7 +123,7 @@ class GlBackend:
         n_cameras, drawing = self._rig.n_cameras, self._drawing(segments, region, None)
         masks: Bytes = np.zeros((len(poses) * n_cameras, region.height_px, region.width_px), np.uint8)
         with self._current():
-            posing = Posing(np.zeros(len(ALL_DOFS)), ALL_DOFS, segments, self._body.offsets_m)
+            posing = Posing(np.zeros(N_DOF), tuple(range(N_DOF)), segments, self._body.offsets_m)
             for part in self._drawn(drawing, posing, poses):
                 covered = self._drawer.covered(drawing, part)
                 masks[part.first : part.last] = np.unpackbits(

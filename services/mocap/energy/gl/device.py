@@ -73,8 +73,13 @@ class GlDevice:
             error = NoSuchDeviceError if reason.startswith(_NO_SUCH_DEVICE) else GlUnavailableError
             why = f"{INDEX_VARIABLE}={named}: {reason}" if named else reason
             raise error(f"OpenGL 4.3 on EGL cannot be opened: {why}") from None
-        self._open, self._entered = True, False
-        self._info = self.context.info
+        self._entered, self._info = False, self.context.info
+        self.is_open = True
+        """Whether it has not been closed."""
+        self.renderer, self.version = str(self._info["GL_RENDERER"]), str(self._info["GL_VERSION"])
+        """What draws, and OpenGL's version with the driver's, as the driver words them."""
+        self.is_hardware = not is_software(self.renderer)
+        """Whether a GPU draws, and not a program on the CPU."""
         try:
             self._programs = {name: self._compile(name) for name in _KERNELS}
         except GlUnavailableError:
@@ -82,26 +87,6 @@ class GlDevice:
             raise
         # No longer current: what is current cannot be freed, and others may use OpenGL in this thread.
         self.context.__exit__(None, None, None)  # type: ignore[no-untyped-call]
-
-    @property
-    def is_open(self) -> bool:
-        """Whether it has not been closed."""
-        return self._open
-
-    @property
-    def renderer(self) -> str:
-        """What draws, as the driver names it."""
-        return str(self._info["GL_RENDERER"])
-
-    @property
-    def version(self) -> str:
-        """OpenGL's version and the driver's, as the driver words it."""
-        return str(self._info["GL_VERSION"])
-
-    @property
-    def is_hardware(self) -> bool:
-        """Whether a GPU draws, and not a program on the CPU."""
-        return not is_software(self.renderer)
 
     @property
     def max_buffer_bytes(self) -> int:
@@ -114,7 +99,7 @@ class GlDevice:
 
         Raises GlLostError where that, or anything done with it, fails.
         """
-        if not self._open:
+        if not self.is_open:
             raise GlLostError("OpenGL is closed: open a new GlDevice")
         if self._entered:  # EGL's context of glcontext forgets on leaving what was current before
             yield self.context
@@ -136,8 +121,8 @@ class GlDevice:
 
     def close(self) -> None:
         """Release the programs and the context."""
-        if self._open:
-            self._open = False
+        if self.is_open:
+            self.is_open = False
             with self.context:
                 for program in self._programs.values():
                     program.release()
