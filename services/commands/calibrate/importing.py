@@ -11,8 +11,8 @@ from services.commands.calibrate.points import in_world_of
 from services.commands.consoles import say, warn
 from services.mocap.calibration.placing import read_points
 from services.mocap.calibration.remarks import remarks_on
-from services.mocap.camera.calibration import Up
-from services.mocap.camera.formats import Axis, Format, Units, read_any, write_opencv, write_pose2sim
+from services.mocap.camera.calibration import Up, write_opencv, write_pose2sim
+from services.mocap.camera.formats import Axis, Format, Units, read_any
 from services.mocap.errors import UserError
 
 _SIZE = re.compile(r"(\d{1,5})[xX](\d{1,5})")

@@ -6,12 +6,13 @@ A table holds name, size, matrix, distortions, rotation (world to camera), trans
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
+import cv2
 import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import atomic_file, atomic_folder
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
 from services.mocap.errors import CalibrationError, in_short, load_toml, validated
 from services.mocap.types import Floats
@@ -111,8 +112,38 @@ def read_calibration(path: Path, up: Up) -> tuple[Camera, ...]:
 
 def write_calibration(path: Path, cameras: tuple[Camera, ...], up: Up) -> None:
     """Writes cameras of the internal z-up world; up: the axis that points up in the file's world."""
-    if up == "y":
-        cameras = tuple(camera.with_world_turned(R_ZUP_YUP.T) for camera in cameras)
+    with atomic_file(path) as part:
+        part.write_text(_text(cameras, up), encoding="utf-8")
+
+
+def write_pose2sim(path: Path, cameras: tuple[Camera, ...], up: Up) -> None:
+    """The same, and the table of metadata that files of Pose2Sim and anipose have."""
+    metadata = tomli_w.dumps({"metadata": {"adjusted": False, "error": 0.0}})
+    with atomic_file(path) as part:
+        part.write_text(f"{_text(cameras, up)}\n{metadata}", encoding="utf-8")
+
+
+def write_opencv(folder: Path, cameras: tuple[Camera, ...], up: Up) -> None:
+    """A folder with a YAML file of OpenCV's FileStorage per camera; R and T transform from world to
+    camera."""
+    with atomic_folder(folder) as part:
+        for camera in _in_file_world(cameras, up):
+            storage = cv2.FileStorage(str(part / f"{camera.name}.yml"), cv2.FILE_STORAGE_WRITE)
+            storage.write("image_width", camera.width_px)
+            storage.write("image_height", camera.height_px)
+            storage.write("camera_matrix", camera.K)
+            storage.write("distortion_coefficients", np.asarray(camera.distortion)[None])
+            storage.write("R", camera.R_camera_world)
+            storage.write("T", camera.t_camera_world_m[:, None])
+            storage.write("fisheye", int(camera.fisheye))
+            storage.release()
+
+
+def _in_file_world(cameras: tuple[Camera, ...], up: Up) -> tuple[Camera, ...]:
+    return tuple(camera.with_world_turned(R_ZUP_YUP.T) for camera in cameras) if up == "y" else cameras
+
+
+def _text(cameras: tuple[Camera, ...], up: Up) -> str:
     tables = {
         camera.name: {
             "name": camera.name,
@@ -123,10 +154,9 @@ def write_calibration(path: Path, cameras: tuple[Camera, ...], up: Up) -> None:
             "translation": camera.t_camera_world_m.tolist(),
             "fisheye": camera.fisheye,
         }
-        for camera in cameras
+        for camera in _in_file_world(cameras, up)
     }
-    with atomic_file(path) as part:
-        part.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    return tomli_w.dumps(tables)
 
 
 def _camera(table: _CameraTable) -> Camera:

@@ -10,9 +10,9 @@ import pytest
 import tomli_w
 from scipy.spatial.transform import Rotation
 
-from services.mocap.camera.calibration import read_calibration
+from services.mocap.camera.calibration import read_calibration, write_opencv, write_pose2sim
 from services.mocap.camera.camera import Camera
-from services.mocap.camera.formats import read_any, write_opencv, write_pose2sim
+from services.mocap.camera.formats import read_any
 from services.mocap.errors import CalibrationError
 
 POINTS_M = np.random.default_rng(0).uniform(-0.8, 0.8, (40, 3)) + np.array([0, 0, 1])
