@@ -63,25 +63,10 @@ class _Inert:
         self.state = state
 
 
-class _Array(_Inert):
-    """Of `_reconstruct`: its state is (version, shape, dtype, is Fortran's order, bytes)."""
-
-
-class _Buffer(_Inert):
-    """Of `_frombuffer`: told are bytes, dtype, shape and order."""
-
-
-class _Scalar(_Inert):
-    """Of `scalar`: told are dtype and bytes."""
-
-
-_NUMPY: dict[str, type[_Inert]] = {
-    "_reconstruct": _Array,
-    "_frombuffer": _Buffer,
-    "scalar": _Scalar,
-    "ndarray": _Inert,
-    "dtype": _Inert,
+_NUMPY: dict[str, type[Any]] = {
+    name: type(name, (_Inert,), {}) for name in ("_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype")
 }
+"""A stand-in for each of the names that NumPy's pickles use."""
 
 
 class _Reader(pickle.Unpickler):
@@ -122,13 +107,13 @@ def _load(path: Path) -> dict[str, Any]:
 
 def _as_numbers(value: Any) -> Any:
     """An array for an inert object; other values as they are. Raises ValueError for one without numbers."""
-    if isinstance(value, _Array):
+    if isinstance(value, _NUMPY["_reconstruct"]):
         _, shape, dtype, is_fortran, data = value.state
         return _array(data, dtype, shape, "F" if is_fortran else "C")
-    if isinstance(value, _Buffer):
+    if isinstance(value, _NUMPY["_frombuffer"]):
         data, dtype, shape, order = value.told
         return _array(data, dtype, shape, order)
-    if isinstance(value, _Scalar):
+    if isinstance(value, _NUMPY["scalar"]):
         dtype, data = value.told
         return _array(data, dtype, (), "C")
     return value
