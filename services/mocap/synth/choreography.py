@@ -4,15 +4,18 @@ Movements are written once, with the left side leading; mirrored, the right one 
 beats from its beginning, angles are degrees, lengths are body heights.
 """
 
-from dataclasses import dataclass
+from collections import defaultdict
+from dataclasses import dataclass, replace
 from math import pi, radians
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
 
 from services.mocap.body.actor import Body
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, LOWER, SIDES, UPPER, Side
 from services.mocap.synth.footwork import Foot, Place
-from services.mocap.synth.score import Score
+from services.mocap.types import Floats
 
 TOE_OUT = radians(9)
 LIMIT_MARGIN = radians(2)
@@ -24,6 +27,8 @@ of the leg's length), jumps, the trunk's turn against the feet, the rise of each
 FREE = ("left_free", "right_free")
 """Channels: 1 where a leg in the air is posed by its joints, 0 where it goes where the footwork says."""
 TURNED_BY_MIRROR = ("root_lean", "head_lean", "head_turn", "trunk_turn", "shift_left")
+_SOFTEN_S = 0.05
+"""Standard deviation of the smoothing that takes the kinks of acceleration out of the joined keys."""
 _STANCE = 1.25  # of the hip's half width
 _LIFT = 0.035
 
@@ -36,8 +41,6 @@ class Arm:
     forward: float
     elbow: float
     twist: float = 0.0
-    wrist: float = 6.0
-    deviation: float = 0.0
 
     def channels(self, side: Side) -> dict[str, float]:
         """The key's values by DOF name, in degrees."""
@@ -46,8 +49,8 @@ class Arm:
             f"{side}_shoulder_forward": self.forward,
             f"{side}_shoulder_twist": self.twist,
             f"{side}_elbow_flexion": self.elbow,
-            f"{side}_wrist_flexion": self.wrist,
-            f"{side}_wrist_deviation": self.deviation,
+            f"{side}_wrist_flexion": 6.0,
+            f"{side}_wrist_deviation": 0.0,
         }
 
 
@@ -75,6 +78,49 @@ class Leg:
 A_POSE = Arm(-45, 0, 14)
 HANGING = Arm(-78, 6, 14)
 _LOOSE = Leg(10, 3, 20)
+
+
+class Score:
+    """Keys of named channels over time, joined smoothly; before all its keys a channel holds its first value,
+    after them its last.
+
+    Between keys a channel never leaves their range, so that keys within the joint limits make a motion within
+    them.
+    """
+
+    def __init__(self, rest: dict[str, float]) -> None:
+        """Begin at time 0 with a value for every channel there will be."""
+        self._keys: dict[str, dict[float, float]] = defaultdict(dict)
+        for channel, value in rest.items():
+            self._keys[channel][0.0] = value
+
+    def put(self, time_s: float, **values: float) -> None:
+        """Set keys at one time, not before the channel's last one; a second key at that time replaces it."""
+        for channel, value in values.items():
+            keys = self._keys[channel]
+            if time_s < max(keys):
+                raise ValueError(f"{channel}: a key at {time_s:.3f} s after one at {max(keys):.3f} s")
+            keys[time_s] = value
+
+    def hold(self, time_s: float, *channels: str) -> None:
+        """Keep channels at their last values until a time."""
+        self.put(time_s, **{channel: self.last(channel) for channel in channels})
+
+    def last(self, channel: str) -> float:
+        """A channel's value at its last key."""
+        return self._keys[channel][max(self._keys[channel])]
+
+    def play(self, channel: str, time_s: Floats) -> Floats:
+        """The channel's values at (N,) times in equal steps, smooth, within the range of its keys."""
+        keys = self._keys[channel]
+        first, *_, last = [0.0, *keys]
+        # Held for a while on both sides, so that it leaves its first key and comes to its last one at rest.
+        at_s = np.array([first - 1.0, *keys, last + 1.0])
+        values = np.array([keys[first], *keys.values(), keys[last]])
+        joined = PchipInterpolator(at_s, values)(np.clip(time_s, at_s[0], at_s[-1]))
+        sigma = _SOFTEN_S / float(time_s[1] - time_s[0])
+        smooth: Floats = gaussian_filter1d(joined, sigma, mode="nearest", truncate=3.0)
+        return smooth
 
 
 class Choreography:
@@ -144,19 +190,13 @@ class Choreography:
         lead = -1.0 if self.mirrored else 1.0
         stand = self._stand(real)
         moved = self._middle.ahead(ahead * self.height_m, sign)
-        place = Place(
-            stand.x_m + moved.x_m - self._middle.x_m,
-            stand.y_m + moved.y_m - self._middle.y_m,
-            stand.yaw + lead * radians(turn),
-        )
+        place = Place(stand.x_m + moved.x_m, stand.y_m + moved.y_m, stand.yaw + lead * radians(turn))
         self.feet[real].step(self._time_s(beats[0]), self._time_s(beats[1]), place, lift * self.height_m)
 
-    def face(self, turn: float = 0.0, ahead: float = 0.0, left: float = 0.0) -> None:
-        """From now on steps count from another place and facing: turn in degrees to the leading side."""
+    def face(self, turn: float) -> None:
+        """From now on steps count from another facing: turn in degrees to the leading side."""
         lead = -1.0 if self.mirrored else 1.0
-        self._middle = self._middle.ahead(
-            ahead * self.height_m, lead * left * self.height_m, lead * turn * pi / 180
-        )
+        self._middle = replace(self._middle, yaw=self._middle.yaw + lead * turn * pi / 180)
 
     def free_leg(self, side: Side, beats: tuple[float, float], *poses: Leg, soft: float = 0.4) -> None:
         """Pose a leg that is in the air for some beats: on the way up, through the poses, down again.

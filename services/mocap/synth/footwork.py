@@ -53,20 +53,15 @@ class Foot:
     """One foot's plan."""
 
     side: Side
-    place: Place
-    """Where it stands after all moves planned so far; before them, where it begins."""
+    first: Place
+    """Where it begins."""
     moves: list[Move] = field(default_factory=list)
-    first: Place = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.first = self.place
 
     def step(self, start_s: float, end_s: float, place: Place, lift_m: float) -> None:
         """Plan the next move; raises ValueError when it begins before the last one is done."""
         if self.moves and start_s < self.moves[-1].end_s - 1e-9:
             raise ValueError(f"{self.side} foot: a move at {start_s:.3f} s before the last one is done")
         self.moves.append(Move(start_s, end_s, place, lift_m))
-        self.place = place
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,12 +72,11 @@ class Step:
         return self.start_s + 1.38 * self.period_s
 
 
-def make_steps(start_s: float, end_s: float, period_s: float, first: Side, half_width_m: float) -> list[Step]:
+def make_steps(start_s: float, end_s: float, period_s: float, half_width_m: float) -> list[Step]:
     """Steps of left and right in turn from start to end, at least two, none longer than a period."""
     n = max(2, ceil((end_s - start_s) / period_s))
     period_s = (end_s - start_s) / n
-    order = SIDES if first == "left" else SIDES[::-1]
-    return [Step(order[i % 2], start_s + i * period_s, period_s, half_width_m) for i in range(n)]
+    return [Step(SIDES[i % 2], start_s + i * period_s, period_s, half_width_m) for i in range(n)]
 
 
 class SoleRoll:

@@ -38,11 +38,17 @@ def reach_m(offsets_m: Floats, side: Side) -> float:
     )
 
 
-def hip_rise_m(ankle_world_m: Floats, hip_world_m: Floats, reach_m: float) -> Floats:
-    """How much higher (N,) a hip (N, 3) may be until a leg of some reach to an ankle (N, 3) is straight."""
-    way_m = ankle_world_m - hip_world_m
-    height2 = reach_m**2 - (way_m[:, :2] ** 2).sum(axis=1)
-    return np.asarray(way_m[:, 2] + np.sqrt(np.maximum(height2, 0.0)), np.float64)
+def hip_rises_m(
+    poses: Floats, offsets_m: Floats, targets: dict[Side, FootTargets], bend: float
+) -> dict[Side, Floats]:
+    """By side how much higher (N,) the hip of poses (N, D) may be until the leg to its target is as straight
+    as it gets: a share `bend` of its length."""
+    hips_m, rises_m = joint_transforms(poses, offsets_m)[:, :, :3, 3], {}
+    for side, target in targets.items():
+        way_m = target.ankle_world_m - hips_m[:, JOINT_INDEX[f"{side}_hip"]]
+        height2 = (bend * reach_m(offsets_m, side)) ** 2 - (way_m[:, :2] ** 2).sum(axis=1)
+        rises_m[side] = np.asarray(way_m[:, 2] + np.sqrt(np.maximum(height2, 0.0)), np.float64)
+    return rises_m
 
 
 def smoothed_from_below(values: Floats, radius: int) -> Floats:

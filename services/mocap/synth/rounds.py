@@ -11,14 +11,14 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import N_DOF, joint_transforms
-from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, SIDES, Side
+from services.mocap.body.kinematics import N_DOF
+from services.mocap.body.skeleton import DOF_INDEX, SIDES, Side
 from services.mocap.synth.basic import BASIC
 from services.mocap.synth.choreography import HANGING, TOE_OUT, Choreography, Leg
 from services.mocap.synth.dance import DANCE
 from services.mocap.synth.footwork import FootTrack, track_foot
 from services.mocap.synth.gait import SoleRoll
-from services.mocap.synth.legs import hip_rise_m, put_feet, reach_m, smoothed_from_below
+from services.mocap.synth.legs import hip_rises_m, put_feet, reach_m, smoothed_from_below
 from services.mocap.synth.walk import STAND_S
 from services.mocap.types import Floats, Ints
 
@@ -78,11 +78,9 @@ def _ceiling_m(
     poses: Floats, choreography: Choreography, tracks: dict[Side, FootTrack], time_s: Floats, body: Body
 ) -> Floats:
     """The root's height (N,) where the leg that reaches least high is straight, smoothed from below."""
-    hips_m = joint_transforms(poses, body.offsets_m)[:, :, :3, 3]
+    targets = {side: tracks[side].targets for side in SIDES}
     hop_m, ceilings_m = choreography.score.play("hop", time_s) * body.height_m, []
-    for side in SIDES:
-        ankle_m, hip_m = tracks[side].targets.ankle_world_m, hips_m[:, JOINT_INDEX[f"{side}_hip"]]
-        rise_m = hip_rise_m(ankle_m, hip_m, _BEND * reach_m(body.offsets_m, side))
+    for side, rise_m in hip_rises_m(poses, body.offsets_m, targets, _BEND).items():
         released_m = 0.3 * body.height_m * choreography.score.play(f"{side}_free", time_s)
         ceilings_m.append(rise_m + released_m - hop_m)
     radius = round(0.08 / float(time_s[1] - time_s[0]))

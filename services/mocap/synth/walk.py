@@ -11,10 +11,10 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import N_DOF, joint_transforms
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, SIDES, Side
 from services.mocap.synth.gait import Path, SoleRoll, Step, foot_targets, make_steps, min_jerk
-from services.mocap.synth.legs import hip_rise_m, put_feet, reach_m, set_ball_joint, smoothed_from_below
+from services.mocap.synth.legs import hip_rises_m, put_feet, set_ball_joint, smoothed_from_below
 from services.mocap.types import Floats
 
 _A_POSE, _HANGING, _RAISED = radians(45), radians(11), {"left": radians(165), "right": radians(152)}
@@ -52,36 +52,34 @@ class Stride:
 
     @classmethod
     def of(cls, time_s: Floats, steps: list[Step]) -> "Stride":
-        """The rhythm at (N,) times."""
+        """The rhythm at (N,) times of steps that the left leg begins."""
         start_s, end_s, period_s = steps[0].start_s, steps[-1].start_s + steps[-1].period_s, steps[0].period_s
         ramp_s = min(0.45, (end_s - start_s) / 2)
         activity = min_jerk((time_s - start_s) / ramp_s) - min_jerk((time_s - end_s + ramp_s) / ramp_s)
         phase = pi * (time_s - start_s) / period_s
-        sign = 1.0 if steps[0].side == "left" else -1.0
-        return cls(activity, -sign * activity * np.cos(phase), -sign * activity * np.sin(phase))
+        return cls(activity, -activity * np.cos(phase), -activity * np.sin(phase))
 
 
-@dataclass(frozen=True)
-class Arms:
-    """When, in seconds, the arms drop from the A pose, go up, and are down again."""
+def _arm_abduction(
+    time_s: Floats, side: Side, drop_s: float, raise_s: float, lower_s: float, end_s: float
+) -> Floats:
+    """An arm's angle (N,) from hanging straight down, sideways, in radians.
 
-    drop_s: float
-    raise_s: float
-    lower_s: float
-    end_s: float
-
-    def abduction(self, time_s: Floats, side: Side) -> Floats:
-        """The arm's angle (N,) from hanging straight down, sideways, in radians."""
-        raise_s = 0.95 * (self.lower_s - self.raise_s)
-        lift = min(_RAISED[side] - _HANGING, _RAISE_RAD_S * raise_s / 1.875)
-        up = min_jerk((time_s - self.raise_s) / raise_s)
-        down = min_jerk((time_s - self.lower_s) / max(0.8 * (self.end_s - self.lower_s), raise_s))
-        dropped = min_jerk((time_s - self.drop_s) / _DROP_S)
-        return _A_POSE + (_HANGING - _A_POSE) * dropped + lift * (up - down)
+    drop_s, raise_s, lower_s, end_s: when it drops from the A pose, goes up, comes down, and is down.
+    """
+    up_s = 0.95 * (lower_s - raise_s)
+    lift = min(_RAISED[side] - _HANGING, _RAISE_RAD_S * up_s / 1.875)
+    up = min_jerk((time_s - raise_s) / up_s)
+    down = min_jerk((time_s - lower_s) / max(0.8 * (end_s - lower_s), up_s))
+    dropped = min_jerk((time_s - drop_s) / _DROP_S)
+    return _A_POSE + (_HANGING - _A_POSE) * dropped + lift * (up - down)
 
 
-def upper_body(path: Path, walking: Stride, turning: Stride, arms: Arms) -> Floats:
-    """Poses (N, D) at the path's (N,) times with everything set but the root's height and the legs."""
+def upper_body(path: Path, walking: Stride, turning: Stride, abductions: dict[Side, Floats]) -> Floats:
+    """Poses (N, D) at the path's (N,) times with everything set but the root's height and the legs.
+
+    abductions: (N,) of the arms, in radians.
+    """
     poses = np.zeros((len(path.time_s), N_DOF))
 
     def put(name: str, values: Floats) -> None:
@@ -103,7 +101,7 @@ def upper_body(path: Path, walking: Stride, turning: Stride, arms: Arms) -> Floa
     for side in SIDES:
         lead = (-1.0 if side == "left" else 1.0) * (walking.left_ahead + 0.3 * turning.left_ahead)
         forward = _SWING * lead + _SWING_BIAS * walking.activity
-        _put_arm(poses, side, forward, arms.abduction(path.time_s, side))
+        _put_arm(poses, side, forward, abductions[side])
         put(f"{side}_elbow_flexion", radians(14) + radians(13) * lead + radians(8) * walking.activity)
         put(f"{side}_wrist_flexion", radians(6) + radians(5) * lead)
     return poses
@@ -133,27 +131,19 @@ def walk(n_frames: int, fps: float, body: Body) -> Floats:
     substeps = ceil(_DENSE_HZ / fps)
     time_s = np.arange(ceil((end_s + 0.5) * fps) * substeps) / (fps * substeps)
     hip_m = float(body.offsets_m[JOINT_INDEX["left_hip"], 1])
-    walking = make_steps(walk_s + _LEAD_S, raise_s, _STEP_S, "left", 0.7 * hip_m)
-    turning = make_steps(turn_s, end_s, _STEP_S, "left", 0.9 * hip_m)
+    walking = make_steps(walk_s + _LEAD_S, raise_s, _STEP_S, 0.7 * hip_m)
+    turning = make_steps(turn_s, end_s, _STEP_S, 0.9 * hip_m)
     along = _travel(time_s, walking, _SPEED_HEIGHTS_S * body.height_m / _CIRCLE_M)
     path = Path(_CIRCLE_M, time_s, np.stack([along, _travel(time_s, turning, _TURN_RAD_S)], axis=1))
     roll = SoleRoll(body)
     feet = {side: foot_targets(time_s, path, walking + turning, roll, side, 1.4 * hip_m) for side in SIDES}
     # The arms begin to go up while the last step closes the feet.
-    arms = Arms(walk_s, raise_s - _LAST_STEP_S, turn_s, end_s)
+    arms = {s: _arm_abduction(time_s, s, walk_s, raise_s - _LAST_STEP_S, turn_s, end_s) for s in SIDES}
     poses = upper_body(path, Stride.of(time_s, walking), Stride.of(time_s, turning), arms)
     # The pelvis is as high as both legs reach at that time and around it.
-    hips_m = joint_transforms(poses, body.offsets_m)[:, :, :3, 3]
-    rises_m = [
-        hip_rise_m(
-            feet[side].ankle_world_m,
-            hips_m[:, JOINT_INDEX[f"{side}_hip"]],
-            _BEND * reach_m(body.offsets_m, side),
-        )
-        for side in SIDES
-    ]
+    rises_m = hip_rises_m(poses, body.offsets_m, feet, _BEND)
     z_m = poses[:, DOF_INDEX["root_z"]]
-    z_m[:] = smoothed_from_below(z_m + np.minimum(*rises_m), round(fps * substeps) // 10)
+    z_m[:] = smoothed_from_below(z_m + np.minimum(*rises_m.values()), round(fps * substeps) // 10)
     frames = np.arange(n_frames, dtype=np.int32) * substeps
     poses = put_feet(poses[frames], body.offsets_m, {side: feet[side].at(frames) for side in SIDES})
     for pose in poses:  # the plan of the feet is a hair off the floor

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.mocap.synth.score import Score
+from services.mocap.synth.choreography import Score
 
 TIME_S = np.arange(0.0, 4.0, 1 / 240)
 
