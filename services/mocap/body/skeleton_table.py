@@ -262,5 +262,3 @@ FOOT = SegmentRow(
 
 ROWS = (PELVIS, TORSO, NECK, HEAD, UPPER_ARM, FOREARM, HAND, THIGH, SHANK, FOOT)
 """Parents before their children."""
-PELVIS_HEIGHT = 0.513
-"""Height of the hip centres over the sole, in body heights, when standing upright in the rest pose."""

@@ -48,11 +48,6 @@ class Camera:
         """(3,) the optical centre."""
         return -self.R_camera_world.T @ self.t_camera_world_m
 
-    @property
-    def is_pinhole(self) -> bool:
-        """True when pictures need no undistortion."""
-        return not self.fisheye and not np.any(self.distortion)
-
     def project_px(self, points_world_m: Floats) -> Floats:
         """Pinhole projection of (…, 3) world points to (…, 2) pixels; behind the camera gives NaN."""
         homogeneous = points_world_m @ self.P_px_world[:, :3].T + self.P_px_world[:, 3]

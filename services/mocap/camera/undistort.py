@@ -23,7 +23,7 @@ class Undistorter:
         self._shape = camera.shape_px
         self._name = camera.name
         self._maps: tuple[np.ndarray, np.ndarray] | None = None
-        if not camera.is_pinhole:
+        if camera.fisheye or np.any(camera.distortion):
             # fixed-point maps: three times as fast, and exact to 1/32 pixel
             self._maps = undistortion_maps(camera, cv2.CV_16SC2)
             # which rows of a raw picture each new row takes from, first and last; likewise columns

@@ -16,9 +16,9 @@ from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
 from services.mocap.body.profiles import FACTOR_RANGE, MOST_CONTROLS, SECTIONS, Profile
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, LOWER, SEGMENT_INDEX, SEGMENT_NAMES, UPPER
-from services.mocap.body.skeleton_table import PELVIS_HEIGHT
 from services.mocap.types import Floats
 
+PELVIS_HEIGHT = 0.513  # of the hip centres over the soles, in body heights
 HEIGHT_M = 1.8
 MIRROR_Y = np.array([1.0, -1.0, 1.0])
 FACTORS = st.lists(st.floats(*FACTOR_RANGE), min_size=1, max_size=MOST_CONTROLS).map(tuple)

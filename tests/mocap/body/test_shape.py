@@ -13,9 +13,9 @@ from services.mocap.body.body_mesh import SegmentMesh, generic_segments
 from services.mocap.body.kinematics import N_DOF, segment_transforms
 from services.mocap.body.shape_loft import Loft, loft_mesh
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_JOINT, SEGMENT_NAMES
-from services.mocap.body.skeleton_table import PELVIS_HEIGHT
 from services.mocap.types import Floats
 
+PELVIS_HEIGHT = 0.513  # of the hip centres over the soles, in body heights
 OFFSETS_HEIGHTS = np.array([joint.offset_heights for joint in JOINTS])
 CENTRE_SEGMENTS = ("pelvis", "torso", "neck", "head")
 # Radius, in body heights, of the ball about a segment's joint that both it and its parent segment fill.

@@ -26,8 +26,9 @@ from services.mocap.body.skeleton import (
     pose_of_body,
     segments_below,
 )
-from services.mocap.body.skeleton_table import PELVIS_HEIGHT, ROWS
+from services.mocap.body.skeleton_table import ROWS
 
+PELVIS_HEIGHT = 0.513  # of the hip centres over the soles, in body heights
 # What the design page fixes: how many parameters each kind of joint has.
 DOFS_PER_JOINT = {
     "pelvis": 6,

@@ -37,7 +37,7 @@ def test_cameras_are_upright_pinholes() -> None:
         R = camera.R_camera_world
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(R) == pytest.approx(1.0)
-        assert camera.is_pinhole
+        assert not camera.fisheye and not np.any(camera.distortion)
         low, high = camera.project_px(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.75]]))
         assert low[1] - high[1] > 0.35 * camera.height_px  # head up, and large enough to be of use
         assert low[0] == pytest.approx(high[0], abs=1e-6)
