@@ -38,15 +38,15 @@ def table_of(first: str, *numbers: str) -> Table:
 
 
 @contextmanager
-def progress_bar(to: Console = stderr) -> Iterator[Callable[[str, float], None]]:
+def progress_bar() -> Iterator[Callable[[str, float], None]]:
     """A bar; yields what takes what is being done, in words, and how far the whole is, 0 to 1."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=to) as bar:
+    with Progress(*columns, console=stderr) as bar:
         task = bar.add_task("starting", total=1.0)
         yield lambda what, share: bar.update(task, completed=share, description=what)
 
 
-def warn(sentences: Iterable[str], to: Console = stderr) -> None:
+def warn(sentences: Iterable[str]) -> None:
     """Print warnings, each once."""
     for sentence in dict.fromkeys(sentences):
-        to.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)
+        stderr.print(f"warning: {sentence}", style="yellow", markup=False, soft_wrap=True)

@@ -10,7 +10,7 @@ from typing import Any
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from services.commands.checks import blamed_first, not_told
-from services.commands.consoles import say, stderr, stdout, warn
+from services.commands.consoles import say, stderr, warn
 from services.commands.fit import EVERY_CORE, fit_with_bar
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.measures import measure
@@ -122,17 +122,17 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
             warn([f"the body was not fitted again to the whole take: {error}"])
             return _tracked_as_before(job, report)
         if found.actor == before:
-            say(_AS_IT_IS, stdout)
+            say(_AS_IT_IS)
             return _tracked_as_before(job, report)
         report = track_with_bar(replace(job, fitted=Path(temporary)), found.warnings)
     if found.actor.model_copy(update={"colours": before.colours}) == before:
         became = "were learnt" if found.actor.colours else "cannot be told apart any more"
-        say(f"{_AS_IT_IS}; the actor's colours {became}", stdout)
+        say(f"{_AS_IT_IS}; the actor's colours {became}")
         return report
     rows = zip(*(measure(build_body(actor.wearing(None))) for actor in (before, found.actor)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
     changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
-    say(f"the body was fitted again, to frames of the whole take; {changed}", stdout)
+    say(f"the body was fitted again, to frames of the whole take; {changed}")
     return report
 
 

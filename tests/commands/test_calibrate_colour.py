@@ -1,6 +1,5 @@
 """Colours by a chart: rendered charts under known casts, and what segmentation then gets to see."""
 
-import io
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from rich.console import Console
 
 from services.commands.calibrate import command
 from services.commands.calibrate.colour import calibrate_colour
@@ -120,12 +118,6 @@ def write_png(path: Path, picture: Bytes) -> None:
     path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
 
 
-def correct(folder: Path) -> tuple[str, str]:
-    printed, warned = (Console(width=200, file=io.StringIO(), record=True) for _ in range(2))
-    calibrate_colour(folder, printed, warned)
-    return printed.export_text(), warned.export_text()
-
-
 def small_chart(matrix: Floats) -> Bytes:
     """In the size of the small take's pictures, 64x48: too small for its patches to be told apart."""
     return cast(cv2.resize(chart(0.0), (64, 48), interpolation=cv2.INTER_AREA), matrix)
@@ -134,13 +126,13 @@ def small_chart(matrix: Floats) -> Bytes:
 def test_pictures_that_are_missing_or_useless_leave_the_take_as_it_is(small_take: SmallTake) -> None:
     folder = small_take()
     with pytest.raises(CalibrationError, match=r"colour/cam01\.png: is missing: expected one picture"):
-        correct(folder)
+        calibrate_colour(folder)
     write_png(folder / "colour/cam02.png", small_chart(np.eye(3)))
     with pytest.raises(CalibrationError, match=r"colour/cam02\.png: .* expected a ColorChecker"):
-        correct(folder)
+        calibrate_colour(folder)
     write_png(folder / "colour/cam02.png", chart())
     with pytest.raises(UserError, match=r"is 320x240 pixels, but \[cam02\] size"):
-        correct(folder)
+        calibrate_colour(folder)
     assert not (folder / "colour.toml").exists()
     with pytest.raises(UserError, match="expected one of a folder of CLIPS"):
         command.calibrate(colour=folder, check=folder)
@@ -160,7 +152,9 @@ def test_what_colour_toml_says_is_checked(small_take: SmallTake) -> None:
         assert str(refused.value).startswith(f"{folder}/colour.toml: {said}")
 
 
-def test_a_take_of_charts_is_corrected_camera_by_camera(shared_takes: Path, tmp_path: Path) -> None:
+def test_a_take_of_charts_is_corrected_camera_by_camera(
+    shared_takes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "take"
     folder.mkdir()
     for name in ("take.toml", "calibration.toml"):
@@ -169,7 +163,8 @@ def test_a_take_of_charts_is_corrected_camera_by_camera(shared_takes: Path, tmp_
         (folder / name).symlink_to(shared_takes / "studio-a" / name)
     write_png(folder / "colour/cam01.png", cast(chart(), np.array(CASTS["warm"])))
     write_png(folder / "colour/cam03.png", cast(chart(), np.array(CASTS["dim"]), seed=1))
-    printed, warned = correct(folder)
+    calibrate_colour(folder)
+    printed, warned = capsys.readouterr()
     assert "no picture of a chart from cam02, cam04" in warned
     rows = {line.split()[0]: [float(part) for part in line.split()[1:]] for line in printed.splitlines()[1:3]}
     assert rows.keys() == {"cam01", "cam03"}

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from services.commands.calibrate.points import in_world_of
-from services.commands.consoles import progress_bar, say, table_of, warn
+from services.commands.consoles import progress_bar, say, stdout, table_of, warn
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.board_print import drawn
@@ -39,8 +38,6 @@ def calibrate_by_board(
     lens: Lens,
     out: Path,
     up: Up,
-    console: Console,
-    errors: Console,
     lens_file: Path | None = None,
     level: str | None = None,
     points_file: Path | None = None,
@@ -59,21 +56,21 @@ def calibrate_by_board(
     names = [clip.camera for clip in find_clips(clips)]
     known = known_lenses(lens_file, names) if lens_file else None
     points = read_points(points_file, names) if points_file else None
-    with progress_bar(errors) as show:
+    with progress_bar() as show:
         solution, remarks = calibrate_clips(
             clips, board, lens, show, known, level, needs_origin=points is None
         )
         show("calibrated", 1.0)
     if points is not None:
-        cameras, more = in_world_of(solution.cameras, points, console)
+        cameras, more = in_world_of(solution.cameras, points)
         solution, remarks = replace(solution, cameras=cameras), [*remarks, *more]
     remarks = [*remarks, *remarks_on_views(solution), *remarks_on(solution.cameras)]
     write_calibration(out, solution.cameras, up)
     write_picture(out.with_name(COVERAGE), draw_coverage(solution))
     _write_record(out.with_name(RECORD), solution, board, remarks)
-    warn(remarks, errors)
-    console.print(_table(solution))
-    say(f"{out}; look at {out.with_name(COVERAGE)}", console)
+    warn(remarks)
+    stdout.print(_table(solution))
+    say(f"{out}; look at {out.with_name(COVERAGE)}")
 
 
 def board_of(said: dict[str, Any], clips: Path | None) -> Board:
@@ -121,7 +118,7 @@ def _check_complete(fields: dict[str, Any], is_sheet: bool) -> None:
     )
 
 
-def draw_board(path: Path, said: dict[str, Any], clips: Path | None, console: Console) -> None:
+def draw_board(path: Path, said: dict[str, Any], clips: Path | None) -> None:
     """Write the board as a PNG of 300 dots per inch."""
     board = board_of(said, clips)
     pitch_px = round(board.pitch_m * _PRINT_DOTS_PER_M)
@@ -131,8 +128,7 @@ def draw_board(path: Path, said: dict[str, Any], clips: Path | None, console: Co
     measured = "squares" if board.square_m else "markers and the gaps between them"
     say(
         f"{path}: print it so that a {what} is {1e3 * side_m:g} mm wide, glue it on something flat, and "
-        f"measure the {measured}: all lengths are derived from them",
-        console,
+        f"measure the {measured}: all lengths are derived from them"
     )
 
 

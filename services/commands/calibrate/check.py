@@ -3,11 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from services.commands.consoles import progress_bar, table_of, warn
+from services.commands.consoles import progress_bar, stdout, table_of, warn
 from services.mocap.calibration.remarks import remarks_on
 from services.mocap.calibration.tangent_agreement import TangentAgreement, agreement_of, likely_mistake
 from services.mocap.camera.rig import Rig
@@ -21,19 +20,15 @@ _MOST_FRAMES = 60
 _FEWEST_CAMERAS = 2
 
 
-class DisagreeError(TakeError):
-    """A camera does not agree with the others."""
-
-
-def check_take(folder: Path, console: Console, errors: Console) -> None:
-    """Print the error of every camera, and raise DisagreeError if one does not agree."""
+def check_take(folder: Path) -> None:
+    """Print the error of every camera, and raise TakeError if one does not agree."""
     take = open_take(folder)
-    warn(take.remarks, errors)
+    warn(take.remarks)
     if len(take.cameras) < _FEWEST_CAMERAS:
         raise TakeError(f"{folder}: has only one camera: expected at least two cameras to compare")
     frames = range(take.settings.frames)
     every = -(-len(frames) // _MOST_FRAMES)
-    with progress_bar(errors) as show:
+    with progress_bar() as show:
         cameras, outlines, middle = outlines_of(
             take, frames, every, lambda share: show("looking at silhouettes", share)
         )
@@ -44,8 +39,8 @@ def check_take(folder: Path, console: Console, errors: Console) -> None:
             f"{folder}: silhouettes: no two cameras show the whole actor: nothing can be compared"
         )
     filled = filled_by_others(Rig.of(cameras), middle == ACTOR, middle != BACKGROUND)
-    console.print(_table(names, found, filled))
-    warn(remarks_on(cameras), errors)
+    stdout.print(_table(names, found, filled))
+    warn(remarks_on(cameras))
     if not found.odd:
         return
     good = [c for c in range(len(cameras)) if c not in found.odd and np.isfinite(found.off_px[c])]
@@ -56,7 +51,7 @@ def check_take(folder: Path, console: Console, errors: Console) -> None:
             what = likely_mistake(c, cameras, good, outlines, float(found.off_px[c]))
             odd.append(names[c] + (f" (its pictures are {what})" if what else ""))
     advice = "check its calibration, its synchronisation (xormocap sync) and its silhouettes"
-    raise DisagreeError(f"{folder}: {', '.join(odd)}: not in agreement with {others}: {advice}")
+    raise TakeError(f"{folder}: {', '.join(odd)}: not in agreement with {others}: {advice}")
 
 
 def _table(names: list[str], found: TangentAgreement, filled: Floats) -> Table:

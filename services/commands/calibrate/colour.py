@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from rich.console import Console
 from rich.markup import escape
 
-from services.commands.consoles import say, table_of, warn
+from services.commands.consoles import say, stdout, table_of, warn
 from services.mocap.calibration.colour_chart import ColourFit, fit_colours
 from services.mocap.camera.colour import write_colours
 from services.mocap.errors import CalibrationError
@@ -14,7 +13,7 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.pictures import check_png, read_picture
 
 
-def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
+def calibrate_colour(folder: Path) -> None:
     """Fit a correction to colour/<camera>.png of each camera, write colour.toml, print colour errors.
 
     Raises UserError, before anything is written, if there is no picture or one cannot be used.
@@ -34,7 +33,7 @@ def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
     missing = [camera.name for camera in take.cameras if camera.name not in fits]
     if missing:
         names = ", ".join(missing)
-        warn([f"{folder}: no picture of a chart from {names}: their colours stay unchanged"], errors)
+        warn([f"{folder}: no picture of a chart from {names}: their colours stay unchanged"])
     means = {
         name: (fit.correction, float(fit.before.mean()), float(fit.after.mean()))
         for name, fit in fits.items()
@@ -44,5 +43,5 @@ def calibrate_colour(folder: Path, console: Console, errors: Console) -> None:
     for name, fit in fits.items():
         figures = (fit.before.mean(), fit.after.mean(), fit.before.max(), fit.after.max())
         table.add_row(escape(name), *(f"{figure:.1f}" for figure in figures))
-    console.print(table)
-    say(f"{folder / layout.COLOURS}", console)
+    stdout.print(table)
+    say(f"{folder / layout.COLOURS}")

@@ -10,11 +10,9 @@ import typer
 from services.commands.calibrate.board import calibrate_by_board, draw_board
 from services.commands.calibrate.check import check_take
 from services.commands.calibrate.colour import calibrate_colour
-from services.commands.calibrate.importing import Import, Target, import_calibration
+from services.commands.calibrate.importing import Target, import_calibration
 from services.commands.calibrate.points import place_by_points
 from services.commands.calibrate.refine import refine_take
-from services.commands.consoles import stderr as _err
-from services.commands.consoles import stdout as _out
 from services.mocap.calibration.board import BoardKind
 from services.mocap.calibration.lens import N_COEFFICIENTS, Lens
 from services.mocap.camera.calibration import Up
@@ -152,24 +150,23 @@ def calibrate(
             raise UserError(
                 "calibrate --refine RESULT: expected the take as well: calibrate TAKE --refine RESULT"
             )
-        refine_take(clips, refine, out, _out, _err)
+        refine_take(clips, refine, out)
     elif check is not None:
-        check_take(check, _out, _err)
+        check_take(check)
     elif colour is not None:
-        calibrate_colour(colour, _out, _err)
+        calibrate_colour(colour)
     elif source is not None:
-        wanted = Import(source, kind, size, units, scale, world, points)
-        import_calibration(wanted, out, target, up, _out, _err)
+        import_calibration(source, kind, size, units, scale, world, points, out, target, up)
     else:
         said: dict[str, Any] = {"kind": board, "squares": squares, "square_m": square, "marker_m": marker}
         said |= {"markers": markers, "gap_m": gap, "first_id": first_id, "dictionary": dictionary}
         said |= {"legacy": legacy, "inverted": inverted}
         if draw is not None:
-            draw_board(draw, said, clips, _out)
+            draw_board(draw, said, clips)
         elif clips is not None:
             model, lens_file = _lens_of(lens)
             file = out or clips / "calibration.toml"
-            calibrate_by_board(clips, said, model, file, up, _out, _err, lens_file, level, points)
+            calibrate_by_board(clips, said, model, file, up, lens_file, level, points)
         elif points is not None:
             _, lens_file = _lens_of(lens)
             if lens_file is None or out is None:
@@ -177,7 +174,7 @@ def calibrate(
                     "calibrate --points: expected CLIPS or --import FILE, whose cameras are moved, or --lens "
                     "FILE with the cameras' lenses and --out, the file to write"
                 )
-            place_by_points(points, lens_file, out, up, _out, _err)
+            place_by_points(points, lens_file, out, up)
 
 
 def _check_one_is_asked_for(

@@ -1,11 +1,8 @@
 """`xormocap calibrate --import FILE`: converts calibrations of other tools."""
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
-
-from rich.console import Console
 
 from services.commands.calibrate.points import in_world_of
 from services.commands.consoles import say, warn
@@ -19,40 +16,36 @@ _SIZE = re.compile(r"(\d{1,5})[xX](\d{1,5})")
 Target: TypeAlias = Literal["pose2sim", "opencv"]
 
 
-@dataclass(frozen=True)
-class Import:
-    """The options about the calibration to convert."""
-
-    source: Path
-    kind: Format | None
-    size: str | None
-    units: Units
-    scale: float
-    its_up: Axis | None
-    points: Path | None
-    """Measured points of the scene, whose world is taken."""
-
-
 def import_calibration(
-    wanted: Import, out: Path | None, target: Target, up: Up, console: Console, errors: Console
+    source: Path,
+    kind: Format | None,
+    size: str | None,
+    units: Units,
+    scale: float,
+    its_up: Axis | None,
+    points: Path | None,
+    out: Path | None,
+    target: Target,
+    up: Up,
 ) -> None:
-    """Read cameras from any tool's file, and write them; raises UserError."""
+    """Read cameras from any tool's file, and write them; raises UserError.
+
+    points: measured points of the scene, whose world is taken.
+    """
     if out is None:
         raise UserError("calibrate --import: expected --out, the file or folder to write")
-    match = None if wanted.size is None else _SIZE.fullmatch(wanted.size)
-    if wanted.size is not None and match is None:
-        raise UserError(f"--size {wanted.size}: expected width and height in pixels, such as 1920x1080")
+    match = None if size is None else _SIZE.fullmatch(size)
+    if size is not None and match is None:
+        raise UserError(f"--size {size}: expected width and height in pixels, such as 1920x1080")
     size_px = None if match is None else (int(match[1]), int(match[2]))
-    if not wanted.source.exists():
-        raise UserError(f"{wanted.source}: is missing: expected a calibration to import")
-    cameras, remarks = read_any(
-        wanted.source, wanted.kind, size_px, wanted.units, wanted.scale, wanted.its_up
-    )
-    if wanted.points is not None:
-        measured = read_points(wanted.points, [camera.name for camera in cameras])
-        cameras, more = in_world_of(cameras, measured, console)
+    if not source.exists():
+        raise UserError(f"{source}: is missing: expected a calibration to import")
+    cameras, remarks = read_any(source, kind, size_px, units, scale, its_up)
+    if points is not None:
+        measured = read_points(points, [camera.name for camera in cameras])
+        cameras, more = in_world_of(cameras, measured)
         remarks += more
     write = write_pose2sim if target == "pose2sim" else write_opencv
     write(out, cameras, up)
-    warn((*remarks, *remarks_on(cameras)), errors)
-    say(f"{out}", console)
+    warn((*remarks, *remarks_on(cameras)))
+    say(f"{out}")

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.markup import escape
 
-from services.commands.consoles import say, table_of, warn
+from services.commands.consoles import say, stdout, table_of, warn
 from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.calibration.placing import (
     Placed,
@@ -26,9 +25,7 @@ _SCALE_OFF = 0.02
 """A calibration whose lengths differ by more from measured ones causes a warning."""
 
 
-def place_by_points(
-    file: Path, lens_file: Path, out: Path, up: Up, console: Console, errors: Console
-) -> None:
+def place_by_points(file: Path, lens_file: Path, out: Path, up: Up) -> None:
     """Find the pose of each camera by measured points, with lenses of a calibration file; write the cameras.
 
     Raises UserError if a lens is missing or points do not determine a camera.
@@ -39,22 +36,20 @@ def place_by_points(
     points = read_points(file, list(lenses))
     placed = placed_one_by_one([camera_of(name, lenses[name], IDENTITY) for name in names], points)
     write_calibration(out, placed.cameras, up)
-    warn([*placed.remarks, *remarks_on(placed.cameras)], errors)
+    warn([*placed.remarks, *remarks_on(placed.cameras)])
     table = table_of("camera", "points", "error, mm", "worst", "height, m")
     for camera in placed.cameras:
         off_mm = placed.errors_mm[np.array(points.cameras) == camera.name]
         figures = (f"{off_mm.mean():.1f}", f"{off_mm.max():.1f}", f"{camera.centre_world_m[2]:.2f}")
         table.add_row(escape(camera.name), f"{len(off_mm)}", *figures)
-    console.print(table)
-    say(f"{out}", console)
+    stdout.print(table)
+    say(f"{out}")
 
 
-def in_world_of(
-    cameras: Sequence[Camera], points: ScenePoints, console: Console
-) -> tuple[tuple[Camera, ...], list[str]]:
+def in_world_of(cameras: Sequence[Camera], points: ScenePoints) -> tuple[tuple[Camera, ...], list[str]]:
     """Calibrated cameras moved to the world of measured points, and remarks; prints how well these fit."""
     placed = moved_to_points(cameras, points)
-    say(in_words(placed), console)
+    say(in_words(placed))
     remarks = list(placed.remarks)
     if abs(placed.scale - 1.0) > _SCALE_OFF:
         remarks.append(

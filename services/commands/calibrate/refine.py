@@ -4,12 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from services.commands.consoles import progress_bar, say, table_of, warn
+from services.commands.consoles import progress_bar, say, stdout, table_of, warn
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import CalibrationError, UserError
@@ -21,32 +20,28 @@ REFINED = "calibration-refined.toml"
 _REPLACED = "calibration-before.toml"
 
 
-class NotBetterError(CalibrationError):
-    """No other place of the cameras explains the silhouettes better."""
-
-
-def refine_take(folder: Path, result: Path, out: Path | None, console: Console, errors: Console) -> None:
+def refine_take(folder: Path, result: Path, out: Path | None) -> None:
     """Write the take's cameras, moved to where the result's body agrees with them, and print how they moved.
 
     out: the file to write, by default calibration-refined.toml in the take. Raises UserError for input that
-    cannot be used, and NotBetterError, with nothing written, if frames that were kept out get no better.
+    cannot be used, and CalibrationError, with nothing written, if frames that were kept out get no better.
     """
     out, calibration = out or folder / REFINED, folder / CALIBRATION
     if out.resolve() == calibration.resolve():
         raise UserError(f"--out {out}: is the calibration that is refined: name another file")
     take = open_take(folder)
-    warn(take.remarks, errors)
-    with progress_bar(errors) as show:
+    warn(take.remarks)
+    with progress_bar() as show:
         found = refine_take_cameras(take, result, show)
-    warn(found.warnings, errors)
+    warn(found.warnings)
     refined = found.refined
-    console.print(_table(found))
+    stdout.print(_table(found))
     if refined.held.all():
-        raise NotBetterError(
+        raise CalibrationError(
             f"{calibration}: agrees with the body of {result}: no camera moves: nothing is written"
         )
     if not refined.is_better:
-        raise NotBetterError(
+        raise CalibrationError(
             f"{calibration}: other extrinsics fit frames that were kept out no better: nothing is written; "
             "look for wrong silhouettes (xormocap segment) and cameras out of step (xormocap sync)"
         )
@@ -57,8 +52,7 @@ def refine_take(folder: Path, result: Path, out: Path | None, console: Console, 
     write_calibration(out, tuple(moved), take.settings.up)
     say(
         f"{out}; to track with it: mv {calibration} {folder / _REPLACED} && mv {out} {calibration} && "
-        f"xormocap track {folder} --out {result}",
-        console,
+        f"xormocap track {folder} --out {result}"
     )
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from board_stage import (
@@ -136,7 +135,7 @@ def test_a_charuco_board_is_told_from_a_sheet() -> None:
 def test_cameras_are_found_by_pictures_of_a_sheet(scene: Scene, tmp_path: Path) -> None:
     write_pictures(tmp_path / "clips", scene, np.random.default_rng(12))
     out = tmp_path / "calibration.toml"
-    calibrate_by_board(tmp_path / "clips", SAID, "normal", out, "z", Console(quiet=True), Console(quiet=True))
+    calibrate_by_board(tmp_path / "clips", SAID, "normal", out, "z")
     found = read_calibration(out, "z")
     assert centres_apart_m(found, scene.cameras).max() < 0.02
     for one, true in zip(found, scene.cameras, strict=True):
