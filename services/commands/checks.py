@@ -1,17 +1,22 @@
-"""The checks of a take before it is fitted or tracked: their option, and what is printed."""
+"""The checks of a take before it is fitted or tracked, seconds of work: their option, what is printed."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, TypeAlias
 
 import typer
 
 from services.commands.consoles import progress_bar, warn
-from services.mocap.errors import TakeError
+from services.mocap.calibration.mistakes import Mistake, mistakes_in, wrong_up
+from services.mocap.calibration.silhouette_faults import silhouette_faults
+from services.mocap.errors import NotInViewError, TakeError
 from services.mocap.take.folder import Take
+from services.mocap.take.layout import BACKGROUND
 from services.mocap.verdict.verdict import Cause
-from services.runs.in_view import frames_in_view
-from services.runs.take_check import check_before
+from services.runs.fit import kept_warnings, seen_of
+from services.runs.outlines import outlines_of
+from services.segmentation.segmenters import KINDS, READY, chosen_segmenter, make_segmenter
+from services.segmentation.silhouettes import Segmenter
 
 CheckOption: TypeAlias = Annotated[
     bool,
@@ -22,6 +27,14 @@ CheckOption: TypeAlias = Annotated[
     ),
 ]
 
+_MOST_FRAMES, _FEWEST_FRAMES = 60, 12
+_MOST_PX = 40 * 4 * 640 * 480
+"""Pixels of videos that are segmented, in all cameras and frames together."""
+_EVERY, _MOST_LOOKS = 10, 60
+"""For the actor every tenth frame is looked at, but at most 60 frames of a take, because each look opens all
+videos."""
+_FURTHER_LOOKS = 6
+"""After a frame that shows the actor, so many more are looked at for one that every camera sees."""
 _NOT_IN_VIEW = (
     "silhouettes: frame {first} does not show the whole actor: the work begins at frame {start}{hints}"
 )
@@ -29,23 +42,114 @@ _NO_HINTS = "; facing and initial_pose in take.toml describe frame 0 and are not
 
 
 def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:
-    """Check a take, and print what is wrong; raises TakeError where it cannot be tracked."""
+    """Check a take, as far as its first frames tell, and print what is wrong.
+
+    Raises TakeError where it is certain that the take cannot be tracked.
+    """
     with progress_bar() as show:
-        found = check_before(take, frames, lambda share: show("checking the take", share), segmenter)
+        found = tuple(
+            Cause(
+                what=f"{mistake.file}: {mistake.what}" if mistake.file else mistake.what,
+                remedy=mistake.remedy,
+                level="usable with gaps" if mistake.is_out_of_step else "good",
+            )
+            for mistake in _mistakes(take, frames, lambda share: show("checking the take", share), segmenter)
+        )
         show("take checked", 1.0)
     warn(map(str, found))
     return found
 
 
+def _mistakes(
+    take: Take, frames: range, progress: Callable[[float], None], segmenter: str
+) -> Iterator[Mistake]:
+    turned = wrong_up(take.cameras, take.settings.up)
+    if turned is not None:
+        raise _refused(take, turned)
+    kind = chosen_segmenter(take, segmenter)
+    if kind != READY and not all(map(take.has_background, take.cameras)):
+        if kind.partition(":")[0] in KINDS and KINDS[kind.partition(":")[0]].needs_plate:
+            yield Mistake(
+                f"{BACKGROUND}/",
+                "there is no picture of the empty stage; it is estimated from the videos, and silhouettes "
+                "will be wrong where the actor stays",
+                f"record the empty stage for a second into {BACKGROUND}/<camera>.mp4",
+            )
+        return  # what is estimated from the videos is no proof of anything
+    if len(take.cameras) < 2:
+        return
+    n_frames = _MOST_FRAMES
+    if kind != READY:
+        each_px = sum(camera.width_px * camera.height_px for camera in take.calibrated)
+        n_frames = min(max(_MOST_PX // each_px, _FEWEST_FRAMES), _MOST_FRAMES)
+    looked_at = range(frames.start, min(frames.stop, frames.start + n_frames))
+    with kept_warnings() as warnings:
+        cameras, outlines, middle = outlines_of(take, looked_at, 1, progress, segmenter)
+    found = mistakes_in(cameras, outlines, take.settings.up)
+    for mistake in found:
+        if mistake.is_certain:
+            raise _refused(take, mistake)
+    yield from (Mistake("", sentence, "") for sentence in warnings)
+    # One camera alone is segmented less well than all together.
+    yield from (mistake for mistake in found if kind == READY or mistake.is_out_of_step)
+    yield from silhouette_faults(cameras, outlines, middle)
+
+
+def _refused(take: Take, mistake: Mistake) -> TakeError:
+    return TakeError(f"{take.folder}/{mistake} (--no-check goes on nevertheless)")
+
+
 def in_view(take: Take, frames: range, segmenter: str) -> range:
     """These frames from the first one on that shows the whole actor; a warning says if it is a later one."""
     with progress_bar() as show:
-        found = frames_in_view(take, frames, lambda share: show("looking for the actor", share), segmenter)
+        found = _frames_in_view(take, frames, lambda share: show("looking for the actor", share), segmenter)
         show("actor in view", 1.0)
     if found.start > frames.start:
         hints = _NO_HINTS if take.settings.facing is not None or take.settings.initial_pose else ""
         warn([_NOT_IN_VIEW.format(first=frames.start, start=found.start, hints=hints)])
     return found
+
+
+def _frames_in_view(take: Take, frames: range, progress: Callable[[float], None], segmenter: str) -> range:
+    """These frames of a take, from the first one on in which the whole actor is in view.
+
+    They are returned as they are if the first frame shows the actor or has another fault, which the search
+    for the first pose reports; if no frame shows the actor; and if the background is estimated from the
+    videos. Of the first frames that show the actor, one that all cameras see is preferred.
+    """
+    is_ready = chosen_segmenter(take, segmenter) == READY
+    if len(take.cameras) < 2 or not (is_ready or all(map(take.has_background, take.cameras))):
+        return frames
+    with kept_warnings():
+        # Plates are checked by what comes after this, and said then.
+        made = make_segmenter(take, take.cameras, segmenter, later=lambda _: None)
+        if _cameras_that_see(take, frames.start, made, of_other_faults=1):
+            return frames
+        looks = frames[:: max(_EVERY, len(frames) // _MOST_LOOKS)][1:]
+        best, most, n_further = frames.start, 0, _FURTHER_LOOKS
+        for frame in looks:
+            progress((frame - frames.start) / len(frames))
+            n_cameras = _cameras_that_see(take, frame, made)
+            if n_cameras > most:
+                best, most = frame, n_cameras
+            n_further -= most > 0
+            if most == len(take.cameras) or n_further == 0:
+                break
+    return range(best, frames.stop)
+
+
+def _cameras_that_see(take: Take, frame: int, made: Segmenter, of_other_faults: int = 0) -> int:
+    """How many cameras see the actor in a frame, most of them as a whole; 0 if those are too few.
+
+    of_other_faults: returned for a frame that cannot be used for another reason.
+    """
+    try:
+        cameras, _ = seen_of(take, range(frame, frame + 1), made, lambda _: None)
+    except NotInViewError:
+        return 0
+    except TakeError:
+        return of_other_faults
+    return len(cameras)
 
 
 @contextmanager

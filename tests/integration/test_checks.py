@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
+from services.commands.checks import look_before
 from services.mocap.camera.calibration import read_calibration, write_calibration
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
 from services.mocap.types import Bytes
-from services.runs.take_check import check_before
+from services.segmentation.segmenters import AUTO
 
 FRAMES, CAMERAS = 40, 5
 Damage = Callable[[Path], None]
@@ -37,7 +38,7 @@ def take(good: Path, tmp_path: Path) -> Path:
 
 def remarks(take: Path) -> str:
     opened = open_take(take)
-    found = check_before(opened, range(opened.settings.frames), lambda _share: None)
+    found = look_before(opened, range(opened.settings.frames), AUTO)
     return "\n".join(map(str, found))
 
 
