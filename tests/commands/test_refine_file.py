@@ -14,7 +14,6 @@ from services.mocap.calibration.from_body import Refined
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.fit.quality import FitQuality
 from services.mocap.take.folder import Take
-from services.runs.refine_cameras import TakeCameras
 
 
 def _quality(energy_px: float) -> FitQuality:
@@ -27,11 +26,10 @@ def test_lenses_are_those_of_the_files_and_extrinsics_those_that_were_found(
     folder = small_take(longest_side=32)
     R_turn = Rotation.from_rotvec([0.01, 0.02, 0.0]).as_matrix()
 
-    def refine(take: Take, *_: object) -> TakeCameras:
+    def refine(take: Take, *_: object) -> tuple[Refined, list[str]]:
         assert {camera.size_px for camera in take.cameras} == {(32, 24)}
         moved = tuple(camera.with_world_turned(R_turn) for camera in take.cameras)
-        refined = Refined(moved, np.array([False, False]), _quality(100.0), _quality(50.0))
-        return TakeCameras(take.cameras, refined, [])
+        return Refined(moved, np.array([False, False]), _quality(100.0), _quality(50.0)), []
 
     monkeypatch.setattr("services.commands.calibrate.refine.refine_take_cameras", refine)
     done = CliRunner().invoke(cli.app, ["calibrate", str(folder), "--refine", str(folder / "result")])

@@ -9,15 +9,25 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from services.commands.consoles import progress_bar, say, stdout, table_of, warn
+from services.mocap.calibration.from_body import Refined, refine_cameras
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
-from services.mocap.errors import CalibrationError, UserError
-from services.mocap.take.folder import open_take
+from services.mocap.energy.bitplanes import TriPlanes, pack_trimaps
+from services.mocap.errors import CalibrationError, TakeError, UserError
+from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import CALIBRATION
-from services.runs.refine_cameras import TakeCameras, refine_take_cameras
+from services.runs.fit import Show, kept_warnings, trimaps_of
+from services.runs.refine import reliable_rows, result_of
+from services.segmentation.segmenters import make_segmenter
 
 REFINED = "calibration-refined.toml"
 _REPLACED = "calibration-before.toml"
+_N_FRAMES = 48
+"""Half of them are kept out, to judge by; more hardly make the cameras more exact."""
+_LEAST_FRAMES = 8
+_FEWEST_CAMERAS = 2
+_SEEN_AT = 0.2
+"""Progress once all silhouettes are there."""
 
 
 def refine_take(folder: Path, result: Path, out: Path | None) -> None:
@@ -32,10 +42,9 @@ def refine_take(folder: Path, result: Path, out: Path | None) -> None:
     take = open_take(folder)
     warn(take.remarks)
     with progress_bar() as show:
-        found = refine_take_cameras(take, result, show)
-    warn(found.warnings)
-    refined = found.refined
-    stdout.print(_table(found))
+        refined, warnings = refine_take_cameras(take, result, show)
+    warn(warnings)
+    stdout.print(_table(take.cameras, refined))
     if refined.held.all():
         raise CalibrationError(
             f"{calibration}: agrees with the body of {result}: no camera moves: nothing is written"
@@ -56,14 +65,41 @@ def refine_take(folder: Path, result: Path, out: Path | None) -> None:
     )
 
 
-def _table(found: TakeCameras) -> Table:
+def refine_take_cameras(take: Take, result: Path, show: Show) -> tuple[Refined, list[str]]:
+    """Refine a take's cameras by the body and poses of a result, in frames spread over those without a mark;
+    returns warnings too.
+
+    Silhouettes are made as for the result. Cameras that a fit would leave out, because they disagree with
+    the others, are among them. Raises UserError if the result cannot be used, belongs to another take or has
+    fewer than eight such frames, and TakeError if there is but one camera.
+    """
+    if len(take.cameras) < _FEWEST_CAMERAS:
+        raise TakeError(
+            f"{take.folder}: has only one camera: expected at least two, since one agrees with any motion"
+        )
+    found = result_of(take, result)
+    rows = reliable_rows(found, np.asarray(found.distrusted.any(axis=1), bool), _N_FRAMES, _LEAST_FRAMES)
+    frames = tuple(found.tracked.frames[rows].tolist())
+    with kept_warnings() as warnings:
+        made = make_segmenter(take, take.cameras, found.segmenter)
+        trimaps = trimaps_of(
+            take, frames, made, lambda share: show("looking at silhouettes", _SEEN_AT * share)
+        )
+        refined = refine_cameras(
+            take.cameras,
+            TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in trimaps]),
+            found.actor,
+            found.tracked.poses[rows],
+            lambda share: show("refining the cameras", _SEEN_AT + (1.0 - _SEEN_AT) * share),
+        )
+    return refined, warnings
+
+
+def _table(cameras: tuple[Camera, ...], refined: Refined) -> Table:
     """Each camera's overlap with the body in frames that were kept out, and how it moved."""
-    refined = found.refined
     table = table_of("camera", "IoU before", "after", "turned, degrees", "moved, mm", "")
     ious = zip(refined.before.iou.mean(axis=0), refined.after.iou.mean(axis=0), strict=True)
-    for old, new, (before, after), is_held in zip(
-        found.cameras, refined.cameras, ious, refined.held, strict=True
-    ):
+    for old, new, (before, after), is_held in zip(cameras, refined.cameras, ious, refined.held, strict=True):
         turned_deg, moved_mm = moved_by(old, new)
         moved = ("-", "-", "held") if is_held else (f"{turned_deg:.2f}", f"{moved_mm:.0f}", "")
         table.add_row(escape(old.name), f"{before:.3f}", f"{after:.3f}", *moved)
