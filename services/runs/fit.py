@@ -13,7 +13,6 @@ import numpy as np
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.measures import Measure, measure, with_uncertainties
-from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack
@@ -64,7 +63,6 @@ _SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitti
 
 Show = Callable[[str, float], None]
 """Called with the current stage, in words, and the total progress, 0 to 1."""
-Fitter = Callable[[Rig, TriPlanes, Actor, Floats, Callable[[float], None], BodyName, float | None], Fit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +118,6 @@ def fit_take(
     engine: EngineSettings,
     search: SearchSettings,
     show: Show,
-    fitter: Fitter = fit_actor,
     mesh: OwnMesh | None = None,
     segmenter: str = AUTO,
     before: int | None = None,
@@ -133,7 +130,7 @@ def fit_take(
     Cameras with unusable silhouettes in the first frame are left out, with a warning. Raises TakeError if no
     person or more than one is visible, or too few cameras are left.
     """
-    fit_to = partial(_fit_frames, take, segmenter, engine, search, fitter, mesh)
+    fit_to = partial(_fit_frames, take, segmenter, engine, search, mesh)
     first = found = fit_to(frames, show)
     is_told = take.settings.actor_height is not None
     for start in _later_starts(frames, before or take.settings.frames) if first.iou < _POOR_IOU else ():
@@ -171,7 +168,6 @@ def _fit_frames(
     segmenter: str,
     engine: EngineSettings,
     search: SearchSettings,
-    fitter: Fitter,
     mesh: OwnMesh | None,
     frames: range,
     show: Show,
@@ -189,7 +185,7 @@ def _fit_frames(
         with clock.stage("fitting the actor") as progress:
 
             def fit_from(actor: Actor, pose: Floats, told: Callable[[float], None]) -> Fit:
-                return fitter(rig, seen, actor, pose, told, search.body, hints.actor_height)
+                return fit_actor(rig, seen, actor, pose, told, search.body, hints.actor_height)
 
             @cache
             def later() -> list[TriPlanes]:

@@ -8,31 +8,31 @@ and which colours each part of the actor has.
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from services.mocap.body.skeleton import BodyName
+from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
+from services.mocap.camera.undistort import Undistorter
+from services.mocap.energy.picture import Region
 from services.mocap.errors import UserError
 from services.mocap.fit.fitting import fit_actor
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.result.result import Result, load_result
-from services.mocap.search.model import model_on_cpu
+from services.mocap.search.error_by_part import PART_SEGMENTS
+from services.mocap.search.model import Model, model_on_cpu
 from services.mocap.search.occlusion import PosedFrame, find_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
-from services.mocap.types import Ints, Mask
-from services.runs.colours import ColourLesson
-from services.runs.fit import Clock, Fitter, Show, TakeFit, concluded, kept_warnings, read_moments, seen_of
-from services.segmentation.colour_classes import ColourClasses
+from services.mocap.types import ACTOR, Floats, Ints, Mask
+from services.runs.fit import Clock, Show, TakeFit, concluded, kept_warnings, read_moments, seen_of
+from services.segmentation.colour_classes import PIECES, ColourClasses, ColourLearner
 from services.segmentation.segmenters import AUTO, make_segmenter
-from services.segmentation.silhouettes import Segmenter, packed
+from services.segmentation.silhouettes import Moment, Segmenter, packed
 
 DEFAULT_REFINE_FRAMES = 16
-fit_apart: Fitter = partial(fit_actor, apart=True)
-"""Settings of a fit to frames of a whole take."""
 LEAST_FRAMES = 2
 _MOST_READ, _LOOKED_AT = 120, 60
 """All frames of shorter takes are looked at for what furniture hides, and so many of longer ones."""
@@ -51,7 +51,6 @@ def refine_take(
     result: Path,
     n_frames: int,
     show: Show,
-    fitter: Fitter = fit_apart,
     segmenter: str = AUTO,
     body: BodyName = "anatomical",
     *,
@@ -89,7 +88,7 @@ def refine_take(
                 seen_colours = dict(colours.colours) if colours else {}
                 coloured = coloured.model_copy(update={"colours": seen_colours})
             start = in_best_skirt(coloured, poses, rig, seen)
-            fit = fitter(rig, seen, start, poses, progress, body, height_m)
+            fit = fit_actor(rig, seen, start, poses, progress, body, height_m, apart=True)
         started = found.actor, poses[0]
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
         names = [camera.name for camera in take.cameras]
@@ -123,7 +122,7 @@ def look_over(
             progress((k + 1) / len(rows))
 
     with model_on_cpu(found.actor, rig) as model:
-        lesson = ColourLesson(model, take.cameras)
+        lesson = _ColourLesson(model, take.cameras)
         masks = find_occluded(model, posed())
     occluded = {}
     for camera, mask in zip(take.cameras, masks, strict=True):
@@ -131,7 +130,29 @@ def look_over(
         if of_camera.any():
             log.warning(_OCCLUDED, take.folder, camera.name, 100.0 * of_camera.mean())
             occluded[camera.name] = of_camera
-    return occluded, lesson.conclude()
+    return occluded, lesson.learner.conclude()
+
+
+class _ColourLesson:
+    """Shows a learner what each piece of a tracked body looks like."""
+
+    def __init__(self, model: Model, cameras: Sequence[Camera]) -> None:
+        self._model, self._region = model, Region.whole(model.rig)
+        self._undistorters = [Undistorter(camera) for camera in cameras]
+        self.learner = ColourLearner(len(cameras))
+
+    def add(self, moment: Moment, pose: Floats, distrusted: Mask) -> None:
+        """Add a moment, undistorted, with its pose (D,); parts that are distrusted (6,) teach nothing, and
+        nothing does if that is the torso."""
+        if moment.images_bgr is None or distrusted[_TORSO]:
+            return
+        pieces = self._model.colours.painted(pose, self._region, PIECES)
+        marked = [s for part in np.array(PARTS)[distrusted] for s in PART_SEGMENTS[part]]
+        pieces[np.isin(pieces, PIECES[marked])] = 0
+        for c, (undistorter, trimap) in enumerate(zip(self._undistorters, moment.trimaps, strict=True)):
+            height, width = trimap.shape
+            image = undistorter.image(moment.images_bgr[c])
+            self.learner.add(c, image, pieces[c, :height, :width], trimap == ACTOR)
 
 
 def result_of(take: Take, folder: Path) -> Result:

@@ -26,7 +26,7 @@ from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
 from services.runs.fit import guess_first_pose
-from services.runs.refine import DEFAULT_REFINE_FRAMES, LEAST_FRAMES, fit_apart, spread
+from services.runs.refine import DEFAULT_REFINE_FRAMES, LEAST_FRAMES, spread
 
 BONES = (
     "hip_width", "shoulder_width", "trunk", "neck", "head",
@@ -150,7 +150,7 @@ def _refined(trial: Trial, rig: Rig, person: Person, first: Fit, motion: str, nu
     rows = spread(path.distrusted, DEFAULT_REFINE_FRAMES)
     if len(rows) < LEAST_FRAMES:
         return None
-    fit = fit_apart(rig, later.seen[rows], first.actor, path.poses[rows], lambda _: None, "anatomical", None)
+    fit = fit_actor(rig, later.seen[rows], first.actor, path.poses[rows], apart=True)
     return _found(fit, person, later.poses[rows], time.perf_counter() - began_s)
 
 

@@ -68,6 +68,19 @@ def stretch(
     return Fit(actor, poses, before, after)
 
 
+def fit_by(
+    fitter: Callable[..., Fit],
+    take: Take,
+    frames: range,
+    search: SearchSettings = QUICK,
+    show: Callable[[str, float], None] = lambda *_: None,
+) -> TakeFit:
+    """As fit_take, with this in place of the fit."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("services.runs.fit.fit_actor", fitter)
+        return fit_take(take, frames, CPU, search, show)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A take whose first pose is said, so that it is found at once."""
@@ -84,7 +97,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def found(folder: Path) -> TakeFit:
     shown: list[tuple[str, float]] = []
     take = open_take(folder)
-    found = fit_take(take, init_frames(take), CPU, QUICK, lambda *step: shown.append(step), stretch)
+    found = fit_by(stretch, take, init_frames(take), show=lambda *step: shown.append(step))
     shares = [share for _, share in shown]
     assert shares == sorted(shares)
     assert 0.0 <= shares[0] < shares[-1] < 1.0
@@ -263,7 +276,7 @@ def test_nobody_in_the_picture_is_said(folder: Path, masks: dict[str, Mask]) -> 
     for camera in take.cameras:
         masks[camera.name] = np.zeros(camera.shape_px, bool)
     with pytest.raises(TakeError, match="nobody"):
-        fit_take(take, range(3), CPU, QUICK, lambda *_: None, stretch)
+        fit_by(stretch, take, range(3))
 
 
 @pytest.mark.parametrize("value", [False, True], ids=["empty", "white"])
@@ -273,7 +286,7 @@ def test_a_camera_that_makes_no_sense_is_left_out(
     take = open_take(folder)
     odd = take.cameras[1]
     masks[odd.name] = np.full(odd.shape_px, value)
-    found = fit_take(take, range(3), CPU, QUICK, lambda *_: None, stretch)
+    found = fit_by(stretch, take, range(3))
     assert [camera.name for camera in found.cameras] == ["cam01", "cam03"]
     assert any(odd.name in sentence for sentence in found.warnings)
     assert found.fit.before.iou.mean() > 0.85
@@ -332,7 +345,7 @@ def test_the_body_of_the_search_is_fitted(folder: Path) -> None:
         return stretch(*given, QUICK.body, height_m)
 
     take, search = open_take(folder), QUICK.model_copy(update={"body": "paper"})
-    found = fit_take(take, init_frames(take), CPU, search, lambda *_: None, fitter)
+    found = fit_by(fitter, take, init_frames(take), search)
     assert fitted == ["paper", "paper"]
     np.testing.assert_array_equal(found.start_pose, pose_of_body(found.start_pose, "paper"))
 
@@ -354,7 +367,7 @@ def test_the_fit_begins_again_from_where_the_fitted_body_is_found(
     monkeypatch.setattr(fit_module, "_found_again", found_again)
     write_synthetic_take(tmp_path / "walk", n_frames=3, n_cameras=3)
     take = open_take(tmp_path / "walk")
-    fit_take(take, init_frames(take), CPU, QUICK, lambda *_: None, fitter)
+    fit_by(fitter, take, init_frames(take))
     assert len(begun) >= 2
     assert any(np.array_equal(begun[-1], pose + 0.01) for pose in begun[:-1])
 
@@ -375,7 +388,7 @@ def test_where_the_first_pose_is_not_found_the_fit_is_to_later_frames(
         fit = stretch(rig, seen, *others)
         return replace(fit, after=replace(fit.after, iou=np.full_like(fit.after.iou, iou)))
 
-    found = fit_take(take, frames, CPU, QUICK, lambda *_: None, fitter)
+    found = fit_by(fitter, take, frames)
     assert found.frames == chosen
     assert found.iou == pytest.approx(later_iou if chosen.start else 0.7)
     is_said = any("fitted to frames 3 to 5, because in frames 0 to 2" in said for said in found.warnings)
