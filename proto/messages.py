@@ -92,20 +92,12 @@ _Unsure: TypeAlias = Annotated[NDArray[np.uint8], Array("uint8", ("Q", "H", "W")
 _Classes: TypeAlias = Annotated[NDArray[np.uint8], Array("uint8", ("B", "P", "H", "W"))]
 
 
-def _no_planes_like(field: str) -> Callable[[dict[str, Any]], NDArray[np.uint8]]:
-    """A default factory: planes (0, H, W) to match another field's planes (P, H, W)."""
+def _none_like(field: str, *, of_bits: bool = False) -> Callable[[dict[str, Any]], NDArray[np.uint8]]:
+    """A default factory: planes (0, H, W), or of bits (0, P, H, W), to match another field's (P, H, W)."""
 
     def none_of_them(fields: dict[str, Any]) -> NDArray[np.uint8]:
-        return fields[field][:0] if field in fields else np.zeros((0, 0, 0), np.uint8)
-
-    return none_of_them
-
-
-def _no_classes_like(field: str) -> Callable[[dict[str, Any]], NDArray[np.uint8]]:
-    """A default factory: planes (0, P, H, W) to match another field's planes (P, H, W)."""
-
-    def none_of_them(fields: dict[str, Any]) -> NDArray[np.uint8]:
-        return fields[field][None][:0] if field in fields else np.zeros((0, 0, 0, 0), np.uint8)
+        planes: NDArray[np.uint8] = fields.get(field, np.zeros((0, 0, 0), np.uint8))
+        return planes[None][:0] if of_bits else planes[:0]
 
     return none_of_them
 
@@ -163,11 +155,11 @@ class LimbTask(OfLimbTask, type="limb_task"):
     """Input silhouettes: bit c % 8 of plane c // 8 is camera c's; unused bits are 0. With a distance cost,
     larger than the window on all sides by distance_cap_px, rounded up, plus one."""
     unsure: Annotated[NDArray[np.uint8], Array("uint8", ("Q", "h", "w"))] = Field(
-        default_factory=_no_planes_like("window")
+        default_factory=_none_like("window")
     )
     """Unsure pixels, in the layout of window: Q = P, or 0 if nothing is unsure."""
     classes: Annotated[NDArray[np.uint8], Array("uint8", ("B", "P", "h", "w"))] = Field(
-        default_factory=_no_classes_like("window")
+        default_factory=_none_like("window", of_bits=True)
     )
     """Colour classes of actor pixels, numbers from 1 to 7 and 0 for none: bit b of each is in plane b, in the
     layout of window. B = 3, or 0 if no classes are known."""
@@ -223,10 +215,10 @@ class Silhouettes(OfRun, type="silhouettes"):
     """The cameras' positions in calibration.toml, from 0, without repetition."""
     planes: Annotated[NDArray[np.uint8], Array("uint8", ("P", "H", "W"))]
     """Bit k % 8 of plane k // 8 is the silhouette of the k-th camera of the list, from 0."""
-    unsure: _Unsure = Field(default_factory=_no_planes_like("planes"))
+    unsure: _Unsure = Field(default_factory=_none_like("planes"))
     """Pixels that may be actor or background, in the layout of planes; they are not counted. Q = P, or 0 if
     there are none. A bit that is set in both means unsure."""
-    classes: _Classes = Field(default_factory=_no_classes_like("planes"))
+    classes: _Classes = Field(default_factory=_none_like("planes", of_bits=True))
     """Colour classes of actor pixels, numbers from 1 to 7 and 0 for none: bit b of each is in plane b, in the
     layout of planes. B = 3, or 0 if no classes are known."""
 
@@ -432,10 +424,10 @@ class LiveSilhouettes(OfRun, type="live_silhouettes"):
     """When each of these cameras took its picture, on the coordinator's clock."""
     planes: Annotated[NDArray[np.uint8], Array("uint8", ("P", "H", "W"))]
     """Bit k % 8 of plane k // 8 is the silhouette of the k-th camera of the list, from 0."""
-    unsure: _Unsure = Field(default_factory=_no_planes_like("planes"))
+    unsure: _Unsure = Field(default_factory=_none_like("planes"))
     """Pixels that may be actor or background, in the layout of planes; they are not counted. Q = P, or 0 if
     there are none. A bit that is set in both means unsure."""
-    classes: _Classes = Field(default_factory=_no_classes_like("planes"))
+    classes: _Classes = Field(default_factory=_none_like("planes", of_bits=True))
     """As in `silhouettes`."""
 
 

@@ -2,7 +2,6 @@
 by default."""
 
 import time
-from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 import zmq
@@ -34,16 +33,6 @@ _RECONNECT_MS, _RECONNECT_MAX_MS = 100, 4000
 attempt is cheap."""
 _POLLIN = int(zmq.POLLIN)
 _REBIND_TRIES, _REBIND_S = 200, 0.005
-
-
-@dataclass(frozen=True)
-class Envelope:
-    """What arrived, before it is checked."""
-
-    frames: list[bytes]
-    """On a ROUTER the first is the sender's identity."""
-    key: bytes | None
-    """The sender's public key in Z85, proved by the handshake; None without keys."""
 
 
 def make_socket(context: "zmq.Context[zmq.Socket[bytes]]", kind: int) -> "zmq.Socket[bytes]":
@@ -151,8 +140,12 @@ def send(socket: "zmq.Socket[bytes]", message: Message, to: bytes | None = None)
     return True
 
 
-def take(socket: "zmq.Socket[bytes]") -> Envelope | None:
-    """Take one waiting message undecoded, with its sender's key; None if there is none."""
+def take(socket: "zmq.Socket[bytes]") -> tuple[list[bytes], bytes | None] | None:
+    """Take the frames of one waiting message, undecoded, and its sender's key; None if there is none.
+
+    On a ROUTER the first frame is the sender's identity. The key is in Z85, proved by the handshake; it is
+    None without keys.
+    """
     try:
         first = socket.recv(flags=zmq.DONTWAIT, copy=False)
     except zmq.Again:
@@ -164,19 +157,13 @@ def take(socket: "zmq.Socket[bytes]") -> Envelope | None:
         key = str(first.get("User-Id")).encode() or None
     except zmq.ZMQError:  # only a Doorkeeper sets this property
         key = None
-    return Envelope(frames, key)
+    return frames, key
 
 
 def receive(socket: "zmq.Socket[bytes]") -> Message | None:
     """Take one waiting message, or None if there is none; raises MalformedMessage."""
-    envelope = take(socket)
-    return None if envelope is None else decode(envelope.frames)
-
-
-def receive_from(socket: "zmq.Socket[bytes]") -> tuple[bytes, Message] | None:
-    """Take one waiting message and its sender's identity from a ROUTER; raises MalformedMessage."""
-    envelope = take(socket)
-    return None if envelope is None else (envelope.frames[0], decode(envelope.frames[1:]))
+    taken = take(socket)
+    return None if taken is None else decode(taken[0])
 
 
 def wait(sockets: "list[zmq.Socket[bytes]]", timeout_s: float) -> "list[zmq.Socket[bytes]]":

@@ -96,16 +96,16 @@ class Ports:
         Also None after many dropped messages, so that other streams get their turn.
         """
         for _ in range(_MOST_DROPPED):
-            envelope = take(self._sockets[stream])
-            if envelope is None:
+            taken = take(self._sockets[stream])
+            if taken is None:
                 break
-            if self._admission is not None and not self._admission.admits(envelope.key):
+            frames, key = taken
+            if self._admission is not None and not self._admission.admits(key):
                 self._unwelcome += 1
                 continue
-            frames = envelope.frames
             identity = frames.pop(0) if stream == "tasks" else b""
-            if envelope.key is not None and identity:
-                keep_latest(self._keys, identity, envelope.key, _SENDERS_KEPT)
+            if key is not None and identity:
+                keep_latest(self._keys, identity, key, _SENDERS_KEPT)
             try:
                 return identity, with_whole_poses(decode(frames))
             except MalformedMessage as error:

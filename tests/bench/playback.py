@@ -8,8 +8,9 @@ import numpy as np
 import zmq
 
 from proto.messages import Blob, BlobRequest, Message, Pose, PoseRequest, TakeEnd, TakeInfo
-from proto.sockets import bind, make_socket, receive_from, send, wait
+from proto.sockets import bind, make_socket, send, wait
 from proto.streams import stream_endpoint
+from router import receive_from
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.search.settings import SearchSettings

@@ -10,8 +10,9 @@ import zmq
 from proto.framing import MalformedMessage
 from proto.link import Link
 from proto.messages import Beat, Blob, Hello, Message, TakeEnd
-from proto.sockets import bind, make_socket, receive_from, send, wait
+from proto.sockets import bind, make_socket, send, wait
 from proto.streams import FROM_CLIENTS, TO_CLIENTS
+from router import receive_from
 
 _HELLO = Hello(role="limb_worker", name="limb_worker@test:1", backend="cpu")
 _PATIENCE_S = 10.0

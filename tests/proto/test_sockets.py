@@ -9,8 +9,9 @@ import zmq
 
 from proto.framing import MalformedMessage
 from proto.messages import Beat, Credit, Hello, Silhouettes
-from proto.sockets import QUEUE_MESSAGES, bind, connect, make_socket, receive, receive_from, send, wait
+from proto.sockets import QUEUE_MESSAGES, bind, connect, make_socket, receive, send, wait
 from proto.streams import AddressError
+from router import receive_from
 
 Socket = zmq.Socket[bytes]
 _PATIENCE_S = 10.0

@@ -10,8 +10,9 @@ from bench.soak.fire import BREATH_S, BURST, LOOK_S, PATIENCE_S, BrokenServiceEr
 from bench.soak.hostile import Frames, Hostile
 from bench.soak.sample_messages import sample_messages
 from proto.messages import BlobRequest, Hello, Message
-from proto.sockets import bind, make_socket, receive_from, take, wait
+from proto.sockets import bind, make_socket, take, wait
 from proto.streams import stream_endpoint
+from router import receive_from
 from services.runs.launcher import Launcher, free_endpoint
 
 
