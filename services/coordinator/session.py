@@ -27,7 +27,6 @@ from services.logs import about
 from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.engine import Engine
 from services.mocap.errors import TakeError, UserError
 from services.mocap.search.chains import LIMBS
@@ -338,18 +337,18 @@ class Session:
 
     def _settle(self, settling: Settling) -> bool:
         """Solve all frames both ways and publish them again; False if a stop was requested meanwhile."""
-
-        def begin(stage: CoordinatorStage, frame: int) -> bool:
-            self._stage, self._told_frame = stage, frame
-            about(frame=frame)
-            return self._look(0.0)
-
-        def publish(frame: int, seen: TriPlanes, solution: FrameSolution) -> None:
-            self._publish_settled(frame, Frame(seen, frame / self._plan.take.settings.fps, frame), solution)
-
         if not settling.fetch(self._board.recorders, lambda: self._look(_LOOK_S)):
             return False
-        return settling.settle(self._model, self._plan.settings, self._limbs, begin, publish)
+        for number, step in settling.solve(self._model, self._plan.settings, self._limbs):
+            if step.solution is not None:
+                found = Frame(settling.seen[step.frame], number / self._plan.take.settings.fps, number)
+                self._publish_settled(number, found, step.solution)
+                continue
+            self._stage, self._told_frame = step.sweep, number
+            about(frame=number)
+            if not self._look(0.0):
+                return False
+        return True
 
     def _end(self) -> None:
         """Say that no pose will follow, and wait until all expected recorders have all frames.

@@ -1,7 +1,7 @@
 """Solves a recorded take again, both ways, once its last frame is solved."""
 
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 
 import numpy as np
 
@@ -9,8 +9,7 @@ from proto.messages import Pose
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.recorders import LostFramesError, Recorders
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.search.both_ways import Sweep, solve_both_ways
-from services.mocap.search.found import FrameSolution
+from services.mocap.search.both_ways import Step, Sweep, solve_both_ways
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
@@ -53,19 +52,20 @@ class Settling:
 
     def __init__(self, first_frame: int) -> None:
         self._first_frame = first_frame
-        self._seen = SilhouetteSpool()
+        self.seen = SilhouetteSpool()
+        """Of the frames so far, from 0."""
         self._poses: dict[int, Floats] = {}
 
     @property
     def next_frame(self) -> int:
         """The frame whose silhouettes come next."""
-        return self._first_frame + len(self._seen)
+        return self._first_frame + len(self.seen)
 
     def note(self, seen: TriPlanes, pose: Floats | None) -> None:
         """Add the next frame, with its pose (D,); None: a recorder has it, see `fetch`."""
         if pose is not None:
             self._poses[self.next_frame] = pose
-        self._seen.append(seen)
+        self.seen.append(seen)
 
     def fetch(self, recorders: Recorders, look: Callable[[], bool]) -> bool:
         """Get the poses that are missing, as `fetch_poses` does."""
@@ -74,30 +74,14 @@ class Settling:
         self._poses |= {frame: message.pose for frame, message in (returned or {}).items()}
         return returned is not None
 
-    def settle(
-        self,
-        model: Model,
-        settings: SearchSettings,
-        limbs: RemoteLimbs,
-        begin: Callable[[Sweep, int], bool],
-        publish: Callable[[int, TriPlanes, FrameSolution], None],
-    ) -> bool:
-        """Solve all frames both ways; False if a stop was requested meanwhile.
-
-        begin: called before a frame is solved; returns False once a stop was requested. publish: takes a
-        frame's number, its silhouettes (P, H, W) and its final solution.
-        """
+    def solve(self, model: Model, settings: SearchSettings, limbs: RemoteLimbs) -> Iterator[tuple[int, Step]]:
+        """Solve all frames both ways, step by step; yields the number of each step's frame, and the step."""
         frames = range(self._first_frame, self.next_frame)
         forward = np.array([self._poses[frame] for frame in frames])
-        for step in solve_both_ways(model, settings, limbs, self._seen, forward):
-            number = frames[step.frame]
-            if step.solution is not None:
-                publish(number, self._seen[step.frame], step.solution)
-            elif not begin(step.sweep, number):
-                return False
-            limbs.frame, limbs.sweep = number, SWEEPS[step.sweep]
-        return True
+        for step in solve_both_ways(model, settings, limbs, self.seen, forward):
+            yield frames[step.frame], step
+            limbs.frame, limbs.sweep = frames[step.frame], SWEEPS[step.sweep]
 
     def close(self) -> None:
         """Delete the silhouettes."""
-        self._seen.close()
+        self.seen.close()
