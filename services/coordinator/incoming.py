@@ -1,8 +1,8 @@
 """Chooses the next frame: every frame of a recorded take, paced by credit; the newest of live input."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from proto.messages import Credit, LivePace, LiveSilhouettes, LiveSources, Silhouettes
 from services.mocap.camera.rig import Rig
@@ -28,15 +28,6 @@ class Frame:
     """When it was taken (time.monotonic); None for recorded frames."""
     is_late: bool = False
     """Whether a newer shot is waiting already."""
-
-
-@dataclass(frozen=True)
-class LiveFigures:
-    """The state of live input; empty for a recorded take."""
-
-    latency_s: dict[str, float] = field(default_factory=dict)
-    drops: dict[str, list[int]] = field(default_factory=dict)
-    absent: list[str] = field(default_factory=list)
 
 
 class Incoming(ABC):
@@ -113,9 +104,9 @@ class Incoming(ABC):
     def recall(self, memory: dict[str, list[int]]) -> None:  # noqa: B027
         """Continue from another coordinator's state; raises ValueError if it is invalid."""
 
-    def figures(self) -> LiveFigures:
-        """How live input is doing."""
-        return LiveFigures()
+    def figures(self) -> dict[str, Any]:
+        """How live input is doing: the fields of Telemetry that are live's own."""
+        return {}
 
 
 class RecordedFrames(Incoming):

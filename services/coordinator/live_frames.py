@@ -4,13 +4,13 @@ import time
 from collections import deque
 from collections.abc import Callable
 from math import ceil
+from typing import Any
 
 import numpy as np
 
 from proto.messages import LivePace, LiveSilhouettes, LiveSources, Silhouettes
-from services.coordinator.incoming import Frame, Incoming, LiveFigures
-from services.coordinator.live_shots import Shots, SourceWords
-from services.coordinator.pace import Pace
+from services.coordinator.incoming import Frame, Incoming
+from services.coordinator.live_shots import Pace, Shots, SourceWords
 from services.mocap.camera.rig import Rig
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_settings import fresh_s
@@ -192,7 +192,7 @@ class LiveFrames(Incoming):
         """See Incoming.recall."""
         self._pace.recall(memory)
 
-    def figures(self) -> LiveFigures:
+    def figures(self) -> dict[str, Any]:
         """See Incoming.figures."""
         drops = {}
         told = self._words.drops()
@@ -204,4 +204,5 @@ class LiveFrames(Incoming):
             if latencies_s:
                 median_s, p95_s = np.percentile(latencies_s, [50, 95])
                 latency_s |= {f"{which}median": float(median_s), f"{which}p95": float(p95_s)}
-        return LiveFigures(latency_s, drops, [self._names[c] for c in self.waiting_for()])
+        absent = [self._names[c] for c in self.waiting_for()]
+        return {"latency_s": latency_s, "drops": drops, "absent": absent}

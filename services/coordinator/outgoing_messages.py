@@ -62,7 +62,7 @@ class OutgoingMessages:
     def telemetry(self, stage: CoordinatorStage, next_frame: int) -> Telemetry:
         """The state of the take."""
         board, incoming = self._board, self._incoming
-        dispatcher, recorders, live = board.dispatcher, board.recorders, incoming.figures()
+        dispatcher, recorders = board.dispatcher, board.recorders
         return Telemetry(
             take=self.take,
             run=self.run,
@@ -79,9 +79,7 @@ class OutgoingMessages:
             recorders=_some(recorders.recorded_ends),
             counts=board.counts() | {"silhouettes_dropped": incoming.dropped},
             seconds=self._seconds,
-            latency_s=live.latency_s,
-            drops=live.drops,
-            absent=live.absent,
+            **incoming.figures(),
         )
 
     def begin_frame(self) -> None:

@@ -108,7 +108,7 @@ def test_a_shot_comes_whole_with_its_time(stage: Stage) -> None:
     assert np.argwhere(unpack(frame.seen.unsure, 4)).tolist() == [[c, c, 4] for c in range(4)]
     stage.clock.now_s += 0.1
     assert stage.frames.note_latency(frame, is_settled=False) == pytest.approx(0.12, abs=0.01)
-    assert stage.frames.figures().latency_s["p95"] == pytest.approx(0.12, abs=0.01)
+    assert stage.frames.figures()["latency_s"]["p95"] == pytest.approx(0.12, abs=0.01)
 
 
 def test_the_newest_is_taken_and_the_others_are_counted(stage: Stage) -> None:
@@ -119,7 +119,7 @@ def test_the_newest_is_taken_and_the_others_are_counted(stage: Stage) -> None:
     assert frame.shot == 4
     assert stage.frames.take_next() is None
     stage.send(2, [0, 1])  # too late
-    assert stage.frames.figures().drops == {f"cam0{c}": [0, 0, 5 if c < 3 else 4] for c in range(1, 5)}
+    assert stage.frames.figures()["drops"] == {f"cam0{c}": [0, 0, 5 if c < 3 else 4] for c in range(1, 5)}
 
 
 def test_a_camera_that_is_cut_is_waited_for_only_at_first(stage: Stage) -> None:
@@ -141,12 +141,12 @@ def test_a_camera_that_is_cut_is_waited_for_only_at_first(stage: Stage) -> None:
         frame = stage.frames.take_next()
         assert frame is not None
         assert (frame.shot, frame.absent) == (shot, (2,))
-    assert stage.frames.figures().absent == ["cam03"]
+    assert stage.frames.figures()["absent"] == ["cam03"]
     stage.send_all(8)
     frame = stage.frames.take_next()
     assert frame is not None
     assert (frame.shot, frame.absent) == (8, ())
-    assert stage.frames.figures().absent == []
+    assert stage.frames.figures()["absent"] == []
 
 
 def test_too_few_cameras_are_none(stage: Stage) -> None:
@@ -259,7 +259,7 @@ def test_shots_of_too_few_cameras_do_not_keep_it_from_ending(stage: Stage) -> No
 
 def test_what_segmentation_says_is_told(stage: Stage) -> None:
     stage.report([2, 3], missed=[7, 1], dropped=[0, 2])
-    drops = stage.frames.figures().drops
+    drops = stage.frames.figures()["drops"]
     assert drops == {"cam01": [0, 0, 0], "cam02": [0, 0, 0], "cam03": [7, 0, 0], "cam04": [1, 2, 0]}
 
 

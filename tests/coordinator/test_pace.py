@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from services.coordinator.pace import Pace
+from services.coordinator.live_shots import Pace
 
 _PERIOD_S = 1 / 15
 
