@@ -11,7 +11,6 @@ import numpy as np
 from proto.messages import MAX_BACKENDS, Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message, OfLimbTask
 from proto.streams import FROM_CLIENTS, TO_CLIENTS
 from services.blob_store import keep_latest
-from services.coordinator.deadline import Deadline
 from services.coordinator.metrics import TURNAROUND
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.search.chains import LIMBS, LimbName
@@ -24,6 +23,13 @@ Key: TypeAlias = tuple[str | int, ...]
 
 PROBE_S = TO_CLIENTS.every_s
 """Interval of beats to workers, which check their connections; libzmq reports a lost connection at once."""
+FIRST_DEADLINE_S = 20.0
+"""Deadline before any task was timed: a worker may have to build its meshes first."""
+DEADLINE_FLOOR_S = 0.5
+"""Least time beyond the usual duration; machines are slow now and then."""
+DEADLINE_FACTOR = 4.0
+"""Number of mean deviations added to it."""
+_NEW_SHARE, _NEW_DEVIATION_SHARE = 0.125, 0.25
 _MOST_MISSING = 64
 _PASSES_PER_SWEEP = 10_000
 """Numbers of passes that each sweep through the take has to itself."""
@@ -67,6 +73,31 @@ class _Open:
     given_s: float = 0.0
 
 
+class _Deadline:
+    """A moving estimate of tasks' usual duration and its deviation, like TCP's of the round-trip time; both
+    vary with the limb and the machine's load."""
+
+    def __init__(self) -> None:
+        self._usual_s: float | None = None
+        self._deviation_s = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Time after which a task is late."""
+        if self._usual_s is None:
+            return FIRST_DEADLINE_S
+        return DEADLINE_FLOOR_S + self._usual_s + DEADLINE_FACTOR * self._deviation_s
+
+    def note(self, seconds: float) -> None:
+        """Note a task's duration since it was given to a worker."""
+        if self._usual_s is None:
+            self._usual_s, self._deviation_s = seconds, seconds / 2
+            return
+        off_s = seconds - self._usual_s
+        self._usual_s += _NEW_SHARE * off_s
+        self._deviation_s += _NEW_DEVIATION_SHARE * (abs(off_s) - self._deviation_s)
+
+
 class Dispatcher:
     """Gives tasks to idle workers and collects their results.
 
@@ -85,7 +116,7 @@ class Dispatcher:
         self._probed_s = 0.0
         self._latest = ((0, -1), 0)
         """Sweep and frame of the last pass, and its number."""
-        self._deadline = Deadline()
+        self._deadline = _Deadline()
         self.retries = 0
         self.dropped = 0
         self.helped: Counter[str] = Counter()

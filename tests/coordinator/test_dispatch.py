@@ -6,8 +6,7 @@ from floor import LIMB_NAMES, Floor, limb_task, limbs_of, pass_tasks, refusal_of
 
 from proto.messages import MAX_BACKENDS, LimbRefusal, LimbResult
 from proto.streams import FROM_CLIENTS
-from services.coordinator.deadline import FIRST_DEADLINE_S
-from services.coordinator.dispatch import PROBE_S, key_of
+from services.coordinator.dispatch import FIRST_DEADLINE_S, PROBE_S, key_of
 from services.mocap.body.skeleton import UPPER
 from services.mocap.search.chains import LIMBS, LimbName
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from proto.messages import LimbResult, LimbTask
-from services.coordinator.deadline import FIRST_DEADLINE_S
-from services.coordinator.dispatch import Identity, Key, key_of
+from services.coordinator.dispatch import FIRST_DEADLINE_S, Identity, Key, key_of
 
 _NAMES = ("a", "b", "c")
 

@@ -10,7 +10,7 @@ from field_docstrings import docstrings_of
 from proto import framing, sockets
 from proto.messages import MESSAGES, Message, Pose, arrays_of
 from proto.streams import FROM_CLIENTS, FROM_LIVE_CAMERAS, PUBLISHED, STREAMS, TO_CLIENTS, Flow
-from services.coordinator import deadline
+from services.coordinator import dispatch
 from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.search.chains import LIMBS
 from services.mocap.take.quantities import QUANTITIES
@@ -185,10 +185,10 @@ def numbers_table() -> str:
         _row("what `poses` repeats for those who join late, every", f"{PUBLISHED.every_s:g} s"),
         _row("`live_sources` from a segmentation, every", f"{FROM_LIVE_CAMERAS.every_s:g} s"),
         _row("silence after which a live segmentation counts as gone", f"{FROM_LIVE_CAMERAS.silence_s:g} s"),
-        _row("deadline of the first task", f"{deadline.FIRST_DEADLINE_S:g} s"),
+        _row("deadline of the first task", f"{dispatch.FIRST_DEADLINE_S:g} s"),
         _row(
             "deadline of others",
-            f"{deadline.DEADLINE_FLOOR_S:g} s + what tasks usually take + {deadline.DEADLINE_FACTOR:g} × by "
+            f"{dispatch.DEADLINE_FLOOR_S:g} s + what tasks usually take + {dispatch.DEADLINE_FACTOR:g} × by "
             "how much they usually differ from that",
         ),
     ]
