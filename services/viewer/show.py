@@ -57,7 +57,7 @@ def placed_segments(body: Body, pose: Floats) -> tuple[Floats, Floats]:
     """
     T_world_joint = joint_transforms(pose[None], body.offsets_m)
     turns = turns_from_rest(T_world_joint, _R_T_POSE)[0, SEGMENT_JOINTS]
-    return _wxyz(turns), T_world_joint[0, 0, :3, 3]
+    return Rotation.from_matrix(turns).as_quat(scalar_first=True), T_world_joint[0, 0, :3, 3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +82,6 @@ def lenses_of(rig: Rig) -> list[Lens]:
         K, R_camera_world, centre, *_ = cv2.decomposeProjectionMatrix(sign * P_px_world)
         fov_rad = 2 * np.arctan(0.5 * height_px * K[2, 2] / K[1, 1])
         centre_m = (centre[:3] / centre[3]).ravel()
-        lenses.append(Lens(_wxyz(R_camera_world.T[None])[0], centre_m, fov_rad, width_px / height_px))
+        wxyz = Rotation.from_matrix(R_camera_world.T).as_quat(scalar_first=True)
+        lenses.append(Lens(wxyz, centre_m, fov_rad, width_px / height_px))
     return lenses
-
-
-def _wxyz(rotations: Floats) -> Floats:
-    """(N, 4) quaternions of rotation matrices (N, 3, 3)."""
-    return np.roll(Rotation.from_matrix(rotations).as_quat(), 1, axis=1)

@@ -1,7 +1,6 @@
 """Where the 3D view's camera stands to have everything in view, and how it follows the actor."""
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 import viser
@@ -45,16 +44,6 @@ def viewpoint_of(
     return middle_m + away_m * back, middle_m
 
 
-@dataclass(frozen=True, eq=False)
-class _Framed:
-    """What was last put into view."""
-
-    points_m: Floats
-    solved: SolvedFrame
-    aspect: float
-    at_s: float
-
-
 class ViewpointControl:
     """Moves one browser's viewpoint."""
 
@@ -62,7 +51,8 @@ class ViewpointControl:
         self._camera, self._show = camera, show
         self._cameras_m = np.array([lens.position_m for lens in lenses_of(show.rig)] if show.rig else [])
         self._followed_m: Floats | None = None
-        self._framed: _Framed | None = None
+        self._framed: tuple[Floats, SolvedFrame, float, float] | None = None
+        """What was last put into view: points (N, 3), a frame, the view's aspect, and when."""
 
     def frame_actor(self, solved: SolvedFrame) -> None:
         """The actor fills the view."""
@@ -88,16 +78,18 @@ class ViewpointControl:
         eye_m, look_at_m = viewpoint_of(points_m, reach_m, heading_rad, aspect)
         self._camera.position, self._camera.look_at = eye_m, look_at_m
         self._camera.fov = FOV_RAD
-        self._framed = _Framed(points_m, solved, aspect, time.monotonic())
+        self._framed = points_m, solved, aspect, time.monotonic()
 
     def refit(self) -> None:
         """Frame the same once more if the view's shape has changed soon afterwards, as while a page is laid
         out."""
-        framed = self._framed
-        if framed is None or time.monotonic() - framed.at_s > _SETTLING_S:
+        if self._framed is None:
+            return
+        points_m, solved, aspect, at_s = self._framed
+        if time.monotonic() - at_s > _SETTLING_S:
             self._framed = None
-        elif abs(float(self._camera.aspect) / framed.aspect - 1) > _OTHER_SHAPE:
-            self._go(framed.points_m, framed.solved)
+        elif abs(float(self._camera.aspect) / aspect - 1) > _OTHER_SHAPE:
+            self._go(points_m, solved)
 
     def follow(self, solved: SolvedFrame, wanted: bool) -> None:
         """Move with the actor over the floor, while that is wanted."""
