@@ -75,7 +75,7 @@ function drawSlot(slot) {
     context.stroke();
   });
   drawCursor(context, width, height);
-  slot.legend.append(...drawn.names.map((name, k) => legendItem(drawn, name, k)));
+  slot.legend.append(...drawn.names.map((name, k) => legendItem(colour(drawn.names, k), curveInWords(drawn, name, k))));
 }
 
 function shade(context, { frames, doubtful }, width, height) {
@@ -109,11 +109,16 @@ function colour(names, k) {
 }
 
 /** A curve's name, and its value at the shown frame. */
-function legendItem(drawn, name, k) {
+function curveInWords(drawn, name, k) {
+  const value = drawn.curves[k][drawn.frames.findLastIndex((frame) => frame <= state.shown)];
+  return Number.isFinite(value) ? `${name} ${value.toFixed(Math.abs(value) < 5 ? 2 : 0)}` : name;
+}
+
+/** A dot of a colour, and what it stands for. */
+export function legendItem(ink, words) {
   const item = document.createElement("span");
   const dot = document.createElement("i");
-  dot.style.background = colour(drawn.names, k);
-  const value = drawn.curves[k][drawn.frames.findLastIndex((frame) => frame <= state.shown)];
-  item.append(dot, Number.isFinite(value) ? `${name} ${value.toFixed(Math.abs(value) < 5 ? 2 : 0)}` : name);
+  dot.style.background = ink;
+  item.append(dot, words);
   return item;
 }

@@ -1,8 +1,7 @@
 // The page: shows the server's messages, and tells it what the user does.
 
-import { drawCharts, offerCharts, setChart } from "./charts.js";
-import { bindKeys } from "./keys.js";
-import { connect, send } from "./link.js";
+import { drawCharts, legendItem, offerCharts, setChart } from "./charts.js";
+import { connect, onSceneKey, send } from "./link.js";
 import { enlarge, setTiles } from "./tiles.js";
 import { state } from "./time.js";
 import { drawTimeline, setOverview } from "./timeline.js";
@@ -29,7 +28,7 @@ function showTake(show) {
   const windows = show.parts.filter(({ name }) => name !== "torso");
   offer(by("part"), [["", "whole pictures"], ...windows.map(({ name, words }) => [name, `${words}'s window`])], "");
   by("camera-list").replaceChildren(...show.cameras.map(cameraBox));
-  by("legend").replaceChildren(...show.legend.map(legendItem));
+  by("legend").replaceChildren(...show.legend.map(colourMeaning));
   legends = show.legends;
   showLegend(show.content);
   by("frusta").checked = true;
@@ -69,16 +68,12 @@ function cameraBox(name, camera) {
 /** What the tiles' colours mean. */
 function showLegend(content) {
   const items = legends[content] ?? [];
-  by("tiles-legend").replaceChildren(...items.map(legendItem));
+  by("tiles-legend").replaceChildren(...items.map(colourMeaning));
   by("tiles-legend").hidden = items.length === 0;
 }
 
-function legendItem([rgb, words]) {
-  const item = document.createElement("span");
-  const dot = document.createElement("i");
-  dot.style.background = `rgb(${rgb})`;
-  item.append(dot, words);
-  return item;
+function colourMeaning([rgb, words]) {
+  return legendItem(`rgb(${rgb})`, words);
 }
 
 function showFrame(fields) {
@@ -144,6 +139,32 @@ const actions = {
   fold,
   unfold: fold,
 };
+const byKey = {
+  " ": actions.play,
+  ArrowLeft: (event) => send({ do: "step", frames: event.shiftKey ? -10 : -1 }),
+  ArrowRight: (event) => send({ do: "step", frames: event.shiftKey ? 10 : 1 }),
+  Home: () => send({ do: "seek", frame: state.first }),
+  End: () => send({ do: "seek", frame: state.first + state.frames - 1 }),
+  n: actions["next-doubtful"],
+  p: actions["previous-doubtful"],
+  f: actions["frame-actor"],
+  a: actions["frame-all"],
+  c: actions.fold,
+  "?": actions.help,
+  Escape: () => enlarge(null),
+};
+
+/** Do what a key of the page or of the 3D view stands for. */
+function press(event) {
+  const isTyping = ["SELECT", "INPUT", "TEXTAREA"].includes(event.target.tagName);
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  if (isTyping || event.ctrlKey || event.metaKey || event.altKey || !byKey[key]) return;
+  if (by("keys").open) return;
+  event.preventDefault();
+  event.stopPropagation(); // viser moves its camera by the arrow keys
+  byKey[key](event);
+}
+
 for (const [id, act] of Object.entries(actions)) {
   by(id).onclick = (event) => {
     act(event);
@@ -154,7 +175,8 @@ for (const id of ["content", "part"]) by(id).onchange = () => { sendTiles(); by(
 for (const id of ["frusta", "trails", "follow"]) by(id).onchange = () => { sendRoom(); by(id).blur(); };
 by("speed").onchange = () => { send({ do: "speed", factor: Number(by("speed").value) }); by("speed").blur(); };
 by("live").onchange = () => { send({ do: "live", on: by("live").checked }); by("live").blur(); };
-bindKeys(actions);
+addEventListener("keydown", press);
+onSceneKey(press);
 addEventListener("resize", drawSoon);
 
 connect({

@@ -5,7 +5,7 @@ import { send } from "./link.js";
 export const GUTTER = 84;
 const RIGHT = 10;
 export const PARTS = ["torso", "head", "left arm", "right arm", "left leg", "right leg"];
-export const state = { first: 0, frames: 1, shown: 0, newest: 0 };
+export const state = { first: 0, frames: 1, shown: 0 };
 
 /** Where a frame is on a canvas of this width, in CSS pixels: the middle of its column. */
 export function xOf(frame, width) {
