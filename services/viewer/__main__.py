@@ -1,6 +1,8 @@
 """Viewer process: `python -m services.viewer --connect tcp://HOST:5550`, then open http://127.0.0.1:8080."""
 
 import logging
+import os
+import re
 import threading
 import time
 from contextlib import closing
@@ -9,22 +11,54 @@ from typing import Annotated
 
 import typer
 
-from proto.streams import DEFAULT_ENDPOINT
+from proto.streams import DEFAULT_ENDPOINT, is_loopback
 from services.address import LOOPBACK, Address
 from services.health import beat
+from services.mocap.errors import UserError
 from services.mocap.take.live import open_source
 from services.options import KeysOption, MetricsOption, keys_of_client
 from services.process import StopRequest, give_way, run_service
 from services.viewer.listener import Listener
 from services.viewer.metrics import BROWSERS
-from services.viewer.page_token import DEFAULT_ADDRESS, TokenOption, token_of
 from services.viewer.server import PageServer
 
+DEFAULT_ADDRESS = f"{LOOPBACK}:8080"
+TOKEN_VARIABLE = "XORMOCAP_VIEWER_TOKEN"  # noqa: S105  (the variable's name)
+SHORTEST_TOKEN = 8
+_TOKEN = re.compile(r"[A-Za-z0-9_.~-]+", re.ASCII)
 _LOOK_S = 0.1
 _REST_S = 0.25
 """How often messages are read while no browser shows the page."""
 
 log = logging.getLogger(__name__)
+
+
+def token_of(file: Path | None, address: Address) -> str | None:
+    """The token that browsers must give, from a file or the environment; None: none is required.
+
+    Raises UserError for a token that is too short or that a URL cannot contain, and if an address beyond this
+    machine has none.
+    """
+    token, where = os.environ.get(TOKEN_VARIABLE) or None, TOKEN_VARIABLE
+    if file is not None:
+        where = str(file)
+        try:
+            token = file.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError):
+            raise UserError(f"{file}: cannot be read: expected the token that browsers must give") from None
+    if token is None:
+        if is_loopback(address.host):
+            return None
+        raise UserError(
+            f"--bind {address.host}:{address.port}: everybody could open the page there: give a token that "
+            f"browsers must give, by --token-file FILE or {TOKEN_VARIABLE}, or bind to {DEFAULT_ADDRESS}"
+        )
+    if len(token) < SHORTEST_TOKEN or _TOKEN.fullmatch(token) is None:
+        raise UserError(
+            f"{where}: expected a token of at least {SHORTEST_TOKEN} letters, digits and -._~, such as "
+            "python3 -c 'import secrets; print(secrets.token_urlsafe())' makes"
+        )
+    return token
 
 
 def _url(address: Address, port: int, token: str | None) -> str:
@@ -46,7 +80,12 @@ def main(
     bind: Annotated[
         str, typer.Option(help="Address of the page, HOST:PORT; other machines need a token.")
     ] = DEFAULT_ADDRESS,
-    token_file: TokenOption = None,
+    token_file: Annotated[
+        Path | None,
+        typer.Option(
+            help=f"A file with the token that browsers must give; {TOKEN_VARIABLE} may hold the token itself."
+        ),
+    ] = None,
     niceness: Annotated[
         int,
         typer.Option(

@@ -6,7 +6,7 @@ import pytest
 
 from services.address import Address
 from services.mocap.errors import UserError
-from services.viewer.page_token import TOKEN_VARIABLE, token_of
+from services.viewer.__main__ import TOKEN_VARIABLE, token_of
 
 _HERE, _EVERYWHERE = Address("127.0.0.1", 8080), Address("0.0.0.0", 8080)  # noqa: S104
 
