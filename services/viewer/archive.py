@@ -2,28 +2,32 @@
 coordinator."""
 
 import math
+import os
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+import msgpack
 import numpy as np
 
 from proto.framing import MalformedMessage, decode
 from proto.messages import Pose, PoseRequest, TakeInfo
 from services.mocap.errors import TakeError
 from services.mocap.result.layout import journal_of
+from services.mocap.take.journal import FIRST, record_at, records
 from services.mocap.take.quantities import numbers_of
 from services.viewer.finished import FinishedTake
 from services.viewer.frame_history import ON_PAGE, SolvedFrame
-from services.viewer.journal_index import JournalIndex
 
 CHUNK_FRAMES = 64
 """Most poses that the coordinator sends for one request."""
+_HEAD_BYTES = 8
+"""The first record's length and check sum, by which one journal is told from the next in its place."""
 
 
 class Archive:
-    """See frame_history.Older. For any thread."""
+    """Where frames are that have left a FrameHistory's memory; for any thread."""
 
     def __init__(
         self,
@@ -47,7 +51,7 @@ class Archive:
         self._requests = RetryRequests()
 
     def solved(self, frame: int) -> SolvedFrame | None:
-        """A frame that is on disk."""
+        """A frame, if it is on disk."""
         if self._journal is None:
             return None
         try:
@@ -65,13 +69,14 @@ class Archive:
         return None
 
     def ask(self, frame: int) -> None:
-        """Request a frame and the following ones from the coordinator, if it may have them."""
+        """Request a frame and the following ones from the coordinator, if it may have them; they may
+        come into the history later, or never."""
         if self._requests.asks(range(frame, frame + 1), time.monotonic(), self._heard_s()):
             end = frame + CHUNK_FRAMES
             self._ask(PoseRequest(run=self._run, first_frame=frame, end_frame=end))
 
     def why_missing(self, frame: int) -> str:
-        """Why a frame is missing, as the end of a sentence."""
+        """Why a frame is missing, as the end of a sentence that begins with its number."""
         if frame >= self._requests.gone_end:
             return "was asked for"
         return f"is no longer in the viewer's or the coordinator's memory, and {self._problem}"
@@ -87,6 +92,48 @@ def solved_frame_of(message: Pose) -> SolvedFrame:
         iou=np.array(message.measured.get("iou", ()), np.float64),
         settled=message.settled,
     )
+
+
+class JournalIndex:
+    """Finds the poses of one run in a journal that another process is still writing, in any order; remembers
+    where they are, reads them when asked. For any thread."""
+
+    def __init__(self, path: Path, run: str, frames: range) -> None:
+        """path: need not exist yet. frames: the range of possible frames."""
+        self.path, self._run, self._frames = path, run, frames
+        self._lock = threading.Lock()
+        self._offsets: dict[int, int] = {}
+        self._end = FIRST
+        self._begun: tuple[int, int, bytes] | None = None
+
+    def pose(self, frame: int) -> list[bytes] | None:
+        """The record of a frame; None while the journal has none.
+
+        Raises OSError if it cannot be read or does not exist, TakeError if it is not a journal.
+        """
+        if frame not in self._frames:
+            return None
+        with self._lock:
+            file = os.open(self.path, os.O_RDONLY)
+            try:
+                return self._found(file, frame)
+            finally:
+                os.close(file)
+
+    def _found(self, file: int, frame: int) -> list[bytes] | None:
+        status = os.fstat(file)
+        begun = status.st_dev, status.st_ino, os.pread(file, _HEAD_BYTES, FIRST)
+        if begun != self._begun:  # the file was replaced or started again
+            self._begun, self._offsets, self._end = begun, {}, FIRST
+        if frame not in self._offsets:
+            for offset, frames, end in records(file, self.path, self._end):
+                self._end = end
+                header = msgpack.unpackb(frames[0]) if frames else {}
+                is_ours = header.get("type") == Pose.type and header["run"] == self._run
+                if is_ours and header["frame"] in self._frames:
+                    self._offsets[header["frame"]] = offset
+        found = record_at(file, self._offsets[frame]) if frame in self._offsets else None
+        return None if found is None else found[0]
 
 
 _AGAIN_S = 0.4

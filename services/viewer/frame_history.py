@@ -3,7 +3,7 @@
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from services.mocap.take.marks import DISTRUSTED, PARTS
 from services.mocap.take.quantities import QUANTITIES
 from services.mocap.types import Floats, Ints, Mask
 from services.viewer.metrics import FRAMES
+
+if TYPE_CHECKING:  # it makes frames of this module
+    from services.viewer.archive import Archive
 
 KEPT_FRAMES = 4096
 """Frames kept in memory, at about 2 KB each; two to three minutes of a take at 25 frames per second."""
@@ -84,19 +87,6 @@ class Overview:
     """(B, 6) bins with a frame in which a part is unreliable, by part."""
 
 
-class Older(Protocol):
-    """Where frames are that have left memory; for any thread."""
-
-    def solved(self, frame: int) -> SolvedFrame | None:
-        """A frame, if it is available at once."""
-
-    def ask(self, frame: int) -> None:
-        """Request a frame; it may be put into the history later, or never."""
-
-    def why_missing(self, frame: int) -> str:
-        """Why a frame is missing, as the end of a sentence that begins with its number."""
-
-
 class FrameHistory:
     """Solved frames of a take's range; written by one thread, read by any number.
 
@@ -104,10 +94,15 @@ class FrameHistory:
     """
 
     def __init__(
-        self, frames: range, capacity: int = KEPT_FRAMES, older: Older | None = None, *, is_open: bool = False
+        self,
+        frames: range,
+        capacity: int = KEPT_FRAMES,
+        older: "Archive | None" = None,
+        *,
+        is_open: bool = False,
     ) -> None:
-        """is_open: whether the number of frames is not known yet; then the end of `frames` is only a
-        limit."""
+        """older: where frames are that have left memory. is_open: whether the number of frames is not known
+        yet; then the end of `frames` is only a limit."""
         self.frames, self.capacity = frames, capacity
         self.extent = frames[:_MOST_BINS] if is_open else frames
         """The range of the timeline: all frames; for an open take it doubles whenever it is exceeded."""

@@ -10,9 +10,8 @@ from services.mocap.take.marks import PARTS
 from services.mocap.take.quantities import STAGES
 from services.mocap.verdict.verdict import frame_in_words, part_in_words
 from services.viewer.charts import Drawn
-from services.viewer.controls import Controls
+from services.viewer.controls import Controls, Player
 from services.viewer.frame_history import FrameHistory, SolvedFrame
-from services.viewer.player import Player
 from services.viewer.show import Show
 from services.viewer.stage import DISTRUSTED_RGB, rgb_of
 
@@ -71,7 +70,7 @@ def frame_words(solved: SolvedFrame, player: Player, behind_s: float | None) -> 
         "last": extent[-1] if extent == frames else None,  # None: nobody knows how many will come
         "time_s": solved.time_s,
         "state": "live" if player.is_live else "playing" if player.is_playing else "standing",
-        "energy_px": _number(solved.energy_px),
+        "energy_px": solved.energy_px if np.isfinite(solved.energy_px) else None,
         "verdict": frame_in_words(solved.distrusted.tolist()) if is_judged else None,
         "distrusted": solved.distrusted.tolist(),
         "frames_per_s": 1 / seconds if np.isfinite(seconds) and seconds > 0 else None,
@@ -97,7 +96,3 @@ def chart_message(drawn: Drawn) -> Message:
         "names": list(drawn.chart.names),
         "most": most if np.isfinite(most) else None,
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

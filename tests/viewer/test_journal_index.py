@@ -9,7 +9,7 @@ import pytest
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.errors import TakeError
 from services.mocap.take.journal import JOURNAL, Journal
-from services.viewer.journal_index import JournalIndex
+from services.viewer.archive import JournalIndex
 
 
 def pose(frame: int, run: str = "now") -> list[bytes]:

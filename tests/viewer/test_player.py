@@ -5,8 +5,8 @@ from typing import Literal
 
 import pytest
 
+from services.viewer.controls import Player
 from services.viewer.frame_history import FrameHistory, SolvedFrame
-from services.viewer.player import Player
 
 
 @pytest.fixture
