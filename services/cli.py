@@ -45,12 +45,9 @@ class _SubCommands(TyperGroup):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        self.commands = dict.fromkeys(_MODULES, TyperCommand(None))  # their names, to suggest from
+        self.commands = dict.fromkeys(_MODULES, TyperCommand(None))  # only their names are looked at
 
-    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002  (as of any group)
-        return list(_MODULES)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002  (as of any group)
         if cmd_name not in _MODULES:
             return None
         module = import_module(_MODULES[cmd_name])

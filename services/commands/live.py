@@ -13,8 +13,7 @@ from rich.text import Text
 from services import options
 from services.commands.consoles import stderr, stdout, warn
 from services.commands.track import accuracy_in_words, corrected_in_words
-from services.commands.verdicts import StrictOption, conclude
-from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page
+from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError, nearest
 from services.mocap.motion.settings import Smoother

@@ -14,8 +14,7 @@ from services.commands.consoles import TakeFolder, stdout, warn
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
 from services.commands.short_help import HelpAllOption
-from services.commands.verdicts import StrictOption, conclude
-from services.commands.view import DEFAULT_PORT, PortOption, ViewOption, tell_page
+from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
 from services.mocap.search.overrides import search_settings

@@ -1,4 +1,4 @@
-"""`xormocap view`: shows finished results on the page."""
+"""Shows finished results: `xormocap view` on the page; commands that track end with the verdict."""
 
 import socket
 import time
@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from services.address import LOOPBACK, Address
-from services.commands.consoles import say, stderr
+from services.commands.consoles import say, stderr, stdout
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
@@ -21,6 +21,7 @@ from services.mocap.take.fit_record import FIT_FOLDER, read_colour_tables, read_
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Bytes, Mask
 from services.mocap.verdict.judging import verdict_of
+from services.mocap.verdict.verdict import IOU_IN_WORDS, Level
 from services.process import StopRequest
 from services.segmentation.segmenters import AUTO, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Segmenter
@@ -31,12 +32,17 @@ from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 
 DEFAULT_PORT = 8080
+EXIT_NOT_USABLE = 3
+_STYLES: dict[Level, str] = {"good": "green", "usable with gaps": "yellow", "not usable": "bold red"}
 _LOOK_S = 0.25
 PortOption = Annotated[
     int, typer.Option(min=0, max=65535, help="Port of the page on this machine; 0 chooses a free port.")
 ]
 ViewOption = Annotated[
     bool, typer.Option("--view", help="Serve a page to watch the run in a browser, until Ctrl-C.")
+]
+StrictOption = Annotated[
+    bool, typer.Option("--strict", help=f"Exit with code {EXIT_NOT_USABLE} if the results are not usable.")
 ]
 
 
@@ -77,6 +83,28 @@ def view(
         say(f"open http://{LOOPBACK}:{server.port} (Ctrl-C stops the server)")
         while not stop.count:
             time.sleep(_LOOK_S)
+
+
+def conclude(folder: Path, take: Path | None, port: int | None, *, strict: bool) -> None:
+    """Print the verdict on a result, and show it on the page until Ctrl-C.
+
+    take: see view; port: that of the page; None: no page. strict: afterwards exit with EXIT_NOT_USABLE if the
+    result cannot be used.
+    """
+    verdict = verdict_of(load_result(folder))
+    stdout.print(f"verdict: {verdict.headline}", style=_STYLES[verdict.level], markup=False, soft_wrap=True)
+    if verdict.doubts:
+        say(f"  doubtful: {verdict.doubts_in_words}")
+    if verdict.iou:
+        lowest = min(verdict.iou, key=lambda camera: verdict.iou[camera])
+        say(f"  overlap of body and silhouettes: {verdict.typical_iou:.2f}, lowest in {lowest}: "
+            f"{verdict.iou[lowest]:.2f} ({IOU_IN_WORDS})")  # fmt: skip
+    for cause in verdict.causes:
+        say(f"  {'remark' if cause.level == 'good' else 'cause'}: {cause}")
+    if port is not None:
+        view(folder, take, port)
+    if strict and verdict.level == "not usable":
+        raise typer.Exit(EXIT_NOT_USABLE)
 
 
 def finished_show(folder: Path, take: Path | None) -> Show:
