@@ -69,7 +69,7 @@ def live(
     )
     before_ns = written_ns(job.out)
     with recording_to(job.record):
-        ended = run_services(job, plan, show, warn, started)
+        logs, _, told = run_services(job, plan, show, warn, started)
     if job.record is not None and not part_of(job.record).exists():
         warn(f"{job.record}: no picture came, so nothing was recorded")
     elif job.record is not None:
@@ -77,16 +77,16 @@ def live(
         if away:
             warn(f"{job.record}: lacks {', '.join(away)}: copy the recordings from their hosts into it")
     if written_ns(job.out) == before_ns:
-        shutil.rmtree(ended.logs, ignore_errors=True)
+        shutil.rmtree(logs, ignore_errors=True)
         return None
-    keep_logs(ended.logs, job.out)
+    keep_logs(logs, job.out)
     with edited_run(job.out) as report:
         report["settings"]["segmenter"] = job.segmenter
-        if ended.told is not None:
+        if told is not None:
             names = ("source", "segmentation", "tracking")
-            drops = {cam: dict(zip(names, counts, strict=True)) for cam, counts in ended.told.drops.items()}
+            drops = {cam: dict(zip(names, counts, strict=True)) for cam, counts in told.drops.items()}
             report["live"]["drops"] = drops
-            if "settled_median" in (latency_s := ended.told.latency_s):
+            if "settled_median" in (latency_s := told.latency_s):
                 settled_s = {which: latency_s[f"settled_{which}"] for which in ("median", "p95")}
                 report["live"]["settled_latency_s"] = settled_s
     return report

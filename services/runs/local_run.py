@@ -87,28 +87,18 @@ class Plan:
     """How long a recorder may still wait for the coordinator after the coordinator's end."""
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How a run has ended."""
-
-    logs: Path
-    """A temporary folder."""
-    was_stopped: bool
-    told: Telemetry | None
-    """The coordinator's last telemetry."""
-
-
 def run_services(
     job: Job,
     plan: Plan,
     show: Callable[[Progress], None],
     warn: Callable[[str], None],
     started: Callable[[Launcher], None],
-) -> Ended:
+) -> tuple[Path, bool, Telemetry | None]:
     """Start all processes, and watch until they have ended or a second stop is asked for.
 
-    warn is called with each warning of the services at the end; started once with the launcher when all
-    processes run. Raises UserError, or ServiceFailedError, after which the logs stay.
+    Returns the temporary folder of the logs, whether a stop was asked for, and the coordinator's last
+    telemetry. warn is called with each warning of the services at the end; started once with the launcher
+    when all processes run. Raises UserError, or ServiceFailedError, after which the logs stay.
     """
     logs = Path(tempfile.mkdtemp(prefix="xormocap-logs-"))
     kinds = [kind for kind in SERVICES if kind != "viewer" or job.page is not None]
@@ -124,7 +114,7 @@ def run_services(
                     warn(sentence)
     except ServiceFailedError as error:
         raise ServiceFailedError(f"{error}; the logs are in {logs}") from None
-    return Ended(logs, stop.count > 0, told)
+    return logs, stop.count > 0, told
 
 
 def _start(launcher: Launcher, job: Job, plan: Plan) -> None:

@@ -58,20 +58,20 @@ def track(
     with tempfile.TemporaryDirectory(prefix="xormocap-run-") as temporary:
         plan = _plan(job, Path(temporary) / "known.json")
         earlier = {folder: written_ns(folder) for folder in (job.out, partial_of(job.out))}
-        ended = run_services(job, plan, show, warn, started)
+        logs, was_stopped, _ = run_services(job, plan, show, warn, started)
     folder = next((f for f, before in earlier.items() if written_ns(f) != before), None)
     if folder is not None:
         report = _completed(folder, job)
-        keep_logs(ended.logs, folder)
+        keep_logs(logs, folder)
         write_defaults(folder, load_result(folder), ("report",), warn)
         is_settled = "corrected_frames_by_part" in report or not job.search.goes_both_ways
         if is_settled and report["take"]["frames"] == len(job.frames):
             return report
-    if ended.was_stopped:
-        shutil.rmtree(ended.logs, ignore_errors=True)
+    if was_stopped:
+        shutil.rmtree(logs, ignore_errors=True)
         raise Interrupted(folder)
-    logs = ended.logs if folder is None else folder / LOGS
-    raise ServiceFailedError(f"the run ended before its last frame was final; the logs are in {logs}")
+    where = logs if folder is None else folder / LOGS
+    raise ServiceFailedError(f"the run ended before its last frame was final; the logs are in {where}")
 
 
 def _plan(job: TakeJob, known: Path) -> Plan:
