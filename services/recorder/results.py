@@ -24,9 +24,8 @@ from services.mocap.take.tables import PoseTable, reference_joints
 from services.mocap.types import Ints
 from services.mocap.verdict.judging import verdict_of
 from services.recorder.collection import Collection
-from services.recorder.live import increasing, is_live
 from services.recorder.result_folder import results_into
-from services.recorder.run_report import write_run_json
+from services.recorder.run_report import increasing, is_live, write_run_json
 
 log = logging.getLogger(__name__)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from services.recorder.live import since_abreast
+from services.recorder.run_report import since_abreast
 
 _FPS = 10.0
 
