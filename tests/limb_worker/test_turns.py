@@ -1,7 +1,7 @@
 """A worker's coordinators take turns, whatever each of them gives."""
 
 from proto.messages import LimbTask
-from services.limb_worker.turns import Turns
+from services.limb_worker.worker import Turns
 
 
 def task(take: str, frame: int) -> LimbTask:
