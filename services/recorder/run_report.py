@@ -14,14 +14,13 @@ import numpy as np
 
 from proto.messages import OPEN_END, PROTOCOL_VERSION, Pose, TakeInfo
 from services.mocap.body.actor import Actor
-from services.mocap.export.joint_accuracy import joint_errors
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.result.layout import ANGLES, BVH, C3D, GLB, JOINTS, POSES_SMOOTH, TRC
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import REFERENCE_JOINTS_CSV
 from services.mocap.take.live_settings import fresh_s
 from services.mocap.take.marks import PARTS, Marks
-from services.mocap.take.tables import from_take_world, read_joints_csv
+from services.mocap.take.tables import REFERENCE_JOINTS, from_take_world, read_joints_csv
 from services.mocap.types import Floats
 
 _LIBRARIES = ("moderngl", "numpy", "numba", "opencv-contrib-python-headless", "pyzmq", "scipy")
@@ -32,6 +31,8 @@ _LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 """Stages that the paper's five machines run in parallel, while a coordinator measures them one after the
 other."""
 _LEAST_STEP_S = 1e-6
+LOST_LIMB_MM = 200.0
+"""A joint farther than this from the reference counts as lost: the search fitted something else."""
 
 
 def write_run_json(
@@ -153,17 +154,22 @@ def _accuracy(
         return None
     ours, theirs = (list(rows) for rows in zip(*known, strict=True))
     truth_world_m = from_take_world(reference.joints_take_m[theirs], take.settings.up)
-    errors = joint_errors(joints_world_m[ours], truth_world_m)
+    frames = [recorded[row].frame for row in ours]
+    return joint_errors(frames, joints_world_m[ours], truth_world_m)
+
+
+def joint_errors(frames: Sequence[int], estimated_m: Floats, reference_m: Floats) -> dict[str, Any]:
+    """How far the joints of N frames are from the reference; both (N, 15, 3) in metres in one world."""
+    errors_mm = 1000.0 * np.linalg.norm(estimated_m - reference_m, axis=-1)
+    lost = np.argwhere(errors_mm > LOST_LIMB_MM)
     return {
-        "frames": len(known),
-        "mean_mm": errors.mean_mm,
-        "median_mm": errors.median_mm,
-        "p95_mm": errors.p95_mm,
-        "mean_by_joint_mm": errors.mean_by_joint_mm,
-        "frames_with_lost_limbs": len({row for row, _ in errors.lost_limbs}),
-        "lost_limbs": [
-            {"frame": recorded[ours[row]].frame, "joint": joint} for row, joint in errors.lost_limbs
-        ],
+        "frames": len(frames),
+        "mean_mm": float(errors_mm.mean()),
+        "median_mm": float(np.median(errors_mm)),
+        "p95_mm": float(np.percentile(errors_mm, 95)),
+        "mean_by_joint_mm": dict(zip(REFERENCE_JOINTS, errors_mm.mean(axis=0).tolist(), strict=True)),
+        "frames_with_lost_limbs": len({int(row) for row, _ in lost}),
+        "lost_limbs": [{"frame": frames[row], "joint": REFERENCE_JOINTS[joint]} for row, joint in lost],
     }
 
 
