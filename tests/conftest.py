@@ -18,13 +18,13 @@ from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
 from services.mocap.synth.walk import walk
+from services.mocap.take import layout
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import open_take
-from services.mocap.take.layout import BACKGROUND
 from services.mocap.take.marks import Marks
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import PoseTable, write_poses_csv
-from services.mocap.take.writer import TakeWriter, take_writer, write_picture
+from services.mocap.take.writer import take_writer, video_writer, write_picture
 from services.mocap.types import Bytes, Floats, Mask
 
 # Shared machines are too noisy for deadlines. Continuous integration tries the same examples every time,
@@ -121,14 +121,15 @@ def _background() -> Bytes:
     return np.repeat(np.tile(columns, (_HEIGHT_PX, 1))[..., None], 3, axis=2)
 
 
-def _write_camera(writer: TakeWriter, camera: Camera, frames: int, clean_plate: str) -> None:
+def _write_camera(folder: Path, camera: Camera, fps: float, frames: int, clean_plate: str) -> None:
     if clean_plate == "video":
-        with writer.background_video(camera) as plate:
+        plate_path = layout.background_video_path(folder, camera.name)
+        with video_writer(plate_path, *camera.size_px, fps) as plate:
             plate.write(_background())
             plate.write(_background())
     else:
-        write_picture(writer.folder / BACKGROUND / f"{camera.name}.png", _background())
-    with writer.video(camera) as video:
+        write_picture(folder / layout.BACKGROUND / f"{camera.name}.png", _background())
+    with video_writer(layout.video_path(folder, camera.name), *camera.size_px, fps) as video:
         for frame in range(frames):
             picture = _background()
             picture[_ball_silhouette(camera, frame)] = (30, 60, 220)
@@ -154,13 +155,15 @@ def small_take(tmp_path: Path, small_cameras: Callable[[int], list[Camera]]) -> 
     ) -> Path:
         given = {"name": name, "fps": 10.0, "units": "m", "up": "z", "frames": frames, **fields}
         cameras = small_cameras(n_cameras)
-        with take_writer(tmp_path / name, TakeSettings(**given), cameras) as writer:
+        settings = TakeSettings(**given)
+        with take_writer(tmp_path / name, settings, cameras) as part:
             for camera in cameras:
                 if source == "videos":
-                    _write_camera(writer, camera, frames, clean_plate)
+                    _write_camera(part, camera, settings.fps, frames, clean_plate)
                     continue
                 for frame in range(frames):
-                    writer.silhouette(camera, frame, _ball_silhouette(camera, frame))
+                    path = layout.silhouette_path(layout.silhouette_folder(part, camera.name), frame)
+                    write_picture(path, _ball_silhouette(camera, frame))
         return tmp_path / name
 
     return make

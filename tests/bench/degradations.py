@@ -15,9 +15,9 @@ from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.take import layout
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take
-from services.mocap.take.layout import REFERENCE_JOINTS_CSV, silhouette_folder
+from services.mocap.take.layout import REFERENCE_JOINTS_CSV, silhouette_folder, silhouette_path
 from services.mocap.take.pictures import TrimapReader
-from services.mocap.take.writer import take_writer
+from services.mocap.take.writer import take_writer, write_picture
 from services.mocap.types import ACTOR, UNSURE, Mask, Trimap
 
 EATEN = 0.05
@@ -67,15 +67,14 @@ def write_harder(
     """Write a degraded copy of a take, with its actor and what is known of its truth."""
     cameras = _cameras_left(take.cameras, degradation)
     settings = take.settings.model_copy(update={"unsure": [UNSURE, UNSURE]})
-    with take_writer(folder, settings, cameras) as writer:
+    with take_writer(folder, settings, cameras) as part:
         for c, camera in enumerate(cameras):
             for frame, trimap in enumerate(trimaps(camera)):
                 rng = np.random.default_rng((seed, c, frame))
-                writer.silhouette(
-                    camera, frame, _spoilt(trimap, rng) if degradation is Degradation.NOISE else trimap
-                )
-        write_actor(writer.folder / layout.ACTOR, actor, "the take that this one was made of")
-        _copy_truth(take.folder, writer.folder)
+                harder = _spoilt(trimap, rng) if degradation is Degradation.NOISE else trimap
+                write_picture(silhouette_path(silhouette_folder(part, camera.name), frame), harder)
+        write_actor(part / layout.ACTOR, actor, "the take that this one was made of")
+        _copy_truth(take.folder, part)
 
 
 def _spoilt(trimap: Trimap, rng: np.random.Generator) -> Trimap:

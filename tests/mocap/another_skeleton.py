@@ -57,8 +57,9 @@ from services.mocap.search.settings import SearchSettings  # noqa: E402
 from services.mocap.search.stages import whole_body_energy  # noqa: E402
 from services.mocap.synth.studio import studio_cameras  # noqa: E402
 from services.mocap.take.folder import Take, open_take  # noqa: E402
+from services.mocap.take.layout import silhouette_folder, silhouette_path  # noqa: E402
 from services.mocap.take.settings import TakeSettings  # noqa: E402
-from services.mocap.take.writer import take_writer  # noqa: E402
+from services.mocap.take.writer import take_writer, write_picture  # noqa: E402
 from services.mocap.types import Floats  # noqa: E402
 from services.pose_size import with_whole_poses  # noqa: E402
 
@@ -115,10 +116,10 @@ def straightened(pose: Floats) -> Floats:
 def take(tmp_path_factory: pytest.TempPathFactory) -> Take:
     folder = tmp_path_factory.mktemp("takes") / "nod"
     settings = TakeSettings(name="nod", fps=10.0, units="m", up="z", frames=N_FRAMES)
-    with take_writer(folder, settings, CAMERAS) as writer:
+    with take_writer(folder, settings, CAMERAS) as part:
         for frame, planes in enumerate(SEEN):
             for camera, mask in zip(CAMERAS, unpack(planes, len(CAMERAS)), strict=True):
-                writer.silhouette(camera, frame, mask)
+                write_picture(silhouette_path(silhouette_folder(part, camera.name), frame), mask)
     return open_take(folder)
 
 

@@ -20,8 +20,8 @@ from services.mocap.synth.studio import STAGE_HEIGHT_M, STAGE_RADIUS_M, studio_c
 from services.mocap.synth.walk import STAND_S
 from services.mocap.take import layout
 from services.mocap.take.settings import TakeSettings
-from services.mocap.take.tables import PoseTable, reference_joints, write_poses_csv
-from services.mocap.take.writer import TakeWriter, take_writer, write_picture
+from services.mocap.take.tables import PoseTable, reference_joints, write_joints_csv, write_poses_csv
+from services.mocap.take.writer import take_writer, video_writer, write_picture
 from services.mocap.types import Floats
 
 HEIGHTS_M = (1.0, 1.9)
@@ -68,18 +68,15 @@ def write_synthetic_take(
         init_frames=min(n_frames, max(1, int(STAND_S * fps))),
     )
     cameras = studio_cameras(n_cameras, stage_radius_m=radius_m, stage_height_m=top_m)
-    with take_writer(folder, settings, cameras) as writer:
-        writer.reference_joints(reference_joints(made.poses, body.offsets_m))
+    with take_writer(folder, settings, cameras) as part:
         frames = np.arange(n_frames, dtype=np.int32)
+        joints_m = reference_joints(made.poses, body.offsets_m)
+        write_joints_csv(part / layout.REFERENCE_JOINTS_CSV, frames, frames / fps, joints_m)
         truth = PoseTable(frames, frames / fps, made.poses, energies_px=np.zeros(n_frames))
-        write_poses_csv(writer.folder / "reference/poses.csv", truth)
+        write_poses_csv(part / "reference/poses.csv", truth)
         patches = room_patches(seed, radius_m / STAGE_RADIUS_M)
         views = [(camera, view_room(camera, patches, seed)) for camera in cameras]
-        for c, (camera, view) in enumerate(views):
-            with writer.background_video(camera) as video:
-                for frame in range(BACKGROUND_FRAMES):
-                    video.write(expose(view.picture, np.random.default_rng((seed, 3, c, frame))))
-        _write_videos(writer, views, Model(body), made.poses, seed, progress)
+        _write_videos(part, fps, views, Model(body), made.poses, seed, progress)
     return made
 
 
@@ -120,22 +117,30 @@ def stage_size_m(poses: Floats, body: Body) -> tuple[float, float]:
 
 
 def _write_videos(
-    writer: TakeWriter,
+    folder: Path,
+    fps: float,
     views: Views,
     model: Model,
     poses: Floats,
     seed: int,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """All videos and silhouettes, frame by frame, since a posed and lit figure serves all cameras."""
+    """All clean plates, then all videos and silhouettes, frame by frame, since a posed and lit figure serves
+    all cameras."""
+    for c, (camera, view) in enumerate(views):
+        plate_path = layout.background_video_path(folder, camera.name)
+        with video_writer(plate_path, *camera.size_px, fps) as video:
+            for frame in range(BACKGROUND_FRAMES):
+                video.write(expose(view.picture, np.random.default_rng((seed, 3, c, frame))))
     with ExitStack() as open_videos:
-        videos = [open_videos.enter_context(writer.video(camera)) for camera, _ in views]
+        writers = (video_writer(layout.video_path(folder, one.name), *one.size_px, fps) for one, _ in views)
+        videos = [open_videos.enter_context(writer) for writer in writers]
         for frame, pose in enumerate(poses):
             figure = model.pose(pose)
             for c, (camera, view) in enumerate(views):
                 picture, silhouette = render(camera, view, figure)
                 videos[c].write(expose(picture, np.random.default_rng((seed, 4, c, frame))))
-                masks = layout.silhouette_folder(writer.folder / "reference", camera.name)
+                masks = layout.silhouette_folder(folder / "reference", camera.name)
                 write_picture(layout.silhouette_path(masks, frame), silhouette)
             if progress is not None:
                 progress(frame + 1, len(poses))

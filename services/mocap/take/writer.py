@@ -1,7 +1,7 @@
 """Writes take folders and videos; everything appears completely or not at all."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
@@ -16,10 +16,9 @@ from services.mocap.atomic import atomic_file, atomic_folder
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
-from services.mocap.take import layout
+from services.mocap.take.layout import CALIBRATION, SETTINGS
 from services.mocap.take.settings import TakeSettings, write_settings
-from services.mocap.take.tables import to_take_world, write_joints_csv
-from services.mocap.types import Bytes, Floats, Mask, Trimap
+from services.mocap.types import Bytes, Mask, Trimap
 
 NEAR_LOSSLESS_CRF = 12
 _KEYFRAME_EVERY_S = 2  # for fast seeking in browsers and readers
@@ -107,45 +106,14 @@ def write_picture(path: Path, picture: Bytes | Trimap | Mask) -> None:
         part.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
 
 
-class TakeWriter:
-    """Fills a take folder created by `take_writer`."""
-
-    def __init__(self, folder: Path, settings: TakeSettings, cameras: Sequence[Camera]) -> None:
-        self.folder = folder
-        """The temporary folder of the take; further files may be put here."""
-        self._settings = settings
-        write_settings(folder / layout.SETTINGS, settings)
-        write_calibration(folder / layout.CALIBRATION, tuple(cameras), settings.up)
-
-    def video(self, camera: Camera) -> AbstractContextManager[VideoWriter]:
-        """The writer of a camera's recording."""
-        return self._video(layout.video_path(self.folder, camera.name), camera)
-
-    def background_video(self, camera: Camera) -> AbstractContextManager[VideoWriter]:
-        """The writer of a camera's clean plate."""
-        return self._video(layout.background_video_path(self.folder, camera.name), camera)
-
-    def silhouette(self, camera: Camera, frame: int, silhouette: Mask | Trimap) -> None:
-        """One (H, W) silhouette or trimap of a camera."""
-        folder = layout.silhouette_folder(self.folder, camera.name)
-        write_picture(layout.silhouette_path(folder, frame), silhouette)
-
-    def reference_joints(self, joints_world_m: Floats) -> None:
-        """The true joints (frames, 15, 3) of every frame, in the internal z-up world."""
-        frames = np.arange(len(joints_world_m), dtype=np.int32)
-        joints_take_m = to_take_world(joints_world_m, self._settings.up)
-        path = self.folder / layout.REFERENCE_JOINTS_CSV
-        write_joints_csv(path, frames, frames / self._settings.fps, joints_take_m)
-
-    def _video(self, path: Path, camera: Camera) -> AbstractContextManager[VideoWriter]:
-        return video_writer(path, *camera.size_px, self._settings.fps)
-
-
 @contextmanager
-def take_writer(folder: Path, settings: TakeSettings, cameras: Sequence[Camera]) -> Iterator[TakeWriter]:
-    """A writer of a new take, cameras in the internal z-up world.
+def take_writer(folder: Path, settings: TakeSettings, cameras: Sequence[Camera]) -> Iterator[Path]:
+    """The temporary folder of a new take with its settings and calibration, to be filled by the block.
 
-    The folder appears when the block ends without an exception. Raises UserError if it already exists.
+    cameras: in the internal z-up world. The folder appears when the block ends without an exception. Raises
+    UserError if it already exists.
     """
     with atomic_folder(folder) as part:
-        yield TakeWriter(part, settings, cameras)
+        write_settings(part / SETTINGS, settings)
+        write_calibration(part / CALIBRATION, tuple(cameras), settings.up)
+        yield part

@@ -12,9 +12,10 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
 from services.mocap.take.folder import open_take
+from services.mocap.take.layout import REFERENCE_JOINTS_CSV, silhouette_folder, silhouette_path, video_path
 from services.mocap.take.settings import TakeSettings
-from services.mocap.take.tables import read_joints_csv
-from services.mocap.take.writer import take_writer, write_picture
+from services.mocap.take.tables import read_joints_csv, to_take_world, write_joints_csv
+from services.mocap.take.writer import take_writer, video_writer, write_picture
 from services.mocap.types import ACTOR, Mask
 
 SmallTake: TypeAlias = Callable[..., Path]
@@ -68,11 +69,14 @@ def test_a_written_take_is_read_again(
     )
     cameras = [replace(camera, name=f"{camera.name} é") for camera in small_cameras(2)]
     joints_world_m = np.random.default_rng(0).normal(size=(3, 15, 3)).round(5)
-    with take_writer(tmp_path / "mine", settings, cameras) as writer:
+    with take_writer(tmp_path / "mine", settings, cameras) as part:
         for camera in cameras:
             for frame in range(3):
-                writer.silhouette(camera, frame, ball_silhouette(camera, frame))
-        writer.reference_joints(joints_world_m)
+                path = silhouette_path(silhouette_folder(part, camera.name), frame)
+                write_picture(path, ball_silhouette(camera, frame))
+        frames = np.arange(3, dtype=np.int32)
+        joints_take_m = to_take_world(joints_world_m, settings.up)
+        write_joints_csv(part / REFERENCE_JOINTS_CSV, frames, frames / settings.fps, joints_take_m)
     take = open_take(tmp_path / "mine")
     assert take.settings == settings
     assert take.settings.facing_rad == pytest.approx(np.pi / 2)
@@ -135,8 +139,8 @@ def test_a_bad_reference_is_found_before_the_work(small_take: SmallTake, refusal
 def test_a_take_is_written_whole_or_not_at_all(tmp_path: Path, small_cameras: SmallCameras) -> None:
     settings = TakeSettings(name="x", fps=10.0, units="m", up="z", frames=1)
     (camera,) = small_cameras(1)
-    with pytest.raises(ZeroDivisionError), take_writer(tmp_path / "x", settings, [camera]) as writer:
-        with writer.video(camera) as video:
+    with pytest.raises(ZeroDivisionError), take_writer(tmp_path / "x", settings, [camera]) as part:
+        with video_writer(video_path(part, camera.name), *camera.size_px, settings.fps) as video:
             video.write(np.zeros((48, 64, 3), np.uint8))
         raise ZeroDivisionError
     assert not any(tmp_path.iterdir())
