@@ -16,7 +16,7 @@ from services.mocap.take import layout
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import REFERENCE_JOINTS_CSV, silhouette_folder, silhouette_path
-from services.mocap.take.pictures import TrimapReader
+from services.mocap.take.pictures import read_trimaps
 from services.mocap.take.writer import take_writer, write_picture
 from services.mocap.types import ACTOR, UNSURE, Mask, Trimap
 
@@ -55,10 +55,10 @@ Trimaps = Callable[[Camera], Iterator[Trimap]]
 def trimaps_of(take: Take, folder: Path) -> Trimaps:
     """The silhouettes that a take is tracked by; folder: where those of videos are put."""
     if take.source == "silhouettes":
-        return lambda camera: iter(take.trimaps(camera))
+        return lambda camera: take.trimaps(camera)
     xormocap("segment", take.folder, "--out", folder)
     frames = take.settings.frames
-    return lambda camera: iter(TrimapReader(silhouette_folder(folder, camera.name), 0, frames, camera=camera))
+    return lambda camera: read_trimaps(silhouette_folder(folder, camera.name), 0, frames, camera=camera)
 
 
 def write_harder(

@@ -10,7 +10,7 @@ from services.mocap.body.actor import Actor
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import silhouette_folder
-from services.mocap.take.pictures import TrimapReader
+from services.mocap.take.pictures import read_trimaps
 from services.mocap.take.tables import write_joints_csv
 from services.mocap.types import ACTOR, Mask
 
@@ -57,7 +57,7 @@ def test_an_empty_silhouette_has_nothing_to_bite_off() -> None:
 
 
 def masks_of(folder: Path, camera: str, frames: int) -> list[Mask]:
-    return [trimap == ACTOR for trimap in TrimapReader(silhouette_folder(folder, camera), 0, frames)]
+    return [trimap == ACTOR for trimap in read_trimaps(silhouette_folder(folder, camera), 0, frames)]
 
 
 @pytest.mark.parametrize(

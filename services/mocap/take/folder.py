@@ -13,15 +13,14 @@ from services.mocap.camera.formats import read_any
 from services.mocap.camera.undistort import reduce_picture
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
-from services.mocap.take.pictures import TrimapReader, check_png, read_picture, read_trimap
+from services.mocap.take.pictures import check_png, read_picture, read_trimap, read_trimaps
 from services.mocap.take.recordings import check_names, files_of, find_videos, match_by_name
 from services.mocap.take.settings import TakeFile, TakeSettings, read_take_file
 from services.mocap.take.tables import read_joints_csv
-from services.mocap.take.video import VideoReader
+from services.mocap.take.video import PicturePicker, VideoReader
 from services.mocap.take.video_checks import check_decodes, check_plate, check_video, cut_remark, rate_of
 from services.mocap.take.video_index import VideoIndex, index_video
-from services.mocap.take.video_picker import PicturePicker
-from services.mocap.types import Bytes
+from services.mocap.types import Bytes, Trimap
 
 Source = Literal["videos", "silhouettes"]
 
@@ -82,15 +81,13 @@ class Take:
         """The file of a camera's clean plate: a video, or else a single picture; None where there is none."""
         return self.plates.get(camera.name)
 
-    def trimaps(self, camera: Camera, start: int = 0, stop: int | None = None) -> TrimapReader:
+    def trimaps(self, camera: Camera, start: int = 0, stop: int | None = None) -> Iterator[Trimap]:
         """A camera's raw silhouettes of frames `start` up to but not including `stop` (default: the take's
         end), reduced to the camera's size."""
-        folder, ahead = (
-            layout.silhouette_folder(self.folder, camera.name),
-            self.settings.offset(camera.name),
-        )
+        folder = layout.silhouette_folder(self.folder, camera.name)
+        ahead = self.settings.offset(camera.name)
         end = self.settings.frames if stop is None else stop
-        return TrimapReader(folder, start + ahead, end + ahead, self.settings.unsure, camera)
+        return read_trimaps(folder, start + ahead, end + ahead, self.settings.unsure, camera)
 
     def frame_range(self, text: str) -> range:
         """Parse A:B, each optional, as frames A up to but not including B; raises UserError."""

@@ -104,31 +104,21 @@ def read_picture(path: Path) -> Bytes:
     return _decoded(path, cv2.IMREAD_COLOR)
 
 
-class TrimapReader:
-    """One camera's trimaps (H, W), from frame `start` up to but not including `stop`, read one at a time."""
+def read_trimaps(
+    folder: Path,
+    start: int,
+    stop: int,
+    unsure: Sequence[int] = (UNSURE, UNSURE),
+    camera: Camera | None = None,
+) -> Iterator[Trimap]:
+    """One camera's trimaps (H, W) from frame `start` up to but not including `stop`; raises as read_trimap
+    does.
 
-    def __init__(
-        self,
-        folder: Path,
-        start: int,
-        stop: int,
-        unsure: Sequence[int] = (UNSURE, UNSURE),
-        camera: Camera | None = None,
-    ) -> None:
-        """unsure: the lowest and the highest unsure grey, or empty. camera: they are reduced to its size."""
-        self.folder, self.start, self.stop = folder, start, stop
-        self._unsure, self._camera = unsure, camera
-
-    def __len__(self) -> int:
-        return self.stop - self.start
-
-    def __iter__(self) -> Iterator[Trimap]:
-        return (self.read(frame) for frame in range(self.start, self.stop))
-
-    def read(self, frame: int) -> Trimap:
-        """One frame's trimap; raises TakeError when it is missing or cannot be decoded."""
-        trimap = read_trimap(silhouette_path(self.folder, frame), self._unsure)
-        return trimap if self._camera is None else resized_trimap(trimap, self._camera)
+    unsure: the lowest and the highest unsure grey, or empty. camera: they are reduced to its size.
+    """
+    for frame in range(start, stop):
+        trimap = read_trimap(silhouette_path(folder, frame), unsure)
+        yield trimap if camera is None else resized_trimap(trimap, camera)
 
 
 def _bytes(path: Path) -> bytes:

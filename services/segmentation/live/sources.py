@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from threading import Event
-from typing import Protocol
+from typing import TypeAlias
 
 import av
 import numpy as np
@@ -46,18 +46,6 @@ class Picture:
     """BGR (H, W, 3)."""
     taken_s: float
     """When, on this machine's monotonic clock."""
-
-
-class Source(Protocol):
-    """An opened source."""
-
-    def read(self) -> Picture | None:
-        """Wait for the next picture; None if none will follow. Raises SourceLostError."""
-        ...
-
-    def close(self) -> None:
-        """Close it."""
-        ...
 
 
 class FileSource:
@@ -106,7 +94,7 @@ class FileSource:
             self._next += 1
 
     def read(self) -> Picture | None:
-        """See Source.read."""
+        """Wait for the next picture; None if none will follow. Raises SourceLostError."""
         try:
             if self._next < len(self._due_s):
                 self._leave_out_late_ones()
@@ -122,7 +110,7 @@ class FileSource:
         return Picture(image, due_s)
 
     def close(self) -> None:
-        """See Source.close."""
+        """Close the file."""
         if self._reader is not None:
             self._reader.close()
 
@@ -155,8 +143,8 @@ class StreamSource:
         self._stream.thread_type = "NONE"  # decoder threads would delay pictures
         self._frames = self._container.decode(self._stream)
 
-    def read(self) -> Picture | None:
-        """See Source.read: a stream never ends permanently."""
+    def read(self) -> Picture:
+        """Wait for the next picture: a stream never ends permanently. Raises SourceLostError."""
         try:
             frame = next(self._frames, None)
         except (av.error.FFmpegError, OSError) as problem:
@@ -170,8 +158,11 @@ class StreamSource:
         return Picture(bgr_picture(frame, self._converter), taken_s - self._settings.delay_s)
 
     def close(self) -> None:
-        """See Source.close."""
+        """Close the device or the connection."""
         self._container.close()
+
+
+Source: TypeAlias = FileSource | StreamSource
 
 
 class ContainerClock:

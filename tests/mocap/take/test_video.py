@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from rotation_tag import tag_a_quarter_turn
 from services.mocap.errors import TakeError
-from services.mocap.take.video import VideoReader
+from services.mocap.take.video import PicturePicker, VideoReader
 from services.mocap.take.video_index import index_video
-from services.mocap.take.video_picker import PicturePicker
 from services.mocap.take.writer import video_writer, write_picture
 from services.mocap.types import Bytes
 
@@ -64,7 +63,6 @@ def test_frames_are_numbered_exactly_wherever_reading_starts(video: Path, data: 
     start = data.draw(st.integers(0, N_FRAMES))
     stop = data.draw(st.integers(start, N_FRAMES))
     with VideoReader(video, start, stop) as reader:
-        assert len(reader) == stop - start
         for _ in range(2):  # each iteration starts anew
             assert [number_of(picture) for picture in reader] == list(range(start, stop))
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from services.mocap.errors import TakeError
-from services.mocap.take.video import VideoReader
+from services.mocap.take.video import PicturePicker, VideoReader
 from services.mocap.take.video_index import index_video
-from services.mocap.take.video_picker import PicturePicker
 
 _N = 60
 
