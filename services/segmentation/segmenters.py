@@ -46,22 +46,6 @@ class Kind(NamedTuple):
     """Whether it needs the empty scene."""
 
 
-def _paper(background: CameraBackground, _: str) -> Matte:
-    return PaperTest.learn(background.pictures())
-
-
-def _mog2(background: CameraBackground, _: str) -> Matte:
-    """Gaussian mixtures with a shadow test (Zivkovic 2004)."""
-    model = cv2.createBackgroundSubtractorMOG2(detectShadows=True)
-    return TrainedModel(model, background.pictures())
-
-
-def _bgsegm(background: CameraBackground, _: str) -> Matte:
-    """Gaussian mixtures without one (KaewTraKulPong 2001): the one of bgsegm that can stop learning."""
-    model = cv2.bgsegm.createBackgroundSubtractorMOG()
-    return TrainedModel(model, background.pictures())
-
-
 def _chroma(background: CameraBackground, colour: str) -> Matte:
     if colour:
         red, green, blue = bytes.fromhex(colour)
@@ -70,17 +54,25 @@ def _chroma(background: CameraBackground, colour: str) -> Matte:
     return ChromaKey.of_pictures(pictures)
 
 
-def _onnx(background: CameraBackground, file: str) -> Matte:
-    return OnnxMatte(Path(file), background.mean_picture())
-
-
 KINDS: dict[str, Kind] = {
     USUAL: Kind(None, needs_plate=True),
-    "paper": Kind(_paper, needs_plate=True),
-    "mog2": Kind(_mog2, needs_plate=True),
-    "bgsegm": Kind(_bgsegm, needs_plate=True),
+    "paper": Kind(lambda background, _: PaperTest.learn(background.pictures()), needs_plate=True),
+    # Gaussian mixtures with a shadow test (Zivkovic 2004).
+    "mog2": Kind(
+        lambda background, _: TrainedModel(
+            cv2.createBackgroundSubtractorMOG2(detectShadows=True), background.pictures()
+        ),
+        needs_plate=True,
+    ),
+    # Gaussian mixtures without one (KaewTraKulPong 2001): the one of bgsegm that can stop learning.
+    "bgsegm": Kind(
+        lambda background, _: TrainedModel(cv2.bgsegm.createBackgroundSubtractorMOG(), background.pictures()),
+        needs_plate=True,
+    ),
     "chroma": Kind(_chroma, "RRGGBB"),
-    "onnx": Kind(_onnx, "FILE", needs_argument=True),
+    "onnx": Kind(
+        lambda background, file: OnnxMatte(Path(file), background.mean_picture()), "FILE", needs_argument=True
+    ),
 }
 
 

@@ -7,8 +7,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from services.commands.consoles import progress_bar, stdout, table_of, warn
+from services.mocap.calibration.epipolar_tangents import TangentAgreement, agreement_of, likely_mistake
 from services.mocap.calibration.remarks import remarks_on
-from services.mocap.calibration.tangent_agreement import TangentAgreement, agreement_of, likely_mistake
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
 from services.mocap.search.agreement import filled_by_others

@@ -1,27 +1,56 @@
 """Extrinsics from a person who was tracked: which cameras are not where their calibration says, and where
-they are."""
+they are.
+
+This is Gauss-Newton over the extrinsics of all cameras and the poses of some frames, by contours of a known
+body. Camera c is moved by a rigid motion M_c of the world before it: T_camera_world M_c. What it then sees is
+what it would see of a body that moves so, root and all. So the slopes of a residual by M_c follow from those
+by the root's parameters:
+
+    rows_root (N, 6) = rows_motion (N, 6) twists (6, 6)
+
+where twists has the velocity of the world for each parameter of the root in a column.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import repeat
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.kinematics import joint_positions
-from services.mocap.calibration.body_adjustment import BodyAdjustment, motion_of
+from services.mocap.body.kinematics import N_DOF, joint_positions, joint_transforms
+from services.mocap.body.shape_space import vector_of
 from services.mocap.calibration.rigid_transform import IDENTITY, RigidTransform
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.fit.contours import working_scales
+from services.mocap.fit.contours import contours_of, working_scales
+from services.mocap.fit.jacobian import ShapeSlopes, jacobian
+from services.mocap.fit.matching import Matches, match_frame
+from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State, System
+from services.mocap.fit.priors import Prior
 from services.mocap.fit.quality import FitQuality, quality_of
+from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
 from services.mocap.types import Floats, Mask
 
 HARDLY_PX = 0.7
 """A camera hardly moves if it sees the body's joints move by less, in working pixels: 1 cm in most rooms."""
 _LEAST_GAIN = 0.01
 """Share of the energy in frames that were kept out by which they must get better."""
+_CONTOUR_POINTS = 250
+"""Most contour points of a view that are matched with the model."""
+_STAGES = (
+    Stage((), ALL_DOFS, 15.0, 6, damping=0.003),
+    Stage((), ALL_DOFS, 4.0, 6, damping=0.003),
+    Stage((), ALL_DOFS, 1.5, 6, damping=0.003),
+    Stage((), ALL_DOFS, 0.8, 8, damping=0.003, is_strict=True),
+)
+"""From coarse to fine; the first finds a camera that sees the body a limb's width off."""
+_RIDGE = 1e-6
+"""Holds a camera that does not see the actor at all."""
+_AVERAGED = 4
+"""Matches change with every step: the mean of the last states is better than the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +89,11 @@ def refine_cameras(
 
     def quality(of: tuple[Camera, ...], n: int) -> FitQuality:
         rig, none = Rig.of(of), np.zeros(len(of), bool)
-        _, fitted = BodyAdjustment(rig, seen[kept_out], actor, poses[kept_out]).solve(none, quarter(n))
+        _, fitted = _BodyAdjustment(rig, seen[kept_out], actor, poses[kept_out]).solve(none, quarter(n))
         return quality_of(build_body(actor), fitted, rig, seen[kept_out])
 
     before = quality(cameras, 0)
-    adjustment = BodyAdjustment(Rig.of(cameras), seen[used], actor, poses[used])
+    adjustment = _BodyAdjustment(Rig.of(cameras), seen[used], actor, poses[used])
     motions, _ = adjustment.solve(np.ones(len(cameras), bool), quarter(1))
     joints_m = joint_positions(poses[used], build_body(actor).offsets_m).reshape(-1, 3)
     held: Mask = ~(moves_px(cameras, motions, joints_m) >= HARDLY_PX)
@@ -72,20 +101,17 @@ def refine_cameras(
         return Refined(cameras, held, before, before)
     if held.any():
         motions, _ = adjustment.solve(~held, quarter(2))
-    found = tuple(map(_moved, cameras, motions, held, repeat(_gauge(motions, held))))
+    # What moves all cameras together: nothing if some are held, else their mean motion back.
+    gauge = IDENTITY if held.any() else _motion_of(motions.mean(axis=0)).inverse
+    found = tuple(map(_moved, cameras, motions, held, repeat(gauge)))
     return Refined(found, held, before, quality(found, 3))
-
-
-def _gauge(motions: Floats, held: Mask) -> RigidTransform:
-    """What moves all cameras together: nothing if some are held, else their mean motion (C, 6) back."""
-    return IDENTITY if held.any() else motion_of(motions.mean(axis=0)).inverse
 
 
 def _moved(camera: Camera, motion: Floats, is_held: bool, gauge: RigidTransform) -> Camera:
     if is_held:
         return camera
     T_camera_world = RigidTransform(camera.R_camera_world, camera.t_camera_world_m)
-    T_camera_world = T_camera_world @ motion_of(motion) @ gauge
+    T_camera_world = T_camera_world @ _motion_of(motion) @ gauge
     return replace(camera, R_camera_world=T_camera_world.R, t_camera_world_m=T_camera_world.t_m)
 
 
@@ -95,7 +121,7 @@ def moves_px(cameras: tuple[Camera, ...], motions: Floats, points_m: Floats) -> 
     Median over the points, in working pixels, without what the median of the cameras does to a point: poses
     that all cameras follow.
     """
-    moved_m = np.array([motion_of(motion).apply(points_m) for motion in motions])
+    moved_m = np.array([_motion_of(motion).apply(points_m) for motion in motions])
     off_m = moved_m - np.median(moved_m, axis=0)
     off_px = [
         np.linalg.norm(camera.project_px(points_m + by_m) - camera.project_px(points_m), axis=1)
@@ -103,3 +129,68 @@ def moves_px(cameras: tuple[Camera, ...], motions: Floats, points_m: Floats) -> 
     ]
     found: Floats = np.nanmedian(off_px, axis=1) / working_scales(Rig.of(cameras))
     return found
+
+
+def _motion_of(x: Floats) -> RigidTransform:
+    """The rigid motion of a rotation vector and a translation in metres, x (6,)."""
+    return RigidTransform(Rotation.from_rotvec(x[:3]).as_matrix(), x[3:])
+
+
+class _BodyAdjustment:
+    """The least-squares problem of F frames before C cameras; the body and the lenses are held."""
+
+    def __init__(self, rig: Rig, seen: TriPlanes, actor: Actor, poses: Floats) -> None:
+        """seen (F, P, H, W), poses (F, D): those begun with."""
+        self._rig, self._contours = rig, contours_of(rig, seen, _CONTOUR_POINTS)
+        self._shape, self._poses = vector_of(actor), poses
+        self._slopes = ShapeSlopes.at(self._shape, (), actor)
+        self._prior = Prior(poses)
+
+    def solve(self, free: Mask, progress: Callable[[float], None] = lambda _: None) -> tuple[Floats, Floats]:
+        """Move those of the cameras (C,) that are free, and all poses; progress is called with 0 to 1.
+
+        Returns the motions (C, 6), see _motion_of, and the poses (F, D). If all cameras are free, the world
+        stays only about where it was.
+        """
+        parameters = tuple(np.flatnonzero(np.repeat(free, TWIST_SIZE)).tolist())
+        steps = [replace(stage, parameters=parameters) for stage in _STAGES for _ in range(stage.steps)]
+        trail = [State(np.zeros(TWIST_SIZE * len(free)), self._poses)]
+        for n, stage in enumerate(steps):
+            trail.append(self._linearised(trail[-1], stage).step(trail[-1], stage, bounds=lambda x: x))
+            progress((n + 1) / len(steps))
+        last = trail[-_AVERAGED:]
+        motions: Floats = np.mean([state.x for state in last], axis=0).reshape(-1, TWIST_SIZE)
+        return motions, np.mean([state.poses for state in last], axis=0)
+
+    def _linearised(self, state: State, stage: Stage) -> System:
+        rig, n_frames, s = self._moved_rig(state.x), len(state.poses), len(stage.parameters)
+        of_poses, n_views = replace(stage, parameters=()), n_frames * rig.n_cameras
+        system = replace(
+            self._prior.system(State(self._shape, state.poses), of_poses, n_views),
+            cross=np.zeros((n_frames, len(stage.dofs), s)),
+            shape=_RIDGE * np.eye(s),
+            shape_slopes=np.zeros(s),
+        )
+        columns = np.array([*stage.dofs, *(N_DOF + p for p in stage.parameters)])
+        for f, (pose, contours) in enumerate(zip(state.poses, self._contours, strict=True)):
+            views = match_frame(self._slopes.body, pose, rig, contours)
+            rows = self._rows(pose, rig, views)[:, columns]
+            residuals_px = np.concatenate([view.residuals_px for view in views])
+            weights = np.concatenate([view.lengths_px for view in views]) * stage.weights(residuals_px)
+            system.add_frame(f, rows, residuals_px, weights)
+        return system
+
+    def _rows(self, pose: Floats, rig: Rig, views: list[Matches]) -> Floats:
+        """(N, D + 6 C) slopes of a frame's residuals by the pose and by the motion before each camera."""
+        by_pose = jacobian(self._slopes, pose, rig, views)
+        twists = np.zeros((N_DOF, TWIST_SIZE))
+        place_twists(pose, joint_transforms(pose[None], self._slopes.body.offsets_m)[0], twists)
+        by_motion = by_pose[:, :TWIST_SIZE] @ np.linalg.pinv(twists[:TWIST_SIZE].T)
+        camera = np.repeat(np.arange(len(views)), [len(view.edges) for view in views])
+        is_its = camera[:, None] == np.arange(len(views))
+        of_cameras = (is_its[:, :, None] * by_motion[:, None, :]).reshape(len(by_pose), -1)
+        return np.hstack([by_pose, of_cameras])
+
+    def _moved_rig(self, x: Floats) -> Rig:
+        motions = np.array([_motion_of(of_camera).matrix for of_camera in x.reshape(-1, TWIST_SIZE)])
+        return replace(self._rig, P_px_world=self._rig.P_px_world @ motions)

@@ -3,23 +3,24 @@
 Each mistake is undone on trial; it is certain where all cameras then agree that did not before.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from services.mocap.calibration.conventions import BEHIND, CONVENTIONS, OPENGL_AXES, upward, with_axes
-from services.mocap.calibration.epipolar_tangents import Outline, touches_of
-from services.mocap.calibration.tangent_agreement import (
+from services.mocap.calibration.epipolar_tangents import (
+    Outline,
     TangentAgreement,
     agreement_limit_px,
     agreement_of,
     likely_mistake,
+    touches_of,
 )
 from services.mocap.calibration.time_offsets import find_offsets
 from services.mocap.camera.calibration import Up
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
+from services.mocap.types import Floats
 
 Outlines = list[list[Outline | None]]
 """Per camera, of each frame."""
@@ -55,14 +56,19 @@ class Mistake:
         return f"{self.file}: {self.what}: {self.remedy}"
 
 
+def _upward(cameras: Sequence[Camera]) -> float:
+    """Median cosine between the cameras' upward directions and the world's."""
+    return float(np.median([-camera.R_camera_world[1, 2] for camera in cameras]))
+
+
 def wrong_up(cameras: Sequence[Camera], up: Up) -> Mistake | None:
     """The mistake of a take.toml whose `up` is not the world's: cameras (z-up) that lie on their sides."""
     other: Up = "y" if up == "z" else "z"
     turn = R_ZUP_YUP if up == "z" else R_ZUP_YUP.T
     looks_down = np.median([camera.R_camera_world[2, 2] for camera in cameras]) < _FROM_ABOVE
-    if looks_down or upward(cameras) > _NOT_UPRIGHT:
+    if looks_down or _upward(cameras) > _NOT_UPRIGHT:
         return None
-    if upward([camera.with_world_turned(turn) for camera in cameras]) < _UPRIGHT:
+    if _upward([camera.with_world_turned(turn) for camera in cameras]) < _UPRIGHT:
         return None
     return Mistake(
         "take.toml: up",
@@ -70,6 +76,37 @@ def wrong_up(cameras: Sequence[Camera], up: Up) -> Mistake | None:
         f'write up = "{other}"',
         is_certain=True,
     )
+
+
+def _inverted(camera: Camera, up: Up) -> Camera:
+    """The camera whose extrinsics, as its file has them, lead from the camera to the world."""
+    R_file_internal = R_ZUP_YUP.T if up == "y" else np.eye(3)
+    R = camera.R_camera_world @ R_file_internal.T
+    inverse = replace(camera, R_camera_world=R.T, t_camera_world_m=-R.T @ camera.t_camera_world_m)
+    return inverse.with_world_turned(R_file_internal.T)
+
+
+def _opengl(camera: Camera, _: Up) -> Camera:
+    """The camera whose own axes are OpenGL's: y up, z backward."""
+    return _with_axes(camera, _OPENGL_AXES)
+
+
+def _with_axes(camera: Camera, turn: Floats) -> Camera:
+    """A camera at the same place with other axes of its own: turn @ x_camera."""
+    R, t_m = turn @ camera.R_camera_world, turn @ camera.t_camera_world_m
+    return replace(camera, R_camera_world=R, t_camera_world_m=t_m)
+
+
+_BEHIND = np.diag([-1.0, 1.0, -1.0])
+_OPENGL_AXES = np.diag([1.0, -1.0, -1.0])
+_CONVENTIONS: dict[str, Callable[[Camera, Up], Camera]] = {
+    "the way from the camera to the world": _inverted,
+    "OpenGL's axes, y up and z backward": _opengl,
+    "Blender's matrix_world, from the camera to the world with y up and z backward": lambda camera, up: (
+        _opengl(_inverted(camera, up), up)
+    ),
+}
+"""How extrinsics may be meant instead."""
 
 
 def mistakes_in(cameras: tuple[Camera, ...], outlines: Outlines, up: Up) -> list[Mistake]:
@@ -93,7 +130,7 @@ def _undone(
 ) -> Iterator[Mistake]:
     """Mistakes that, undone, make all cameras agree."""
     names = [camera.name for camera in cameras]
-    for what, convention in CONVENTIONS.items():
+    for what, convention in _CONVENTIONS.items():
         meant = tuple(convention(camera, up) for camera in cameras)
         seen = [_in_camera(*them) for them in zip(outlines, cameras, meant, strict=True)]
         if _all_agree(meant, seen):
@@ -108,7 +145,7 @@ def _undone(
         swapped = list(outlines)
         swapped[a] = _in_camera(outlines[b], cameras[b], cameras[a])
         swapped[b] = _in_camera(outlines[a], cameras[a], cameras[b])
-        if _same_size(cameras[a], cameras[b]) and _all_agree(cameras, swapped):
+        if cameras[a].size_px == cameras[b].size_px and _all_agree(cameras, swapped):
             yield Mistake(
                 "calibration.toml",
                 f"{names[a]} and {names[b]} are swapped: each agrees with the pictures of the other",
@@ -125,8 +162,8 @@ def _turned(
 ) -> Iterator[Mistake]:
     """The mistake of one camera that looks the other way, or whose pictures are flipped."""
     camera, others = cameras[odd], [cameras[c] for c in good]
-    for turn in (OPENGL_AXES, BEHIND):
-        meant = with_axes(camera, turn)
+    for turn in (_OPENGL_AXES, _BEHIND):
+        meant = _with_axes(camera, turn)
         seen = [*(outlines[c] for c in good), _in_camera(outlines[odd], camera, meant)]
         if _all_agree((*others, meant), seen):
             yield Mistake(
@@ -152,10 +189,6 @@ def _in_camera(of_camera: Sequence[Outline | None], camera: Camera, other: Camer
 def _all_agree(cameras: tuple[Camera, ...], outlines: Outlines) -> bool:
     found = agreement_of(cameras, outlines)
     return not found.odd and bool(np.isfinite(found.off_px).all())
-
-
-def _same_size(one: Camera, other: Camera) -> bool:
-    return one.size_px == other.size_px
 
 
 def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator[Mistake]:
