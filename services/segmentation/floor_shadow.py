@@ -28,7 +28,7 @@ REFUTED = np.float32(-3.0)
 one."""
 UNKNOWN = np.float32(-3.0)
 """Log odds where no other camera sees the place, or the floor is unknown."""
-_ON_ITS_OWN = np.float32(-1.0)
+ON_ITS_OWN = np.float32(-1.0)
 """Log odds without any other camera: only colour and texture indicate shadow."""
 _AGREED = 0.1
 """Share of the possible shadow pixels that other cameras must support for the floor to be known."""
@@ -87,11 +87,6 @@ class Floor:
             (rows.start, rows.stop, columns.start, columns.stop), prior,
         )  # fmt: skip
         return prior
-
-
-def unknown_shadow(shape: tuple[int, int], *, has_others: bool) -> Levels:
-    """The shadow prior (H, W) if the floor is unknown, or there is no other camera."""
-    return np.full(shape, UNKNOWN if has_others else _ON_ITS_OWN, np.float32)
 
 
 def find_floor(

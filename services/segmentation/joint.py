@@ -31,7 +31,7 @@ from services.segmentation.cleanup import (
 from services.segmentation.comparison import LEAST_CHANGE, PERHAPS_SHADOW, UNSEEN, Comparison
 from services.segmentation.decision import actor_evidence, beliefs, prices
 from services.segmentation.edges import EDGE_WIDTH_PERMILLE, settle_edges
-from services.segmentation.floor_shadow import SUPPORTED, Floor, find_floor, unknown_shadow
+from services.segmentation.floor_shadow import ON_ITS_OWN, SUPPORTED, UNKNOWN, Floor, find_floor
 from services.segmentation.learnt import ActorColours, Learnt
 from services.segmentation.lenses import Lenses
 from services.segmentation.pixels import Levels
@@ -142,8 +142,8 @@ class JointMatte:
         priors = {}
         for c in map(int, there):
             if self._floor is None:
-                shape = self._compared[c].plate.shape
-                priors[c] = unknown_shadow(shape, has_others=self._has_others)
+                unknown = UNKNOWN if self._has_others else ON_ITS_OWN
+                priors[c] = np.full(self._compared[c].plate.shape, unknown, np.float32)
             else:
                 part = self._compared[c].part
                 priors[c] = self._floor.shadow_prior(c, part, self._lenses, self._ratios, self._states, there)

@@ -67,10 +67,7 @@ class Plate:
         covariance is shrunk towards the picture's mean, more for fewer frames. Raises UserError if there are
         no frames or their sizes differ.
         """
-        total = _Sums()
-        for frame in frames:
-            total.add(frame)
-        mean, covariance = total.statistics()
+        mean, covariance = _statistics(frames)
         for diagonal in (BB, GG, RR):
             covariance[diagonal] += (light_uncertainty * mean.mean(axis=0)) ** 2
         whitening, turn_noise = _whitening(covariance), _turn_noise(mean, covariance)
@@ -97,47 +94,40 @@ class Plate:
         return self.turn_noise.shape[0], self.turn_noise.shape[1]
 
 
-class _Sums:
-    """Running sums over clean-plate frames, so that long plates of large pictures fit into memory."""
+def _statistics(frames: Iterable[Bytes]) -> tuple[Levels, Levels]:
+    """Mean (3, H, W), and the lower triangle (6, H, W) of a new picture's covariance about it.
 
-    def __init__(self) -> None:
-        self._count = 0
-
-    def add(self, frame: Bytes) -> None:
-        """Take in one frame (H, W, 3)."""
-        if self._count == 0:
-            self._first = frame.astype(np.float32)
-            self._gauge = Gauge.on(self._first)
-            self._sum = np.zeros((3, frame[..., 0].size), np.float32)
-            self._products = np.zeros((6, frame[..., 0].size), np.float32)
-        check_size(frame, self._first.shape, f"clean plate, frame {self._count}", "its first frame")
+    With S a pixel's scatter matrix over n frames, C the picture's mean covariance and k _PRIOR_FRAMES, the
+    covariance is (1 + 1/n) (S + k C) / (n - 1 + k) + noise floor.
+    """
+    count = 0
+    for frame in frames:  # only sums are kept, so that long plates of large pictures fit into memory
+        if count == 0:
+            first = frame.astype(np.float32)
+            gauge = Gauge.on(first)
+            total = np.zeros((3, frame[..., 0].size), np.float32)
+            products = np.zeros((6, frame[..., 0].size), np.float32)
+        check_size(frame, first.shape, f"clean plate, frame {count}", "its first frame")
         # Differences from the first frame are small, which keeps sums in single precision exact enough.
-        scales = np.float32(1) / self._gauge.gains(frame)
-        pixels, first = np.ascontiguousarray(frame).reshape(-1, 3), self._first.reshape(-1, 3)
-        _add_products(pixels, scales, first, self._sum, self._products)
-        self._count += 1
-
-    def statistics(self) -> tuple[Levels, Levels]:
-        """Mean (3, H, W), and the lower triangle (6, H, W) of a new picture's covariance about it.
-
-        With S a pixel's scatter matrix over n frames, C the picture's mean covariance and k _PRIOR_FRAMES,
-        the covariance is (1 + 1/n) (S + k C) / (n - 1 + k) + noise floor.
-        """
-        if self._count == 0:
-            raise UserError("clean plate: no frames: expected one picture or more of the empty scene")
-        shift, extra = self._sum / self._count, self._count - 1
-        scatter = self._products - self._count * np.stack([shift[i] * shift[j] for i, j in _PAIRS])
-        one = np.array([float(i == j) for i, j in _PAIRS], np.float32)[:, None]
-        common = one * _ASSUMED_NOISE_LEVELS**2
-        if extra:  # the mean of all pixels but those where something moved in the plate
-            spread = scatter[BB] + scatter[GG] + scatter[RR]
-            common = scatter[:, spread <= 4 * np.median(spread)].mean(axis=1, keepdims=True) / extra
-        covariance = (scatter + _PRIOR_FRAMES * common) / (extra + _PRIOR_FRAMES)
-        covariance *= 1 + 1 / self._count  # the mean's own noise adds to the new picture's
-        covariance += one * _NOISE_FLOOR_LEVELS**2
-        height, width = self._first.shape[:2]
-        mean = np.moveaxis(self._first, 2, 0) + shift.reshape(3, height, width)
-        return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)
+        scales = np.float32(1) / gauge.gains(frame)
+        pixels = np.ascontiguousarray(frame).reshape(-1, 3)
+        _add_products(pixels, scales, first.reshape(-1, 3), total, products)
+        count += 1
+    if count == 0:
+        raise UserError("clean plate: no frames: expected one picture or more of the empty scene")
+    shift, extra = total / count, count - 1
+    scatter = products - count * np.stack([shift[i] * shift[j] for i, j in _PAIRS])
+    one = np.array([float(i == j) for i, j in _PAIRS], np.float32)[:, None]
+    common = one * _ASSUMED_NOISE_LEVELS**2
+    if extra:  # the mean of all pixels but those where something moved in the plate
+        spread = scatter[BB] + scatter[GG] + scatter[RR]
+        common = scatter[:, spread <= 4 * np.median(spread)].mean(axis=1, keepdims=True) / extra
+    covariance = (scatter + _PRIOR_FRAMES * common) / (extra + _PRIOR_FRAMES)
+    covariance *= 1 + 1 / count  # the mean's own noise adds to the new picture's
+    covariance += one * _NOISE_FLOOR_LEVELS**2
+    height, width = first.shape[:2]
+    mean = np.moveaxis(first, 2, 0) + shift.reshape(3, height, width)
+    return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})

@@ -12,7 +12,7 @@ from services.mocap.energy.detail.cache import cache_folder
 from services.mocap.errors import UserError
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
-from services.mocap.take.settings import read_settings
+from services.mocap.take.settings import read_take_file
 
 MOTIONS = ("basic", "dance", "walk")
 """What xormocap synth can show; basic is like the paper's sequence A, dance like its sequence B."""
@@ -42,7 +42,7 @@ def _synthetic(motion: str) -> Path:
         shutil.rmtree(other)  # of other sources, or half-made
     kept.mkdir(parents=True, exist_ok=True)
     xormocap("synth", folder, "--motion", motion, "--frames", SYNTHETIC_FRAMES)
-    height_m = read_settings(folder / SETTINGS).actor_height
+    height_m = read_take_file(folder / SETTINGS).actor_height
     if height_m is None:
         raise UserError(f"{folder / SETTINGS}: has no actor_height")
     write_actor(folder / ACTOR, Actor(height=height_m), "nothing: it is the actor who was drawn")

@@ -21,7 +21,7 @@ from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
-from services.mocap.take.settings import read_settings
+from services.mocap.take.settings import read_take_file
 from services.mocap.types import Floats
 from services.runs.launcher import free_endpoint
 
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.timeout(120)
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Take:
     folder = tmp_path_factory.mktemp("bridge") / "walk"
     write_synthetic_take(folder, n_frames=24, n_cameras=3)
-    write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
+    write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
     return open_take(folder)
 
 
@@ -66,7 +66,7 @@ def _until(condition: Callable[[], bool], what: str, timeout_s: float = 60) -> N
 
 def _expected(take: Take, pose: Floats) -> Floats:
     """(S, 3) our joints in Unity's axes."""
-    height = read_settings(take.folder / SETTINGS).actor_height
+    height = read_take_file(take.folder / SETTINGS).actor_height
     joints_m = joint_positions(pose[None], build_body(Actor(height=height)).offsets_m)[0]
     joints_m = joints_m[[JOINT_INDEX[joint] for joint in BONES]]
     return np.column_stack([-joints_m[:, 1], joints_m[:, 2], joints_m[:, 0]])

@@ -15,7 +15,7 @@ from services.mocap.camera.calibration import read_calibration, write_calibratio
 from services.mocap.errors import TakeError, UserError
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import open_take
-from services.mocap.take.settings import read_settings
+from services.mocap.take.settings import read_take_file
 
 FRAMES, N_CAMERAS = 60, 5
 AHEAD = {"cam01": 4, "cam02": 0, "cam03": 10, "cam04": 7, "cam05": 1}
@@ -57,7 +57,7 @@ def delay(take: Path, ahead: dict[str, int]) -> None:
 def test_offsets_of_up_to_ten_frames_are_found_and_read(take: Path, recorded: Path) -> None:
     delay(take, AHEAD)
     sync(take, reach=12, write=True)
-    settings = read_settings(take / "take.toml")
+    settings = read_take_file(take / "take.toml")
     assert settings.offsets == AHEAD
     assert settings.frames == FRAMES - 10
     assert "# by hand" in (take / "take.toml").read_text()
@@ -66,12 +66,12 @@ def test_offsets_of_up_to_ten_frames_are_found_and_read(take: Path, recorded: Pa
         for mask, same in zip(opened.trimaps(camera), original.trimaps(camera, 10), strict=False):
             np.testing.assert_array_equal(mask, same)
     sync(take, reach=12, write=True)  # again: offsets that are there already do not add up
-    assert read_settings(take / "take.toml") == settings
+    assert read_take_file(take / "take.toml") == settings
 
 
 def test_a_take_in_step_stays_as_it_is(take: Path) -> None:
     sync(take, reach=10, write=True)
-    settings = read_settings(take / "take.toml")
+    settings = read_take_file(take / "take.toml")
     assert set(settings.offsets.values()) == {0}
     assert settings.frames == FRAMES
 

@@ -13,7 +13,7 @@ from services.mocap.body.skeleton import DOFS
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
-from services.mocap.take.settings import read_settings
+from services.mocap.take.settings import read_take_file
 from services.mocap.take.tables import read_poses_csv
 
 
@@ -40,7 +40,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its actor and first pose are said, so that its first frame takes no longer than another."""
     folder = tmp_path_factory.mktemp("take") / "walk"
     write_synthetic_take(folder, n_frames=24, n_cameras=4)
-    write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
+    write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
     pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
     said = "".join(f"{dof.column} = {value}\n" for dof, value in zip(DOFS, pose.tolist(), strict=True))
     with (folder / SETTINGS).open("a") as settings:

@@ -21,7 +21,7 @@ from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import take_actor, write_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
-from services.mocap.take.settings import read_settings
+from services.mocap.take.settings import read_take_file
 from services.mocap.take.tables import read_poses_csv
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -34,7 +34,7 @@ def synthetic_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its actor.toml holds the very body that it shows, so that nothing is fitted before it is tracked."""
     folder = tmp_path_factory.mktemp("synthetic") / "walk"
     write_synthetic_take(folder, n_frames=24, n_cameras=5)
-    write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
+    write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
     return folder
 
 

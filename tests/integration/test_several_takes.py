@@ -16,7 +16,7 @@ from bench.soak.latency import Stopwatch
 from services.mocap.body.actor import Actor
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
-from services.mocap.take.settings import read_settings
+from services.mocap.take.settings import read_take_file
 from services.runs.launcher import Launcher, free_endpoint
 
 pytestmark = pytest.mark.timeout(560)
@@ -29,7 +29,7 @@ def takes(exact_take: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
     """Two takes of the same name and pictures, tracked with bodies of different heights."""
     other = tmp_path_factory.mktemp("other") / "walk"
     shutil.copytree(exact_take, other)
-    height_m = read_settings(other / SETTINGS).actor_height
+    height_m = read_take_file(other / SETTINGS).actor_height
     assert height_m is not None
     write_actor(other / ACTOR, Actor(height=0.97 * height_m), "a worse one")
     return exact_take, other

@@ -32,7 +32,7 @@ from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import OCCLUDED, fitted_pose, read_occluded, read_record
 from services.mocap.take.folder import Take, open_take
-from services.mocap.take.settings import read_settings, write_settings
+from services.mocap.take.settings import write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Floats, Mask
 from services.runs import fit as fit_module
@@ -86,7 +86,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A take whose first pose is said, so that it is found at once."""
     folder = tmp_path_factory.mktemp("fit") / "walk"
     write_synthetic_take(folder, n_frames=3, n_cameras=3)
-    settings = read_settings(folder / "take.toml")
+    settings = open_take(folder).settings
     pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
     said = {dof.column: value for dof, value in zip(DOFS, pose.tolist(), strict=True)}
     write_settings(folder / "take.toml", settings.model_copy(update={"initial_pose": said}))

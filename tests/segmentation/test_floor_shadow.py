@@ -10,12 +10,12 @@ from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Ints
 from services.segmentation.comparison import PERHAPS_SHADOW, UNCHANGED, UNSEEN, Comparison
 from services.segmentation.floor_shadow import (
+    ON_ITS_OWN,
     SUPPORTED,
     UNKNOWN,
     UNSUPPORTED,
     Floor,
     find_floor,
-    unknown_shadow,
 )
 from services.segmentation.lenses import Lenses
 from services.segmentation.pixels import Levels
@@ -88,8 +88,7 @@ def test_a_camera_alone_knows_nothing_of_shadow() -> None:
     floor = Floor.at(0.0, CAMERAS)
     prior = floor.shadow_prior(1, WHOLE, LENSES, ratios, states, np.array([1], np.int32))
     assert (prior == UNKNOWN).all()
-    assert (unknown_shadow((3, 4), has_others=True) == UNKNOWN).all()
-    assert (unknown_shadow((3, 4), has_others=False) > UNKNOWN).all()
+    assert ON_ITS_OWN > UNKNOWN
 
 
 def test_lit_floor_in_another_camera_refutes_a_shadow() -> None:

@@ -23,7 +23,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.marks import PARTS
 from services.mocap.take.quantities import STAGES
-from services.mocap.take.settings import read_settings
+from services.mocap.take.settings import read_take_file
 from services.runs import launcher
 from services.viewer.frame_history import ON_PAGE, SolvedFrame
 
@@ -51,7 +51,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Take:
     """A take of eight cameras, its actor and its poses known."""
     folder = tmp_path_factory.mktemp("viewer") / "walk"
     write_synthetic_take(folder, n_frames=24, n_cameras=8)
-    write_actor(folder / ACTOR, Actor(height=read_settings(folder / SETTINGS).actor_height), "nothing")
+    write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
     return open_take(folder)
 
 

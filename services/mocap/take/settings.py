@@ -160,11 +160,6 @@ def read_take_file(path: Path) -> TakeFile:
     return validated(TakeFile, load_toml(path, TakeError), f"{path}: ", TakeError)
 
 
-def read_settings(path: Path) -> TakeSettings:
-    """Of a take.toml that states the frame rate and the number of frames; raises as read_take_file does."""
-    return validated(TakeSettings, load_toml(path, TakeError), f"{path}: ", TakeError)
-
-
 def write_settings(path: Path, settings: TakeSettings) -> None:
     """Writes take.toml, without fields that were not given."""
     fields = settings.model_dump(exclude_none=True)

@@ -53,11 +53,6 @@ class CoordinatorClock:
         """The coordinator's run; empty before it begins."""
         return "" if self._pace is None else self._pace.run
 
-    @property
-    def precision_s(self) -> float:
-        """Largest possible error of the comparison."""
-        return min(self._trips)[0] / 2 if self._trips else 0.0
-
     def there_s(self, here_s: float) -> float:
         """Convert a time of this machine's clock to the coordinator's."""
         return here_s + (self._ahead_s or 0.0)

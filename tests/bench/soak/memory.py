@@ -19,7 +19,7 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import SETTINGS, silhouette_folder, silhouette_path
-from services.mocap.take.settings import read_settings, write_settings
+from services.mocap.take.settings import write_settings
 from services.runs.launcher import SERVICES, Launcher
 from services.runs.progress import Progress
 from services.runs.track import TakeJob, track
@@ -109,7 +109,7 @@ def _long_take(folder: Path, frames: int) -> Path:
                 silhouette_folder(folder / "drawn", camera.name), to_and_fro[frame % len(to_and_fro)]
             )
             os.link(source, silhouette_path(target, frame))
-    write_settings(long / SETTINGS, read_settings(short / SETTINGS).model_copy(update={"frames": frames}))
+    write_settings(long / SETTINGS, opened.settings.model_copy(update={"frames": frames}))
     return long
 
 
