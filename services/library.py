@@ -35,8 +35,7 @@ from services.mocap.search.tracker import Tracker
 from services.mocap.take.actor_file import take_actor as take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.folder import open_take as open_take
-from services.mocap.take.marks import Marks
-from services.mocap.take.quantities import further_columns
+from services.mocap.take.quantities import further_columns, marks_of
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import Floats
 from services.recorder.result_folder import results_into
@@ -200,7 +199,7 @@ def write_result(
         poses,
         np.array([frame.solution.energy_px for frame in solved]),
         extra=further_columns([frame.solution for frame in solved], is_live=False),
-        marks=Marks.of([frame.solution for frame in solved]),
+        marks=marks_of([frame.solution for frame in solved]),
     )
     settings, smooth = take.settings, None
     if output.smooth != "none":

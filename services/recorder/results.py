@@ -18,8 +18,7 @@ from services.mocap.result.layout import OVERLAY, RUN_JSON
 from services.mocap.result.result import edited_run, load_result, write_tracked
 from services.mocap.search.best_path import corrected_frames
 from services.mocap.take.folder import Take
-from services.mocap.take.marks import Marks
-from services.mocap.take.quantities import further_columns
+from services.mocap.take.quantities import further_columns, marks_of
 from services.mocap.take.tables import PoseTable, reference_joints
 from services.mocap.types import Ints
 from services.mocap.verdict.judging import verdict_of
@@ -60,7 +59,7 @@ def write_results(
     times_s = np.array([message.time_s for message in recorded])
     energies_px = np.array([message.energy_px for message in recorded])
     poses = np.array([message.pose for message in recorded])
-    marks = Marks.of(recorded)
+    marks = marks_of(recorded)
     known = dict(known or {})
     if any(message.settled for message in recorded):
         first_poses = np.array([message.pose for message in collection.first_poses()])

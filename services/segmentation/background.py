@@ -25,36 +25,13 @@ _MOST_DECODED = 48
 """Frames that quick looks decode, in total."""
 
 
-class KeptLooks:
-    """Keeps small copies of some pictures of a stream, evenly spread, without knowing its length."""
-
-    def __init__(self, fewest: int) -> None:
-        """fewest: at least so many are kept, if so many go by; always fewer than twice as many."""
-        self._fewest, self._every = fewest, 1
-        self._kept: list[Bytes] = []
-
-    def of(self, pictures: Iterable[Bytes]) -> Iterator[Bytes]:
-        """Pass the pictures (H, W, 3) through, and keep copies of some."""
-        for n, picture in enumerate(pictures):
-            if n % self._every == 0:
-                self._kept.append(shrunk(picture))
-                if len(self._kept) == 2 * self._fewest:
-                    self._kept, self._every = self._kept[::2], 2 * self._every
-            yield picture
-
-    @property
-    def pictures(self) -> Bytes:
-        """(N, h, w, 3)"""
-        return np.array(self._kept)
-
-
 @dataclass(frozen=True, eq=False)
 class CameraBackground:
     """The sources for learning one camera's background."""
 
     take: Take
     camera: Camera
-    looks: KeptLooks = field(default_factory=lambda: KeptLooks(LOOKS))
+    looks: list[Bytes] = field(default_factory=list)
     """Small copies of the recorded clean plate, after learning it."""
 
     @property
@@ -69,7 +46,9 @@ class CameraBackground:
 
     def pictures(self) -> Iterable[Bytes]:
         """Pictures (H, W, 3) of the empty scene: the clean plate, or an estimate from the take."""
-        return self.looks.of(self.take.background(self.camera)) if self.is_recorded else self.made.frames
+        if not self.is_recorded:
+            return self.made.frames
+        return keeping_looks(self.take.background(self.camera), self.looks, LOOKS)
 
     def mean_picture(self) -> Bytes | None:
         """The recorded clean plate as one picture (H, W, 3); None without one."""
@@ -105,7 +84,7 @@ class CameraBackground:
 
     def check(self) -> None:
         """Warn if a recorded clean plate, already learnt, is not clean."""
-        ghost = find_ghost(self.looks.pictures, quick_looks(self.take, self.camera, LOOKS))
+        ghost = find_ghost(np.array(self.looks), quick_looks(self.take, self.camera, LOOKS))
         if ghost is None:
             return
         what = "something moves in it" if ghost.moves else "shows something that is in no frame of the take"
@@ -161,6 +140,20 @@ def quick_looks(take: Take, camera: Camera, most: int) -> Bytes:
         with take.video(camera, run.start, run.start + wanted[-1] + 1, index) as video:
             pictures += [shrunk(picture) for n, picture in enumerate(video) if n in wanted]
     return np.array(pictures)
+
+
+def keeping_looks(pictures: Iterable[Bytes], looks: list[Bytes], fewest: int) -> Iterator[Bytes]:
+    """Pass pictures (H, W, 3) through, and put small copies of some, evenly spread, into `looks`.
+
+    fewest: at least so many are kept, if so many go by; always fewer than twice as many.
+    """
+    every = 1  # grows, since nobody knows how many will come
+    for n, picture in enumerate(pictures):
+        if n % every == 0:
+            looks.append(shrunk(picture))
+            if len(looks) == 2 * fewest:
+                looks[:], every = looks[::2], 2 * every
+        yield picture
 
 
 def shrunk(picture: Bytes) -> Bytes:

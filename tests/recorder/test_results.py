@@ -18,7 +18,8 @@ from services.mocap.result.frame_files import read_frame_file
 from services.mocap.search.chains import LIMBS
 from services.mocap.synth.walk import walk
 from services.mocap.take.folder import open_take
-from services.mocap.take.marks import PARTS, Marks
+from services.mocap.take.marks import PARTS
+from services.mocap.take.quantities import marks_of
 from services.mocap.take.tables import read_joints_csv, read_poses_csv, reference_joints, write_joints_csv
 from services.mocap.types import Floats
 from services.recorder.collection import Collection
@@ -190,7 +191,7 @@ def test_marks_reach_the_table_and_the_report(take: Path, truth: Floats, tmp_pat
 
 
 def test_nobody_judged() -> None:
-    marks = Marks.of(recorded(np.zeros((2, N_DOF))))
+    marks = marks_of(recorded(np.zeros((2, N_DOF))))
     assert np.isnan(marks.confidence).all()
     assert not marks.distrusted.any()
 

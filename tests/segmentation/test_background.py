@@ -17,7 +17,7 @@ from services.mocap.take.video import VideoReader
 from services.mocap.take.video_index import VideoIndex
 from services.mocap.take.writer import video_writer
 from services.mocap.types import Bytes
-from services.segmentation.background import KeptLooks, quick_looks, shrunk
+from services.segmentation.background import keeping_looks, quick_looks, shrunk
 from services.segmentation.segmenters import make_segmenter
 
 SmallTake = Callable[..., Path]
@@ -26,10 +26,11 @@ SmallTake = Callable[..., Path]
 @given(st.integers(0, 300), st.integers(1, 12))
 def test_some_of_what_goes_by_is_kept_evenly(count: int, fewest: int) -> None:
     pictures = [np.full((2, 2, 3), n % 256, np.uint8) for n in range(count)]
-    kept = KeptLooks(fewest)
-    assert all(seen is given for seen, given in zip(kept.of(pictures), pictures, strict=True))
-    assert min(count, fewest) <= len(kept.pictures) < 2 * fewest
-    numbers = [int(picture[0, 0, 0]) for picture in kept.pictures]
+    kept = list[Bytes]()
+    through = keeping_looks(pictures, kept, fewest)
+    assert all(seen is given for seen, given in zip(through, pictures, strict=True))
+    assert min(count, fewest) <= len(kept) < 2 * fewest
+    numbers = [int(picture[0, 0, 0]) for picture in kept]
     assert len({(after - before) % 256 for before, after in pairwise(numbers)}) <= 1
 
 

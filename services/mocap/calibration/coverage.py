@@ -1,5 +1,7 @@
 """The picture of a calibration: the positions of the detected corners, and their errors."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -29,22 +31,19 @@ def draw_coverage(solution: Solution) -> Bytes:
     cameras = solution.cameras
     columns = grid_for(cameras, _WIDEST_TILE_PX).columns
     grid = grid_for(cameras, min(_WIDEST_TILE_PX, _SHEET_WIDTH_PX // columns))
-    row_px = grid.tile_height_px + _HEADER_PX
-    sheet = np.zeros((_LEGEND_PX + grid.rows * row_px, grid.columns * grid.tile_width_px, 3), np.uint8)
+    grid = replace(grid, tile_height_px=grid.tile_height_px + _HEADER_PX)
+    size_px = grid.columns * grid.tile_width_px, _LEGEND_PX + grid.rows * grid.tile_height_px
+    sheet: Bytes = np.zeros((size_px[1], size_px[0], 3), np.uint8)
     _draw_legend(sheet)
     for c in range(len(cameras)):
-        row, column = divmod(c, grid.columns)
-        x, y = column * grid.tile_width_px, _LEGEND_PX + row * row_px
-        sheet[y : y + row_px, x : x + grid.tile_width_px] = _tile(
-            solution, c, grid.tile_width_px, grid.tile_height_px
-        )
+        _draw_tile(grid.place(sheet[_LEGEND_PX:], c), solution, c)
     return sheet
 
 
-def _tile(solution: Solution, c: int, width_px: int, height_px: int) -> Bytes:
-    """(height_px + header, width_px, 3) one camera."""
-    camera = solution.cameras[c]
-    zoom = min((width_px - _GAP_PX) / camera.width_px, (height_px - _GAP_PX) / camera.height_px)
+def _draw_tile(tile: Bytes, solution: Solution, c: int) -> None:
+    """One camera on a black tile (H, W, 3)."""
+    camera, (height_px, width_px, _) = solution.cameras[c], tile.shape
+    zoom = min((width_px - _GAP_PX) / camera.width_px, (height_px - _HEADER_PX - _GAP_PX) / camera.height_px)
     shown_px = round(camera.width_px * zoom), round(camera.height_px * zoom)
     picture: Bytes = np.full((shown_px[1], shown_px[0], 3), _GROUND_BGR, np.uint8)
     for i in range(1, _CELLS):
@@ -57,14 +56,12 @@ def _tile(solution: Solution, c: int, width_px: int, height_px: int) -> Bytes:
     points = np.rint(solution.corners.points_px[of_camera][order] * zoom * 8).astype(int)
     for (x, y), colour in zip(points.tolist(), _colours(off_px[order]).tolist(), strict=True):
         cv2.circle(picture, (x, y), 2 * 8, colour, cv2.FILLED, cv2.LINE_AA, shift=3)
-    tile: Bytes = np.zeros((height_px + _HEADER_PX, width_px, 3), np.uint8)
     tile[_HEADER_PX : _HEADER_PX + shown_px[1], : shown_px[0]] = picture
     words = (
         f"{camera.name}  {solution.error_px(c):.2f} px  {solution.n_views[c]} views  "
         f"{100 * covered_share(solution, c):.0f}% covered"
     )
     cv2.putText(tile, words, (6, _HEADER_PX - 9), _FONT, 0.5, _TEXT_BGR, 1, cv2.LINE_AA)
-    return tile
 
 
 def _draw_legend(sheet: Bytes) -> None:

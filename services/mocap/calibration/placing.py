@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from services.mocap.calibration.rigid_transform import RigidTransform
+from services.mocap.calibration.sightings import is_spread
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import undistorted_px
 from services.mocap.errors import CalibrationError, nearest
@@ -18,8 +19,6 @@ from services.mocap.types import Floats, Ints
 _COLUMNS = ("camera", "u", "v", "x", "y", "z")
 _FEWEST_SEEN, _FEWEST_SHARED = 4, 3
 """Points that place one camera, and points in two or more pictures that place a world."""
-_FLATTEST = 0.02
-"""Least ratio of the spread across points to that along them: about one line, everything may turn."""
 _WRONG_RATIO, _WRONG_PX, _WRONG_M = 4.0, 5.0, 0.02
 """A point that is off by more than the others' median, times this, and by more than this, is named."""
 
@@ -75,7 +74,7 @@ def placed_one_by_one(lenses: Sequence[Camera], points: ScenePoints) -> Placed:
     for lens in lenses:
         rows = np.flatnonzero(np.array(points.cameras) == lens.name).astype(np.int32)
         seen_m = points.points_world_m[rows]
-        if len(rows) < _FEWEST_SEEN or not _is_spread(seen_m):
+        if len(rows) < _FEWEST_SEEN or not is_spread(seen_m):
             raise CalibrationError(
                 f"{points.path}: {lens.name}: has {len(rows)} points: expected {_FEWEST_SEEN} or more "
                 "that are not on one line, better six that are not on one plane"
@@ -100,7 +99,7 @@ def moved_to_points(cameras: Sequence[Camera], points: ScenePoints) -> Placed:
     told = [np.flatnonzero(point == p).astype(np.int32) for p in range(len(first))]
     shared = [rows for rows in told if len({points.cameras[row] for row in rows}) > 1]
     measured_m = np.array([points.points_world_m[rows[0]] for rows in shared]).reshape(-1, 3)
-    if len(shared) < _FEWEST_SHARED or not _is_spread(measured_m):
+    if len(shared) < _FEWEST_SHARED or not is_spread(measured_m):
         raise CalibrationError(
             f"{points.path}: {len(shared)} points are in two or more cameras' pictures: expected "
             f"{_FEWEST_SHARED} or more that are not on one line, with equal x, y, z in all their rows"
@@ -119,12 +118,6 @@ def moved_to_points(cameras: Sequence[Camera], points: ScenePoints) -> Placed:
     rows = np.array([rows[0] for rows in shared])
     remarks = _wrong_row(points, rows, off_m, _WRONG_M, "m")
     return Placed(tuple(moved), 1e3 * off_m, spread_m[0] / spread_m[1], tuple(remarks))
-
-
-def _is_spread(points_m: Floats) -> bool:
-    """Whether points (N, 3) do not lie on one line."""
-    spread = np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)
-    return bool(spread[1] > _FLATTEST * spread[0])
 
 
 def _pose_of(lens: Camera, points_m: Floats, pixels: Floats, path: Path) -> Camera:

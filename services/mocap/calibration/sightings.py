@@ -12,7 +12,7 @@ from services.mocap.types import Floats, Ints
 ENOUGH_CORNERS = 6
 """Fewer corners do not determine the board's pose."""
 _FLATTEST = 0.02
-"""Least ratio of width to length of the detected corners: a single row of corners gives no pose."""
+"""Least ratio of the spread across points to that along them: about one line, everything may turn."""
 _BENT_SHARE, _BENT_PX = 0.03, 3.0
 """How far corners may be off a plane's picture, as a share of the board's size in it: a lens bends by that
 much, while corners that were taken for others are off by whole squares."""
@@ -53,10 +53,8 @@ def is_usable(sighting: Sighting, board: Board) -> bool:
     if len(sighting.corners) < ENOUGH_CORNERS:
         return False
     corners_m = board.corners_m[sighting.corners, :2]
-    for points in (corners_m, sighting.points_px):
-        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if spread[1] < _FLATTEST * spread[0]:
-            return False
+    if not (is_spread(corners_m) and is_spread(sighting.points_px)):
+        return False
     H, _ = cv2.findHomography(corners_m, sighting.points_px, 0)
     if H is None:
         return False
@@ -68,6 +66,12 @@ def is_usable(sighting: Sighting, board: Board) -> bool:
     return bool(
         readable != sighting.is_behind and np.sqrt((off_px**2).mean()) < max(_BENT_PX, _BENT_SHARE * size_px)
     )
+
+
+def is_spread(points: Floats) -> bool:
+    """Whether points (N, 2) or (N, 3) do not lie on one line."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] > _FLATTEST * spread[0])
 
 
 def spread_out(sightings: Mapping[int, Sighting], frames: list[int], most: int) -> list[int]:

@@ -1,8 +1,7 @@
 """Marks: the unreliable parts of the body in a frame, and the confidence of each part."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, Self, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -19,20 +18,6 @@ MARK_COLUMNS = (DISTRUSTED, *_CONFIDENCE_COLUMNS)
 _SEPARATOR = ";"
 
 
-class Judged(Protocol):
-    """A frame with judged parts."""
-
-    @property
-    def confidence(self) -> Mapping[Part, float]:
-        """From 0 to 1."""
-        ...
-
-    @property
-    def distrusted(self) -> Sequence[Part]:
-        """Parts whose pose is probably wrong."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class Marks:
     """Of N frames."""
@@ -41,13 +26,6 @@ class Marks:
     """(N, 6) from 0 to 1; NaN where a part was not judged."""
     distrusted: Mask
     """(N, 6) unreliable parts."""
-
-    @classmethod
-    def of(cls, frames: Sequence[Judged]) -> Self:
-        """The marks of some frames; parts that were not judged have no confidence and are not distrusted."""
-        confidence = [[frame.confidence.get(part, np.nan) for part in PARTS] for frame in frames]
-        distrusted: Mask = np.array([[part in frame.distrusted for part in PARTS] for frame in frames], bool)
-        return cls(np.array(confidence, np.float64), distrusted)
 
     @property
     def distrusted_frames(self) -> int:

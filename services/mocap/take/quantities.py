@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from services.mocap.take.marks import DISTRUSTED, PARTS
+from services.mocap.take.marks import DISTRUSTED, PARTS, Marks
 from services.mocap.types import Floats
 
 File: TypeAlias = Literal["poses.csv", "energies.csv", "timings.csv"]
@@ -115,6 +115,16 @@ def gathered(frames: Sequence[Solved], row: Quantity, labels: Sequence[str]) -> 
     """A quantity (N,) of N frames by label."""
     numbers = np.array([numbers_of(frame, row, labels) for frame in frames], np.float64)
     return dict(zip(labels, numbers.reshape(len(frames), len(labels)).T, strict=True))
+
+
+def marks_of(frames: Sequence[Solved]) -> Marks:
+    """The marks of some frames; parts that were not judged have no confidence and are not distrusted."""
+    numbers = {
+        row.name: np.column_stack(list(gathered(frames, row, PARTS).values()))
+        for row in QUANTITIES
+        if row.name in _IN_MARKS
+    }
+    return Marks(numbers["confidence"], numbers[DISTRUSTED] > 0)
 
 
 def further_columns(frames: Sequence[Solved], *, is_live: bool) -> dict[str, Floats]:
