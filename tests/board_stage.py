@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from services.mocap.calibration.board import Board
-from services.mocap.calibration.board_print import drawn
+from services.mocap.calibration.board import Board, drawn
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME
 from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.calibration.sightings import Sighting, Sightings

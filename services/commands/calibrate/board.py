@@ -12,8 +12,7 @@ from rich.table import Table
 from services.commands.calibrate.points import in_world_of
 from services.commands.consoles import progress_bar, say, stdout, table_of, warn
 from services.mocap.atomic import atomic_file
-from services.mocap.calibration.board import Board
-from services.mocap.calibration.board_print import drawn
+from services.mocap.calibration.board import Board, drawn
 from services.mocap.calibration.clips import find_clips
 from services.mocap.calibration.coverage import covered_share, draw_coverage
 from services.mocap.calibration.from_clips import calibrate_clips

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from board_stage import FLAT, picture, ring, shown_to_neighbours, sightings_of
-from services.mocap.calibration.board import Board
-from services.mocap.calibration.board_print import drawn
+from services.mocap.calibration.board import Board, drawn
 from services.mocap.calibration.clips import find_clips
 from services.mocap.calibration.detection import Detector, look_through
 from services.mocap.calibration.known_lenses import known_lenses

@@ -18,10 +18,9 @@ from board_stage import (
     write_pictures,
 )
 from services.commands.calibrate.board import board_of, calibrate_by_board
-from services.mocap.calibration.board import Board
-from services.mocap.calibration.board_print import drawn
+from services.mocap.calibration.board import Board, drawn
 from services.mocap.calibration.detection import Detector
-from services.mocap.calibration.marker_diagnosis import wrong_markers
+from services.mocap.calibration.diagnosis import wrong_markers
 from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.camera.camera import Camera
