@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
 
 from services.mocap.types import Bytes, Floats, Mask
 from services.segmentation.cleanup import drop_specks, opened
@@ -82,11 +83,7 @@ def _bins_of(pixels: Bytes) -> NDArray[np.int64]:
 def _smoothed(counts: Floats) -> Floats:
     """Counts (B, B, B), smoothed along every axis with weights 1/4, 1/2, 1/4."""
     for axis in range(3):
-        moved = np.moveaxis(counts, axis, 0)
-        smooth = moved / 2
-        smooth[1:] += moved[:-1] / 4
-        smooth[:-1] += moved[1:] / 4
-        counts = np.moveaxis(smooth, 0, axis)
+        counts = convolve1d(counts, (0.25, 0.5, 0.25), axis, mode="constant")
     return counts
 
 

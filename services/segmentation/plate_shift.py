@@ -31,7 +31,7 @@ def plate_shift_px(plate_bgr: Bytes, picture_bgr: Bytes) -> tuple[float, float]:
     (Evangelidis, Psarakis, PAMI 30(10), 2008), which is independent of the light and almost independent of a
     person in front of a stage with outlines.
     """
-    plate, picture = _grey(plate_bgr), _grey(picture_bgr)
+    plate, picture = grey_of(plate_bgr), grey_of(picture_bgr)
     plate *= np.float32(np.median(picture / np.maximum(plate, 1)))  # remove differences of exposure
     rough = _correlated(plate, picture, np.full(plate.shape, 1, np.uint8))
     alike = np.abs(cv2.blur(picture - _moved(plate, *rough), (5, 5))) < _ALIKE_LEVELS
@@ -39,11 +39,12 @@ def plate_shift_px(plate_bgr: Bytes, picture_bgr: Bytes) -> tuple[float, float]:
     right, down = _correlated(plate, picture, stage)
     if not _LEAST_PX <= float(np.hypot(right, down)) <= _MOST_PX:
         return 0.0, 0.0
-    there = stage[_INNER] > 0
-    before, after = (
-        float(np.mean(np.abs(_slopes(picture) - _slopes(moved))[_INNER][there]))
-        for moved in (plate, _moved(plate, right, down))
+    seen, *of_plates = (
+        slopes_of(np.asarray(cv2.GaussianBlur(grey, (0, 0), 1.0), np.float32))
+        for grey in (picture, plate, _moved(plate, right, down))
     )
+    there = stage[_INNER] > 0
+    before, after = (float(np.mean(np.abs(seen - slopes)[_INNER][there])) for slopes in of_plates)
     return (right, down) if after < _GAIN * before else (0.0, 0.0)
 
 
@@ -73,11 +74,11 @@ def _moved(picture: NDArray[_Level], right: float, down: float) -> NDArray[_Leve
     return np.asarray(moved).astype(picture.dtype)
 
 
-def _grey(picture_bgr: Bytes) -> Levels:
+def grey_of(picture_bgr: Bytes) -> Levels:
+    """The brightness (H, W) of a picture (H, W, 3)."""
     return np.asarray(cv2.cvtColor(picture_bgr, cv2.COLOR_BGR2GRAY), np.float32)
 
 
-def _slopes(grey: Levels) -> Levels:
-    """Gradient magnitude of the smoothed brightness (H, W)."""
-    even = cv2.GaussianBlur(grey, (0, 0), 1.0)
-    return np.asarray(np.hypot(cv2.Sobel(even, cv2.CV_32F, 1, 0), cv2.Sobel(even, cv2.CV_32F, 0, 1)))
+def slopes_of(grey: Levels) -> Levels:
+    """Gradient magnitude of a brightness (H, W)."""
+    return np.asarray(np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)))

@@ -13,6 +13,7 @@ import numpy as np
 from services.mocap.types import Bytes, Ints, Mask
 from services.segmentation.light import Gauge
 from services.segmentation.pixels import Levels
+from services.segmentation.plate_shift import grey_of, slopes_of
 
 SAMPLES = 48
 """Most pictures for a plate."""
@@ -141,19 +142,13 @@ def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
     differs: Mask = np.asarray(~_agreeing(evened, plate, _DIFFERENT_LEVELS).any(axis=0))
     usual = _median_picture(evened)
     same = _agreeing(evened, usual, _DIFFERENT_LEVELS).mean(axis=0)
-    in_plate, in_take = _edges(plate), np.mean([_edges(sample) for sample in evened], axis=0)
+    in_plate, in_take = slopes_of(grey_of(plate)), np.mean([slopes_of(grey_of(s)) for s in evened], axis=0)
     gone = []
     for patch in _patches(differs):
         rim = cv2.morphologyEx(patch.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
         if same[patch].mean() >= _SEEN_EMPTY and in_plate[rim].mean() > _EDGE_RATIO * in_take[rim].mean():
             gone.append(patch)
     return gone
-
-
-def _edges(picture: Bytes) -> Levels:
-    """Gradient magnitude (H, W) of the brightness of a picture (H, W, 3)."""
-    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    return np.asarray(np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)))
 
 
 def _patches(mask: Mask) -> list[Mask]:

@@ -1,4 +1,4 @@
-"""The calibration board: what is printed on it, and the positions of its corners.
+"""The calibration board: what is printed on it, the positions of its corners, and its picture.
 
 Board frame, in metres: the origin in the middle of the board, x to the right and y up as the print is read, z
 out of the print towards the reader. Of chessboards and ChArUco boards the square at the upper left is black,

@@ -174,9 +174,8 @@ def _least_side_px(grid: NDArray[np.floating[Any]]) -> float:
 def _on_grid(grid: Floats) -> Mask:
     """(rows * columns,) corners of a grid (rows, columns, 2) that lie where the others' plane has them."""
     places = np.indices(grid.shape[:2], np.float64)[::-1].reshape(2, -1).T
-    return _in_one_plane(
-        places, grid.reshape(-1, 2), max(_FEWEST_CORNER_PX, _OFF_SQUARES * _least_side_px(grid))
-    )
+    limit_px = max(_FEWEST_CORNER_PX, _OFF_SQUARES * _least_side_px(grid))
+    return _in_one_plane(places, grid.reshape(-1, 2), limit_px)
 
 
 def _in_order(grey: Bytes, grid: Floats) -> Floats:

@@ -11,7 +11,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.colour import ColourCorrection, read_colours
 from services.mocap.camera.formats import read_any
 from services.mocap.camera.undistort import reduce_picture
-from services.mocap.errors import CalibrationError, TakeError, UserError
+from services.mocap.errors import CalibrationError, TakeError, UserError, validated
 from services.mocap.take import layout
 from services.mocap.take.pictures import check_png, read_picture, read_trimap, read_trimaps
 from services.mocap.take.recordings import check_names, files_of, find_videos, match_by_name
@@ -205,13 +205,18 @@ def _find_plates(folder: Path, names: list[str]) -> dict[str, Path]:
 def _completed(
     folder: Path, said: TakeFile, names: list[str], source: Source, indices: Mapping[str, VideoIndex]
 ) -> TakeSettings:
-    """The settings, with the frame rate and the shortest recording's length where take.toml states none."""
+    """The settings, with the frame rate and the shortest recording's length where take.toml states none.
+
+    Raises TakeError where other fields do not fit the number of frames.
+    """
     lengths = {name: index.n_frames for name, index in indices.items()}
     if source == "silhouettes":
         lengths = {name: len(files_of(layout.silhouette_folder(folder, name), (".png",))) for name in names}
     frames = min(length - said.offset(name) for name, length in lengths.items())
-    fps = said.fps or rate_of(list(indices.values()), folder / layout.SETTINGS)
-    return said.completed(folder / layout.SETTINGS, fps, max(1, frames))
+    path = folder / layout.SETTINGS
+    fps = said.fps or rate_of(list(indices.values()), path)
+    known = {"fps": fps, "frames": said.frames or max(1, frames)}
+    return validated(TakeSettings, said.model_dump() | known, f"{path}: ", TakeError)
 
 
 def _check_silhouettes(take: Take, camera: Camera) -> None:

@@ -115,14 +115,6 @@ class TakeFile(BaseModel):
         """How many frames a camera is ahead: frame n + offset of its files shows the take's frame n."""
         return self.offsets.get(camera, 0)
 
-    def completed(self, path: Path, fps: float, frames: int) -> "TakeSettings":
-        """With the frame rate and the number of frames of the recordings, where none is stated.
-
-        path: of this file. Raises TakeError where other fields do not fit the number of frames.
-        """
-        known = {"fps": self.fps or fps, "frames": self.frames or frames}
-        return validated(TakeSettings, self.model_dump() | known, f"{path}: ", TakeError)
-
 
 class TakeSettings(TakeFile):
     """The settings of a take, of which the frame rate and the number of frames are known."""

@@ -68,28 +68,32 @@ def index_video(path: Path) -> VideoIndex:
 
     Raises TakeError if the file is missing, contains no video or is cut off.
     """
-    stream = _demuxed(path)
-    packets, declared = stream.packets, stream.declared
+    with opened_video(path) as container:
+        stream = video_stream(container, path)
+        packets = every = _packets(container, stream, path)
+        declared, unit_s = stream.frames, float(stream.time_base or 0)
+        is_counted = container.format.name == "avi" and stream.codec_context.name in _CODECS_OUT_OF_ORDER
     if len(packets) < declared:  # cut off, or an edit list hides frames: count all packets to know which
-        packets = _demuxed(path, {"ignore_editlist": "1"}).packets
-    whole = sum(packet.is_whole for packet in packets)
-    if whole < max(declared, len(packets), 1):
+        with opened_video(path, {"ignore_editlist": "1"}) as container:
+            every = _packets(container, video_stream(container, path), path)
+    whole = sum(packet.is_whole for packet in every)
+    if whole < max(declared, len(every), 1):
         raise TakeError(f"{path}: cut off after {whole} of {max(declared, whole)} frames: {COPY_AGAIN}")
-    shown = [packet for packet in stream.packets if not packet.is_hidden]
+    shown = [packet for packet in packets if not packet.is_hidden]
     stamps = sorted(packet.shown for packet in shown)
-    keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in stream.packets if p.is_key)
+    keyframes = sorted((bisect_left(stamps, p.shown), p.decoded) for p in packets if p.is_key)
     picture, quarter_turns = _first_picture(path)
     height, width = picture.shape[:2]
     return VideoIndex(
         path=path,
         width_px=width,
         height_px=height,
-        times_s=np.array(stamps) * stream.unit_s,
+        times_s=np.array(stamps) * unit_s,
         stamps=tuple(stamps),
         keyframes=tuple(keyframes),
         repeats=frozenset(bisect_left(stamps, packet.shown) for packet in shown if packet.is_not_coded),
         is_turned=quarter_turns % 2 == 1,
-        is_counted=stream.container == "avi" and stream.codec in _CODECS_OUT_OF_ORDER,
+        is_counted=is_counted,
     )
 
 
@@ -117,28 +121,12 @@ class _Packet(NamedTuple):
         )
 
 
-class _Demuxed(NamedTuple):
-    """A video stream without its data."""
-
-    packets: list[_Packet]
-    declared: int
-    """The number of packets that the file declares."""
-    unit_s: float
-    """Of the time stamps."""
-    container: str
-    codec: str
-
-
-def _demuxed(path: Path, options: dict[str, str] | None = None) -> _Demuxed:
-    with opened_video(path, options) as container:
-        stream = video_stream(container, path)
-        try:
-            codec = stream.codec_context.name
-            packets = [_Packet.of(packet, codec) for packet in container.demux(stream) if packet.size]
-        except av.error.FFmpegError:
-            raise TakeError(f"{path}: is damaged: {COPY_AGAIN}") from None
-        unit_s = float(stream.time_base or 0)
-        return _Demuxed(packets, stream.frames, unit_s, container.format.name, codec)
+def _packets(container: InputContainer, stream: VideoStream, path: Path) -> list[_Packet]:
+    codec = stream.codec_context.name
+    try:
+        return [_Packet.of(packet, codec) for packet in container.demux(stream) if packet.size]
+    except av.error.FFmpegError:
+        raise TakeError(f"{path}: is damaged: {COPY_AGAIN}") from None
 
 
 def opened_video(path: Path, options: dict[str, str] | None = None) -> InputContainer:

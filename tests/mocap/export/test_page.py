@@ -153,11 +153,11 @@ def test_key_frames_are_the_overlays(folder: Path) -> None:
     energies_px[12] = 5.0
     frames = list(range(100, 116))
     shown = key_frames(folder / "overlay.mp4", frames, energies_px)
-    assert [one.caption.split(",")[0] for one in shown] == [
+    assert [caption.split(",")[0] for caption, _ in shown] == [
         "first: frame 100", "middle: frame 107", "largest energy: frame 112", "last: frame 115",
     ]  # fmt: skip
-    for one, grey in zip(shown, (0, 70, 120, 150), strict=True):
-        content = np.frombuffer(base64.b64decode(one.jpeg), np.uint8)
+    for (_, jpeg), grey in zip(shown, (0, 70, 120, 150), strict=True):
+        content = np.frombuffer(base64.b64decode(jpeg), np.uint8)
         picture = cv2.imdecode(content, cv2.IMREAD_COLOR)
         assert picture.shape == (48, 64, 3)
         assert abs(float(picture.mean()) - grey) < 4

@@ -2,7 +2,6 @@
 
 import base64
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,22 +30,12 @@ _TEMPLATE = Path(__file__).with_name("report.html.j2")
 Rows = list[tuple[str, str]]
 
 
-@dataclass(frozen=True)
-class KeyFrame:
-    """A picture of one frame."""
-
-    caption: str
-    jpeg: str
-    """In base64."""
-
-
-def key_frames(
-    overlay: Path, frames: list[int], energies_px: Floats, doubts: Floats | None = None
-) -> list[KeyFrame]:
+def key_frames(overlay: Path, frames: list[int], energies_px: Floats, doubts: Floats | None = None) -> Rows:
     """The first, middle and last frame of an overlay, the one of the largest energy and the most doubtful.
 
-    frames: (N,) the numbers of the overlay's frames; energies_px: (N,) theirs; doubts: (N,) how doubtful
-    each is, 0 if it is not. None where there is no overlay of these frames.
+    Each is a caption and a JPEG in base64; none where there is no overlay of these frames. frames: (N,) the
+    numbers of the overlay's frames; energies_px: (N,) theirs; doubts: (N,) how doubtful each is, 0 if it is
+    not.
     """
     if not overlay.exists():
         return []
@@ -64,7 +53,7 @@ def key_frames(
             with VideoReader(index, row, row + 1) as video:
                 picture = next(iter(video))
             caption = f"{why}: frame {frames[row]}, {energies_px[row]:.0f} pixels"
-            shown.append(KeyFrame(caption, _jpeg(picture)))
+            shown.append((caption, _jpeg(picture)))
         return shown
     except TakeError:
         return []  # a page without pictures is better than none
