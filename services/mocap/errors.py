@@ -10,10 +10,22 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 Model = TypeVar("Model", bound=BaseModel)
 _LONGEST_VALUE = 60
+
+
+class FrozenModel(BaseModel):
+    """Data that do not change, without unknown fields and infinite numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class StrictModel(FrozenModel):
+    """The same, of which no value is converted to the type that was expected."""
+
+    model_config = ConfigDict(strict=True)
 
 
 class UserError(Exception):

@@ -2,38 +2,35 @@
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import Field, TypeAdapter
 
+from services.mocap.errors import FrozenModel
 from services.mocap.take.marks import Part
 from services.viewer.tiles import Content
 
 
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Seen(_Frozen):
+class Seen(FrozenModel):
     """The browser has taken in all messages up to a number."""
 
     do: Literal["seen"]
     number: int
 
 
-class Seek(_Frozen):
+class Seek(FrozenModel):
     """Show a frame."""
 
     do: Literal["seek"]
     frame: int
 
 
-class Step(_Frozen):
+class Step(FrozenModel):
     """Go some frames on, or back."""
 
     do: Literal["step"]
     frames: int = Field(ge=-1000, le=1000)
 
 
-class SeekDoubtful(_Frozen):
+class SeekDoubtful(FrozenModel):
     """Go to the next or previous doubtful frame, or stretch of such frames."""
 
     do: Literal["doubtful"]
@@ -41,28 +38,28 @@ class SeekDoubtful(_Frozen):
     by_stretch: bool
 
 
-class Play(_Frozen):
+class Play(FrozenModel):
     """Play, or stay; without a value the other of the two."""
 
     do: Literal["play"]
     on: bool | None = None
 
 
-class Live(_Frozen):
+class Live(FrozenModel):
     """Follow the newest frame, or stay."""
 
     do: Literal["live"]
     on: bool
 
 
-class Speed(_Frozen):
+class Speed(FrozenModel):
     """Play at another speed, relative to the recording."""
 
     do: Literal["speed"]
     factor: float = Field(gt=0, le=16)
 
 
-class ShowTiles(_Frozen):
+class ShowTiles(FrozenModel):
     """What the cameras' tiles show."""
 
     do: Literal["show"]
@@ -72,14 +69,14 @@ class ShowTiles(_Frozen):
     cameras: tuple[int, ...]
 
 
-class Enlarge(_Frozen):
+class Enlarge(FrozenModel):
     """Show one camera alone; None: all of those that were chosen."""
 
     do: Literal["enlarge"]
     camera: int | None
 
 
-class Room(_Frozen):
+class Room(FrozenModel):
     """What the 3D view shows besides the body."""
 
     do: Literal["room"]
@@ -89,14 +86,14 @@ class Room(_Frozen):
     """Whether the viewpoint moves with the actor."""
 
 
-class Frame(_Frozen):
+class Frame(FrozenModel):
     """Put the viewpoint where the actor, or the actor and all cameras, fill the view."""
 
     do: Literal["frame"]
     what: Literal["actor", "all"]
 
 
-class Choose(_Frozen):
+class Choose(FrozenModel):
     """The charts that are shown."""
 
     do: Literal["charts"]

@@ -10,9 +10,9 @@ from typing import Literal, Self, TypeAlias
 
 import cv2
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from services.mocap.errors import nearest
+from services.mocap.errors import StrictModel, nearest
 from services.mocap.types import Bytes, Floats, Ints
 
 BoardKind: TypeAlias = Literal["charuco", "aruco", "chessboard"]
@@ -35,10 +35,8 @@ def dictionary_of(name: str) -> cv2.aruco.Dictionary:
     return cv2.aruco.getPredefinedDictionary(DICTIONARIES[name])
 
 
-class Board(BaseModel):
+class Board(StrictModel):
     """A flat board; a description states a field's valid values."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
     kind: BoardKind = Field(
         default="charuco",

@@ -2,20 +2,20 @@
 
 from typing import Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from services.mocap.errors import StrictModel
 
 Smoother: TypeAlias = Literal["none", "rts", "one-euro"]
 ONE_EURO_HZ = 4.0
 """The best cutoff of one-euro, by the joint errors of tracked takes with a reference."""
 
 
-class OutputSettings(BaseModel):
+class OutputSettings(StrictModel):
     """How results are made from a take's poses; this does not affect the search.
 
     The description of a field states its valid values; the docstring below states its effect.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     smooth: Smoother = Field(default="rts", description="none, rts or one-euro")
     """rts (Rauch, Tung, Striebel) looks forward and back, so nothing lags; one-euro looks back only, as live

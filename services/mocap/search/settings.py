@@ -3,10 +3,11 @@
 from collections.abc import Collection, Sequence
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, field_validator
+from pydantic import Field, Strict, field_validator
 
 from services.mocap.body.skeleton import BodyName
 from services.mocap.energy.cost import Cost
+from services.mocap.errors import StrictModel
 
 _Weight = Annotated[float, Field(ge=0, le=1000)]
 _Count = Annotated[int, Field(ge=1, le=15)]
@@ -21,14 +22,12 @@ _UP_TO_1 = "a number above 0, 1 at most"
 _UP_TO_100 = "a number from 0 to 100"
 
 
-class SearchSettings(BaseModel):
+class SearchSettings(StrictModel):
     """How far and how finely a frame is searched. Travels with every limb task.
 
     The description of a field states its valid values; the docstring below states its effect, and is in a
     README table.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     method: Literal["contours", "paper"] = Field(default="contours", description='"contours" or "paper"')
     """How poses are found: contours aligns the whole body with the silhouettes' outlines and searches limbs

@@ -8,13 +8,13 @@ from zipfile import BadZipFile
 
 import cv2
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from services.mocap.atomic import atomic_file
 from services.mocap.body.actor import Actor
 from services.mocap.body.colours import MOST_CLASSES
 from services.mocap.camera.camera import Camera
-from services.mocap.errors import TakeError
+from services.mocap.errors import FrozenModel, TakeError
 from services.mocap.take.pictures import read_silhouette
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import read_poses_csv
@@ -34,10 +34,8 @@ COLOUR_BINS = (16, 32, 32)
 """Of such a table: lightness, and the two chromatic axes of CIELAB."""
 
 
-class FitRecord(BaseModel):
+class FitRecord(FrozenModel):
     """The record of a fit."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     actor: str = Field(pattern="^[0-9a-f]{64}$")
     """Content hash of the actor that the poses belong to."""

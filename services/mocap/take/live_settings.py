@@ -3,9 +3,10 @@
 import re
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from services.mocap.camera.calibration import Up
+from services.mocap.errors import StrictModel
 from services.mocap.take.settings import LONGEST_SIDE, LongestSide
 
 _URL = re.compile(r"(?:rtsps?|https?)://\S+")
@@ -17,10 +18,8 @@ _FRESH_SHOTS, _FRESH_S = 4.0, 0.3
 Stamps: TypeAlias = Literal["container", "arrival"]
 
 
-class LiveCamera(BaseModel):
+class LiveCamera(StrictModel):
     """A table [cameras.NAME]; a field's description states its valid values."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
     source: int | str = Field(
         description="the number of a V4L2 device such as 0, an RTSP or HTTP address, or a video file's path"
@@ -63,10 +62,8 @@ class LiveCamera(BaseModel):
 _Cameras: TypeAlias = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 
 
-class LiveSettings(BaseModel):
+class LiveSettings(StrictModel):
     """The fields of a live configuration; a description states a field's valid values."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
     name: str = Field(
         min_length=1, max_length=200, description="a name for it in quotes, 200 letters at most"

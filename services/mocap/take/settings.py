@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from services.mocap.atomic import atomic_file
 from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.camera.calibration import Up
-from services.mocap.errors import TakeError, load_toml, nearest, validated
+from services.mocap.errors import StrictModel, TakeError, load_toml, nearest, validated
 from services.mocap.types import UNSURE, Floats
 
 LongestSide: TypeAlias = Annotated[
@@ -28,10 +28,8 @@ LONGEST_SIDE = 1280
 _DOF_OF_COLUMN = {dof.column: (i, dof) for i, dof in enumerate(DOFS)}
 
 
-class TakeFile(BaseModel):
+class TakeFile(StrictModel):
     """The fields of take.toml; a description states a field's valid values."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
     name: str = Field(
         min_length=1, max_length=200, description="the take's name in quotes, 200 letters at most"

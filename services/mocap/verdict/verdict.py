@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
+from services.mocap.errors import FrozenModel
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Mask
 
@@ -25,11 +25,7 @@ WHOLE_BODY: Part = "torso"
 """The part that stands for the whole body."""
 
 
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Doubt(_Frozen):
+class Doubt(FrozenModel):
     """A part of the body, and the frames in which it is doubtful."""
 
     part: Part
@@ -42,7 +38,7 @@ class Doubt(_Frozen):
         return f"{part_in_words(self.part)} in {self.frames} ({spans_in_words(self.spans)})"
 
 
-class Cause(_Frozen):
+class Cause(FrozenModel):
     """Something that explains doubtful frames or a wrong body."""
 
     what: str
@@ -56,7 +52,7 @@ class Cause(_Frozen):
         return f"{self.what}: {self.remedy}" if self.remedy else self.what
 
 
-class Verdict(_Frozen):
+class Verdict(FrozenModel):
     """The verdict on N consecutive frames."""
 
     level: Level
