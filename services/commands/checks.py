@@ -13,8 +13,9 @@ from services.mocap.errors import NotInViewError, TakeError
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
 from services.mocap.verdict.verdict import Cause
-from services.runs.fit import kept_warnings, seen_of
 from services.runs.outlines import outlines_of
+from services.runs.reporting import kept_warnings
+from services.runs.take_silhouettes import seen_of
 from services.segmentation.segmenters import KINDS, READY, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Segmenter
 

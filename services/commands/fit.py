@@ -26,9 +26,10 @@ from services.options import (
     SegmenterOption,
     engine_settings,
 )
-from services.runs.fit import DRAWING_FROM, Show, TakeFit, fit_take, frames_in_words, init_frames
+from services.runs.fit import TakeFit, fit_take, frames_in_words, init_frames
 from services.runs.fit_files import origin_of, uncertainty_of, write_fit
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
+from services.runs.reporting import DRAWING_FROM, Show
 
 EVERY_CORE = 0
 """Threads of the energy while no other process computes."""

@@ -74,8 +74,9 @@ def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
     first = init_frames(take, start=job.frames.start)
     work = partial(
-        fit_take, take, first, engine, job.search, mesh=own, segmenter=job.segmenter, before=job.frames.stop
-    )
+        fit_take, take, first, engine, job.search, mesh=own, segmenter=job.segmenter,
+        before=job.frames.stop, is_refined_next=goes_on,
+    )  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         with blamed_first(job.checks):
             found = fit_with_bar(take, Path(temporary), work)

@@ -10,7 +10,7 @@ from services.commands.consoles import TakeFolder, say, stderr, warn
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import SILHOUETTES
 from services.options import DEFAULT_SEGMENTER, SegmenterOption
-from services.runs.fit import kept_warnings
+from services.runs.reporting import kept_warnings
 from services.segmentation.files import write_silhouettes
 
 

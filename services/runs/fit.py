@@ -1,21 +1,19 @@
 """Fitting the actor of a take: what `xormocap fit` does, and `track` first where a take has no actor.toml."""
 
 import logging
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from itertools import islice
 
 import numpy as np
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.body_mesh import OwnMesh
+from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.measures import Measure, measure, with_uncertainties
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trimaps, unpack
+from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
@@ -28,27 +26,28 @@ from services.mocap.search.frame import solve_frame
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import model_on_cpu
-from services.mocap.search.plausibility import look_first
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.unsure_parts import untold_parts
 from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
-from services.mocap.types import ACTOR, BACKGROUND, Bytes, Floats, Mask, Trimap
+from services.mocap.types import Bytes, Floats, Mask
 from services.runs.facing import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
+from services.runs.reporting import Clock, Show, kept_warnings
+from services.runs.take_silhouettes import seen_of
 from services.segmentation.segmenters import AUTO, make_segmenter
-from services.segmentation.silhouettes import Moment, Segmenter
 
 log = logging.getLogger(__name__)
 
 DEFAULT_INIT_FRAMES = 10
-DRAWING_FROM = 0.97
 _SKIRT = (
     "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what the legs do in "
     "it is estimated from what is visible of them"
 )
 _FIRST_FITS = 0.6
 """Progress of the fits from the generic body's pose; one from the fitted body's follows."""
+_NEAR_M = 0.1
+"""Fits from two first poses end about alike if none of their joints is farther apart."""
 _POOR_IOU, _CLEARLY_BETTER_IOU = 0.8, 0.05
 """A fitted body overlaps less with the silhouettes if its first pose is wrong (in coats 0.85 is usual). Other
 frames replace the first ones if they are better by so much."""
@@ -58,11 +57,6 @@ _FITTED_LATER = (
     "the body was fitted to %s, because in %s the actor's pose was not found (IoU %.2f, %.2f where it was "
     "fitted): the first poses of the take are less certain"
 )
-_SHARES = {"looking at silhouettes": 0.08, "finding the first pose": 0.2, "fitting the actor": DRAWING_FROM}
-"""Total progress at the end of each stage; drawing follows."""
-
-Show = Callable[[str, float], None]
-"""Called with the current stage, in words, and the total progress, 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,16 +115,19 @@ def fit_take(
     mesh: OwnMesh | None = None,
     segmenter: str = AUTO,
     before: int | None = None,
+    *,
+    is_refined_next: bool = False,
 ) -> TakeFit:
     """Fit the actor of a checked take to some of its frames, starting with the first.
 
     If that fit is poor, the pose of the first frame was probably not found; then as many frames later in the
     take, before a given one, are tried, and the best fit is returned. engine and search: for the first pose;
     the parameters of the search's body vary in the fit as well. mesh: fitted in place of the generic body.
+    is_refined_next: whether a fit to frames of the whole take follows, for which a rougher one is enough.
     Cameras with unusable silhouettes in the first frame are left out, with a warning. Raises TakeError if no
     person or more than one is visible, or too few cameras are left.
     """
-    fit_to = partial(_fit_frames, take, segmenter, engine, search, mesh)
+    fit_to = partial(_fit_frames, take, segmenter, engine, search, mesh, is_refined_next)
     first = found = fit_to(frames, show)
     is_told = take.settings.actor_height is not None
     for start in _later_starts(frames, before or take.settings.frames) if first.iou < _POOR_IOU else ():
@@ -169,6 +166,7 @@ def _fit_frames(
     engine: EngineSettings,
     search: SearchSettings,
     mesh: OwnMesh | None,
+    is_refined_next: bool,
     frames: range,
     show: Show,
 ) -> TakeFit:
@@ -200,22 +198,40 @@ def _fit_frames(
                 lambda fit: tracked_px(rig, later(), fit, told),
                 lambda share: progress(_FIRST_FITS * share),
             )
-            ways = [way]
-            dressed = guess.actor.wearing(in_best_skirt(way.fit.actor, way.fit.poses, rig, seen).skirt)
-            if dressed.skirt is not None:
-                ways.append(Way(way.pose, fit_from(dressed, way.pose, lambda _: None)))
-            fit = ways[-1].fit
-            pose = fit.poses[0]
-            if not hints.initial_pose:
-                pose = _found_again(rig, seen[0], fit.actor, pose, told)
-            last = fit_from(dressed, pose, lambda share: progress(_FIRST_FITS + (1.0 - _FIRST_FITS) * share))
-            ways.append(Way(pose, last))
-            way = min(ways, key=lambda way: way.energy_px)
+            again = None if hints.initial_pose else partial(_found_again, rig, seen[0], search=told)
+            way = _fitted_once_more(
+                way, guess.actor, rig, seen, fit_from, again, progress, is_refined_next=is_refined_next
+            )
         start = (guess.actor, way.pose)
         return concluded(frames, cameras, seen, start, way.fit, clock.seconds, warnings)
 
 
-def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: SearchSettings) -> Floats:
+def _fitted_once_more(
+    way: Way,
+    actor: Actor,
+    rig: Rig,
+    seen: TriPlanes,
+    fit_from: Callable[[Actor, Floats, Callable[[float], None]], Fit],
+    found_again: Callable[[Actor, Floats], Floats] | None,
+    progress: Callable[[float], None],
+    *,
+    is_refined_next: bool,
+) -> Way:
+    """The best of a way, one in a skirt if the actor seems to wear one, and one from the first pose as it is
+    found with the fitted body, by found_again, unless the pose was given."""
+    ways = [way]
+    dressed = actor.wearing(in_best_skirt(way.fit.actor, way.fit.poses, rig, seen).skirt)
+    if dressed.skirt is not None:
+        ways.append(Way(way.pose, fit_from(dressed, way.pose, lambda _: None)))
+    fitted = ways[-1].fit
+    pose = fitted.poses[0] if found_again is None else found_again(fitted.actor, fitted.poses[0])
+    if not (is_refined_next and _is_near(fitted.actor, pose, fitted.poses[0])):
+        rest = 1.0 - _FIRST_FITS
+        ways.append(Way(pose, fit_from(dressed, pose, lambda share: progress(_FIRST_FITS + rest * share))))
+    return min(ways, key=lambda way: way.energy_px)
+
+
+def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, *, search: SearchSettings) -> Floats:
     """The pose (D,) of the first frame (P, H, W) for a fitted actor: the fit's, or a better one.
 
     The body by which the first pose was found had other limbs and no skirt.
@@ -225,6 +241,12 @@ def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, search: 
         starts = pose, found_anew(model, search, limbs, seen, pose)
         fitted, anew = (solve_frame(model, picture, start[None], search, limbs) for start in starts)
     return min(fitted, anew, key=lambda solution: solution.energy_px).pose
+
+
+def _is_near(actor: Actor, one: Floats, other: Floats) -> bool:
+    """Whether no joint is in quite another place in two poses (D,)."""
+    joints_m = joint_positions(np.stack([one, other]), build_body(actor).offsets_m)
+    return bool(np.linalg.norm(joints_m[1] - joints_m[0], axis=-1).max() < _NEAR_M)
 
 
 def _check_alone(found: TakeFit, *, is_told: bool) -> None:
@@ -261,42 +283,6 @@ def concluded(
     return TakeFit(frames, cameras, seen, *start, actor, fit, measures, seconds, warnings)
 
 
-def seen_of(
-    take: Take, frames: Sequence[int], segmenter: Segmenter, progress: Callable[[float], None]
-) -> tuple[tuple[Camera, ...], TriPlanes]:
-    """The usable cameras and their silhouettes (F, P, H, W), in the form that segmentation sends."""
-    trimaps = trimaps_of(take, frames, segmenter, progress)
-    names, first = [camera.name for camera in take.cameras], trimaps[0]
-    look = look_first(Rig.of(take.cameras), first == ACTOR, names, first != BACKGROUND)
-    for remark in look.remarks:
-        log.warning("%s", remark)
-    chosen = [c for c in range(len(take.cameras)) if c not in look.left_out]
-    cameras = tuple(take.cameras[c] for c in chosen)
-    height_px, width_px = Rig.of(cameras).shape_px
-    cut = trimaps[:, chosen, :height_px, :width_px]
-    return cameras, TriPlanes.of_frames([pack_trimaps(of_frame) for of_frame in cut])
-
-
-def trimaps_of(
-    take: Take, frames: Sequence[int], segmenter: Segmenter, progress: Callable[[float], None]
-) -> Trimap:
-    """The silhouettes (F, C, H, W) of all cameras."""
-    height_px, width_px = Rig.of(take.cameras).shape_px
-    trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
-    for f, moment in enumerate(read_moments(frames, segmenter)):
-        for c, trimap in enumerate(moment.trimaps):
-            trimaps[f, c] = in_common_size(trimap, width_px, height_px)
-        progress((f + 1) / len(frames))
-    return trimaps
-
-
-def read_moments(frames: Sequence[int], segmenter: Segmenter) -> Iterator[Moment]:
-    """What all cameras show, frame by frame."""
-    if isinstance(frames, range):
-        return islice(segmenter.moments(frames.start, frames.stop), len(frames))
-    return (next(iter(segmenter.moments(frame, frame + 1))) for frame in frames)
-
-
 def guess_first_pose(
     rig: Rig,
     seen: TriPlanes,
@@ -318,42 +304,3 @@ def guess_first_pose(
     )
     guess.model.backend.close()
     return guess
-
-
-class Clock:
-    """Measures the stages' times and reports the total progress."""
-
-    def __init__(self, show: Show) -> None:
-        self._show, self._from = show, 0.0
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[Callable[[float], None]]:
-        """Yields a function that takes the progress within the stage, 0 to 1."""
-        began_s, start, end = time.perf_counter(), self._from, _SHARES[name]
-        self._show(name, start)
-        yield lambda share: self._show(name, start + share * (end - start))
-        self._from = end
-        self.seconds[name] = time.perf_counter() - began_s
-
-
-class _Keeper(logging.Handler):
-    """Stores log records."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.sentences: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.sentences.append(record.getMessage())
-
-
-@contextmanager
-def kept_warnings() -> Iterator[list[str]]:
-    """Collects the library's warnings, to show them to the user."""
-    logger, keeper = logging.getLogger("services"), _Keeper()
-    logger.addHandler(keeper)
-    try:
-        yield keeper.sentences
-    finally:
-        logger.removeHandler(keeper)

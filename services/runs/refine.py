@@ -27,7 +27,9 @@ from services.mocap.search.occlusion import PosedFrame, find_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.mocap.types import ACTOR, Floats, Ints, Mask
-from services.runs.fit import Clock, Show, TakeFit, concluded, kept_warnings, read_moments, seen_of
+from services.runs.fit import TakeFit, concluded
+from services.runs.reporting import Clock, Show, kept_warnings
+from services.runs.take_silhouettes import read_moments, seen_of
 from services.segmentation.colour_classes import PIECES, ColourClasses, ColourLearner
 from services.segmentation.segmenters import AUTO, make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter, packed

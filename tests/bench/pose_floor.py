@@ -22,7 +22,7 @@ from services.mocap.search.stages import whole_body_energy
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import REFERENCE_JOINTS, reference_joints
 from services.mocap.types import Floats
-from services.runs.fit import seen_of
+from services.runs.take_silhouettes import seen_of
 from services.segmentation.segmenters import make_segmenter
 
 FAILED = 1.05

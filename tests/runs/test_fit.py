@@ -37,8 +37,9 @@ from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Floats, Mask
 from services.runs import fit as fit_module
 from services.runs.facing import fit_best_way_round, tracked_px
-from services.runs.fit import TakeFit, concluded, fit_take, init_frames, seen_of
+from services.runs.fit import TakeFit, concluded, fit_take, init_frames
 from services.runs.fit_files import write_fit
+from services.runs.take_silhouettes import seen_of
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
 

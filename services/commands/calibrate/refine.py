@@ -16,8 +16,9 @@ from services.mocap.energy.bitplanes import TriPlanes, pack_trimaps
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import CALIBRATION
-from services.runs.fit import Show, kept_warnings, trimaps_of
 from services.runs.refine import reliable_rows, result_of
+from services.runs.reporting import Show, kept_warnings
+from services.runs.take_silhouettes import trimaps_of
 from services.segmentation.segmenters import make_segmenter
 
 REFINED = "calibration-refined.toml"
