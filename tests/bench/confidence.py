@@ -16,7 +16,7 @@ from rich.table import Table
 from bench.limb_scores import LIMBS, RIGHT_MM
 from bench.people import true_joints_m
 from bench.studio_takes import with_true_silhouettes
-from services.library import fit, refine, track, write_result
+from services.library import SearchSettings, fit, refine, track, write_result
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
@@ -80,7 +80,8 @@ def known_of(folder: Path, *, true_silhouettes: bool) -> Known:
 
 def _fitted_twice(take: Take, result: Path) -> TakeFit:
     first = fit(take)
-    write_result(result, take, first.actor, track(take, first), formats=())
+    one_way = track(take, first, search=SearchSettings(both_ways=False))
+    write_result(result, take, first.actor, one_way, formats=())
     return refine(take, result)
 
 

@@ -75,11 +75,12 @@ def fit_by(
     frames: range,
     search: SearchSettings = QUICK,
     show: Callable[[str, float], None] = lambda *_: None,
+    **others: bool,
 ) -> TakeFit:
     """As fit_take, with this in place of the fit."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("services.runs.fit.fit_actor", fitter)
-        return fit_take(take, frames, CPU, search, show)
+        return fit_take(take, frames, CPU, search, show, **others)
 
 
 @pytest.fixture(scope="module")
@@ -351,8 +352,9 @@ def test_the_body_of_the_search_is_fitted(folder: Path) -> None:
     np.testing.assert_array_equal(found.start_pose, pose_of_body(found.start_pose, "paper"))
 
 
+@pytest.mark.parametrize("moved", [0.01, 0.2])
 def test_the_fit_begins_again_from_where_the_fitted_body_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    moved: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[Floats] = []
 
@@ -360,17 +362,24 @@ def test_the_fit_begins_again_from_where_the_fitted_body_is_found(
         begun.append(pose)
         return stretch(rig, seen, actor, pose, *others)
 
-    def found_again(*arguments: Any) -> Floats:
-        _, _, actor, pose, _ = arguments
+    def found_again(_rig: Rig, _seen: TriPlanes, actor: Actor, pose: Floats, *, search: object) -> Floats:
         assert actor.height == TALLER_M
-        return np.asarray(pose + 0.01)
+        assert isinstance(search, SearchSettings)
+        return np.asarray(pose + moved)
 
     monkeypatch.setattr(fit_module, "_found_again", found_again)
     write_synthetic_take(tmp_path / "walk", n_frames=3, n_cameras=3)
     take = open_take(tmp_path / "walk")
     fit_by(fitter, take, init_frames(take))
     assert len(begun) >= 2
-    assert any(np.array_equal(begun[-1], pose + 0.01) for pose in begun[:-1])
+    assert any(np.array_equal(begun[-1], pose + moved) for pose in begun[:-1])
+
+    alone = begun.copy()
+    begun.clear()
+    fit_by(fitter, take, init_frames(take), is_refined_next=True)
+    expected = alone if moved > 0.1 else alone[:-1]
+    assert len(begun) == len(expected), "near it, a fit that is refined later does not begin again"
+    np.testing.assert_array_equal(begun, expected)
 
 
 @pytest.mark.parametrize(("later_iou", "chosen"), [(0.9, range(3, 6)), (0.74, range(3))])
