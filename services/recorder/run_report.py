@@ -14,8 +14,9 @@ import numpy as np
 
 from proto.messages import OPEN_END, PROTOCOL_VERSION, Pose, TakeInfo
 from services.mocap.body.actor import Actor
+from services.mocap.export.formats import DEFAULT_FORMATS, FORMATS
 from services.mocap.motion.settings import OutputSettings
-from services.mocap.result.layout import ANGLES, BVH, C3D, GLB, JOINTS, POSES_SMOOTH, TRC
+from services.mocap.result.layout import JOINTS, POSES_SMOOTH, REPORT
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import REFERENCE_JOINTS_CSV
 from services.mocap.take.live_settings import fresh_s
@@ -25,7 +26,8 @@ from services.mocap.types import Floats
 
 _LIBRARIES = ("moderngl", "numpy", "numba", "opencv-contrib-python-headless", "pyzmq", "scipy")
 
-_SMOOTHED = (POSES_SMOOTH, JOINTS, BVH, GLB, TRC, C3D, ANGLES)
+_FORMATS = tuple(file for name in DEFAULT_FORMATS for file in FORMATS[name].files if file != REPORT)
+_SMOOTHED = (POSES_SMOOTH, JOINTS, *_FORMATS)
 """Files of the smoothed motion."""
 _LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 """Stages that the paper's five machines run in parallel, while a coordinator measures them one after the

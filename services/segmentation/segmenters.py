@@ -1,5 +1,8 @@
 """The table of segmenters: the names for `--segmenter NAME`, and how each is made.
 
+To add one, add a class with the method of a Matte and a row to `KINDS`; a test tells which lists of names in
+the documentation are to have it.
+
 Other packages add segmenters as entry points of the group `xormocap.segmenters`.
 """
 

@@ -1,6 +1,7 @@
 """The table of segmenters: what a name means, what each makes of a small take, and what is refused."""
 
 import logging
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -23,8 +24,9 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.pictures import read_silhouette
 from services.mocap.take.writer import video_writer
 from services.mocap.types import ACTOR, UNSURE, Bytes, Mask
+from services.options import SegmenterOption
 from services.segmentation import segmenters
-from services.segmentation.segmenters import check_segmenter, make_segmenter
+from services.segmentation.segmenters import KINDS, check_segmenter, make_segmenter
 
 SmallTake = Callable[..., Path]
 Ball = Callable[[Camera, int], Mask]
@@ -39,6 +41,14 @@ def overlap(take: Take, ball: Ball, name: str) -> float:
         for f, of_frame in zip(range(frames), made.trimaps(0, frames), strict=True)
         for camera, trimap in zip(take.cameras, of_frame, strict=True)
     )
+
+
+def test_the_help_and_the_documentation_name_every_segmenter() -> None:
+    (option,) = SegmenterOption.__metadata__
+    page = (Path(segmenters.__file__).parent / "README.md").read_text()
+    for name in KINDS:
+        assert re.search(rf"\b{name}\b", option.help), name
+        assert re.search(rf"`{name}\b", page), name
 
 
 @pytest.mark.parametrize("name", ["auto", "clean-plate", "paper", "mog2", "bgsegm"])

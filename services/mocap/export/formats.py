@@ -1,4 +1,8 @@
-"""The table of export formats."""
+"""The table of export formats.
+
+To add one, add its name to `FormatName`, a row to `FORMATS`, and the names of its files to result/layout.py
+and to `KNOWN` there: a run does not write into a folder with files that it does not know.
+"""
 
 import logging
 from collections.abc import Callable, Sequence

@@ -117,7 +117,7 @@ class PathSearch:
         picture = Picture.of_frame(rig, seen).without_cameras(absent)
         settings = self._settings.without_cameras(absent, rig.n_cameras)
         energy = whole_body_energy(self._model, picture, settings)
-        return np.asarray(energy(poses) + self._model.aligner(settings).unlikely_px(poses, settings))
+        return np.asarray(energy(poses) + self._model.aligner(settings).prices_px(poses, settings))
 
 
 def apart_m(one: Floats, other: Floats, offsets_m: Floats) -> Floats:

@@ -47,7 +47,7 @@ class _Seen:
 
     aligned: Aligned
     covered: Bytes
-    unlikely_px: float
+    prices_px: float
     """What limbs inside others and unusual poses cost, within the energy."""
     energy: float
 
@@ -77,8 +77,8 @@ class _Search:
         else:
             energy_px = float(self._priced(aligned.pose[None])[0])
         aligner = self.model.aligner(self.settings)
-        unlikely_px = float(aligner.unlikely_px(aligned.pose[None], self.settings)[0])
-        return _Seen(aligned, covered, unlikely_px, energy_px + unlikely_px)
+        prices_px = float(aligner.prices_px(aligned.pose[None], self.settings)[0])
+        return _Seen(aligned, covered, prices_px, energy_px + prices_px)
 
     @cached_property
     def _priced(self) -> Callable[[Floats], Floats]:
@@ -103,7 +103,7 @@ class _Search:
         aligned = self.see(aligner.align(self.whole, start.pose, self.settings))
         self.found.evaluations += self.settings.contour_steps
         self.clock.book("torso")
-        if aligned.energy <= start.energy + _SLACK * (start.energy - start.unlikely_px):
+        if aligned.energy <= start.energy + _SLACK * (start.energy - start.prices_px):
             return aligned
         return replace(start, aligned=replace(start.aligned, rim=aligned.aligned.rim))
 

@@ -58,7 +58,7 @@ def solve_limb(
     limb, pose = LIMBS[name], clip_to_limits(pose)
     seen = _without_margin(settings.cost.priced(seen), settings)
     by_contours = settings.method == "contours"
-    energy, start, box = prepare(model, limb.main, seen, pose, settings, unlikely=by_contours)
+    energy, start, box = prepare(model, limb.main, seen, pose, settings, priced=by_contours)
     is_arm = DOFS[limb.main.dofs[0]].joint.endswith("shoulder")
     counts = settings.arm_grid if is_arm else settings.leg_grid
     points = grid_points(start, counts, _grid_steps(limb.main, settings), box)
@@ -90,7 +90,7 @@ def _align_limb(
     Where colours count, a descent on the energy follows, because a limb before the trunk has no contour.
     """
     whole_limb = Stage(limb.dofs, limb.main.surfaces, limb.main.window_px)
-    energy, start, box = prepare(model, whole_limb, seen, pose, settings, unlikely=True)
+    energy, start, box = prepare(model, whole_limb, seen, pose, settings, priced=True)
     aligner = model.aligner(settings)
     candidates = [start]
     for point in _best_apart(points, energies, 1.5 * _grid_steps(limb.main, settings)):
@@ -144,7 +144,7 @@ def promising_of_pair(
     """
     one, other = (LIMBS[name] for name in pair)
     stage = Stage(one.dofs + other.dofs, tuple(sorted({*one.main.surfaces, *other.main.surfaces})), 0)
-    energy, _, _ = prepare(model, stage, whole, pose, settings, unlikely=True)
+    energy, _, _ = prepare(model, stage, whole, pose, settings, priced=True)
     poses = np.tile(pose, (2 + len(typical_poses()), 1))
     poses[1, list(stage.dofs)] = pose[list(other.dofs + one.dofs)]
     turned = list(one.main.dofs + other.main.dofs)  # hands and feet stay as they are

@@ -1,4 +1,5 @@
-"""The differences near each part of the body, and the parts that are doubtful because of them.
+"""The differences near each part of the body: which parts are searched again because of them, and which parts
+are marked as doubtful, limbs and head by their confidence, the torso by the share of pixels that differ.
 
 A model that fits differs from the input only along the rim, by about a pixel. A larger difference means that
 a limb is elsewhere, or that something that is not part of the body is in the picture.
@@ -81,7 +82,7 @@ def within(planes: Bytes, model: Model, stage: Stage, pose: Floats) -> int:
 
 
 class PartConfidence:
-    """Estimates the usual differences, and reports parts that differ by more as doubtful.
+    """Estimates the usual differences, and tells which parts to search, and which to mark as doubtful.
 
     Clothes and hair that the model lacks differ in every frame; a lost limb differs suddenly.
     """
@@ -129,7 +130,7 @@ class PartConfidence:
         return self._doubt_px + (_OVER_USUAL * float(np.median(usual)) if usual else 0.0)
 
     def to_search(self, found: Differences) -> list[Part]:
-        """The doubtful limbs and head, except those that were just searched in vain."""
+        """Limbs and head that differ by more than usual, except those that were just searched in vain."""
         over = [part for part in PART_STAGES if found.px[part] > self._allowed_px(part)]
         return [part for part in over if self._rest[part] == 0]
 

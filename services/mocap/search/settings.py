@@ -62,8 +62,8 @@ class SearchSettings(StrictModel):
     the squared distance from people's mean, in standard deviations, in pictures 320 wide; far away it grows
     less."""
     doubt_px: float = Field(default=30.0, ge=0, le=10000, description="a number from 0 to 10000")
-    """A limb is doubtful if about this many more pixels than usual differ near it by more than the rim, in
-    pictures 320 wide in eight cameras."""
+    """A limb is searched by XOR if about this many more pixels than usual differ near it by more than the
+    rim, in pictures 320 wide in eight cameras. Its confidence decides whether it is marked as doubtful."""
     windows: bool = Field(default=True, description="true or false")
     """Limbs, head, hands and feet are searched in windows, the torso at half resolution; false: everything in
     whole pictures."""

@@ -50,11 +50,11 @@ def prepare(
     pose: Floats,
     settings: SearchSettings,
     *,
-    unlikely: bool = False,
+    priced: bool = False,
 ) -> tuple[Energy, Floats, Box]:
     """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits.
 
-    unlikely: with what limbs inside others or in unusual poses cost.
+    priced: with what poses cost beside their pixels (pose_prices).
     """
     cost, detail_px, drawn = settings.cost, settings.detail_px, ALL_SURFACES
     if stage.others and settings.prerender:
@@ -64,16 +64,16 @@ def prepare(
     energy = energy_of(model, Problem(pose, stage.dofs, drawn, picture, cost, detail_px))
     dofs, box = list(stage.dofs), Box(*stage.limits())
     start = np.clip(pose[dofs], box.lower, box.upper)
-    if not unlikely:
+    if not priced:
         return energy, start, box
     aligner = model.aligner(settings)
 
-    def with_unlikely(values: Floats) -> Floats:
+    def with_prices(values: Floats) -> Floats:
         poses = np.tile(pose, (len(values), 1))
         poses[:, dofs] = values
-        return np.asarray(energy(values) + aligner.unlikely_px(poses, settings))
+        return np.asarray(energy(values) + aligner.prices_px(poses, settings))
 
-    return with_unlikely, start, box
+    return with_prices, start, box
 
 
 def descend_from(energy: Energy, start: Solution, box: Box, settings: SearchSettings) -> Solution:

@@ -1,7 +1,10 @@
 """The one table of what is known of a solved frame beside its pose, and how it is read from a frame.
 
 To add a quantity, add a row here and the line that puts its numbers into `FrameSolution.measured` under the
-row's name. The pose message and the journal carry them; the results' files and the viewer's page list them.
+row's name (usually in `FrameSolution.note_shares`, which every search calls). The pose message and the
+journal carry them; the results' files and the viewer's page list them; the tables of README.md and
+PROTOCOL.md are tested against these rows. A negative number counts as unknown, and poses.csv leaves out a
+column that any of its frames lacks.
 """
 
 from collections.abc import Mapping, Sequence

@@ -59,10 +59,10 @@ def test_the_slope_is_that_of_the_price() -> None:
 def test_the_price_is_of_cameras(model: Model) -> None:
     pose = np.zeros(N_DOF)
     settings = SearchSettings(pose_prior=2.0, contact=0.0)
-    priced = model.aligner(settings).unlikely_px(pose[None], settings)
+    priced = model.aligner(settings).prices_px(pose[None], settings)
     np.testing.assert_allclose(priced, 2.0 * 8 * surprises(pose[None]).sum(axis=1))
     free = SearchSettings(pose_prior=0.0, contact=0.0)
-    assert not model.aligner(free).unlikely_px(pose[None], free).any()
+    assert not model.aligner(free).prices_px(pose[None], free).any()
 
 
 def test_the_table_has_means_and_covariances_of_both_sides(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_the_best_shard_is_no_worse_than_one_worker(
     shards = [solve_limb(model, name, window, start, SearchSettings(), (k, n)) for k in range(n)]
     assert min(shard.energy_px for shard in shards) <= alone.energy_px
     start_px = limb_energy_px(model, name, window, start, start, SearchSettings())
-    start_px += model.aligner(SearchSettings()).unlikely_px(start[None], SearchSettings())[0]
+    start_px += model.aligner(SearchSettings()).prices_px(start[None], SearchSettings())[0]
     assert max(shard.energy_px for shard in shards) <= start_px
 
 
@@ -148,8 +148,8 @@ def test_limbs_keep_to_their_limits_and_never_get_worse(
     found = solve_limb(model, name, window, start, QUICK)
     assert_within_limits(found)
     within = clip_to_limits(start)
-    unlikely_px = model.aligner(QUICK).unlikely_px(within[None], QUICK)[0]
-    assert found.energy_px <= limb_energy_px(model, name, window, within, within, QUICK) + unlikely_px
+    prices_px = model.aligner(QUICK).prices_px(within[None], QUICK)[0]
+    assert found.energy_px <= limb_energy_px(model, name, window, within, within, QUICK) + prices_px
     assert np.array_equal(np.delete(found.applied_to(start), found.dofs), np.delete(start, found.dofs))
 
 

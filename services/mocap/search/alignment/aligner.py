@@ -27,11 +27,11 @@ from services.mocap.energy.cpu.mesh import FlatMesh
 from services.mocap.energy.cpu.outline import scratch_for
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture
-from services.mocap.search.alignment.contacts import Contacts, depths_m
+from services.mocap.search.alignment.contacts import Contacts
 from services.mocap.search.alignment.matching import OWN_REACH_PX, SHARES, input_of, room_for, views_of
+from services.mocap.search.alignment.pose_prices import PosePrices, contact_px, prices_px
 from services.mocap.search.alignment.solving import follow
 from services.mocap.search.chains import ALL_SURFACES, REFERENCE_WIDTH_PX
-from services.mocap.search.pose_prior import pose_prior, surprises
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats, Ints, Singles
 
@@ -53,8 +53,6 @@ _LONGEST = np.array([0.15 if dof.unit == "m" else 0.35 for dof in DOFS])
 """Largest step, in metres and radians."""
 _NEAR_PX = 2.0
 """A rim point nearer to the contour than this lies on it, in pictures 320 wide."""
-_CONTACT_WEIGHT = 1e4
-"""Of the square of a depth in metres, for each unit of the setting and each camera."""
 _EVERYTHING = np.array(ALL_SURFACES, np.int32)
 _LIMITS = np.array([LOWER, UPPER])
 _REST_SHARES = np.array([dof.rest for dof in DOFS])
@@ -154,31 +152,26 @@ class Aligner:
         drawing = (_EVERYTHING[~moves], _EVERYTHING[moves], self._mesh, self._scratch, cameras, canvas)
         pulling, seen = np.array([s for s in segments if s < N_RIGID], np.int32), input_of(picture)
         coarse_rim, fine_rim = self._rims
-        unit = float(views[2].sum()) * self._scale**3
-        contact_weight = _CONTACT_WEIGHT * settings.contact * unit
-        unlikely = (self._contacts, contact_weight, pose_prior(), settings.pose_prior * unit)
+        prices = PosePrices.of(self._contacts, self._rig, settings)
         pose, _, _, _ = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, settings.detail_px,
             (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, prior, _LIMITS,
-            unlikely,
+            prices,
         )  # fmt: skip
         pose, prior_cost, rim_px, places = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, _FINE * settings.detail_px,
             (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, prior, _LIMITS,
-            unlikely,
+            prices,
         )  # fmt: skip
         return Aligned(pose, prior_cost, SeenRim(rim_px, places[SURFACE_FRAMES]))
 
     def contact_px(self, poses: Floats, settings: SearchSettings) -> Floats:
         """(N, 4) what limbs (contacts.PRICED) cost for being inside others in poses (N, D)."""
-        weights = settings.cost.weights(self._rig.n_cameras)
-        depths_cm = 100.0 * depths_m(self._contacts, self._offsets_m, poses)
-        return np.asarray(settings.contact * weights.sum() * self._scale**2 * depths_cm)
+        return contact_px(self._contacts, self._offsets_m, poses, self._rig, settings)
 
-    def unlikely_px(self, poses: Floats, settings: SearchSettings) -> Floats:
-        """(N,) what limbs inside others, and limbs in poses that people seldom take, cost in poses (N, D)."""
-        price = settings.pose_prior * settings.cost.weights(self._rig.n_cameras).sum() * self._scale**2
-        return np.asarray((self.contact_px(poses, settings) + price * surprises(poses)).sum(axis=1))
+    def prices_px(self, poses: Floats, settings: SearchSettings) -> Floats:
+        """(N,) what poses (N, D) cost beside their pixels."""
+        return prices_px(self._contacts, self._offsets_m, poses, self._rig, settings)
 
     def _steps(self, settings: SearchSettings) -> Floats:
         """(K, 4) as follow takes them: from far to near."""

@@ -17,7 +17,6 @@ from services.mocap.body.kinematics import (
 )
 from services.mocap.energy.cpu.collecting import Canvas, njit_without_refcounts
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, cover
-from services.mocap.search.alignment.contacts import Contacts, add_contacts
 from services.mocap.search.alignment.matching import (
     SHARES,
     Input,
@@ -27,8 +26,8 @@ from services.mocap.search.alignment.matching import (
     Views,
     match_view,
 )
+from services.mocap.search.alignment.pose_prices import PosePrices, add_prices
 from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, TWIST_SIZE, place_twists
-from services.mocap.search.pose_prior import PosePrior, add_prior
 from services.mocap.types import Floats, Ints
 
 Drawing: TypeAlias = tuple[Ints, Ints, MeshArrays, Scratch, tuple[Floats, Floats], Canvas]
@@ -36,9 +35,6 @@ Drawing: TypeAlias = tuple[Ints, Ints, MeshArrays, Scratch, tuple[Floats, Floats
 them."""
 Rims: TypeAlias = tuple[Ints, RimArrays, Views, tuple[RimScratch, Matches]]
 """Surfaces that pull; mesh, views and room as match_view takes them."""
-Unlikely: TypeAlias = tuple[Contacts, float, PosePrior, float]
-"""Shapes that limbs must not be inside of, and the prior of their poses, each with its weight, as
-add_contacts and add_prior take them."""
 _SINGULAR = 1e-6
 
 
@@ -55,7 +51,7 @@ def follow(
     free: Floats,
     prior: Floats,
     limits: Floats,
-    unlikely: Unlikely,
+    prices: PosePrices,
 ) -> tuple[Floats, float, Floats, Floats]:
     """Move a pose (D,) so that the rim comes to lie on the contours.
 
@@ -67,7 +63,6 @@ def follow(
     """
     still, moving, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
-    contacts, contact_weight, pose_prior, pose_weight = unlikely
     pose, prior_cost, shares_px = start.copy(), 0.0, np.zeros((len(SURFACE_FRAMES), SHARES))
     T_world_frame = np.empty((1, N_FRAMES, 4, 4))
     place_frames(pose, offsets_m, frames, T_world_frame[0])
@@ -91,8 +86,7 @@ def follow(
                 _add_matches(matches, n, cap_px, wrenches, pulls)
         places = wrenches[:, 3:, 3:].copy()  # now: _normal_equations adds to a joint what its children carry
         hessian, slope = _normal_equations(twists, wrenches, pulls)
-        add_contacts(contacts, contact_weight, T_world_frame[0], twists, hessian, slope)
-        add_prior(pose_prior, pose_weight, pose, hessian, slope)
+        add_prices(prices, pose, T_world_frame[0], twists, hessian, slope)
         prior_cost = 0.0
         for d in range(N_DOF):
             off = pose[d] - prior[0, d]
