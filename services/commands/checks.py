@@ -1,4 +1,4 @@
-"""The checks of a take before it is fitted or tracked, seconds of work: their option, what is printed."""
+"""The checks of a take before it is fitted or tracked, which take seconds: their option, what they print."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -25,7 +25,7 @@ from services.mocap.take.layout import ACTOR
 from services.runs.fit import fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
-from services.runs.track import TakeJob
+from services.runs.track import SETTLED, TakeJob
 from services.runs.track import track as track_take
 
 _AS_IT_IS = "a second fit, to frames of the whole take, left the body as it is"
@@ -57,11 +57,17 @@ def track_with_bar(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
     return report
 
 
+def forwards(job: TakeJob) -> TakeJob:
+    """The same job, tracked forwards only: enough for a second fit, which needs poses of sure frames."""
+    return replace(job, search=job.search.model_copy(update={"both_ways": False}))
+
+
 def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str, Any]:
     """Fit an actor to the first frames, for this run only, and track; returns run.json.
 
-    mesh: a file with an own mesh to fit. goes_on: whether track_again follows; then a run whose results are
-    there already is not repeated if the next one was interrupted.
+    mesh: a file with an own mesh to fit. goes_on: whether track_again follows; then the run goes forwards
+    only, unless the first pose was found later in the take, and it is not repeated if its results are there
+    because the next one was interrupted.
     """
     take, own = job.take, None
     command = f"xormocap fit {take.folder}"
@@ -80,6 +86,8 @@ def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         with blamed_first(job.checks):
             found = fit_with_bar(take, Path(temporary), work)
+        if goes_on and found.frames[0] == first.start:
+            job = forwards(job)
         if goes_on and (report := _tracked_before(job, found.actor)):
             return report
         return track_with_bar(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
@@ -99,10 +107,11 @@ def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
 
 
 def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> dict[str, Any]:
-    """Fit the actor to frames of the whole take, by the results of a run one way in job.out, and track again.
+    """Fit the actor to frames of the whole take, by the results in job.out, usually of a run forwards, and
+    track again.
 
     Returns run.json. The body stays where that finds no better one, and where the results have too few frames
-    without a mark: then a warning says so, or UserError is raised if it is asked for.
+    without a mark: then a warning says so, or UserError is raised in the end if it is asked for.
     """
     varied, before = job.search.body, read_actor(job.out / ACTOR)
     fit = partial(
@@ -118,13 +127,15 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
         try:
             found = fit_with_bar(job.take, Path(temporary), fit)
         except UserError as error:
+            if not is_asked_for:
+                warn([f"the body was not fitted again to the whole take: {error}"])
+            report = _completed(job, report, before)
             if is_asked_for:
                 raise
-            warn([f"the body was not fitted again to the whole take: {error}"])
-            return _tracked_as_before(job, report)
+            return report
         if found.actor == before:
             say(_AS_IT_IS)
-            return _tracked_as_before(job, report)
+            return _completed(job, report, before)
         report = track_with_bar(replace(job, fitted=Path(temporary)), found.warnings)
     if found.actor.model_copy(update={"colours": before.colours}) == before:
         became = "were learnt" if found.actor.colours else "cannot be told apart any more"
@@ -137,12 +148,13 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
     return report
 
 
-def _tracked_as_before(job: TakeJob, report: dict[str, Any]) -> dict[str, Any]:
-    """The report of the job with the body of its first run, which tracked one way and drew no overlay."""
-    if job.search.goes_both_ways:
+def _completed(job: TakeJob, report: dict[str, Any], actor: Actor) -> dict[str, Any]:
+    """The report of the job with the actor of its first run, which drew no overlay; if it went forwards only,
+    it is repeated both ways."""
+    if job.search.goes_both_ways and SETTLED not in report:
         with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
             fitted, of_first = Path(temporary) / FIT_FOLDER, job.out / FIT_FOLDER
-            if job.fitted is None and of_first.exists():
+            if job.fitted is None and of_first.exists() and read_actor(of_first / ACTOR) == actor:
                 shutil.copytree(of_first, fitted)
                 job = replace(job, fitted=fitted)
             return track_with_bar(job, [])

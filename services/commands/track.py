@@ -12,7 +12,7 @@ from services import options
 from services.commands.checks import CheckOption, in_view, look_before
 from services.commands.consoles import TakeFolder, stdout, warn
 from services.commands.fit import MeshOption
-from services.commands.fitted_runs import fit_and_track, track_again, track_with_bar
+from services.commands.fitted_runs import fit_and_track, forwards, track_again, track_with_bar
 from services.commands.short_help import HelpAllOption
 from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
 from services.mocap.energy.engine import check_cost
@@ -61,8 +61,8 @@ def track(
         bool | None,
         typer.Option(
             "--refine/--no-refine",
-            help="Afterwards fit the body again, to frames of the whole take, and track again; by default if "
-            "this run fitted it and the take is long enough.",
+            help="First track forwards only, and fit the body again to frames of the whole take; by default "
+            "if this run fits it and the take is long enough.",
         ),
     ] = None,
     smooth: options.SmoothOption = options.DEFAULT_OUTPUT.smooth,
@@ -109,10 +109,11 @@ def track(
     fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
     enough = _WORTH_REFINING * len(init_frames(opened))
     again = refine if refine is not None else fits and len(job.frames) >= enough
-    # The second fit needs poses of sure frames only, and replaces all of them.
-    one_way = job.search.model_copy(update={"both_ways": False})
-    first = replace(job, overlay=False, search=one_way) if again else job
-    report = fit_and_track(first, mesh, goes_on=again) if fits else track_with_bar(first, [])
+    first = replace(job, overlay=overlay and not again)  # it would be drawn twice
+    if fits:
+        report = fit_and_track(first, mesh, goes_on=again)
+    else:
+        report = track_with_bar(forwards(first) if again else first, [])
     if again:
         report = track_again(job, report, is_asked_for=refine is True)
     _summarise(report, job.out)

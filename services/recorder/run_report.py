@@ -26,8 +26,8 @@ from services.mocap.types import Floats
 
 _LIBRARIES = ("moderngl", "numpy", "numba", "opencv-contrib-python-headless", "pyzmq", "scipy")
 
-_FORMATS = tuple(file for name in DEFAULT_FORMATS for file in FORMATS[name].files if file != REPORT)
-_SMOOTHED = (POSES_SMOOTH, JOINTS, *_FORMATS)
+_MOTION_FILES = tuple(file for name in DEFAULT_FORMATS for file in FORMATS[name].files if file != REPORT)
+_SMOOTHED = (POSES_SMOOTH, JOINTS, *_MOTION_FILES)
 """Files of the smoothed motion."""
 _LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 """Stages that the paper's five machines run in parallel, while a coordinator measures them one after the
@@ -161,7 +161,8 @@ def _accuracy(
 
 
 def joint_errors(frames: Sequence[int], estimated_m: Floats, reference_m: Floats) -> dict[str, Any]:
-    """How far the joints of N frames are from the reference; both (N, 15, 3) in metres in one world."""
+    """How far the joints of N frames are from the reference; both (N, 15, 3) in metres in one world, and
+    finite, as messages and tables are."""
     errors_mm = 1000.0 * np.linalg.norm(estimated_m - reference_m, axis=-1)
     lost = np.argwhere(errors_mm > LOST_LIMB_MM)
     return {

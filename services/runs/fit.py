@@ -217,8 +217,11 @@ def _fitted_once_more(
     *,
     is_refined_next: bool,
 ) -> Way:
-    """The best of a way, one in a skirt if the actor seems to wear one, and one from the first pose as it is
-    found with the fitted body, by found_again, unless the pose was given."""
+    """The best of a way and of further fits: one in a skirt, if the actor seems to wear one, and one from the
+    first pose as found_again finds it with the fitted body (None: the pose was given).
+
+    is_refined_next: the last one is left out if that pose is near the way's.
+    """
     ways = [way]
     dressed = actor.wearing(in_best_skirt(way.fit.actor, way.fit.poses, rig, seen).skirt)
     if dressed.skirt is not None:

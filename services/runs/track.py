@@ -24,6 +24,8 @@ from services.runs.local_run import Job, Plan, keep_logs, run_services, written_
 from services.runs.progress import Progress
 from services.segmentation.segmenters import chosen_segmenter
 
+SETTLED = "corrected_frames_by_part"
+"""The entry of run.json that only a run both ways has."""
 _ALONE_S = 2.0
 
 
@@ -64,7 +66,7 @@ def track(
         report = _completed(folder, job)
         keep_logs(logs, folder)
         write_defaults(folder, load_result(folder), ("report",), warn)
-        is_settled = "corrected_frames_by_part" in report or not job.search.goes_both_ways
+        is_settled = SETTLED in report or not job.search.goes_both_ways
         if is_settled and report["take"]["frames"] == len(job.frames):
             return report
     if was_stopped:

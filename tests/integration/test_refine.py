@@ -31,7 +31,7 @@ from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
 from services.runs import Interrupted
 from services.runs.fit import TakeFit, fit_take, init_frames
-from services.runs.track import TakeJob
+from services.runs.track import SETTLED, TakeJob
 from services.runs.track import track as track_take
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -190,10 +190,10 @@ def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupte
     monkeypatch.setattr("services.commands.fitted_runs.track_take", counted)
     monkeypatch.setattr("services.commands.fitted_runs.fit_take", lambda *_, **__: badly)
     with pytest.raises(Interrupted):
-        track(strange_take, out, workers=1, frames="0:3", changes=[ONE_WAY[1]], check=False, overlay=False)
+        track(strange_take, out, workers=1, frames="0:3", check=False, overlay=False)
     first = read_actor(out / ACTOR)
-    track(strange_take, out, workers=1, frames="0:3", changes=[ONE_WAY[1]], check=False, overlay=False)
-    assert len(jobs) == 3
+    track(strange_take, out, workers=1, frames="0:3", check=False, overlay=False)
+    assert [job.search.both_ways for job in jobs] == [False, True, True]
     assert read_actor(out / ACTOR) != first
     assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == 3
     assert "the body was fitted again, to frames of the whole take; most changed: " in capfd.readouterr().out
@@ -243,6 +243,11 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     monkeypatch.setattr("services.commands.fitted_runs.track_with_bar", tracked_both_ways)
     settled = track_again(replace(job, search=SearchSettings()), report, is_asked_for=True)
     assert settled == {"speed": {"fps": 2.0}}, "the first run went one way only"
+    went_both_ways = report | {SETTLED: {}}
+    assert (
+        track_again(replace(job, search=SearchSettings()), went_both_ways, is_asked_for=True)
+        is went_both_ways
+    )
     coloured = known.actor.model_copy(update={"colours": {"head": (1, 1, 2, 2)}})
     with_colours = SimpleNamespace(actor=coloured, warnings=[])
     monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: with_colours)

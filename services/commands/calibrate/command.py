@@ -156,7 +156,10 @@ def calibrate(
     elif colour is not None:
         calibrate_colour(colour)
     elif source is not None:
-        import_calibration(source, kind, size, units, scale, world, points, out, target, up)
+        import_calibration(
+            source, kind=kind, size=size, units=units, scale=scale, its_up=world, points=points, out=out,
+            target=target, up=up,
+        )  # fmt: skip
     else:
         said: dict[str, Any] = {"kind": board, "squares": squares, "square_m": square, "marker_m": marker}
         said |= {"markers": markers, "gap_m": gap, "first_id": first_id, "dictionary": dictionary}

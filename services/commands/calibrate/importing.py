@@ -18,6 +18,7 @@ Target: TypeAlias = Literal["pose2sim", "opencv"]
 
 def import_calibration(
     source: Path,
+    *,
     kind: Format | None,
     size: str | None,
     units: Units,

@@ -41,7 +41,7 @@ HEADER_PX = 60
 """Height of the two lines of text above the tiles."""
 _LINES_PX = 27, 50
 """Their base lines."""
-_CRF, _PRESET = 20, "veryfast"  # for looking at; half the time of x264's usual preset, for a file as large
+_CRF, _PRESET = 20, "veryfast"  # for looking at; takes half as long as x264's usual preset
 _WHITE_BGR = (255, 255, 255)
 _TEXT_SCALE, _TITLE_SCALE = 0.6, 0.5
 

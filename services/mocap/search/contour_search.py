@@ -187,7 +187,7 @@ def solve_by_contours(
     The whole body is aligned with the contours. Then limbs (and the head) that something differs near by more
     than the rim are searched by XOR, as in the paper's passes, and all is aligned again: what an alignment
     cannot do is to jump. A first round searches about the alignment; further rounds, as long as they help,
-    farther about where the limbs were expected. thorough: all limbs are searched far, doubtful or not.
+    farther about where the limbs were expected. thorough: all limbs are searched far, differing or not.
     """
     search = _Search(model, settings.cost.priced(whole), settings, limbs)
     expected = search.best_of(starts)
@@ -195,11 +195,11 @@ def solve_by_contours(
     left, gained = search.differences(best), False
     farther = settings.widened().model_copy(update={"windows": False})
     everything = thorough or settings.search_limbs == "always"
-    doubtful = trust.to_search(left)
-    parts = list[Part](LIMBS) if everything else doubtful
+    differing = trust.to_search(left)
+    parts = list[Part](LIMBS) if everything else differing
     if settings.search_limbs == "never":
         parts = []
-    searched = set(parts) & set(doubtful)  # others that were searched in vain need no rest
+    searched = set(parts) & set(differing)  # others that were searched in vain need no rest
     if parts:
         found = _better(best, search.round(best, parts, farther if thorough else settings))
         gained = _gains(found, best, settings)

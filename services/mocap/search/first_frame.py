@@ -261,9 +261,8 @@ def fit_height(
         scale = 1.0 + _HEIGHT_STEP * steps
         actor = Actor(height=height_m * scale)
         model, start = model_of(actor, rig, engine), pose.copy()
-        start[DOF_INDEX["root_z"]] += (
-            scale - 1.0
-        ) * model.body.pelvis_height_m  # the feet stay on the ground
+        # The feet stay on the ground.
+        start[DOF_INDEX["root_z"]] += (scale - 1.0) * model.body.pelvis_height_m
         limbs = pool(model, actor)
         found = solve_frame(model, picture, start[None], once, limbs)
         model.backend.close()

@@ -141,7 +141,7 @@ class PartConfidence:
             self._rest[part] = min(2 ** self._fruitless[part], _LONGEST_REST) if self._fruitless[part] else 0
 
     def remember(self, found: Differences) -> None:
-        """Add a solved frame to the estimate; doubtful parts are added only if they differ slightly, except
+        """Add a solved frame to the estimate; parts that differ by far more than usual are left out, except
         in the first frame.
 
         So the estimate can follow the folds of clothes, but a lost limb does not become usual.

@@ -69,8 +69,8 @@ class Tracker:
         """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
         absent: cameras that are not used. start: a pose (D,) to begin with, instead of what the last poses
-        predict. thorough: as in solve_by_contours. hurried: doubtful limbs are not searched, which takes
-        several times as long as the rest. While the actor is lost, the torso is unreliable, which
+        predict. thorough: as in solve_by_contours. hurried: limbs are not searched, which takes several times
+        as long as the rest. While the actor is lost, the torso is unreliable, which
         stands for the whole body; where the body is not even near the silhouettes, the pose is the last one
         found.
         """

@@ -1,5 +1,4 @@
-"""Poses that people take: starts for a search that does not know the frame before; which poses
-differ.
+"""Poses that people take: starts for a search that does not know the frame before.
 
 The table beside this module is made by `scripts/bench typical-poses`: medoids of the poses of people who
 walk, run, jump, dance, fight, climb, crawl and play, each with its mirror image.
