@@ -106,10 +106,10 @@ def test_frames_may_be_noted_while_a_block_is_settled(
     at_once, by_and_by = (FixedLag(model, SETTINGS, LocalLimbs(model), 0) for _ in range(2))
     expected = [step.solution for step in settled(at_once, seen[:7], doubtful[:7], FPS) if step.solution]
     for frame in range(7):
-        by_and_by.note(seen[frame], (), frame / FPS, doubtful[frame], {})
+        by_and_by.note(Tracked(seen[frame], (), frame / FPS, doubtful[frame], {}))
     found = list[FrameSolution]()
     for step in by_and_by.settle():
-        by_and_by.note(seen[-1], (), 1.0, doubtful[-1], {})
+        by_and_by.note(Tracked(seen[-1], (), 1.0, doubtful[-1], {}))
         found += [] if step.solution is None else [step.solution]
     assert len(found) == len(expected) == BLOCK
     for one, other in zip(found, expected, strict=True):
