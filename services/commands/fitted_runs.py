@@ -17,7 +17,7 @@ from services.mocap.body.measures import measure
 from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.export.formats import FormatName, write_defaults
-from services.mocap.result.layout import journal_of
+from services.mocap.result.layout import CORRECTED_FRAMES, journal_of
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.fit_record import FIT_FOLDER
@@ -25,7 +25,7 @@ from services.mocap.take.layout import ACTOR
 from services.runs.fit import fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
-from services.runs.track import SETTLED, TakeJob
+from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
 _AS_IT_IS = "a second fit, to frames of the whole take, left the body as it is"
@@ -151,7 +151,7 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
 def _completed(job: TakeJob, report: dict[str, Any], actor: Actor) -> dict[str, Any]:
     """The report of the job with the actor of its first run, which drew no overlay; if it went forwards only,
     it is repeated both ways."""
-    if job.search.goes_both_ways and SETTLED not in report:
+    if job.search.goes_both_ways and CORRECTED_FRAMES not in report:
         with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
             fitted, of_first = Path(temporary) / FIT_FOLDER, job.out / FIT_FOLDER
             if job.fitted is None and of_first.exists() and read_actor(of_first / ACTOR) == actor:

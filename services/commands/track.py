@@ -17,6 +17,7 @@ from services.commands.short_help import HelpAllOption
 from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
+from services.mocap.result.layout import CORRECTED_FRAMES
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
@@ -139,7 +140,7 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
 
 def corrected_in_words(report: dict[str, Any]) -> str:
     """Which parts of settled poses moved, from a run.json; empty for none."""
-    corrected: dict[str, int] = report.get("corrected_frames_by_part", {})
+    corrected: dict[str, int] = report.get(CORRECTED_FRAMES, {})
     return ", ".join(
         f"{part.replace('_', ' ')} in {n} frame{'' if n == 1 else 's'}" for part, n in corrected.items()
     )

@@ -17,13 +17,13 @@ _LONGEST_VALUE = 60
 
 
 class FrozenModel(BaseModel):
-    """Data that do not change, without unknown fields and infinite numbers."""
+    """Data that cannot be changed; unknown fields and infinite numbers are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class StrictModel(FrozenModel):
-    """The same, of which no value is converted to the type that was expected."""
+    """The same; values of another type are refused too, such as a number in quotes."""
 
     model_config = ConfigDict(strict=True)
 

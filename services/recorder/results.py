@@ -14,7 +14,7 @@ from services.mocap.export.overlay import write_overlay
 from services.mocap.motion.settings import OutputSettings
 from services.mocap.motion.smoothing import cutoff_of, smoothed
 from services.mocap.result.frame_files import write_frame_files
-from services.mocap.result.layout import OVERLAY, RUN_JSON
+from services.mocap.result.layout import CORRECTED_FRAMES, OVERLAY, RUN_JSON
 from services.mocap.result.result import edited_run, load_result, write_tracked
 from services.mocap.search.best_path import corrected_frames
 from services.mocap.take.folder import Take
@@ -63,7 +63,7 @@ def write_results(
     known = dict(known or {})
     if any(message.settled for message in recorded):
         first_poses = np.array([message.pose for message in collection.first_poses()])
-        known["corrected_frames_by_part"] = corrected_frames(first_poses, poses, body.offsets_m)
+        known[CORRECTED_FRAMES] = corrected_frames(first_poses, poses, body.offsets_m)
     live = is_live(info)
     times_s = increasing(times_s)
     output = output.model_copy(update={"cutoff_hz": cutoff_of(poses, info.fps, output)})

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from services.mocap.export.formats import write_defaults
-from services.mocap.result.layout import LOGS, partial_of
+from services.mocap.result.layout import CORRECTED_FRAMES, LOGS, partial_of
 from services.mocap.result.result import edited_run, load_result
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
@@ -24,8 +24,6 @@ from services.runs.local_run import Job, Plan, keep_logs, run_services, written_
 from services.runs.progress import Progress
 from services.segmentation.segmenters import chosen_segmenter
 
-SETTLED = "corrected_frames_by_part"
-"""The entry of run.json that only a run both ways has."""
 _ALONE_S = 2.0
 
 
@@ -66,7 +64,7 @@ def track(
         report = _completed(folder, job)
         keep_logs(logs, folder)
         write_defaults(folder, load_result(folder), ("report",), warn)
-        is_settled = SETTLED in report or not job.search.goes_both_ways
+        is_settled = CORRECTED_FRAMES in report or not job.search.goes_both_ways
         if is_settled and report["take"]["frames"] == len(job.frames):
             return report
     if was_stopped:

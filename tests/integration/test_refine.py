@@ -22,7 +22,7 @@ from services.mocap.body.bones import BONES
 from services.mocap.body.measures import measure
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import UserError
-from services.mocap.result.layout import journal_of, partial_of
+from services.mocap.result.layout import CORRECTED_FRAMES, journal_of, partial_of
 from services.mocap.result.result import load_result
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, write_actor
@@ -31,7 +31,7 @@ from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
 from services.runs import Interrupted
 from services.runs.fit import TakeFit, fit_take, init_frames
-from services.runs.track import SETTLED, TakeJob
+from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -243,7 +243,7 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     monkeypatch.setattr("services.commands.fitted_runs.track_with_bar", tracked_both_ways)
     settled = track_again(replace(job, search=SearchSettings()), report, is_asked_for=True)
     assert settled == {"speed": {"fps": 2.0}}, "the first run went one way only"
-    went_both_ways = report | {SETTLED: {}}
+    went_both_ways = report | {CORRECTED_FRAMES: {}}
     assert (
         track_again(replace(job, search=SearchSettings()), went_both_ways, is_asked_for=True)
         is went_both_ways

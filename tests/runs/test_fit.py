@@ -24,9 +24,7 @@ from services.mocap.energy.bitplanes import TriPlanes, pack, trimap_of, unpack
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit
-from services.mocap.fit.quality import FitQuality, quality_of
-from services.mocap.search.first_pose import FirstPose
-from services.mocap.search.found import FrameSolution
+from services.mocap.fit.quality import quality_of
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import read_actor, take_actor
@@ -36,7 +34,7 @@ from services.mocap.take.settings import write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Floats, Mask
 from services.runs import fit as fit_module
-from services.runs.facing import fit_best_way_round, tracked_px
+from services.runs.facing import tracked_px
 from services.runs.fit import TakeFit, concluded, fit_take, init_frames
 from services.runs.fit_files import write_fit
 from services.runs.take_silhouettes import seen_of
@@ -119,47 +117,6 @@ def test_the_fit_starts_near_the_actor(found: TakeFit) -> None:
     assert found.start == Actor(height=1.75)  # take.toml says so
     assert found.fit.before.iou.mean() > 0.85
     assert found.actor.height == 1.7654
-
-
-@pytest.mark.parametrize(
-    ("opposite_px", "fits_px", "motions_px", "chosen", "is_told"),
-    [
-        (None, {1.0: 50.0}, {}, 1.0, False),
-        (1300.0, {1.0: 50.0}, {}, 1.0, False),
-        (1100.0, {1.0: 50.0, 2.0: 60.0}, {}, 1.0, False),
-        (1100.0, {1.0: 50.0, 2.0: 40.0}, {}, 2.0, False),
-        (1000.0, {1.0: 50.0, 2.0: 49.0}, {1.0: 300.0, 2.0: 290.0}, 2.0, True),
-        (1000.0, {1.0: 50.0, 2.0: 49.0}, {1.0: 200.0, 2.0: 290.0}, 1.0, False),
-    ],
-)
-def test_the_fit_decides_between_opposite_first_poses(
-    found: TakeFit,
-    opposite_px: float | None,
-    fits_px: dict[float, float],
-    motions_px: dict[float, float],
-    chosen: float,
-    is_told: bool,
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    """Poses are 1 and 2 all over; is_told: whether a warning says that it is uncertain."""
-    shares, tried = list[float](), list[float]()
-
-    def fit(pose: Floats, told: Callable[[float], None]) -> Fit:
-        tried.append(float(pose[0]))
-        for share in (0.0, 1.0):
-            told(share)
-        after = FitQuality(np.array([fits_px[tried[-1]]]), np.ones((1, 3)))
-        return replace(found.fit, poses=pose[None], after=after)
-
-    ones = np.ones(len(DOFS))
-    opposite = None if opposite_px is None else FrameSolution(2.0 * ones, opposite_px)
-    first = FirstPose(FrameSolution(ones, 1000.0), opposite)
-    way = fit_best_way_round(first, fit, lambda fitted: motions_px[fitted.poses[0, 0]], shares.append)
-    assert way.pose.tolist() == way.fit.poses[0].tolist() == (chosen * ones).tolist()
-    assert tried == list(fits_px)
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-    assert ("the other way fits nearly as well" in caplog.text) is is_told
 
 
 def test_tracking_on_from_the_truth_costs_less_than_from_the_opposite(folder: Path, found: TakeFit) -> None:

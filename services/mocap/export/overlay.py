@@ -144,7 +144,7 @@ class OverlayWriter:
     size_px: tuple[int, int]
     video: VideoWriter
     pool: ThreadPoolExecutor
-    """What is done for each camera is done at the same time."""
+    """Reads and draws all cameras at the same time."""
 
     def add(
         self,

@@ -12,6 +12,8 @@ BVH, GLB, TRC, C3D = "motion.bvh", "motion.glb", "motion.trc", "motion.c3d"
 ANGLES, TIMINGS, ENERGIES = "angles.csv", "timings.csv", "energies.csv"
 POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET = "poses.parquet", "joints.parquet", "angles.parquet"
 OVERLAY, REPORT, RUN_JSON, LOGS = "overlay.mp4", "report.html", "run.json", "logs"
+CORRECTED_FRAMES = "corrected_frames_by_part"
+"""The entry of run.json that only results have that were tracked both ways."""
 KNOWN = {
     *(POSES, POSES_SMOOTH, JOINTS, BVH, GLB, TRC, C3D, ANGLES, TIMINGS, ENERGIES),
     *(POSES_PARQUET, JOINTS_PARQUET, ANGLES_PARQUET, OVERLAY, REPORT, RUN_JSON, LOGS),

@@ -1,0 +1,55 @@
+"""Which way round the actor is: how a fit decides between opposite first poses."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from services.mocap.body.actor import Actor
+from services.mocap.body.skeleton import DOFS
+from services.mocap.fit.fitting import Fit
+from services.mocap.fit.quality import FitQuality
+from services.mocap.search.first_pose import FirstPose
+from services.mocap.search.found import FrameSolution
+from services.mocap.types import Floats
+from services.runs.facing import fit_best_way_round
+
+
+@pytest.mark.parametrize(
+    ("opposite_px", "fits_px", "motions_px", "chosen", "is_told"),
+    [
+        (None, {1.0: 50.0}, {}, 1.0, False),
+        (1300.0, {1.0: 50.0}, {}, 1.0, False),
+        (1100.0, {1.0: 50.0, 2.0: 60.0}, {}, 1.0, False),
+        (1100.0, {1.0: 50.0, 2.0: 40.0}, {}, 2.0, False),
+        (1000.0, {1.0: 50.0, 2.0: 49.0}, {1.0: 300.0, 2.0: 290.0}, 2.0, True),
+        (1000.0, {1.0: 50.0, 2.0: 49.0}, {1.0: 200.0, 2.0: 290.0}, 1.0, False),
+    ],
+)
+def test_the_fit_decides_between_opposite_first_poses(
+    opposite_px: float | None,
+    fits_px: dict[float, float],
+    motions_px: dict[float, float],
+    chosen: float,
+    is_told: bool,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Poses are 1 and 2 all over; is_told: whether a warning says that it is uncertain."""
+    shares, tried = list[float](), list[float]()
+
+    def fit(pose: Floats, told: Callable[[float], None]) -> Fit:
+        tried.append(float(pose[0]))
+        for share in (0.0, 1.0):
+            told(share)
+        quality = FitQuality(np.array([fits_px[tried[-1]]]), np.ones((1, 3)))
+        return Fit(Actor(), pose[None], quality, quality)
+
+    ones = np.ones(len(DOFS))
+    opposite = None if opposite_px is None else FrameSolution(2.0 * ones, opposite_px)
+    first = FirstPose(FrameSolution(ones, 1000.0), opposite)
+    way = fit_best_way_round(first, fit, lambda fitted: motions_px[fitted.poses[0, 0]], shares.append)
+    assert way.pose.tolist() == way.fit.poses[0].tolist() == (chosen * ones).tolist()
+    assert tried == list(fits_px)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert ("the other way fits nearly as well" in caplog.text) is is_told
