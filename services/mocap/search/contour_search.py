@@ -41,6 +41,10 @@ _CLEARLY = 0.95
 """Pairs of limbs move only if less than this share of the energy is left: exchanged legs look much alike."""
 
 
+_SURE = 0.99
+"""A thorough search leaves out limbs with this confidence that do not differ."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Seen:
     """A pose with the pixels that the model covers, and its cost."""
@@ -187,16 +191,22 @@ def solve_by_contours(
     The whole body is aligned with the contours. Then limbs (and the head) that something differs near by more
     than the rim are searched by XOR, as in the paper's passes, and all is aligned again: what an alignment
     cannot do is to jump. A first round searches about the alignment; further rounds, as long as they help,
-    farther about where the limbs were expected. thorough: all limbs are searched far, differing or not.
+    farther about where the limbs were expected. thorough: limbs are searched far, differing or not, unless
+    they are sure.
     """
     search = _Search(model, settings.cost.priced(whole), settings, limbs)
     expected = search.best_of(starts)
     best = search.align(expected)
     left, gained = search.differences(best), False
     farther = settings.widened().model_copy(update={"windows": False})
-    everything = thorough or settings.search_limbs == "always"
     differing = trust.to_search(left)
-    parts = list[Part](LIMBS) if everything else differing
+    parts = differing
+    if settings.search_limbs == "always":
+        parts = list[Part](LIMBS)
+    elif thorough:
+        rim = best.aligned.rim
+        sure = confidences(evidence_of(rim, left.nearest_px, best.pose), rim)
+        parts = [part for part in LIMBS if part in differing or sure.get(part, 0.0) < _SURE]
     if settings.search_limbs == "never":
         parts = []
     searched = set(parts) & set(differing)  # others that were searched in vain need no rest
