@@ -100,7 +100,7 @@ def conclude(folder: Path, take: Path | None, port: int | None, *, strict: bool)
         say(f"  overlap of body and silhouettes: {verdict.typical_iou:.2f}, lowest in {lowest}: "
             f"{verdict.iou[lowest]:.2f} ({IOU_IN_WORDS})")  # fmt: skip
     for cause in verdict.causes:
-        say(f"  {'remark' if cause.level == 'good' else 'cause'}: {cause}")
+        say(f"  {cause.kind}: {cause}")
     if port is not None:
         view(folder, take, port)
     if strict and verdict.level == "not usable":

@@ -37,9 +37,9 @@ from services.mocap.take.writer import VideoWriter, video_writer
 from services.mocap.types import Bytes, Mask
 from services.mocap.verdict.verdict import WHOLE_BODY, Verdict, frame_in_words
 
-HEADER_PX = 60
-"""Height of the two lines of text above the tiles."""
-_LINES_PX = 27, 50
+HEADER_PX, CAUSE_PX = 60, 22
+"""Heights of the two lines of text above the tiles, and of a third one where the verdict has a cause."""
+_LINES_PX = 27, 50, 72
 """Their base lines."""
 _CRF, _PRESET = 20, "veryfast"  # for looking at; takes half as long as x264's usual preset
 _WHITE_BGR = (255, 255, 255)
@@ -61,16 +61,15 @@ def write_overlay(
 ) -> None:
     """Draw poses of frames of a take in their order; a camera without a video shows its silhouettes.
 
-    fps: poses per second. verdict: on the whole result, written over every frame; in each frame its doubtful
-    parts are hatched. hurry: called at every frame; if it returns True nothing is written.
+    fps: poses per second. verdict: on the whole result, written with its first cause over every frame, in
+    which doubtful parts are hatched. hurry: called at every frame; if it returns True nothing is written.
     """
     shown = table.frames_shown
     painter = ModelPainter(body, Rig.of(take.cameras))
-    title = " - ".join(filter(None, (verdict.headline, verdict.doubts_in_words)))
     with suppress(_Hurried), ExitStack() as stack:
         first, stop = int(shown[0]), int(shown[-1]) + 1
         of_cameras = [pictures_of(take, camera, first, stop, stack) for camera in take.cameras]
-        writer = stack.enter_context(overlay_writer(path, take.cameras, fps, title=title))
+        writer = stack.enter_context(overlay_writer(path, take.cameras, fps, verdict=verdict))
         marks, at = table.marks, first
         for n, frame in enumerate(table.frames.tolist()):
             if hurry():
@@ -91,7 +90,7 @@ def write_overlay(
                 masks,
                 float(table.energies_px[n]),
                 doubtful=doubtful,
-                verdict=frame_in_words(marked) if marked else "",
+                words=frame_in_words(marked) if marked else "",
             )
 
 
@@ -117,21 +116,27 @@ def pictures_of(take: Take, camera: Camera, start: int, stop: int, stack: ExitSt
 
 @contextmanager
 def overlay_writer(
-    path: Path, cameras: Sequence[Camera], fps: float, *, tile_width_px: int = 480, title: str = ""
+    path: Path,
+    cameras: Sequence[Camera],
+    fps: float,
+    *,
+    tile_width_px: int = 480,
+    verdict: Verdict | None = None,
 ) -> Iterator["OverlayWriter"]:
     """Write the overlay, one frame for each `add`, as H.264 that browsers play.
 
     The file appears if the block ends without an exception; otherwise nothing is left. A block that adds no
     frame ends in ValueError. path: of the .mp4. cameras: in the order of what `add` takes. tile_width_px: of
-    one camera's tile, made even. title: the second line over every frame.
+    one camera's tile, made even. verdict: on all frames; it and its first cause stand over every one.
     """
     grid = grid_for(cameras, tile_width_px)
-    size_px = (grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px + HEADER_PX)  # both even
+    header_px = HEADER_PX + (CAUSE_PX if verdict is not None and verdict.causes else 0)
+    size_px = (grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px + header_px)  # both even
     with (
         video_writer(path, *size_px, fps, _CRF, preset=_PRESET) as video,
         ThreadPoolExecutor(os.cpu_count()) as pool,
     ):
-        yield OverlayWriter(cameras, title, grid, size_px, video, pool)
+        yield OverlayWriter(cameras, verdict, grid, header_px, size_px, video, pool)
 
 
 @dataclass(frozen=True)
@@ -139,8 +144,9 @@ class OverlayWriter:
     """Draws frames of the overlay and writes them into a video of size_px (width, height)."""
 
     cameras: Sequence[Camera]
-    title: str
+    verdict: Verdict | None
     grid: Grid
+    header_px: int
     size_px: tuple[int, int]
     video: VideoWriter
     pool: ThreadPoolExecutor
@@ -155,19 +161,19 @@ class OverlayWriter:
         energy: float,
         *,
         doubtful: Sequence[Mask] | None = None,
-        verdict: str = "",
+        words: str = "",
     ) -> None:
         """Draw and write one frame.
 
         pictures: per camera, undistorted (H, W, 3). segment_masks: per camera (H, W), 0 = no model,
         1 = centre, 2 = left limb, 3 = right limb; or (C, H, W). energy: in pixels. doubtful: per camera
-        (H, W), what is hatched. verdict: on this frame, in words; it is red where something is doubtful.
+        (H, W), what is hatched. words: the verdict on this frame; red where something is doubtful, green only
+        where no frame is.
         Raises ValueError on a number or size of them that is not the cameras'.
         """
         sheet = np.zeros((*self.size_px[::-1], 3), np.uint8)
-        frame = f"frame {frame_index}    {time_s:.3f} s    energy {energy:.0f} px"
-        colour_bgr = CENTRE_BGR if doubtful is None else DOUBTFUL_TEXT_BGR
-        _write_header(sheet, frame, verdict, colour_bgr, self.title)
+        frame = f"frame {frame_index}    {time_s:.3f} s"
+        self._write_header(sheet, frame, words, energy, is_doubtful=doubtful is not None)
 
         def draw(index: int, of_camera: tuple[Camera, Bytes, Bytes, Mask | None]) -> None:
             camera, picture, mask, hatch = of_camera
@@ -178,27 +184,36 @@ class OverlayWriter:
                     )
             tile = draw_tile(picture, mask, self.grid, hatch)
             write_text(tile, camera.name, (8, 22), _WHITE_BGR, _TEXT_SCALE)
-            self.grid.place(sheet[HEADER_PX:], index)[:] = tile
+            self.grid.place(sheet[self.header_px :], index)[:] = tile
 
         hatched = [None] * len(self.cameras) if doubtful is None else doubtful
         inputs = list(zip(self.cameras, pictures, segment_masks, hatched, strict=True))
         list(self.pool.map(draw, range(len(inputs)), inputs))
         self.video.write(sheet)
 
+    def _write_header(
+        self, sheet: Bytes, frame: str, words: str, energy: float, *, is_doubtful: bool
+    ) -> None:
+        """The frame, the verdict on it, its energy, and the colours of the limbs where there is room.
 
-def _write_header(
-    sheet: Bytes, frame: str, verdict: str, colour_bgr: tuple[int, int, int], title: str
-) -> None:
-    """The frame, its verdict in its colour, and the colours of the limbs where there is room; below it the
-    title."""
-    baseline, below = _LINES_PX
-    write_text(sheet, title, (10, below), _WHITE_BGR, _TITLE_SCALE)
-    end = write_text(sheet, frame, (10, baseline), _WHITE_BGR, _TEXT_SCALE)
-    end = write_text(sheet, verdict, (end + 24, baseline), colour_bgr, _TEXT_SCALE)
-    x = sheet.shape[1] - 110
-    if x > end:
-        x = write_text(sheet, "left", (x, baseline), LEFT_BGR, _TEXT_SCALE)
-        write_text(sheet, "right", (x + 10, baseline), RIGHT_BGR, _TEXT_SCALE)
+        Below it the verdict on all frames, and its first cause.
+        """
+        baseline, below, lowest = _LINES_PX
+        colour_bgr = DOUBTFUL_TEXT_BGR if is_doubtful else _WHITE_BGR
+        if (verdict := self.verdict) is not None:
+            if verdict.level == "good" and not is_doubtful:
+                colour_bgr = CENTRE_BGR
+            title = " - ".join(filter(None, (verdict.headline, verdict.doubts_in_words)))
+            write_text(sheet, title, (10, below), _WHITE_BGR, _TITLE_SCALE)
+            for cause in verdict.causes[:1]:
+                write_text(sheet, f"{cause.kind}: {cause}", (10, lowest), _WHITE_BGR, _TITLE_SCALE)
+        end = write_text(sheet, frame, (10, baseline), _WHITE_BGR, _TEXT_SCALE)
+        end = write_text(sheet, words, (end + 24, baseline), colour_bgr, _TEXT_SCALE)
+        end = write_text(sheet, f"energy {energy:.0f} px", (end + 24, baseline), _WHITE_BGR, _TEXT_SCALE)
+        x = sheet.shape[1] - 110
+        if x > end:
+            x = write_text(sheet, "left", (x, baseline), LEFT_BGR, _TEXT_SCALE)
+            write_text(sheet, "right", (x + 10, baseline), RIGHT_BGR, _TEXT_SCALE)
 
 
 def draw_frame(result: Result, take: Take, camera: str, frame: int, *, width_px: int | None = None) -> Bytes:

@@ -91,7 +91,7 @@ def level_of(distrusted: Mask, lost_limbs: float, iou: Mapping[str, Floats]) -> 
 
 
 def _causes_of(result: Result, iou: Mapping[str, Floats]) -> tuple[Cause, ...]:
-    """The causes, those found before the run first. iou: (N,) by camera."""
+    """The causes, those found before the run first, then the remarks. iou: (N,) by camera."""
     try:
         before = [Cause.model_validate(entry) for entry in result.run.get(CHECKS, [])]
     except (ValidationError, TypeError):
@@ -99,7 +99,7 @@ def _causes_of(result: Result, iou: Mapping[str, Floats]) -> tuple[Cause, ...]:
         raise TakeError(f"{where}: expected what xormocap track wrote: remove this entry") from None
     explained = {name for name in iou for cause in before if re.search(rf"\b{re.escape(name)}\b", cause.what)}
     found = (*_body(result), *_cameras(result, iou, explained), *_moments(result, iou, explained))
-    return (*before, *found)
+    return tuple(sorted((*before, *found), key=lambda cause: cause.kind == "remark"))
 
 
 def _body(result: Result) -> Iterator[Cause]:

@@ -48,6 +48,11 @@ class Cause(FrozenModel):
     level: Level
     """The best level that a result with it can have; `good` for a remark."""
 
+    @property
+    def kind(self) -> Literal["cause", "remark"]:
+        """What it is called: a remark does no harm."""
+        return "remark" if self.level == "good" else "cause"
+
     def __str__(self) -> str:
         return f"{self.what}: {self.remedy}" if self.remedy else self.what
 

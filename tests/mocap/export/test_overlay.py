@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from services.mocap.camera.camera import Camera
-from services.mocap.export.overlay import HEADER_PX, OverlayWriter, overlay_writer
+from services.mocap.export.overlay import CAUSE_PX, HEADER_PX, OverlayWriter, overlay_writer
 from services.mocap.export.tiles import (
     CENTRE_BGR,
     LEFT_BGR,
@@ -17,8 +17,10 @@ from services.mocap.export.tiles import (
     SILHOUETTE_GROUND_GREY,
     grid_for,
     trimap_picture,
+    write_text,
 )
 from services.mocap.types import ACTOR, Bytes
+from services.mocap.verdict.verdict import LEVELS, Cause, Level, Verdict
 
 GROUND = 100
 HALF_WAY = {
@@ -29,6 +31,11 @@ HALF_WAY = {
 
 def camera(name: str = "cam01", width_px: int = 160, height_px: int = 120) -> Camera:
     return Camera(name, width_px, height_px, np.eye(3), np.zeros(4), np.eye(3), np.zeros(3))
+
+
+def verdict_on(level: Level, *causes: Cause) -> Verdict:
+    """A verdict on a frame with these causes."""
+    return Verdict(level=level, frames=1, doubtful_frames=0, lost_frames=0, doubts=(), iou={}, causes=causes)
 
 
 def ground(camera: Camera, grey: int = GROUND) -> Bytes:
@@ -222,9 +229,10 @@ def test_doubtful_parts_are_hatched_and_the_header_says_so(tmp_path: Path) -> No
     cam, none = camera("cam01"), np.zeros((1, 120, 160), np.uint8)
     doubtful = np.zeros((120, 160), bool)
     doubtful[40:100, 40:120] = True
-    with overlay_writer(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=320, title="not usable") as overlay:
-        overlay.add(0, 0.0, [ground(cam, 128)], none, 0.0, verdict="good")
-        overlay.add(1, 0.0, [ground(cam, 128)], none, 0.0, doubtful=[doubtful], verdict="doubtful: head")
+    verdict = verdict_on("not usable")
+    with overlay_writer(tmp_path / "o.mp4", [cam], 25.0, tile_width_px=320, verdict=verdict) as overlay:
+        overlay.add(0, 0.0, [ground(cam, 128)], none, 0.0, words="good")
+        overlay.add(1, 0.0, [ground(cam, 128)], none, 0.0, doubtful=[doubtful], words="doubtful: head")
     plain, marked = (sheet.astype(int) for sheet in decoded(tmp_path / "o.mp4"))
     red = marked[..., 2] - marked[..., :2].max(axis=-1) > 40
     inside, tile = red[HEADER_PX + 84 : HEADER_PX + 196, 84:236], red[HEADER_PX:]
@@ -232,6 +240,57 @@ def test_doubtful_parts_are_hatched_and_the_header_says_so(tmp_path: Path) -> No
     assert tile.sum() < 1.2 * inside.sum()  # and nowhere else
     assert red[:30].any() and not (plain[..., 2] - plain[..., :2].max(axis=-1) > 40)[:30, :200].any()
     assert plain[32:HEADER_PX, :90].max() > 200  # the title
+
+
+def test_good_is_green_only_where_all_frames_are(tmp_path: Path) -> None:
+    cam, none = camera("cam01"), np.zeros((1, 120, 160), np.uint8)
+    greens = {}
+    for level in LEVELS:
+        with overlay_writer(tmp_path / "o.mp4", [cam], 25.0, verdict=verdict_on(level)) as overlay:
+            overlay.add(0, 0.0, [ground(cam)], none, 0.0)
+            overlay.add(1, 0.0, [ground(cam)], none, 0.0, words="good")
+        unjudged, judged = (sheet[:HEADER_PX].astype(int) for sheet in decoded(tmp_path / "o.mp4"))
+        assert np.abs(judged - unjudged).max() > 100, "good is written at every level"
+        greens[level] = bool((judged[..., 1] - judged[..., [0, 2]].max(axis=-1) > 40).any())
+    assert greens == {"good": True, "usable with gaps": False, "not usable": False}
+
+
+@pytest.mark.parametrize("count", [1, 8])
+def test_the_first_cause_is_a_line_of_its_own_that_fits_the_sheet(count: int, tmp_path: Path) -> None:
+    cameras = [camera(f"cam{i}") for i in range(count)]
+    short, long = (Cause(what=what, remedy="", level="not usable") for what in ("cam01 late", 100 * "late "))
+    sheets = {}
+    for name, causes in {"none": (), "short": (short,), "both": (short, long), "long": (long, short)}.items():
+        verdict, path = verdict_on("not usable", *causes), tmp_path / f"{name}.mp4"
+        with overlay_writer(path, cameras, 25.0, tile_width_px=480, verdict=verdict) as overlay:
+            none = np.zeros((count, 120, 160), np.uint8)
+            overlay.add(0, 0.0, [ground(cam) for cam in cameras], none, 0.0)
+        sheets[name] = decoded(path)[0].astype(int)
+    height, width, _ = sheets["none"].shape
+    assert {name: sheet.shape[0] - height for name, sheet in sheets.items()} == {
+        "none": 0, "short": CAUSE_PX, "both": CAUSE_PX, "long": CAUSE_PX,
+    }  # fmt: skip
+    lines = {name: sheet[HEADER_PX : HEADER_PX + CAUSE_PX] for name, sheet in sheets.items()}
+    assert np.abs(lines["short"] - lines["both"]).max() < 40, "only the first one is written"
+    columns = np.flatnonzero((lines["long"].max(axis=-1) > 150).any(axis=0))
+    assert 0.9 * width < columns.max() < width - 3
+    last = lines["long"][:, columns.max() - 6 : columns.max() + 1].max(axis=-1) > 120
+    assert not last[:8].any() and last[8:14].any(), "it ends in dots, which lie on the base line"
+
+
+@pytest.mark.parametrize("width_px", [20, 60, 150, 300, 900])
+def test_text_never_goes_beyond_the_picture(width_px: int) -> None:
+    words = "cam03 agrees less with the body than the others"
+    picture, alone = np.zeros((40, width_px, 3), np.uint8), np.zeros((40, 900, 3), np.uint8)
+    end = write_text(picture, words, (10, 25), (255, 255, 255), 0.5)
+    whole = write_text(alone, words, (10, 25), (255, 255, 255), 0.5)
+    if width_px == 900:
+        assert end == whole and np.array_equal(picture, alone)
+        return
+    assert 10 <= end <= width_px - 4 or (width_px == 20 and not picture.any())
+    assert not picture[:, width_px - 3 :].any()
+    kept = max(end - 30, 10)
+    assert np.array_equal(picture[:, :kept], alone[:, :kept]), "it begins as the whole text does"
 
 
 def _too_few_masks(overlay: OverlayWriter, cam: Camera) -> None:
