@@ -12,7 +12,7 @@ from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import SIDES, sided
 from services.mocap.body.skeleton_table import ROWS
 from services.mocap.motion.angles import ANGLES, Angle, joint_angles_deg
-from services.mocap.take.marks import DISTRUSTED, PARTS
+from services.mocap.take.marks import DISTRUSTED, PARTS, doubtful_parts
 from services.mocap.take.quantities import QUANTITIES, STAGES, Quantity
 from services.mocap.types import Floats, Ints, Mask
 from services.viewer.frame_history import FrameHistory, Stretch
@@ -79,8 +79,8 @@ class Charts:
         if chart is None:
             return None
         known = self._history.sampled(MOST_FRAMES)
-        marked = [PARTS.index(part) for part in PARTS if part in (*chart.parts, "torso")]
-        doubtful: Mask = np.any(known.of(DISTRUSTED)[:, marked] > 0, axis=1)
+        marked = [part in chart.parts for part in PARTS]
+        doubtful: Mask = np.any(doubtful_parts(known.of(DISTRUSTED) > 0)[:, marked], axis=1)
         return Drawn(chart, known.frames, chart.values_of(known), doubtful)
 
     def note_delay(self, frame: int, behind_s: float) -> None:

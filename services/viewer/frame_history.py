@@ -9,7 +9,7 @@ import numpy as np
 
 from services.blob_store import keep_latest
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.take.marks import DISTRUSTED, PARTS
+from services.mocap.take.marks import DISTRUSTED, PARTS, doubtful_parts, judged_parts
 from services.mocap.take.quantities import QUANTITIES
 from services.mocap.types import Floats, Ints, Mask
 from services.viewer.metrics import FRAMES
@@ -83,8 +83,10 @@ class Overview:
     """(B,) bins with a solved frame."""
     energy_px: Floats
     """(B,) the largest energy; 0 if unknown."""
-    distrusted: Mask
-    """(B, 6) bins with a frame in which a part is unreliable, by part."""
+    doubtful: Mask
+    """(B, 6) bins with a frame in which a part is doubtful, by part."""
+    unjudged: Mask
+    """(B, 6) bins with a frame in which nobody judged a part."""
 
 
 class FrameHistory:
@@ -110,7 +112,8 @@ class FrameHistory:
         self._latest: dict[int, SolvedFrame] = {}
         self._fetched: OrderedDict[int, SolvedFrame] = OrderedDict()
         bins = min(_MOST_BINS, max(len(self.extent), 1))
-        self._overview = Overview(np.zeros(bins, bool), np.zeros(bins), np.zeros((bins, len(PARTS)), bool))
+        none = np.zeros((bins, len(PARTS)), bool)
+        self._overview = Overview(np.zeros(bins, bool), np.zeros(bins), none, none.copy())
         self._doubtful: Mask = np.zeros(len(frames), bool)
         """Of each frame of the range, also of those that have left memory: one byte a frame."""
         self.version = 0
@@ -153,10 +156,11 @@ class FrameHistory:
             for frame in (solved.frame, solved.frame - 1)
         )
         if solved.settled and at != before:  # settled frames come in order, and replace the first ones
-            overview.energy_px[at], overview.distrusted[at] = 0.0, False
+            overview.energy_px[at], overview.doubtful[at], overview.unjudged[at] = 0.0, False, False
         overview.known[at] = True
         overview.energy_px[at] = max(overview.energy_px[at], solved.energy_px)
-        overview.distrusted[at] |= solved.distrusted
+        overview.doubtful[at] |= doubtful_parts(solved.distrusted)
+        overview.unjudged[at] |= ~judged_parts(solved.of("confidence"), solved.distrusted)
         self._doubtful[solved.frame - self.frames.start] = solved.distrusted.any()
         self.version += 1
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from services.mocap.body.colours import parts_of_classes
 from services.mocap.export.tiles import BEYOND_BGR, CLASSES_BGR, MISSED_BGR
-from services.mocap.take.marks import PARTS
+from services.mocap.take.marks import PARTS, judged_parts
 from services.mocap.take.quantities import STAGES
 from services.mocap.verdict.verdict import frame_in_words, part_in_words
 from services.viewer.charts import Drawn
@@ -64,7 +64,7 @@ def frame_words(solved: SolvedFrame, player: Player, behind_s: float | None) -> 
     """The shown frame."""
     frames, extent = player.history.frames, player.history.extent
     seconds = float(solved.of("seconds")[STAGES.index("frame")])
-    is_judged = not np.isnan(solved.of("confidence")).all() or solved.distrusted.any()
+    is_judged = judged_parts(solved.of("confidence"), solved.distrusted).any()
     return {
         "frame": solved.frame,
         "last": extent[-1] if extent == frames else None,  # None: nobody knows how many will come
@@ -79,10 +79,10 @@ def frame_words(solved: SolvedFrame, player: Player, behind_s: float | None) -> 
 
 
 def timeline_message(history: FrameHistory) -> Message:
-    """The whole take in B bins: known (B) and distrusted (B, 6) as bytes, the energy (B) as float32."""
+    """The whole take in B bins: known (B), doubtful, unjudged (B, 6) as bytes, the energy (B) as float32."""
     overview, extent = history.overview(), history.extent
-    known, distrusted = overview.known.astype(np.uint8), overview.distrusted.astype(np.uint8)
-    blobs = [known.tobytes(), distrusted.tobytes(), overview.energy_px.astype("<f4").tobytes()]
+    flags = (overview.known, overview.doubtful, overview.unjudged)
+    blobs = [*(of.astype(np.uint8).tobytes() for of in flags), overview.energy_px.astype("<f4").tobytes()]
     return blobs, {"first": extent.start, "frames": len(extent)}
 
 

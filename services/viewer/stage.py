@@ -9,8 +9,8 @@ from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import SEGMENT_JOINTS, joint_positions
 from services.mocap.body.skeleton import DOFS, JOINT_INDEX, SEGMENT_JOINT, SEGMENT_NAMES
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
-from services.mocap.search.error_by_part import PART_STAGES
-from services.mocap.take.marks import PARTS
+from services.mocap.search.error_by_part import SEGMENT_PARTS
+from services.mocap.take.marks import doubtful_parts
 from services.mocap.types import Bytes, Floats, Mask
 from services.viewer.frame_history import SolvedFrame
 from services.viewer.show import SEGMENT_PARENTS, Show, lenses_of, placed_segments
@@ -84,10 +84,7 @@ class Stage:
         pelvis.position = root_m
         if not pelvis.visible:  # and with it all others
             pelvis.visible = True
-        # Where the torso is wrong, all segments are.
-        red: Mask = np.full(len(SEGMENT_NAMES), bool(solved.distrusted[PARTS.index("torso")]))
-        for part, stage in PART_STAGES.items():
-            red[list(stage.segments)] |= solved.distrusted[PARTS.index(part)]
+        red = doubtful_parts(solved.distrusted)[SEGMENT_PARTS]
         for s in np.flatnonzero(red != self._red).tolist():
             self._segments[s].color = DISTRUSTED_RGB if red[s] else rgb_of(SEGMENT_NAMES[s])
         self._red = red

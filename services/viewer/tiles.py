@@ -22,7 +22,7 @@ from services.mocap.export.tiles import (
 from services.mocap.search.chains import window_origins_px, window_size_px
 from services.mocap.search.error_by_part import PART_STAGES
 from services.mocap.take.marks import Part
-from services.mocap.types import Bytes
+from services.mocap.types import Bytes, Mask
 from services.viewer.frame_history import SolvedFrame
 from services.viewer.pictures import Pictures, Segmented
 
@@ -91,29 +91,42 @@ class TileArtist:
 
     def _draw(self, solved: SolvedFrame, look: Look) -> tuple[Tile, ...]:
         masks = self._painter.segment_masks(solved.pose)
+        doubtful = self._painter.doubtful(solved.pose, solved.distrusted)
         windows = [(slice(None), slice(None))] * self._rig.n_cameras
         if look.part is not None:  # where it is searched
             stage = PART_STAGES[look.part]
             size = window_size_px(stage, self._rig)
             origins_px = window_origins_px(stage, solved.pose, self._body, self._rig)
             windows = [(slice(y, y + size), slice(x, x + size)) for x, y in origins_px.tolist()]
-        return tuple(self._tile(solved.frame, c, masks[c], windows[c], look) for c in look.cameras)
+        return tuple(
+            self._tile(solved.frame, c, masks[c], None if doubtful is None else doubtful[c], windows[c], look)
+            for c in look.cameras
+        )
 
-    def _tile(self, frame: int, camera: int, model: Bytes, window: tuple[slice, slice], look: Look) -> Tile:
+    def _tile(
+        self,
+        frame: int,
+        camera: int,
+        model: Bytes,
+        doubtful: Mask | None,
+        window: tuple[slice, slice],
+        look: Look,
+    ) -> Tile:
         picture = None if look.content == "silhouettes" else self._pictures.picture(camera, frame)
         is_needed = picture is None or look.content != "pictures"  # making silhouettes may be expensive
         segmented = self._pictures.segmented(camera, frame) if is_needed else None
         background, model = _background(picture, segmented, model.shape)[window], model[window]
         height = max(2, round(look.tile_width_px * model.shape[0] / model.shape[1]))
         grid = Grid(1, 1, look.tile_width_px, height)
+        hatched = None if doubtful is None else doubtful[window]
         seen = None if segmented is None else segmented.trimap[window]
         classes = None if segmented is None or segmented.classes is None else segmented.classes[window]
         if look.content == "difference" and seen is not None:
-            drawn = draw_difference(_faded(background), seen, model, grid)
+            drawn = draw_difference(_faded(background), seen, model, grid, hatched)
         elif look.content == "colours" and classes is not None:
             drawn = draw_classes(_faded(background), classes, model, grid)
         else:
-            drawn = draw_outline(background, model, grid)
+            drawn = draw_outline(background, model, grid, hatched)
         differing = None if seen is None else int(np.count_nonzero(differing_pixels(seen, model)))
         jpeg = cv2.imencode(".jpg", drawn, _JPEG)[1]
         missing = ""

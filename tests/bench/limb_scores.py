@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.take.marks import PARTS, Marks, Part
+from services.mocap.take.marks import PARTS, Marks, Part, doubtful_parts
 from services.mocap.take.tables import REFERENCE_JOINTS
 from services.mocap.types import Floats, Mask
 
@@ -40,7 +40,6 @@ _ON_TRUNK = {
 """Pair of joints that spans a frame -> the joints whose place in it is a matter of definition."""
 _INDEX = {name: j for j, name in enumerate(REFERENCE_JOINTS)}
 _LIMB_PARTS = [PARTS.index(limb) for limb in LIMBS]
-_TORSO = PARTS.index("torso")
 
 
 @dataclass(frozen=True)
@@ -95,10 +94,10 @@ def limb_errors_mm(found_mm: Floats, true_mm: Floats) -> Floats:
 
 
 def marked_limbs(marks: Marks | None, n_frames: int) -> Mask:
-    """(F, 4) whether each of LIMBS is marked, or the torso, which stands for the whole body."""
+    """(F, 4) whether each of LIMBS is marked, or the whole body."""
     if marks is None:
         return np.zeros((n_frames, len(LIMBS)), bool)
-    return np.asarray(marks.distrusted[:, _LIMB_PARTS] | marks.distrusted[:, [_TORSO]], bool)
+    return np.asarray(doubtful_parts(marks.distrusted)[:, _LIMB_PARTS], bool)
 
 
 def limb_confidence(marks: Marks | None, n_frames: int) -> Floats:

@@ -52,6 +52,12 @@ def test_angles_are_those_of_the_pose_and_shaded_where_their_limb_is_doubtful(
     assert not elbows.doubtful.any()
 
 
+def test_a_doubtful_torso_shades_every_curve(history: FrameHistory, solved: Make) -> None:
+    history.put(solved(50, distrusted=("torso",)))
+    drawn = Charts(history, build_body(Actor())).draw("Angle: elbow flexion (degrees)")
+    assert drawn is not None and np.flatnonzero(drawn.doubtful).tolist() == [50]
+
+
 def test_delays_are_shown_where_they_were_measured(history: FrameHistory) -> None:
     charts = Charts(history, build_body(Actor()))
     charts.note_delay(40, 0.5)

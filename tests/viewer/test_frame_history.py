@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from services.mocap.take.marks import PARTS
-from services.viewer.frame_history import FrameHistory, SolvedFrame
+from services.viewer.frame_history import ON_PAGE, FrameHistory, SolvedFrame
 
 Make = Callable[..., SolvedFrame]
+_QUANTITY_OF_NUMBER = [row.name for row in ON_PAGE for _ in row.labels]
+"""(K,) what each of SolvedFrame.numbers is."""
 
 
 class Shelf:
@@ -73,14 +75,14 @@ def test_older_frames_may_be_at_hand(solved: Make) -> None:
     history = FrameHistory(range(1000), capacity=10, older=shelf)
     for frame in range(20, 50):
         history.put(solved(frame))
-    assert not history.overview().known[1] and not history.overview().distrusted.any()
+    assert not history.overview().known[1] and not history.overview().doubtful.any()
     assert history.sampled(1000).frames.tolist() == list(range(40, 50))
     assert shelf.asked == [], "curves do not ask for what is not in memory"
     found = history.solved(3)
     assert found is not None and found.energy_px == 103
     assert history.overview().known[1] and history.doubtful_beside(0, 1) is None
     assert history.solved(4) is not None
-    assert history.overview().distrusted[2].tolist() == [False, True, False, False, False, False]
+    assert history.overview().doubtful[2].tolist() == [False, True, False, False, False, False]
     assert history.doubtful_beside(0, 1) == 4
 
 
@@ -132,8 +134,26 @@ def test_the_overview_tells_of_the_whole_take_in_bins(solved: Make) -> None:
     overview = history.overview()
     assert len(overview.known) == 600
     assert overview.known.sum() == 300
-    assert np.argwhere(overview.distrusted).tolist() == [[123, 1]]
+    assert np.argwhere(overview.doubtful).tolist() == [[123, 1]]
     assert overview.energy_px[123] == 100 + 1239
+
+
+def test_a_doubtful_torso_makes_all_rows_doubtful_and_what_nobody_judged_is_neither(solved: Make) -> None:
+    history = FrameHistory(range(4))
+    for frame, distrusted in enumerate([(), ("torso",), (), ("head",)]):
+        numbers = solved(frame, distrusted=distrusted).numbers.copy()
+        numbers[[name == "confidence" and frame > 1 for name in _QUANTITY_OF_NUMBER]] = np.nan
+        history.put(replace(solved(frame), numbers=numbers))
+    overview = history.overview()
+    head_only = [part == "head" for part in PARTS]
+    assert overview.doubtful.tolist() == [[False] * 6, [True] * 6, [False] * 6, head_only]
+    assert overview.unjudged.tolist() == [[False] * 6] * 2 + [
+        [True] * 6,
+        [not is_head for is_head in head_only],
+    ]
+    for frame in (2, 3):
+        history.put(replace(solved(frame), settled=True))
+    assert not history.overview().unjudged.any()
 
 
 def test_settled_frames_replace_what_the_overview_tells_of_the_first_ones(solved: Make) -> None:
@@ -143,7 +163,7 @@ def test_settled_frames_replace_what_the_overview_tells_of_the_first_ones(solved
     for frame in range(6):
         history.put(replace(solved(frame, distrusted=("right_leg",) if frame == 2 else ()), settled=True))
     overview = history.overview()
-    assert np.argwhere(overview.distrusted).tolist() == [[1, PARTS.index("right_leg")], [3, 2]]
+    assert np.argwhere(overview.doubtful).tolist() == [[1, PARTS.index("right_leg")], [3, 2]]
     assert [history.doubtful_beside(frame, 1) for frame in (0, 2, 6)] == [2, 6, 7]
 
 

@@ -120,14 +120,16 @@ def test_live(
 
 @pytest.fixture
 def doubtful(result: Path) -> Path:
-    """Results in which the left arm is doubtful in frames 5 to 7, the head in 15; cam03 is the worst."""
+    """Results in which the left arm is doubtful in frames 5 to 7, the head in 15; nobody judged frame 12, and
+    cam03 is the worst."""
     table = result / "poses.csv"
     rows = [line.split(",") for line in table.read_text().splitlines()]
     marks = {5: "left_arm", 6: "left_arm", 7: "left_arm", 15: "head"}
     parts = ("torso", "head", "left_arm", "right_arm", "left_leg", "right_leg")
     rows[0] += ["distrusted", *(f"confidence_{part}" for part in parts)]
     for n, row in enumerate(rows[1:]):
-        row += [marks.get(n, ""), *("0.1" if marks.get(n) == part else "0.99" for part in parts)]
+        judged = ["0.1" if marks.get(n) == part else "0.99" for part in parts]
+        row += [marks.get(n, ""), *([""] * 6 if n == 12 else judged)]
     table.write_text("\n".join(",".join(row) for row in rows) + "\n")
     ious = [f"iou_cam{c:02}" for c in range(1, 9)]
     energies = ["frame," + ",".join([*(f"energy_{part}_px" for part in parts), *ious])]
@@ -156,11 +158,16 @@ def test_results(doubtful: Path, start_viewer: Start, free_port: int, page: Page
         page.screenshot(path=screenshots / f"frame-{frame}.png")
     assert (np.abs(body[0].astype(int) - body[23]) > 30).any(axis=2).sum() > 100
     page.keyboard.press("Home")
+    good = page.locator("#frame-verdict").get_by_text("good", exact=True)
+    _until(lambda: good.count() == 1, "frame 0 is not judged")
+    assert page.locator("#frame-verdict.good").count() == 0, "the results are not good, so nothing is green"
     for key, frame in (("n", 5), ("n", 6), ("Shift+N", 15), ("p", 7), ("Shift+P", 5)):
         page.keyboard.press(key)
         _until(lambda: _frame(page) == frame, f"{key} does not lead to frame {frame}")  # noqa: B023
         _until(lambda: _is_named_doubtful(page, frame), f"frame {frame} is not named")  # noqa: B023
-    assert page.locator("#timeline").get_attribute("data-doubtful") == "head, left arm"
+    timeline = page.locator("#timeline")
+    assert timeline.get_attribute("data-doubtful") == "head, left arm"
+    assert timeline.get_attribute("data-unjudged") == "torso, head, left arm, right arm, left leg, right leg"
     assert page.locator(".chart canvas").first.get_attribute("data-shaded") == "4"
     worst = page.locator(".tile.worst")
     assert worst.count() == 1 and worst.locator(".iou").text_content() == "worst IoU 0.60"

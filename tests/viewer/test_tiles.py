@@ -10,14 +10,14 @@ from services.mocap.body.actor import Body, build_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.export.model_painter import ModelPainter
-from services.mocap.export.tiles import CLASSES_BGR, UNSURE_GREY
+from services.mocap.export.tiles import CLASSES_BGR, DOUBTFUL_BGR, UNSURE_GREY
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Bytes, Floats
 from services.viewer.frame_history import SolvedFrame
 from services.viewer.pictures import Segmented
-from services.viewer.tiles import Look, Tile, TileArtist
+from services.viewer.tiles import Content, Look, Tile, TileArtist
 
 ALL = tuple(range(8))
 
@@ -76,6 +76,32 @@ def test_a_picture_gets_the_model_s_outline(scene: tuple[TileArtist, SolvedFrame
     redder = picture[..., 2].astype(int) - picture[..., 0]
     assert (redder > 60).sum() > 50  # the left side's outline
     assert (redder < -60).sum() > 50  # the right one's
+
+
+@pytest.mark.parametrize("content", ["pictures", "silhouettes", "difference"])
+@pytest.mark.parametrize("part", ["left_arm", "torso"])
+def test_doubtful_parts_are_hatched_as_in_the_overlay(
+    scene: tuple[TileArtist, SolvedFrame, Fixed, Rig],
+    walk: Take,
+    solved: Callable[..., SolvedFrame],
+    content: Content,
+    part: str,
+) -> None:
+    artist, shown, _, rig = scene
+    marked = SolvedFrame(**{**vars(solved(12, distrusted=(part,))), "pose": shown.pose})
+    actor = take_actor(walk)
+    assert actor is not None
+    expected = ModelPainter(build_body(actor), rig).doubtful(shown.pose, marked.distrusted)
+    assert expected is not None
+    look = Look(content, ALL, None)
+    for plain, hatched in zip(artist.draw(shown, look), artist.draw(marked, look), strict=True):
+        where = expected[plain.camera]
+        changed = np.abs(_decoded(hatched).astype(int) - _decoded(plain)).max(axis=2) > 60
+        near = cv2.dilate(where.astype(np.uint8), np.ones((17, 17))) > 0
+        assert not changed[~near].any(), "more than a block of JPEG away"
+        assert 0.2 < changed[where].mean() < 0.75, "lines with gaps"
+        assert _near(_decoded(hatched), DOUBTFUL_BGR) > 0.15 * where.sum()
+        assert hatched.differing_px == plain.differing_px
 
 
 def test_differences_are_counted_and_coloured(scene: tuple[TileArtist, SolvedFrame, Fixed, Rig]) -> None:

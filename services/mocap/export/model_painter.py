@@ -11,6 +11,9 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import camera_bit
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
+from services.mocap.search.chains import ALL_SURFACES
+from services.mocap.search.error_by_part import SEGMENT_PARTS
+from services.mocap.take.marks import doubtful_parts
 from services.mocap.types import Bytes, Floats, Mask
 
 _SIDE_OF_SURFACE = [segment.side for segment in SEGMENTS] + [None] * len(CLOTH_FRAMES)
@@ -39,3 +42,14 @@ class ModelPainter:
         """Per camera (h, w) where some surfaces of a pose (D,) are, even behind others."""
         planes = self._backend.coverage(pose[None], tuple(surfaces), self._region)[0]
         return [camera_bit(planes, c)[:height, :width] for c, (width, height) in enumerate(self._sizes_px)]
+
+    def doubtful(self, pose: Floats, distrusted: Mask) -> list[Mask] | None:
+        """Per camera (h, w) where doubtful parts of a pose (D,) are, even behind others; None without one.
+
+        distrusted: (6,) as tracked.
+        """
+        doubtful = doubtful_parts(distrusted)
+        if not doubtful.any():
+            return None
+        segments = np.flatnonzero(doubtful[SEGMENT_PARTS]).tolist()
+        return self.covered(pose, ALL_SURFACES if doubtful.all() else segments)

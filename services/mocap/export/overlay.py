@@ -28,14 +28,12 @@ from services.mocap.export.tiles import (
     write_text,
 )
 from services.mocap.result.result import Result
-from services.mocap.search.chains import ALL_SURFACES
-from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.take.folder import Take
-from services.mocap.take.marks import PARTS
+from services.mocap.take.marks import judged_parts
 from services.mocap.take.tables import PoseTable
 from services.mocap.take.writer import VideoWriter, video_writer
 from services.mocap.types import Bytes, Mask
-from services.mocap.verdict.verdict import WHOLE_BODY, Verdict, frame_in_words
+from services.mocap.verdict.verdict import Verdict, frame_in_words
 
 HEADER_PX, CAUSE_PX = 60, 22
 """Heights of the two lines of text above the tiles, and of a third one where the verdict has a cause."""
@@ -78,11 +76,10 @@ def write_overlay(
             skipped, at = int(shown[n]) - at, int(shown[n]) + 1
             next_ones = [islice(pictures, skipped, None) for pictures in of_cameras]
             pictures = list(writer.pool.map(next, next_ones))
-            is_judged = marks is not None and not np.isnan(marks.confidence[n]).all()
-            marked = marks.distrusted[n].tolist() if marks is not None and is_judged else []
-            doubtful = None
-            if any(marked):
-                doubtful = painter.covered(table.poses[n], _segments_of(marked))
+            doubtful, words = None, ""
+            if marks is not None and judged_parts(marks.confidence[n], marks.distrusted[n]).any():
+                doubtful = painter.doubtful(table.poses[n], marks.distrusted[n])
+                words = frame_in_words(marks.distrusted[n].tolist())
             writer.add(
                 frame,
                 float(table.times_s[n]),
@@ -90,17 +87,8 @@ def write_overlay(
                 masks,
                 float(table.energies_px[n]),
                 doubtful=doubtful,
-                words=frame_in_words(marked) if marked else "",
+                words=words,
             )
-
-
-def _segments_of(marked: Sequence[bool]) -> list[int]:
-    """The segments of doubtful parts among PARTS (6,); all where the whole body is doubtful."""
-    if marked[PARTS.index(WHOLE_BODY)]:
-        return list(ALL_SURFACES)
-    return [
-        s for part, is_doubtful in zip(PARTS, marked, strict=True) if is_doubtful for s in PART_SEGMENTS[part]
-    ]
 
 
 def pictures_of(take: Take, camera: Camera, start: int, stop: int, stack: ExitStack) -> Iterator[Bytes]:

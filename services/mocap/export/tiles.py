@@ -23,6 +23,8 @@ DOUBTFUL_BGR = (40, 40, 230)
 DOUBTFUL_TEXT_BGR = (110, 110, 255)
 """Brighter, for text on black."""
 _HATCH_PX, _HATCH_LINE_PX = 7, 3
+_HATCH_EDGE_BGR = (235, 235, 255)
+"""Beside every line of the hatching, as red alone is hardly seen on orange."""
 UNSURE_BGR = (255, 255, 0)
 """Pixels that may be actor or background."""
 CLASSES_BGR = (
@@ -142,22 +144,24 @@ def draw_tile(picture: Bytes, segment_mask: Bytes, grid: Grid, doubtful: Mask | 
     about = np.s_[y : y + height, x : x + width]
     coverage = fill[about][..., 3:] / np.float32(255.0)
     drawn[about] = np.rint(drawn[about] * (1.0 - _OPACITY * coverage) + _OPACITY * fill[about][..., :3])
-    if doubtful is not None and doubtful.any():
-        _hatch(drawn, _resized(np.asarray(doubtful * 255, np.uint8), size) > 127)
+    _hatch(drawn, doubtful)
     _outline(drawn, fill[..., 3], _OUTLINE_BGR)
     return _centred(drawn, grid)
 
 
-def draw_difference(picture: Bytes, trimap: Trimap, segment_mask: Bytes, grid: Grid) -> Bytes:
+def draw_difference(
+    picture: Bytes, trimap: Trimap, segment_mask: Bytes, grid: Grid, doubtful: Mask | None = None
+) -> Bytes:
     """A tile: the picture with the model over it, and every differing pixel, however small, over both.
 
     Arguments as draw_tile's, and the trimap (H, W) that the model is compared with. Actor without model is
-    yellow, model without actor magenta; unsure pixels are cyan.
+    yellow, model without actor magenta; unsure pixels are cyan. Differing pixels are not hatched.
     """
     kinds = np.where(trimap == UNSURE, _UNSURE, segment_mask)
     differing = np.where(segment_mask == 0, _MISSED, _BEYOND)
-    kinds = np.where(differing_pixels(trimap, segment_mask), differing, kinds)
-    return _draw_kinds(picture, kinds, grid)
+    differs = differing_pixels(trimap, segment_mask)
+    kinds = np.where(differs, differing, kinds)
+    return _draw_kinds(picture, kinds, grid, None if doubtful is None else doubtful & ~differs)
 
 
 def draw_classes(picture: Bytes, classes: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
@@ -176,30 +180,39 @@ def draw_unsure(picture: Bytes, trimap: Trimap, grid: Grid) -> Bytes:
     return _draw_kinds(picture, np.where(trimap == UNSURE, _UNSURE, 0), grid)
 
 
-def _draw_kinds(picture: Bytes, kinds: NDArray[np.integer[Any]], grid: Grid) -> Bytes:
-    """A tile: the picture, and over it the colours of kinds (H, W)."""
+def _draw_kinds(
+    picture: Bytes, kinds: NDArray[np.integer[Any]], grid: Grid, doubtful: Mask | None = None
+) -> Bytes:
+    """A tile: the picture, and over it the colours of kinds (H, W), and hatching."""
     size = _fitting(kinds.shape, grid)
     shown = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR).astype(np.float32)
     resized = cv2.resize(kinds.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     opacity = _OPACITIES[resized][..., None]
-    return _centred(np.rint((1 - opacity) * shown + opacity * _COLOURS[resized]).astype(np.uint8), grid)
+    drawn = np.rint((1 - opacity) * shown + opacity * _COLOURS[resized]).astype(np.uint8)
+    _hatch(drawn, doubtful)
+    return _centred(drawn, grid)
 
 
-def draw_outline(picture: Bytes, segment_mask: Bytes, grid: Grid) -> Bytes:
+def draw_outline(picture: Bytes, segment_mask: Bytes, grid: Grid, doubtful: Mask | None = None) -> Bytes:
     """A tile as draw_tile's with the model's outline alone: left and right limbs in their colours."""
     size = _fitting(segment_mask.shape, grid)
     drawn = _resized(picture, size).copy() if picture.shape[1::-1] == size else _resized(picture, size)
     model = cv2.resize(segment_mask, size, interpolation=cv2.INTER_NEAREST)
     for value, colour_bgr in ((1, CENTRE_BGR), (2, LEFT_BGR), (3, RIGHT_BGR)):
         _outline(drawn, np.asarray((model == value) * 255, np.uint8), colour_bgr)
+    _hatch(drawn, doubtful)  # over the outlines, which cover most of an arm in a small tile
     return _centred(drawn, grid)
 
 
-def _hatch(drawn: Bytes, doubtful: Mask) -> None:
-    """Draw slanting lines where a picture (H, W, 3) is doubtful (H, W)."""
-    height, width = doubtful.shape
-    diagonal = np.arange(height)[:, None] + np.arange(width)
-    drawn[doubtful & (diagonal % _HATCH_PX < _HATCH_LINE_PX)] = DOUBTFUL_BGR
+def _hatch(drawn: Bytes, doubtful: Mask | None) -> None:
+    """Draw slanting lines where a picture (h, w, 3), which may have been resized, is doubtful (H, W)."""
+    if doubtful is None or not doubtful.any():
+        return
+    height, width = drawn.shape[:2]
+    shown = _resized(np.asarray(doubtful * 255, np.uint8), (width, height)) > 127
+    phase = (np.arange(height)[:, None] + np.arange(width)) % _HATCH_PX
+    drawn[shown & (phase < _HATCH_LINE_PX)] = DOUBTFUL_BGR
+    drawn[shown & (phase == _HATCH_LINE_PX)] = _HATCH_EDGE_BGR
 
 
 def _fitting(shape: tuple[int, ...], grid: Grid) -> tuple[int, int]:

@@ -20,15 +20,16 @@ _NEAREST_M = 1e-3
 """Points nearer to a camera, or behind it, are moved to this depth."""
 
 
-_SEGMENT_PARTS = [PARTS.index(segment.part) for segment in SEGMENTS]
+SEGMENT_PARTS = [PARTS.index(segment.part) for segment in SEGMENTS]
+"""The part of each segment, as its place among PARTS."""
 PART_SEGMENTS: dict[Part, tuple[int, ...]] = {
     part: tuple(s for s, segment in enumerate(SEGMENTS) if segment.part == part) for part in PARTS
 }
 """The segments of each part, in the order of PARTS."""
-_JOINT_PARTS = dict(zip(SEGMENT_JOINTS.tolist(), _SEGMENT_PARTS, strict=True))
+_JOINT_PARTS = dict(zip(SEGMENT_JOINTS.tolist(), SEGMENT_PARTS, strict=True))
 _POINT_PARTS: Ints = np.array(
     [_JOINT_PARTS[j] if j in _JOINT_PARTS else _JOINT_PARTS[int(PARENT[j])] for j in range(N_JOINTS)]
-    + _SEGMENT_PARTS,
+    + SEGMENT_PARTS,
     np.int32,
 )
 """(J + S,) the part of every joint, then of every segment; a tip is of the segment that it ends."""

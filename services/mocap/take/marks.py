@@ -10,7 +10,9 @@ from services.mocap.types import Floats, Mask
 
 Part: TypeAlias = Literal["torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"]
 PARTS: tuple[Part, ...] = get_args(Part)
-"""The parts that are judged, in the order of every (…, 6) array; the torso stands for the whole body."""
+"""The parts that are judged, in the order of every (…, 6) array."""
+WHOLE_BODY: Part = "torso"
+"""The part that stands for the whole body: where it is doubtful, all parts are."""
 DISTRUSTED = "distrusted"
 _CONFIDENCE_COLUMNS = tuple(f"confidence_{part}" for part in PARTS)
 MARK_COLUMNS = (DISTRUSTED, *_CONFIDENCE_COLUMNS)
@@ -36,6 +38,17 @@ class Marks:
     def distrusted_by_part(self) -> dict[str, int]:
         """The number of frames in which each part is unreliable."""
         return dict(zip(PARTS, self.distrusted.sum(axis=0).tolist(), strict=True))
+
+
+def doubtful_parts(distrusted: Mask) -> Mask:
+    """The doubtful parts (…, 6): those that are marked, and all where the whole body is."""
+    whole = PARTS.index(WHOLE_BODY)
+    return distrusted | distrusted[..., whole : whole + 1]
+
+
+def judged_parts(confidence: Floats, distrusted: Mask) -> Mask:
+    """The parts (…, 6) that were judged; the others are neither good nor doubtful."""
+    return ~np.isnan(confidence) | doubtful_parts(distrusted)
 
 
 def mark_cells(marks: Marks) -> dict[str, list[str]]:

@@ -10,11 +10,10 @@ from services.mocap.errors import TakeError
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result
 from services.mocap.search.chains import LIMBS
-from services.mocap.take.marks import PARTS
+from services.mocap.take.marks import PARTS, WHOLE_BODY
 from services.mocap.types import Floats, Mask
 from services.mocap.verdict.verdict import (
     LEVELS,
-    WHOLE_BODY,
     Cause,
     Doubt,
     Level,

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from services.mocap.errors import FrozenModel
-from services.mocap.take.marks import PARTS, Part
+from services.mocap.take.marks import PARTS, WHOLE_BODY, Part
 from services.mocap.types import Mask
 
 Level: TypeAlias = Literal["good", "usable with gaps", "not usable"]
@@ -21,8 +21,6 @@ IOU_IN_WORDS = (
     "IoU, intersection over union: the pixels that model and silhouette share, as a share of those that "
     "either covers. 1 is perfect; 0.87 to 0.95 is usual, 0.82 in wide clothes."
 )
-WHOLE_BODY: Part = "torso"
-"""The part that stands for the whole body."""
 
 
 class Doubt(FrozenModel):

@@ -8,6 +8,7 @@ import { drawTimeline, setOverview } from "./timeline.js";
 
 const by = (id) => document.getElementById(id);
 let legends = {};
+let isAllGood = false; // as far as is known: during tracking there is no verdict
 const LEVELS = { good: "good", "usable with gaps": "usable", "not usable": "unusable" };
 
 function notice(words) {
@@ -39,6 +40,7 @@ function showTake(show) {
 
 function showVerdict(verdict) {
   by("verdict").hidden = verdict === null;
+  isAllGood = verdict === null || verdict.level === "good";
   if (verdict === null) return;
   by("verdict").className = LEVELS[verdict.level];
   by("headline").textContent = verdict.headline;
@@ -83,7 +85,9 @@ function showFrame(fields) {
   by("words").textContent =
     `frame ${fields.frame}${fields.last === null ? "" : ` of ${fields.last}`}, ${fields.time_s.toFixed(2)} s, ${fields.state}`;
   by("frame-verdict").textContent = fields.verdict ?? "";
-  by("frame-verdict").classList.toggle("doubtful", fields.distrusted.some(Boolean));
+  const isDoubtful = fields.distrusted.some(Boolean);
+  by("frame-verdict").classList.toggle("doubtful", isDoubtful);
+  by("frame-verdict").classList.toggle("good", isAllGood && !isDoubtful);
   by("numbers").textContent = numbers(fields).join(" · ");
   by("play").textContent = isPlaying ? "pause" : "play";
   by("live").checked = fields.state === "live";

@@ -1,21 +1,26 @@
-// The timeline of the whole take: its energy as a curve, and a row for each part, hatched where it is doubtful.
+// The timeline of the whole take: its energy as a curve, and a row for each part: hatched where it is doubtful,
+// grey where it was not judged.
 
 import { GUTTER, PARTS, cleared, drawCursor, hatch, makeClickable, runs, state, xOf } from "./time.js";
 
 const CANVAS = document.getElementById("timeline");
 const CURVE_HEIGHT = 34;
 const ROW = 12;
+const GOOD = "#d3ead8";
+const UNJUDGED = "#c3cad2";
 let overview = null;
 
 makeClickable(CANVAS);
 
 /** A message with the whole take in bins. */
-export function setOverview({ first, frames }, [known, distrusted, energy]) {
+export function setOverview({ first, frames }, [known, doubtful, unjudged, energy]) {
   state.first = first;
   state.frames = frames;
-  overview = { known: new Uint8Array(known), distrusted: new Uint8Array(distrusted), energy: new Float32Array(energy) };
-  const doubtful = PARTS.filter((_, part) => partFlags(part).some(Boolean));
-  CANVAS.dataset.doubtful = doubtful.join(", ");
+  const [isKnown, isDoubtful, isUnjudged] = [known, doubtful, unjudged].map((flags) => new Uint8Array(flags));
+  overview = { known: isKnown, doubtful: isDoubtful, unjudged: isUnjudged, energy: new Float32Array(energy) };
+  for (const kind of ["doubtful", "unjudged"]) {
+    CANVAS.dataset[kind] = PARTS.filter((_, part) => partFlags(kind, part).some(Boolean)).join(", ");
+  }
 }
 
 /** Draw all of it at the shown frame. */
@@ -32,8 +37,9 @@ export function drawTimeline() {
   drawCursor(context, width, height);
 }
 
-function partFlags(part) {
-  return overview.known.map((_, bin) => overview.distrusted[bin * PARTS.length + part]);
+/** Of each bin, whether a part is doubtful or unjudged there. */
+function partFlags(kind, part) {
+  return overview.known.map((_, bin) => overview[kind][bin * PARTS.length + part]);
 }
 
 function drawEnergy(context, left) {
@@ -55,12 +61,11 @@ function drawEnergy(context, left) {
 
 function drawRow(context, left, name, part) {
   const y = CURVE_HEIGHT + part * ROW;
-  const flags = partFlags(part);
-  const isDoubtful = flags.some(Boolean);
-  label(context, part === 0 ? "whole body" : name, y + ROW / 2, isDoubtful);
-  for (const [begin, end] of runs(overview.known)) {
-    context.fillStyle = "#d3ead8";
-    context.fillRect(left(begin), y + 2, left(end) - left(begin), ROW - 3);
+  const flags = partFlags("doubtful", part);
+  label(context, part === 0 ? "whole body" : name, y + ROW / 2, flags.some(Boolean));
+  for (const [ink, known] of [[GOOD, overview.known], [UNJUDGED, partFlags("unjudged", part)]]) {
+    context.fillStyle = ink;
+    for (const [begin, end] of runs(known)) context.fillRect(left(begin), y + 2, left(end) - left(begin), ROW - 3);
   }
   context.fillStyle = hatch(context);
   for (const [begin, end] of runs(flags)) {

@@ -12,8 +12,10 @@ from xml.etree import ElementTree
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from services.mocap.errors import TakeError
+from services.mocap.export.page.charts import trust
 from services.mocap.export.page.html_report import key_frames, write_report
 from services.mocap.result.frame_files import read_frame_file, write_frame_file, write_frame_files
 from services.mocap.result.result import load_result
@@ -179,6 +181,23 @@ def test_every_curve_has_the_red_bands(folder: Path) -> None:
     bands = [len(re.findall("#d1242f", chart)) for chart in charts]
     n_angles = len(charts[-1].split("(°)")) - 1
     assert bands[0] == 1 and bands[-1] == n_angles  # one doubtful stretch in every curve
+
+
+def test_nothing_is_green_where_the_body_is_doubtful_or_was_not_judged(folder: Path) -> None:
+    result = load_result(folder)
+    assert result.tracked.marks is not None
+    result.distrusted[3:5] = np.array(PARTS) == "torso", np.array(PARTS) == "head"
+    result.confidence[7:9, :] = np.nan
+    figure = Figure()
+    trust(figure, result)
+    (picture,) = figure.axes[0].images
+    shades = picture.to_rgba(picture.get_array())
+    np.testing.assert_array_equal(shades[:, 7:9], np.broadcast_to(shades[0, 7], (6, 2, 4)))
+    assert np.ptp(shades[0, 7, :3]) < 0.1, "grey"
+    assert (shades[:, :7, 1] - shades[:, :7, 0]).min() > 0.2, "green"
+    reds = [len(bars.get_paths()) for bars in figure.axes[0].collections]
+    assert dict(zip(PARTS, reds, strict=True)) == dict.fromkeys(PARTS, 1) | {"head": 2}
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()][:2] == ["whole body", "head"]
 
 
 def test_an_overlay_of_other_frames_or_a_broken_one_is_left_out(folder: Path) -> None:

@@ -13,7 +13,7 @@ from proto import messages
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOFS
 from services.mocap.errors import TakeError
-from services.mocap.take.marks import MARK_COLUMNS, PARTS, Marks
+from services.mocap.take.marks import MARK_COLUMNS, PARTS, Marks, doubtful_parts, judged_parts
 from services.mocap.take.tables import PoseTable, read_poses_csv, write_poses_csv
 
 N = 4
@@ -35,6 +35,17 @@ def some_marks() -> Marks:
 
 def test_the_parts_are_those_of_the_wire() -> None:
     assert get_args(messages.Part) == PARTS
+
+
+def test_a_doubtful_torso_makes_all_parts_doubtful_and_judged() -> None:
+    marks = some_marks()
+    marks.confidence[3] = np.nan
+    expected = marks.distrusted.copy()
+    expected[3] = True
+    np.testing.assert_array_equal(doubtful_parts(marks.distrusted), expected)
+    np.testing.assert_array_equal(doubtful_parts(marks.distrusted[3]), [True] * 6)
+    assert judged_parts(marks.confidence, marks.distrusted).all(axis=1).tolist() == [False, True, True, True]
+    assert not judged_parts(marks.confidence[0], marks.distrusted[0]).any()
 
 
 @given(arrays(np.float64, (N, len(PARTS)), elements=SHARES), arrays(np.bool_, (N, len(PARTS))))

@@ -13,9 +13,9 @@ from matplotlib.ticker import ScalarFormatter
 from services.mocap.export.tiles import LEFT_BGR, RIGHT_BGR
 from services.mocap.motion.angles import ANGLES
 from services.mocap.result.result import Result
-from services.mocap.take.marks import PARTS
+from services.mocap.take.marks import PARTS, doubtful_parts
 from services.mocap.types import Floats
-from services.mocap.verdict.verdict import spans_of
+from services.mocap.verdict.verdict import part_in_words, spans_of
 
 P = ParamSpec("P")
 _WIDTH_IN, _HEIGHT_IN = 9.6, 2.2
@@ -31,7 +31,7 @@ _STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.1,
     "legend.frameon": False,
 }
-_INK, _QUIET, _WARNING = "#30363d", "#8b949e", "#d1242f"
+_INK, _QUIET, _WARNING, _UNJUDGED = "#30363d", "#8b949e", "#d1242f", "#c3cad2"
 
 
 def _screen(bgr: tuple[int, int, int]) -> str:
@@ -102,18 +102,19 @@ def _legend_beside(axes: Axes) -> None:
 
 
 def trust(figure: Figure, result: Result) -> None:
-    """The confidence of each part over time; red where it is unreliable."""
+    """The confidence of each part over time; red where it is doubtful, grey where it was not judged."""
     axes = figure.subplots()
     half_s = 0.5 / result.fps
     left, right = float(result.times_s[0]) - half_s, float(result.times_s[-1]) + half_s
     shade = axes.imshow(
-        result.confidence.T, aspect="auto", interpolation="nearest", cmap="Greens", vmin=0, vmax=1,
+        result.confidence.T, aspect="auto", interpolation="nearest", vmin=0, vmax=1,
+        cmap=mpl.colormaps["Greens"].with_extremes(bad=_UNJUDGED),
         extent=(left, right, len(PARTS) - 0.5, -0.5),
     )  # fmt: skip
-    for row, frames in enumerate(result.distrusted.T):
+    for row, frames in enumerate(doubtful_parts(result.distrusted).T):
         spans = [(time_s - half_s, 2 * half_s) for time_s in result.times_s[frames].tolist()]
         axes.broken_barh(spans, (row - 0.5, 1.0), color=_WARNING)
-    axes.set_yticks(range(len(PARTS)), [part.replace("_", " ") for part in PARTS])
+    axes.set_yticks(range(len(PARTS)), [part_in_words(part) for part in PARTS])
     axes.grid(visible=False)
     axes.set_xlabel("time (s)")
     figure.colorbar(shade, ax=axes, label="confidence", pad=0.01)

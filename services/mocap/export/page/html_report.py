@@ -156,7 +156,8 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
     if result.tracked.marks is not None:
         yield (
             "Trust",
-            "Confidence of each part; the torso stands for the whole body. Red: unreliable.",
+            "Confidence of each part. Red: doubtful; where the whole body is, all parts are. Grey: not "
+            "judged.",
             svg_of(charts.trust, result),
         )
     yield (
