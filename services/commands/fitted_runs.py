@@ -37,17 +37,16 @@ def track_with_bar(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.completed}/{task.total} frames"),
-        TextColumn("{task.fields[fps]:.1f} fps  energy {task.fields[energy]:.0f} px"),
+        TextColumn("energy {task.fields[energy]:.0f} px"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=stderr) as bar:
-        task = bar.add_task("starting", total=len(job.frames), fps=0.0, energy=0.0)
+        task = bar.add_task("starting", total=len(job.frames), energy=0.0)
 
         def show(run: Run) -> None:
             bar.update(
                 task,
                 completed=run.frames_done,
-                fps=run.frames_per_s,
                 energy=run.energy_px,
                 description=run.stage,
             )

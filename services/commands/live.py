@@ -17,6 +17,7 @@ from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewO
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError, nearest
 from services.mocap.motion.settings import Smoother
+from services.mocap.result.words import rate_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.live import LiveTake, open_live
@@ -122,7 +123,7 @@ def _summarise(report: dict[str, Any], folder: Path, record: Path | None) -> Non
     live_part, speed, table = report["live"], report["speed"], Table(show_header=False, box=None)
     latency_s, shots = live_part["latency_s"], live_part["shots"]
     table.add_row("poses", f"{shots['solved']} of {shots['last'] - shots['first'] + 1} shots")
-    table.add_row("poses per second", f"{report['take']['fps']:.2f}")
+    table.add_row("tracked at", rate_in_words(report["take"]["fps"]))
     table.add_row(
         "latency", f"median {1000 * latency_s['median']:.0f} ms, 95 % below {1000 * latency_s['p95']:.0f} ms"
     )

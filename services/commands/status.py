@@ -20,6 +20,7 @@ from proto.streams import DEFAULT_ENDPOINT, PUBLISHED, AddressError, stream_endp
 from services.commands.consoles import stdout
 from services.listener import PosesListener
 from services.mocap.errors import UserError
+from services.mocap.result.words import rate_in_words
 from services.options import KeysOption, keys_of_client
 
 _LOOK_S = 0.25
@@ -70,7 +71,7 @@ def as_table(told: Telemetry, frames_per_s: float | None, silent_s: float) -> Re
     done = f"{told.next_frame - told.first_frame}"
     if told.end_frame < OPEN_END:
         done += f" of {told.end_frame - told.first_frame}"
-    speed = "" if frames_per_s is None else f", {frames_per_s:.1f} frames per second"
+    speed = "" if frames_per_s is None else f", {rate_in_words(frames_per_s)}"
     head = Text(f"{told.take}: {told.stage}, {done} frames{speed}")
     if silent_s > PUBLISHED.silence_s:
         head.append(f"; nothing heard for {silent_s:.0f} s", style="yellow")

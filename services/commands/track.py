@@ -18,6 +18,7 @@ from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewO
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
 from services.mocap.result.layout import CORRECTED_FRAMES
+from services.mocap.result.words import rate_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
@@ -125,8 +126,8 @@ def _summarise(report: dict[str, Any], folder: Path) -> None:
     speed, table = report["speed"], Table(show_header=False, box=None)
     table.add_row("frames", f"{report['take']['frames']}")
     table.add_row(
-        "frames per second",
-        f"{speed['frames_per_s']:.2f}, after {speed['first_frame_s']:.1f} s for the first",
+        "tracked at",
+        f"{rate_in_words(speed['frames_per_s'])}, after {speed['first_frame_s']:.1f} s for the first",
     )
     if corrected := corrected_in_words(report):
         table.add_row("corrected on the way back", corrected)

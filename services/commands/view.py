@@ -17,11 +17,12 @@ from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
 from services.mocap.result.result import Result, load_result
+from services.mocap.result.words import IOU_IN_WORDS
 from services.mocap.take.fit_record import FIT_FOLDER, read_colour_tables, read_occluded, read_record
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Bytes, Mask
 from services.mocap.verdict.judging import verdict_of
-from services.mocap.verdict.verdict import IOU_IN_WORDS, Level
+from services.mocap.verdict.verdict import Level
 from services.process import StopRequest
 from services.segmentation.segmenters import AUTO, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Segmenter

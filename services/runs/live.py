@@ -26,7 +26,6 @@ from services.runs.local_run import (
 )  # fmt: skip
 from services.runs.progress import Progress
 
-_RATE_S = 5.0
 _NICENESS = 5
 """Niceness of the tracking processes: cameras do not wait, so their pictures have priority on few cores."""
 _ALONE_S = 15.0
@@ -63,7 +62,6 @@ def live(
         limb_worker=nice,
         recorder=("--no-overlay",),
         segmentation=[_cameras(job, group) for group in here],
-        rate_s=_RATE_S,
         lasting=("coordinator", "segmentation"),
         alone_s=_ALONE_S,
     )

@@ -79,8 +79,6 @@ class Plan:
     actor: Actor | None = None
     """Whose body is thinned before all start, so that not every process does it at the same time."""
     first_frame: int = 0
-    rate_s: float
-    """Over how long the rate of frames is shown."""
     lasting: Words
     """Kinds of processes whose end is waited for, beside the recorder's."""
     alone_s: float
@@ -156,7 +154,7 @@ def _follow(
 ) -> Telemetry | None:
     """Watch until all is written, or a second stop is requested; returns the last telemetry."""
     ended_s, keys = dict[str, float](), keys_of_client(job.keys, "viewer")
-    with closing(ProgressWatch(_from_here(plan.endpoint), keys, plan.first_frame, plan.rate_s)) as watch:
+    with closing(ProgressWatch(_from_here(plan.endpoint), keys, plan.first_frame)) as watch:
         while stop.count < 2:
             if launcher.is_done("recorder") and all(map(launcher.has_ended, plan.lasting)):
                 break

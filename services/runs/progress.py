@@ -8,6 +8,10 @@ from typing import Literal
 from proto.keys import ClientKeys
 from proto.messages import OPEN_END, Message, Pose, Telemetry
 from services.listener import PosesListener
+from services.mocap.result.words import rate_in_words
+
+_RATE_S = 5.0
+"""Over how long the rate of live frames is told."""
 
 
 @dataclass(frozen=True)
@@ -19,6 +23,7 @@ class Progress:
     has_poses: bool
     """Whether any frame was solved."""
     frames_per_s: float
+    """Frames solved in the last seconds; a sweep over solved ones does not count."""
     energy_px: float
     stage: str
     """What a run of a recorded take is doing, in words."""
@@ -29,11 +34,9 @@ class Progress:
 class ProgressWatch(PosesListener):
     """Follows a coordinator's poses and telemetry."""
 
-    def __init__(self, endpoint: str, keys: ClientKeys | None, first_frame: int, rate_s: float) -> None:
-        """rate_s: over how long the rate of frames is told."""
+    def __init__(self, endpoint: str, keys: ClientKeys | None, first_frame: int) -> None:
         super().__init__(endpoint, keys)
         self._start = self._end = first_frame
-        self._rate_s = rate_s
         self._came_s: deque[float] = deque()
         self._energy_px = 0.0
         self._sweep: Literal["tracking back", "settling"] | None = None
@@ -47,29 +50,21 @@ class ProgressWatch(PosesListener):
         if isinstance(message, Telemetry):
             self.told = message
             if message.stage == "tracking back":
-                self._note_sweep(message.stage, message.end_frame - message.next_frame)
+                self._sweep, self._swept = message.stage, message.end_frame - message.next_frame
         elif isinstance(message, Pose):
             if message.settled and (self.told is None or self.told.end_frame == OPEN_END):
                 return  # live input has no sweeps: frames are settled while others are solved
             self._energy_px = message.energy_px
             if message.settled:
-                self._note_sweep("settling", message.frame + 1 - self._start)
+                self._sweep, self._swept = "settling", message.frame + 1 - self._start
             elif message.frame >= self._end:
                 self._end = message.frame + 1
                 self._came_s.append(time.monotonic())
 
-    def _note_sweep(self, stage: Literal["tracking back", "settling"], done: int) -> None:
-        """So many frames are done in a sweep after the first one."""
-        if stage != self._sweep:
-            self._sweep, self._swept = stage, 0
-            self._came_s.clear()
-        self._came_s.extend([time.monotonic()] * max(done - self._swept, 0))
-        self._swept = done
-
     def progress(self, has_ended: bool) -> Progress:
         """The state of things; has_ended: whether the coordinator has."""
         now_s, came_s = time.monotonic(), self._came_s
-        while came_s and now_s - came_s[0] > self._rate_s:
+        while came_s and now_s - came_s[0] > _RATE_S:
             came_s.popleft()
         lasted_s = now_s - came_s[0] if came_s else 0.0
         frames_per_s = (len(came_s) - 1) / lasted_s if lasted_s > 0 else 0.0
@@ -92,7 +87,7 @@ def live_in_words(progress: Progress) -> str:
     if not progress.frames_done:
         what = "looking for a person" if told.stage == "first frame" else told.stage
         return f"{what}; {dropped}"
-    words = f"{told.stage}  {progress.frames_done} poses, {progress.frames_per_s:.1f} a second"
+    words = f"{told.stage}  {progress.frames_done} poses, {rate_in_words(progress.frames_per_s)}"
     if told.latency_s:
         median_ms, p95_ms = 1000 * told.latency_s["median"], 1000 * told.latency_s["p95"]
         words += f"  latency {median_ms:.0f} ms (95 % below {p95_ms:.0f})"

@@ -1,7 +1,6 @@
 """Tracking a take with local processes: what `xormocap track` does."""
 
 import json
-import math
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -95,7 +94,6 @@ def _plan(job: TakeJob, known: Path) -> Plan:
         segmentation=[of_segmentation],
         actor=actor,
         first_frame=frames.start,
-        rate_s=math.inf,
         lasting=("coordinator",),
         alone_s=_ALONE_S,
     )

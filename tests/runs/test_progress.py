@@ -20,8 +20,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 @pytest.fixture
 def watch() -> Iterator[ProgressWatch]:
-    """Over frames from 5 on, with a rate over two seconds."""
-    with closing(ProgressWatch(free_endpoint(), None, 5, 2.0)) as made:
+    """Over frames from 5 on."""
+    with closing(ProgressWatch(free_endpoint(), None, 5)) as made:
         yield made
 
 

@@ -17,10 +17,6 @@ LEVELS: tuple[Level, ...] = get_args(Level)
 """The best first."""
 _MOST_SPANS = 6
 """Stretches of frames that a line of text lists; the others are counted."""
-IOU_IN_WORDS = (
-    "IoU, intersection over union: the pixels that model and silhouette share, as a share of those that "
-    "either covers. 1 is perfect; 0.87 to 0.95 is usual, 0.82 in wide clothes."
-)
 
 
 class Doubt(FrozenModel):

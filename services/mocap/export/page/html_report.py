@@ -15,6 +15,7 @@ from services.mocap.export.page import charts
 from services.mocap.export.page.charts import svg_of
 from services.mocap.result.layout import OVERLAY
 from services.mocap.result.result import Result
+from services.mocap.result.words import IOU_IN_WORDS, rate_in_words
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.fit_record import OVERLAY as FIT_OVERLAY
 from services.mocap.take.pictures import read_picture
@@ -22,7 +23,6 @@ from services.mocap.take.video import VideoReader
 from services.mocap.take.video_index import index_video
 from services.mocap.types import Bytes, Floats
 from services.mocap.verdict.judging import verdict_of
-from services.mocap.verdict.verdict import IOU_IN_WORDS
 
 _PICTURE_WIDTH_PX = 1200
 _JPEG_QUALITY = 78
@@ -114,7 +114,7 @@ def _summary(result: Result) -> Rows:
     rows.append(("energy", f"median {np.median(result.energies_px):.0f} pixels"))
     if "speed" in run:
         speed = run["speed"]
-        rows.append(("tracked at", f"{speed['frames_per_s']:.1f} frames per second"))
+        rows.append(("tracked at", rate_in_words(speed["frames_per_s"])))
         rows.append(("first frame", f"{speed['first_frame_s']:.1f} s"))
     rows.append(("actor", f"{result.actor.height:.2f} m tall"))
     if "written" in run:
