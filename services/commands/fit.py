@@ -12,6 +12,7 @@ from services.commands.checks import CheckOption, blamed_first, in_view, look_be
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.body.own_mesh.importing import import_mesh
 from services.mocap.errors import UserError
+from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import check_place, write_actor
 from services.mocap.take.fit_record import FIT_FOLDER, OVERLAY, TURNTABLE
@@ -129,6 +130,8 @@ def show_fit(found: TakeFit, take: Take, folder: Path) -> None:
     stdout.print(measures)
     stdout.print()
     stdout.print(quality)
+    for sentences in (ENERGY_IN_WORDS, IOU_IN_WORDS):
+        say(sentences)
     told_m, height_m = take.settings.actor_height, found.measures[0].cm / 100.0
     if told_m is not None and abs(height_m - told_m) > _HEIGHT_CM / 100.0:
         stdout.print(

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from services import options
 from services.commands.checks import CheckOption, in_view, look_before
-from services.commands.consoles import TakeFolder, stdout, warn
+from services.commands.consoles import TakeFolder, say, stderr, stdout, warn
 from services.commands.fit import MeshOption
 from services.commands.fitted_runs import fit_and_track, forwards, track_again, track_with_bar
 from services.commands.short_help import HelpAllOption
@@ -18,7 +18,7 @@ from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewO
 from services.mocap.energy.engine import check_cost
 from services.mocap.errors import UserError
 from services.mocap.result.layout import CORRECTED_FRAMES
-from services.mocap.result.words import rate_in_words
+from services.mocap.result.words import ENERGY_IN_WORDS, rate_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
@@ -112,6 +112,7 @@ def track(
     enough = _WORTH_REFINING * len(init_frames(opened))
     again = refine if refine is not None else fits and len(job.frames) >= enough
     first = replace(job, overlay=overlay and not again)  # it would be drawn twice
+    say(ENERGY_IN_WORDS, stderr)  # which the bars show
     if fits:
         report = fit_and_track(first, mesh, goes_on=again)
     else:

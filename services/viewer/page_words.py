@@ -6,6 +6,7 @@ import numpy as np
 
 from services.mocap.body.colours import parts_of_classes
 from services.mocap.export.tiles import BEYOND_BGR, CLASSES_BGR, MISSED_BGR
+from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
 from services.mocap.take.marks import PARTS, judged_parts
 from services.mocap.take.quantities import STAGES
 from services.mocap.verdict.verdict import frame_in_words, part_in_words
@@ -49,6 +50,7 @@ def show_words(show: Show, charts: tuple[str, ...], controls: Controls) -> dict[
             ],
             "colours": [(CLASSES_BGR[k - 1][::-1], words) for k, words in classes.items()],
         },
+        "words": {"energy": ENERGY_IN_WORDS, "iou": IOU_IN_WORDS},
         "verdict": None
         if verdict is None
         else {

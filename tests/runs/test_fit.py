@@ -25,6 +25,7 @@ from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit
 from services.mocap.fit.quality import quality_of
+from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import read_actor, take_actor
@@ -273,6 +274,7 @@ def test_the_command_writes_into_the_take(folder: Path, found: TakeFit, command:
     assert {path.name for path in (folder / "fit").iterdir()} == FILES
     for word in ("height", "arm span", "chest girth", "IoU, cam01", "IoU, all cameras", "overlay.png"):
         assert word in said
+    assert said.index("IoU, all cameras") < said.index(ENERGY_IN_WORDS) < said.index(IOU_IN_WORDS)
     assert "was made or changed by hand" not in command(folder)
 
 

@@ -1,13 +1,13 @@
-"""How far a run is: frames that are found again count once, and the rate is that of a stated time."""
+"""How far a run is: frames that are found again count once, and the rate is that of the last seconds."""
 
 from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
 
-from proto.messages import Pose
+from proto.messages import Pose, Telemetry
 from services.runs.launcher import free_endpoint
-from services.runs.progress import ProgressWatch
+from services.runs.progress import Progress, ProgressWatch, live_in_words
 
 
 @pytest.fixture
@@ -42,3 +42,9 @@ def test_the_rate_is_that_of_the_last_seconds(watch: ProgressWatch, clock: list[
     assert watch.progress(False).frames_per_s == pytest.approx(5.0, rel=0.01)
     clock[0] += 10.0
     assert watch.progress(False).frames_per_s == 0.0
+
+
+def test_live_tracking_says_its_rate_as_every_other_place_does() -> None:
+    told = Telemetry.model_construct(drops={}, absent=[], stage="tracking", latency_s={})
+    words = live_in_words(Progress(40, True, 12.345, 900.0, "tracking", told))
+    assert words.startswith("tracking  40 poses, 12.3 frames per second  dropped")

@@ -13,6 +13,7 @@ import pytest
 from playwright.sync_api import Browser, FloatRect, Page, Request, ViewportSize
 
 from playback import Playback
+from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
 from services.mocap.take.folder import Take
 from services.mocap.types import Bytes
 
@@ -169,6 +170,10 @@ def test_results(doubtful: Path, start_viewer: Start, free_port: int, page: Page
     assert timeline.get_attribute("data-doubtful") == "head, left arm"
     assert timeline.get_attribute("data-unjudged") == "torso, head, left arm, right arm, left leg, right leg"
     assert page.locator(".chart canvas").first.get_attribute("data-shaded") == "4"
+    assert page.locator("#energy").get_attribute("title") == ENERGY_IN_WORDS
+    ious = page.locator(".tile .iou")
+    assert {ious.nth(n).get_attribute("title") for n in range(8)} == {IOU_IN_WORDS}
+    _check_help(page, screenshots)
     worst = page.locator(".tile.worst")
     assert worst.count() == 1 and worst.locator(".iou").text_content() == "worst IoU 0.60"
     assert worst.locator(".iou").inner_text() == "IoU 0.60", "a narrow tile leaves out what its frame says"
@@ -177,6 +182,17 @@ def test_results(doubtful: Path, start_viewer: Start, free_port: int, page: Page
 
 def _is_named_doubtful(page: Page, frame: int) -> bool:
     return page.locator("#frame-verdict").inner_text() == f"doubtful: {'head' if frame == 15 else 'left arm'}"
+
+
+def _check_help(page: Page, screenshots: Path) -> None:
+    """The dialog of keys also explains the numbers."""
+    page.keyboard.press("?")
+    assert page.locator("dialog[open]").count() == 1
+    for name, words in (("energy", ENERGY_IN_WORDS), ("IoU", IOU_IN_WORDS)):
+        row = page.locator("#keys tr", has=page.get_by_text(name, exact=True))
+        assert row.locator("td").last.inner_text() == words
+    page.screenshot(path=screenshots / "help.png")
+    page.get_by_role("button", name="Close").click()
 
 
 def _check_tiles(page: Page, screenshots: Path) -> None:

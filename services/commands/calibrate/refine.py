@@ -14,6 +14,7 @@ from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import TriPlanes, pack_trimaps
 from services.mocap.errors import CalibrationError, TakeError, UserError
+from services.mocap.result.words import IOU_IN_WORDS
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import CALIBRATION
 from services.runs.refine import reliable_rows, result_of
@@ -46,6 +47,7 @@ def refine_take(folder: Path, result: Path, out: Path | None) -> None:
         refined, warnings = refine_take_cameras(take, result, show)
     warn(warnings)
     stdout.print(_table(take.cameras, refined))
+    say(IOU_IN_WORDS)
     if refined.held.all():
         raise CalibrationError(
             f"{calibration}: agrees with the body of {result}: no camera moves: nothing is written"

@@ -2,7 +2,7 @@
 
 import { drawCharts, legendItem, offerCharts, setChart } from "./charts.js";
 import { connect, onSceneKey, send } from "./link.js";
-import { enlarge, setTiles } from "./tiles.js";
+import { enlarge, explainIou, setTiles } from "./tiles.js";
 import { state } from "./time.js";
 import { drawTimeline, setOverview } from "./timeline.js";
 
@@ -21,6 +21,9 @@ function showTake(show) {
   by("loading").hidden = true;
   notice(show.remark);
   showVerdict(show.verdict);
+  by("energy").title = by("energy-words").textContent = show.words.energy;
+  by("iou-words").textContent = show.words.iou;
+  explainIou(show.words.iou);
   by("side").hidden = !show.has_tiles;
   by("frusta-label").hidden = !show.has_tiles;
   by("live-label").hidden = !show.is_live;
@@ -88,6 +91,7 @@ function showFrame(fields) {
   const isDoubtful = fields.distrusted.some(Boolean);
   by("frame-verdict").classList.toggle("doubtful", isDoubtful);
   by("frame-verdict").classList.toggle("good", isAllGood && !isDoubtful);
+  by("energy").textContent = fields.energy_px === null ? "" : `energy ${Math.round(fields.energy_px)} px`;
   by("numbers").textContent = numbers(fields).join(" · ");
   by("play").textContent = isPlaying ? "pause" : "play";
   by("live").checked = fields.state === "live";
@@ -107,9 +111,8 @@ function drawSoon() {
   });
 }
 
-function numbers({ energy_px, frames_per_s, behind_s }) {
+function numbers({ frames_per_s, behind_s }) {
   const found = [];
-  if (energy_px !== null) found.push(`energy ${Math.round(energy_px)} px`);
   if (frames_per_s !== null) found.push(`${frames_per_s.toFixed(1)} frames per second`);
   if (behind_s !== null) found.push(`page ${behind_s.toFixed(2)} s behind`);
   return found;

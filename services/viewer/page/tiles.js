@@ -7,6 +7,12 @@ const GRID = document.getElementById("cameras");
 const GAP = 3;
 const BAD_IOU = 0.82; // usual even in wide clothes
 let shape = 0.75;
+let iouInWords = "";
+
+/** What the IoU is, as shown where the pointer rests on one. */
+export function explainIou(words) {
+  iouInWords = words;
+}
 
 /** A message with the pictures of a frame. */
 export function setTiles({ frame, tiles }, blobs) {
@@ -47,6 +53,7 @@ function fill(box, tile, frame, jpeg, isWorst) {
   box.className = `tile${isWorst ? " worst" : ""}${tile.iou !== null && tile.iou < BAD_IOU ? " bad" : ""}`;
   name.replaceChildren(tile.name, extra(tile.differing_px === null ? "" : ` · ${tile.differing_px} px`));
   none.textContent = tile.missing;
+  iou.title = iouInWords;
   iou.replaceChildren(extra(isWorst ? "worst " : ""), tile.iou === null ? "" : `IoU ${tile.iou.toFixed(2)}`);
 }
 

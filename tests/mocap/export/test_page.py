@@ -1,6 +1,7 @@
 """report.html: whole by itself, and it says what the result's files say."""
 
 import base64
+import html
 import json
 import re
 import shutil
@@ -19,6 +20,7 @@ from services.mocap.export.page.charts import trust
 from services.mocap.export.page.html_report import key_frames, write_report
 from services.mocap.result.frame_files import read_frame_file, write_frame_file, write_frame_files
 from services.mocap.result.result import load_result
+from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
 from services.mocap.take.marks import PARTS
 from services.mocap.take.writer import video_writer
 
@@ -77,6 +79,10 @@ def test_with_poses_and_actor_alone(folder: Path) -> None:
     assert "usable with gaps: 1 of 16 frames has doubtful parts" in page
     assert "Doubtful: left arm in 1 (frame 103)." in page
     assert "16, from 100 to 115" in page
+    for words in (ENERGY_IN_WORDS, IOU_IN_WORDS):
+        before, _, after = html.unescape(page).partition(words)
+        assert "<dl>" in after and "<dl>" not in before, "explained before the first number"
+        assert words not in after
 
 
 def test_it_needs_nothing_but_itself(folder: Path) -> None:

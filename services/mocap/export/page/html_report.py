@@ -15,7 +15,7 @@ from services.mocap.export.page import charts
 from services.mocap.export.page.charts import svg_of
 from services.mocap.result.layout import OVERLAY
 from services.mocap.result.result import Result
-from services.mocap.result.words import IOU_IN_WORDS, rate_in_words
+from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS, rate_in_words
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.fit_record import OVERLAY as FIT_OVERLAY
 from services.mocap.take.pictures import read_picture
@@ -80,6 +80,7 @@ def write_report(path: Path, result: Result) -> None:
     page = template.render(
         name=result.motion.name,
         verdict=verdict_of(result),
+        words=(ENERGY_IN_WORDS, IOU_IN_WORDS),
         summary=_summary(result),
         pictures=key_frames(overlay, result.frames.tolist(), result.energies_px, doubts),
         fit_picture=_fit_picture(result.folder),
@@ -126,9 +127,8 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
     """Title, explanation and chart."""
     yield (
         "Energy",
-        "The energy is the number of pixels, over all cameras, in which model and silhouettes differ. What "
-        "is usual depends on cameras and clothes: look for steps and peaks. Below it the prior cost for the "
-        "distance from the expected pose. Red, here and below: frames with doubtful parts.",
+        "Look for steps and peaks. Below it the prior cost for the distance from the expected pose. Red, "
+        "here and below: frames with doubtful parts.",
         svg_of(charts.energy, result),
     )
     known = result.quantities
@@ -140,8 +140,8 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
         )
         yield (
             "Overlap, by camera",
-            f"{IOU_IN_WORDS} A curve for each camera, with its mean. A camera that stands out is out of "
-            "step, badly calibrated or badly segmented.",
+            "A curve for each camera, with its mean. A camera that stands out is out of step, badly "
+            "calibrated or badly segmented.",
             svg_of(charts.overlaps_over_time, result, known["iou"]),
         )
     fit = result.run.get("fit")
@@ -149,8 +149,8 @@ def _sections(result: Result) -> Iterator[tuple[str, str, str]]:
         frames = f"{len(fit['energy_after_px'])} frames from {fit['first_frame']} to {fit['end_frame'] - 1}"
         yield (
             "Overlap of the fit, by camera",
-            f"Intersection over union of model and silhouette, mean of the {frames} to which the actor was "
-            "fitted. A camera that stands out is badly calibrated or badly segmented.",
+            f"Mean IoU of the {frames} to which the actor was fitted. A camera that stands out is badly "
+            "calibrated or badly segmented.",
             svg_of(charts.overlaps, fit["iou_after"]),
         )
     if result.tracked.marks is not None:
