@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.camera.camera import Camera
+from services.mocap.export.text import write_text
 from services.mocap.export.tiles import (
     BEYOND_BGR,
     MISSED_BGR,
@@ -14,7 +15,6 @@ from services.mocap.export.tiles import (
     draw_difference,
     draw_unsure,
     grid_for,
-    write_text,
 )
 from services.mocap.types import ACTOR, Bytes, Floats, Mask, Trimap
 

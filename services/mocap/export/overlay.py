@@ -16,6 +16,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.errors import UserError, nearest
 from services.mocap.export.model_painter import ModelPainter
+from services.mocap.export.text import write_text
 from services.mocap.export.tiles import (
     CENTRE_BGR,
     DOUBTFUL_TEXT_BGR,
@@ -25,7 +26,6 @@ from services.mocap.export.tiles import (
     draw_tile,
     grid_for,
     trimap_picture,
-    write_text,
 )
 from services.mocap.result.result import Result
 from services.mocap.take.folder import Take

@@ -1,6 +1,5 @@
 """Pictures for the overlay: the model drawn over one camera's picture, and how tiles share a sheet."""
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -36,9 +35,6 @@ _OPACITY = 0.5
 _OUTLINE_BGR = (255, 255, 255)
 _HALO_BGR = (0, 0, 0)
 """Around the outline, so that it shows on a bright picture."""
-
-_DOTS, _TEXT_MARGIN_PX = "...", 4
-"""The end of text that is cut off, and the room beside it. OpenCV before 5 draws ASCII letters only."""
 
 _SMOOTHING_PX = 0.75
 """How far the outline may deviate from the border's pixels, so that it is smooth."""
@@ -94,27 +90,6 @@ def grid_for(cameras: Sequence[Camera], tile_width_px: int) -> Grid:
     enough = _FULL_GRID_ZOOM * max(map(zoom, grids))
     full = [grid for grid in grids if grid.columns * grid.rows == count and zoom(grid) >= enough]
     return max(full or grids, key=lambda grid: (round(zoom(grid), 6), -grid.columns * grid.rows))
-
-
-def write_text(
-    picture: Bytes, text: str, origin_px: tuple[int, int], colour_bgr: tuple[int, int, int], scale: float
-) -> int:
-    """Write with a shadow, from the left end of the base line on; returns the x where the text ends.
-
-    Text that is too long for the picture ends in three dots.
-    """
-    (x, y), font = origin_px, cv2.FONT_HERSHEY_SIMPLEX
-
-    def end(words: str) -> int:
-        return x + int(cv2.getTextSize(words, font, scale, 1)[0][0])
-
-    room = picture.shape[1] - _TEXT_MARGIN_PX
-    if end(text) > room:
-        fitting = bisect_right(range(1, len(text)), room, key=lambda n: end(text[:n].rstrip() + _DOTS))
-        text = text[:fitting].rstrip() + _DOTS if fitting else ""
-    cv2.putText(picture, text, (x + 1, y + 1), font, scale, (0, 0, 0), 1, cv2.LINE_AA)
-    cv2.putText(picture, text, origin_px, font, scale, colour_bgr, 1, cv2.LINE_AA)
-    return end(text)
 
 
 def trimap_picture(trimap: Trimap) -> Bytes:

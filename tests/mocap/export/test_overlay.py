@@ -9,6 +9,7 @@ import pytest
 
 from services.mocap.camera.camera import Camera
 from services.mocap.export.overlay import CAUSE_PX, HEADER_PX, OverlayWriter, overlay_writer
+from services.mocap.export.text import write_text
 from services.mocap.export.tiles import (
     CENTRE_BGR,
     LEFT_BGR,
@@ -17,7 +18,6 @@ from services.mocap.export.tiles import (
     SILHOUETTE_GROUND_GREY,
     grid_for,
     trimap_picture,
-    write_text,
 )
 from services.mocap.types import ACTOR, Bytes
 from services.mocap.verdict.verdict import LEVELS, Cause, Level, Verdict
