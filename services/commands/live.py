@@ -1,6 +1,5 @@
 """`xormocap live`: tracks live cameras."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +24,7 @@ from services.recorder.result_folder import check_out
 from services.runs.live import LiveJob, serve_group
 from services.runs.live import live as track_live
 from services.runs.progress import Progress, live_in_words
+from services.segmentation.live.availability import check_sources
 
 _SMOOTHER: Smoother = "one-euro"
 
@@ -58,10 +58,15 @@ def live(
 ) -> None:
     """Track live cameras until Ctrl-C: publish poses as they are found, and write results at the end."""
     take = open_live(config)
+    folder = out or Path("results") / take.settings.name
+    groups = _groups_to_serve(config, take, group, record)
+    if group is None:
+        check_out(folder)
+    page = tell_page(port) if watch and group is None else None
+    check_sources(take, [c for name in groups for c in take.groups()[name]])
     engine, output = options.engine_settings(backend, threads), options.output_settings(smooth, cutoff_hz)
     search = search_settings(changes or [], settings, len(take.cameras), preset, body)
     check_cost(engine, search.cost)
-    folder = out or Path("results") / take.settings.name
     job = LiveJob(
         config=config.resolve(),
         take=take,
@@ -71,30 +76,35 @@ def live(
         search=search,
         output=output,
         segmenter=segmenter,
+        page=page,
         record=record,
         keys=keys,
     )
-    if group is not None:
-        if group not in (known := sorted(take.groups())):
-            raise UserError(f"--group {group}: {config} has no such group: {nearest(group, known)}")
-        if take.live.endpoint is None:
-            raise UserError(f"--group: {config} does not say where the coordinator is: add endpoint to it")
+    if group is not None and take.live.endpoint is not None:
         serve_group(job, group, take.live.endpoint)
         return
-    if record is not None and set(take.groups()) <= set(take.live.elsewhere):
-        raise UserError(
-            f"--record {record}: {config} has no camera of this host: give --record with --group where the "
-            "cameras are"
-        )
-    check_out(folder)
     stderr.print(_body(take), markup=False, soft_wrap=True)
-    if watch:
-        job = replace(job, page=tell_page(port))
     report = _track(job)
     if report is None:
         raise UserError(f"{config}: nobody was tracked: the log lines above say why")
     _summarise(report, folder, record)
     conclude(folder, record, port if watch else None, strict=strict)
+
+
+def _groups_to_serve(config: Path, take: LiveTake, group: str | None, record: Path | None) -> list[str]:
+    """The groups of cameras that are read on this host; raises UserError where options do not fit them."""
+    if group is None:
+        if record is not None and not take.groups_here:
+            raise UserError(
+                f"--record {record}: {config} has no camera of this host: give --record with --group where "
+                "the cameras are"
+            )
+        return take.groups_here
+    if group not in (known := sorted(take.groups())):
+        raise UserError(f"--group {group}: {config} has no such group: {nearest(group, known)}")
+    if take.live.endpoint is None:
+        raise UserError(f"--group: {config} does not say where the coordinator is: add endpoint to it")
+    return [group]
 
 
 def _track(job: LiveJob) -> dict[str, Any] | None:

@@ -53,7 +53,6 @@ def live(
     None where no pose was found. show, warn, started, and what is raised: as run_services.
     """
     shutil.rmtree(partial_of(job.out), ignore_errors=True)  # live input cannot be continued
-    here = [group for group in job.take.groups() if group not in job.take.live.elsewhere]
     nice = ("--nice", str(_NICENESS))
     plan = Plan(
         source=job.config,
@@ -61,7 +60,7 @@ def live(
         coordinator=nice,
         limb_worker=nice,
         recorder=("--no-overlay",),
-        segmentation=[_cameras(job, group) for group in here],
+        segmentation=[_cameras(job, group) for group in job.take.groups_here],
         lasting=("coordinator", "segmentation"),
         alone_s=_ALONE_S,
     )

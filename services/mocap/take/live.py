@@ -52,6 +52,11 @@ class LiveTake(Take):
         names = dict.fromkeys(source.group for source in self.sources)
         return {name: [c for c, one in enumerate(self.sources) if one.group == name] for name in names}
 
+    @property
+    def groups_here(self) -> list[str]:
+        """The groups of cameras that are not on other hosts."""
+        return [name for name in self.groups() if name not in self.live.elsewhere]
+
     def plate(self, camera: Camera) -> Path | None:
         """See Take."""
         if self.background_folder is None:

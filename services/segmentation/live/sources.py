@@ -139,7 +139,7 @@ class StreamSource:
             self._container = _opened(settings.source, camera, fps)
             self._stream = self._container.streams.video[0]
         except (av.error.FFmpegError, OSError, IndexError) as problem:
-            raise SourceLostError(f"{_place(settings.source)}: {_reason(problem)}") from None
+            raise SourceLostError(f"{place_of(settings.source)}: {_reason(problem)}") from None
         self._stream.thread_type = "NONE"  # decoder threads would delay pictures
         self._frames = self._container.decode(self._stream)
 
@@ -148,9 +148,9 @@ class StreamSource:
         try:
             frame = next(self._frames, None)
         except (av.error.FFmpegError, OSError) as problem:
-            raise SourceLostError(f"{_place(self._settings.source)}: {_reason(problem)}") from None
+            raise SourceLostError(f"{place_of(self._settings.source)}: {_reason(problem)}") from None
         if frame is None:
-            raise SourceLostError(f"{_place(self._settings.source)}: the stream has ended")
+            raise SourceLostError(f"{place_of(self._settings.source)}: the stream has ended")
         arrived_s = time.monotonic()
         taken_s = arrived_s
         if self._settings.has_stamps and frame.time is not None:
@@ -199,7 +199,7 @@ def _opened(source: int | str, camera: Camera, fps: float) -> InputContainer:
     return av.open(source, "r", options=options, timeout=(_OPEN_S, _READ_S))
 
 
-def _place(source: int | str) -> str:
+def place_of(source: int | str) -> str:
     """A source for messages, without a password in its address."""
     if isinstance(source, int):
         return f"/dev/video{source}"
@@ -219,9 +219,14 @@ def check_file(source: LiveCamera, camera: Camera) -> None:
     if not source.is_file:
         return
     path = Path(str(source.source))
+    if not path.exists():
+        raise UserError(
+            f"[cameras.{camera.name}] source: {path} is missing: correct the path, which is relative to the "
+            "configuration"
+        )
     try:
         index = _indexed(path, _identity(path))
-    except SourceLostError as problem:
+    except (SourceLostError, TakeError) as problem:
         raise UserError(f"[cameras.{camera.name}] source: {problem}") from None
     check_size_of(str(source.source), camera, index.height_px, index.width_px)
 
