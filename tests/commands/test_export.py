@@ -1,6 +1,7 @@
 """`xormocap export`."""
 
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -73,6 +74,12 @@ def test_parquet_holds_the_same_numbers_and_says_units(folder: Path) -> None:
     np.testing.assert_array_equal(joints["neck_z_m"], result.joints_world_m[:, 1, 2])
     angles = pyarrow.parquet.read_table(folder / "angles.parquet")
     np.testing.assert_array_equal(angles["left_hip_flexion_deg"], result.angles_deg["left_hip_flexion"])
+
+
+def test_scripts_setup_installs_what_every_format_needs() -> None:
+    lock = (Path(__file__).resolve().parents[2] / "requirements.lock").read_text()
+    locked = set(re.findall(r"^([\w-]+)==", lock, re.MULTILINE))
+    assert {package for form in FORMATS.values() for package in form.needs} <= locked
 
 
 def test_without_pyarrow_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""A result's tables as Parquet files, units in the columns' metadata; needs pyarrow, which is optional."""
+"""A result's tables as Parquet, units in the columns' metadata; needs pyarrow, which containers lack."""
 
 from pathlib import Path
 from typing import Any
