@@ -86,13 +86,13 @@ def _mistakes(
     looked_at = range(frames.start, min(frames.stop, frames.start + n_frames))
     with kept_warnings() as warnings:
         cameras, outlines, middle = outlines_of(take, looked_at, 1, progress, segmenter)
-    found = mistakes_in(cameras, outlines, take.settings.up)
+    found = mistakes_in(cameras, outlines, take.settings.up, take.folder, looked_at)
     for mistake in found:
         if mistake.is_certain:
             raise _refused(take, mistake)
     yield from (Mistake("", sentence, "") for sentence in warnings)
-    # One camera alone is segmented less well than all together.
-    yield from (mistake for mistake in found if kind == READY or mistake.is_out_of_step)
+    # One camera alone is segmented less well than all together, but equally well in all frames.
+    yield from (m for m in found if kind == READY or m.is_out_of_step or m.is_change)
     yield from silhouette_faults(cameras, outlines, middle)
 
 

@@ -141,7 +141,7 @@ def _another_from_the_middle(mask: Bytes, frame: int) -> Bytes:
         ),
         (
             lambda take: [_change(take, f"cam{n + 1:02d}", _another_from_the_middle) for n in range(CAMERAS)],
-            "the cameras agree up to the 20th of the frames that were looked at, not afterwards",
+            "the cameras agree up to frame 19, and not from frame 20 on; a second person",
         ),
     ],
     ids=["out of step", "feet of one camera", "feet", "second person"],

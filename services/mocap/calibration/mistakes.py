@@ -6,6 +6,7 @@ Each mistake is undone on trial; it is certain where all cameras then agree that
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 
@@ -51,6 +52,8 @@ class Mistake:
     """Whether tracking is bound to fail."""
     is_out_of_step: bool = False
     """Whether a camera shows other moments than the others."""
+    is_change: bool = False
+    """Whether the cameras agree up to some frame, and not afterwards."""
 
     def __str__(self) -> str:
         return f"{self.file}: {self.what}: {self.remedy}"
@@ -109,10 +112,13 @@ _CONVENTIONS: dict[str, Callable[[Camera, Up], Camera]] = {
 """How extrinsics may be meant instead."""
 
 
-def mistakes_in(cameras: tuple[Camera, ...], outlines: Outlines, up: Up) -> list[Mistake]:
+def mistakes_in(
+    cameras: tuple[Camera, ...], outlines: Outlines, up: Up, take: Path, frames: range
+) -> list[Mistake]:
     """The mistakes that the outlines of consecutive frames show; the first certain one alone if there is one.
 
-    up: the axis of the calibration's own world that points up.
+    up: the axis of the calibration's own world that points up. take: the folder, for commands that help.
+    frames: those of the outlines.
     """
     every = -(-max(map(len, outlines)) // _TRIAL_FRAMES)
     few = [of_camera[::every] for of_camera in outlines]
@@ -121,8 +127,9 @@ def mistakes_in(cameras: tuple[Camera, ...], outlines: Outlines, up: Up) -> list
         certain = next(_undone(cameras, few, found, up), None)
         if certain is not None:
             return [certain]
-    late = list(_out_of_step(cameras, outlines))
-    return late or list(_from_a_frame_on(cameras, outlines)) or list(_disagreeing(cameras, found))
+    late = list(_out_of_step(cameras, outlines, take))
+    changed = late or list(_from_a_frame_on(cameras, outlines, frames))
+    return changed or list(_disagreeing(cameras, found, take))
 
 
 def _undone(
@@ -191,7 +198,7 @@ def _all_agree(cameras: tuple[Camera, ...], outlines: Outlines) -> bool:
     return not found.odd and bool(np.isfinite(found.off_px).all())
 
 
-def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator[Mistake]:
+def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines, take: Path) -> Iterator[Mistake]:
     """Cameras that agree better some frames later or earlier."""
     width_px = float(np.median([camera.width_px for camera in cameras]))
     found = find_offsets(touches_of(cameras, outlines), len(cameras), _REACH, width_px)
@@ -205,12 +212,12 @@ def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator[Mi
                 f"is out of step by about {abs(ahead):.0f} frames: it agrees with the other cameras "
                 f"({found.off_px[c]:.1f} px instead of {found.off_before_px[c]:.1f} px) if it is that much "
                 f"{'earlier' if ahead > 0 else 'later'}",
-                "run xormocap sync, which writes offsets to take.toml",
+                f"run xormocap sync {take}, which writes offsets to take.toml",
                 is_out_of_step=True,
             )
 
 
-def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterator[Mistake]:
+def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines, frames: range) -> Iterator[Mistake]:
     """The frame from which cameras disagree that agreed before."""
     pairs = [touches.off_px(0.0) for touches in touches_of(cameras, outlines)]
     off_px = np.concatenate(pairs, axis=1) if pairs else np.zeros((0, 1))
@@ -223,15 +230,17 @@ def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines) -> Iterato
     is_change = (wrong_later > _MOSTLY) & (wrong_before < 1 - _MOSTLY) & disagrees
     is_change[:_FEWEST_ALIKE] = is_change[max(len(is_change) - _FEWEST_ALIKE, 0) :] = False
     if is_change.any():
+        change = frames[int(is_change.argmax())]
         yield Mistake(
             "silhouettes",
-            f"the cameras agree up to the {int(is_change.argmax())}th of the frames that were looked at, not "
-            "afterwards; a second person or a thing that moves comes into view, or the light changes",
-            "track the part before with --frames, or mask it out",
+            f"the cameras agree up to frame {change - 1}, and not from frame {change} on; a second person or "
+            "a thing that moves comes into view, or the light changes",
+            f"track the part before with --frames {frames.start}:{change}, or mask it out",
+            is_change=True,
         )
 
 
-def _disagreeing(cameras: tuple[Camera, ...], found: TangentAgreement) -> Iterator[Mistake]:
+def _disagreeing(cameras: tuple[Camera, ...], found: TangentAgreement, take: Path) -> Iterator[Mistake]:
     """Cameras that disagree for a reason that is not known."""
     names = [cameras[c].name for c in found.odd]
     if 2 * len(names) > len(cameras):
@@ -245,5 +254,5 @@ def _disagreeing(cameras: tuple[Camera, ...], found: TangentAgreement) -> Iterat
             f"calibration.toml: {', '.join(names)}",
             f"not in agreement with the other cameras ({np.nanmax(found.off_px):.0f} px off); "
             "it was moved since the calibration, its silhouettes are wrong, or something hides the actor",
-            "look at xormocap calibrate --check",
+            f"run xormocap calibrate --check {take}",
         )
