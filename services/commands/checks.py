@@ -89,15 +89,18 @@ def _mistakes(
     found = mistakes_in(cameras, outlines, take.settings.up, take.folder, looked_at)
     for mistake in found:
         if mistake.is_certain:
-            raise _refused(take, mistake)
+            raise _refused(take, mistake, warnings)
     yield from (Mistake("", sentence, "") for sentence in warnings)
     # One camera alone is segmented less well than all together, but equally well in all frames.
     yield from (m for m in found if kind == READY or m.is_out_of_step or m.is_change)
-    yield from silhouette_faults(cameras, outlines, middle)
+    if not any(mistake.is_change for mistake in found):
+        yield from silhouette_faults(cameras, outlines, middle)
 
 
-def _refused(take: Take, mistake: Mistake) -> TakeError:
-    return TakeError(f"{take.folder}/{mistake} (--no-check goes on nevertheless)")
+def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> TakeError:
+    """warnings: of the silhouettes that show the mistake; the first one is named before it."""
+    spoilt = f"{warnings[0]}; with these silhouettes, " if warnings else ""
+    return TakeError(f"{spoilt}{take.folder}/{mistake} (--no-check goes on nevertheless)")
 
 
 def in_view(take: Take, frames: range, segmenter: str) -> range:

@@ -128,8 +128,11 @@ def mistakes_in(
         if certain is not None:
             return [certain]
     late = list(_out_of_step(cameras, outlines, take))
-    changed = late or list(_from_a_frame_on(cameras, outlines, frames))
-    return changed or list(_disagreeing(cameras, found, take))
+    # A late camera alone disagrees from the first movement on; a change makes the others disagree as well.
+    in_step = [c for c, camera in enumerate(cameras) if camera.name not in {mistake.file for mistake in late}]
+    others = tuple(cameras[c] for c in in_step)
+    changes = list(_from_a_frame_on(others, [outlines[c] for c in in_step], frames))
+    return changes or late or list(_disagreeing(cameras, found, take))
 
 
 def _undone(
@@ -220,7 +223,9 @@ def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines, take: Path) ->
 def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines, frames: range) -> Iterator[Mistake]:
     """The frame from which cameras disagree that agreed before."""
     pairs = [touches.off_px(0.0) for touches in touches_of(cameras, outlines)]
-    off_px = np.concatenate(pairs, axis=1) if pairs else np.zeros((0, 1))
+    if not pairs:
+        return
+    off_px = np.concatenate(pairs, axis=1)
     shows_anybody = np.isfinite(off_px).any(axis=1, keepdims=True)
     off_px = np.nanmedian(np.where(shows_anybody, off_px, 0.0), axis=1)
     disagrees = off_px > agreement_limit_px(cameras)
