@@ -5,7 +5,7 @@ import sys
 import time
 from collections import deque
 from contextlib import closing
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Group, RenderableType
@@ -25,7 +25,7 @@ from services.options import KeysOption, keys_of_client
 
 _LOOK_S = 0.25
 _REACHED_S = 1.5
-"""How long it waits for somebody who listens at the address."""
+"""How long it waits for a host that does not answer; one that refuses the connection is not waited for."""
 _PATIENCE_S = 30.0
 """How long it waits for telemetry once somebody listens there; while a coordinator finds the first pose, it
 sends none for some seconds."""
@@ -144,11 +144,11 @@ def status(
 
 def _first_told(watch: Watch, endpoint: str) -> Telemetry:
     """The coordinator's first telemetry; raises UserError where nobody listens or nothing is told."""
-    began_s, is_reached = time.monotonic(), False
+    began_s, answer = time.monotonic(), ""
     while watch.latest is None:
         waited_s = time.monotonic() - began_s
-        is_reached = is_reached or _listens(endpoint)
-        if not is_reached and waited_s > _REACHED_S:
+        answer = answer if answer == "listens" else answer_of(endpoint)
+        if answer == "refuses" or (answer == "silent" and waited_s > _REACHED_S):
             raise UserError(
                 f"{endpoint}: no run answers there: start one by xormocap track TAKE --endpoint {endpoint}, "
                 "or give the address of another by --connect"
@@ -159,14 +159,16 @@ def _first_told(watch: Watch, endpoint: str) -> Telemetry:
     return watch.latest
 
 
-def _listens(endpoint: str) -> bool:
-    """Whether somebody listens where a coordinator publishes its poses."""
+def answer_of(endpoint: str) -> Literal["listens", "refuses", "silent"]:
+    """What happens to a connection to where a coordinator publishes its poses."""
     host, _, port = stream_endpoint(endpoint, "poses").removeprefix("tcp://").rpartition(":")
     try:
         with socket.create_connection((host.strip("[]"), int(port)), timeout=_LOOK_S):
-            return True
+            return "listens"
+    except ConnectionRefusedError:
+        return "refuses"
     except OSError:
-        return False
+        return "silent"
 
 
 def _follow(watch: Watch, told: Telemetry) -> None:

@@ -14,7 +14,7 @@ from urllib.request import urlopen
 import pytest
 
 from bench.soak.latency import Stopwatch
-from services.commands.status import _listens
+from services.commands.status import answer_of
 from services.runs.launcher import Launcher, free_endpoint
 
 pytestmark = pytest.mark.timeout(280)
@@ -43,7 +43,7 @@ def test_a_run_from_its_beginning_to_its_end(exact_take: Path, xormocap: Command
         options = ("--search", "paper", *clients, "--metrics", str(port))
         launcher.start("coordinator", *take, "--bind", endpoint, *options)
         launcher.start("limb_worker", *connect)
-        until(lambda: _listens(endpoint))
+        until(lambda: answer_of(endpoint) == "listens")
         before = told(xormocap, endpoint)
         assert (before["take"], before["stage"], before["run"]) == ("walk", "waiting for clients", "")
         assert (before["next_frame"], before["end_frame"], before["recorders"]) == (0, 24, {})
@@ -93,7 +93,9 @@ def test_a_run_from_its_beginning_to_its_end(exact_take: Path, xormocap: Command
 
 
 def test_nobody_is_there(refused: Callable[..., str]) -> None:
+    began_s = time.monotonic()
     said = refused("status", "--connect", free_endpoint(), "--once")
+    assert time.monotonic() - began_s < 3
     assert "no run answers there: start one by xormocap track TAKE --endpoint" in said
 
 
