@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
+import board_stage
 from board_stage import (
     Scene,
     centres_apart_m,
     distorted_px,
+    picture,
     ring,
     shown_to_neighbours,
     with_fisheye,
+    write,
     write_clips,
     write_pictures,
 )
@@ -23,6 +26,7 @@ from services.commands.calibrate.board import COVERAGE, RECORD, calibrate_by_boa
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.detection import Detector
 from services.mocap.calibration.lens import Lens
+from services.mocap.calibration.rigid_transform import RigidTransform
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.errors import UserError
 from services.mocap.types import Bytes
@@ -178,6 +182,17 @@ def test_clips_of_two_sizes_are_noticed(own_clips: Path, tmp_path: Path) -> None
     assert "is 600x450 pixels, but the camera's other clip is 1200x900" in said
 
 
+def test_an_origin_of_no_camera_is_noticed_before_the_board_is_searched(
+    own_clips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(Detector, "find")
+    (own_clips / "origin").rename(tmp_path / "away")
+    (own_clips / "origin").mkdir()
+    (tmp_path / "away" / "cam01.png").rename(own_clips / "origin" / "floor.png")
+    said = complaint(own_clips, tmp_path, SAID)
+    assert said.endswith("origin: floor.png belongs to no camera: expected one of cam01, cam02, cam03")
+
+
 def test_without_an_origin_the_cameras_are_right_to_each_other_and_it_is_said(
     own_clips: Path, charuco: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -208,13 +223,27 @@ def test_measured_points_give_the_world_instead(
     assert centres_apart_m(read_calibration(out, "z"), charuco.cameras).max() < 0.03
 
 
-def test_a_camera_upside_down_is_calibrated_and_said(
-    own_clips: Path, charuco: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_cameras_upside_down_or_behind_a_board_of_two_sides_are_calibrated_and_said(
+    own_clips: Path,
+    charuco: Scene,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """Whenever cam03 sees the board, it is from behind, and so does cam02 then."""
+    monkeypatch.setattr(board_stage, "sees", lambda *_: True)
+    rng, turned = np.random.default_rng(12), RigidTransform(np.diag([-1.0, 1.0, -1.0]), np.zeros(3))
+    for frame, (pose, to) in enumerate(charuco.moments):
+        for camera in (charuco.cameras[c] for c in to if 2 in to):
+            behind = picture(camera, CHARUCO, pose @ turned, rng)
+            write(own_clips / camera.name / f"{frame:06d}.png", behind)
     for path in (own_clips / "cam03", own_clips / "origin" / "cam03.png"):
         change(path, lambda picture: picture[::-1, ::-1])
     calibrate(own_clips, tmp_path / "calibration.toml", SAID)
-    assert "cam03: hangs upside down" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "cam03: hangs upside down" in said
+    assert "cam03: saw the back of the board, as one printed on both sides has it" in said
+    assert "cam01: saw the back" not in said
     found = read_calibration(tmp_path / "calibration.toml", "z")
     assert centres_apart_m(found, charuco.cameras).max() < 0.02
 

@@ -15,7 +15,7 @@ from services.mocap.atomic import atomic_file
 from services.mocap.calibration.board import Board, drawn
 from services.mocap.calibration.clips import find_clips
 from services.mocap.calibration.coverage import covered_share, draw_coverage
-from services.mocap.calibration.from_clips import calibrate_clips
+from services.mocap.calibration.from_clips import calibrate_clips, check_clips
 from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.calibration.lens import Lens
 from services.mocap.calibration.placing import read_points
@@ -52,6 +52,8 @@ def calibrate_by_board(
             f"{clips}: is not a folder: expected a folder with a clip <camera>.mp4 for each camera"
         )
     board = board_of(said, clips)
+    before = check_clips(clips, level, needs_origin=points_file is None)
+    warn(before)
     names = [clip.camera for clip in find_clips(clips)]
     known = known_lenses(lens_file, names) if lens_file else None
     points = read_points(points_file, names) if points_file else None
@@ -62,11 +64,11 @@ def calibrate_by_board(
         show("calibrated", 1.0)
     if points is not None:
         cameras, more = in_world_of(solution.cameras, points)
-        solution, remarks = replace(solution, cameras=cameras), [*remarks, *more]
-    remarks = [*remarks, *remarks_on_views(solution), *remarks_on(solution.cameras)]
+        solution, remarks = replace(solution, cameras=cameras), remarks + more
+    remarks += [*remarks_on_views(solution), *remarks_on(solution.cameras)]
     write_calibration(out, solution.cameras, up)
     write_picture(out.with_name(COVERAGE), draw_coverage(solution))
-    _write_record(out.with_name(RECORD), solution, board, remarks)
+    _write_record(out.with_name(RECORD), solution, board, [*before, *remarks])
     warn(remarks)
     stdout.print(_table(solution))
     say(f"{out}; look at {out.with_name(COVERAGE)}")

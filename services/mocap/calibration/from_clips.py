@@ -25,6 +25,38 @@ _POLARITY_SAMPLES = 6
 """Pictures of each clip in which a board is searched as printed and as its negative."""
 
 
+def check_clips(folder: Path, level: str | None, *, needs_origin: bool) -> list[str]:
+    """Remarks on a folder of clips (see clips.py) in which nothing was looked for yet.
+
+    level: see solve_rig. needs_origin: whether the origin's place matters. Raises CalibrationError with what
+    is missing or wrong, and what to do about it.
+    """
+    names = [clip.camera for clip in find_clips(folder)]
+    if len(names) < 2:
+        raise CalibrationError(
+            f"{folder}: has clips of {len(names)} cameras: expected <camera>.mp4, or a folder <camera> of "
+            "pictures, for two cameras or more"
+        )
+    if level is not None and level not in names:
+        raise CalibrationError(f"--level {level}: is no camera of {folder}: {nearest(level, names)}")
+    check_sizes(folder)
+    if not needs_origin:
+        return []
+    there = find_clips(folder / ORIGIN)
+    if not there:
+        return [
+            f"{folder / ORIGIN}: has no clip: the world's origin is where the board was seen first, not on "
+            f"the floor, and up is up in the pictures of {level or 'all cameras on average'}: record a clip "
+            "or a picture <camera>.png of the board lying on the floor, or name a level camera (--level)"
+        ]
+    if not any(clip.camera in names for clip in there):
+        raise CalibrationError(
+            f"{folder / ORIGIN}: {there[0].path.name} belongs to no camera: expected one of "
+            f"{', '.join(names)}"
+        )
+    return []
+
+
 def calibrate_clips(
     folder: Path,
     board: Board,
@@ -35,24 +67,13 @@ def calibrate_clips(
     *,
     needs_origin: bool = True,
 ) -> tuple[Solution, list[str]]:
-    """Calibrate the cameras of a folder of clips (see clips.py) by a board; also remarks.
+    """Calibrate the cameras of a folder of clips, checked by check_clips, by a board; also remarks.
 
-    known: lenses by camera, which are held. level: see solve_rig. needs_origin: whether the origin's place
-    matters.
+    known: lenses by camera, which are held. level, needs_origin: see check_clips.
 
     Raises CalibrationError with what is missing or wrong, and what to do about it.
     """
-    clips = find_clips(folder)
-    if len(clips) < 2:
-        raise CalibrationError(
-            f"{folder}: has clips of {len(clips)} cameras: expected <camera>.mp4, or a folder <camera> of "
-            "pictures, for two cameras or more"
-        )
-    names = [clip.camera for clip in clips]
-    if level is not None and level not in names:
-        raise CalibrationError(f"--level {level}: is no camera of {folder}: {nearest(level, names)}")
-    check_sizes(folder)
-    remarks = []
+    clips, remarks = find_clips(folder), []
     if board.inverted is None:
         board = _with_polarity(board, clips)
         remarks += ["the board is printed white on black (inverted = true)"] if board.inverted else []
@@ -67,8 +88,11 @@ def calibrate_clips(
         for s in seen
         if s.is_behind
     ]
-    if needs_origin and not any(ORIGIN_FRAME in sightings.by_frame for sightings in seen):
-        remarks.append(_no_origin(folder, seen, board, level))
+    is_placed = any(ORIGIN_FRAME in sightings.by_frame for sightings in seen)
+    if needs_origin and not is_placed and find_clips(folder / ORIGIN):
+        raise CalibrationError(
+            f"{folder / ORIGIN}: {board.in_words()} was not found in it: show it larger, evenly lit and whole"
+        )
 
     def show_solving(what: str, share: float) -> None:
         show(what, _LOOKING_SHARE + (1 - _LOOKING_SHARE) * share)
@@ -122,23 +146,3 @@ def _at_rest(clip: Clip, sightings: list[Sighting], board: Board) -> Sighting | 
         )
     sighting = Sighting(often.astype(np.int32), middle_px)
     return sighting if is_usable(sighting, board) else None
-
-
-def _no_origin(folder: Path, seen: list[Sightings], board: Board, level: str | None) -> str:
-    """A remark if there is no clip of the origin; raises CalibrationError if there is one without a board."""
-    there = find_clips(folder / ORIGIN)
-    if not there:
-        return (
-            f"{folder / ORIGIN}: has no clip: the world's origin is where the board was seen first, not on "
-            f"the floor, and up is up in the pictures of {level or 'all cameras on average'}: record a clip "
-            "or a picture <camera>.png of the board lying on the floor, or name a level camera (--level)"
-        )
-    known = {sightings.camera for sightings in seen}
-    if not any(clip.camera in known for clip in there):
-        raise CalibrationError(
-            f"{folder / ORIGIN}: {there[0].path.name} belongs to no camera: expected one of "
-            f"{', '.join(sorted(known))}"
-        )
-    raise CalibrationError(
-        f"{folder / ORIGIN}: {board.in_words()} was not found in it: show it larger, evenly lit and whole"
-    )

@@ -4,18 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 
 from board_stage import FLAT, picture, ring, shown_to_neighbours, sightings_of
 from services.mocap.calibration.board import Board, drawn
-from services.mocap.calibration.clips import find_clips
-from services.mocap.calibration.detection import Detector, look_through
+from services.mocap.calibration.detection import Detector
 from services.mocap.calibration.known_lenses import known_lenses
 from services.mocap.calibration.remarks import remarks_on_views
-from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Solution, solve_rig
+from services.mocap.calibration.rig_solving import ORIGIN_FRAME, solve_rig
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
-from services.mocap.camera.formats import read_any
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Bytes
 
 BOARD = Board(columns=5, rows=7, square_m=0.2, marker_m=0.15, dictionary="4x4_50")
 
@@ -56,13 +55,6 @@ def test_the_back_of_a_board_has_the_corners_of_its_front(shown: tuple[Camera, B
     np.testing.assert_allclose(shown[1].shape[1] - 1 - back.points_px[:, 0], front.points_px[:, 0], atol=0.1)
 
 
-def between_centres_m(cameras: tuple[Camera, ...] | list[Camera]) -> Floats:
-    """Distances between all pairs of cameras."""
-    centres = np.array([camera.centre_world_m for camera in cameras])
-    first, second = np.triu_indices(len(centres), 1)
-    return np.linalg.norm(centres[first] - centres[second], axis=1)
-
-
 def test_known_lenses_are_held_and_an_origin_is_not_needed(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     scene = shown_to_neighbours(ring(3, 1200, 900, rng, of=8), BOARD, 8, rng, closed=False)
@@ -76,36 +68,9 @@ def test_known_lenses_are_held_and_an_origin_is_not_needed(tmp_path: Path) -> No
     for found, true in zip(solution.cameras, scene.cameras, strict=True):
         np.testing.assert_array_equal(found.K, true.K)
         np.testing.assert_array_equal(found.distortion, true.distortion)
-    np.testing.assert_allclose(
-        between_centres_m(solution.cameras), between_centres_m(scene.cameras), rtol=0.005
+    found_m, true_m = (
+        pdist([camera.centre_world_m for camera in cameras]) for cameras in (solution.cameras, scene.cameras)
     )
+    np.testing.assert_allclose(found_m, true_m, rtol=0.005)
     assert solution.cameras[1].R_camera_world[1] == pytest.approx([0, 0, -1], abs=1e-9)  # down is down
     assert not any("covered" in remark or "--lens" in remark for remark in remarks_on_views(solution))
-
-
-@pytest.fixture(scope="module")
-def recording() -> Path:
-    folder = Path(__file__).resolve().parents[4] / "shared" / "data" / "boards" / "caliscope"
-    if not folder.is_dir():
-        pytest.skip("needs the recording of a board")
-    return folder
-
-
-def test_a_real_recording_of_an_inverted_board_without_origin(recording: Path) -> None:
-    board = Board(columns=4, rows=5, square_m=0.054, dictionary="4x4_1000", inverted=True)
-    detector = Detector(board)
-    clips = find_clips(recording / "calibration/extrinsic")
-    seen = [look_through(clip.camera, clip.pictures(every=1), detector) for clip in clips]
-    assert min(len(sightings.by_frame) for sightings in seen) >= 40
-    reference = recording / "camera_array.toml"
-    true, _ = read_any(reference, None, None, "auto", 1.0, "z")
-
-    def off(solution: Solution) -> float:
-        return float(np.abs(between_centres_m(solution.cameras) / between_centres_m(true) - 1).max())
-
-    known = known_lenses(reference, [clip.camera for clip in clips])
-    assert off(solve_rig(seen, board, "normal", quiet, known)) < 0.03
-    found = solve_rig(seen, board, "normal", quiet)
-    assert off(found) < 0.06
-    assert all(lens.is_simple for lens in found.lenses)
-    assert sum("move the board through the whole picture" in r for r in remarks_on_views(found)) == len(seen)

@@ -1,0 +1,82 @@
+"""`xormocap calibrate` on a real recording: a board that is white on black, no picture of the origin."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist
+from typer.testing import CliRunner
+
+from services.cli import app
+from services.commands.calibrate.board import RECORD
+from services.mocap.calibration import from_clips
+from services.mocap.calibration.clips import Clip
+from services.mocap.calibration.detection import Detector
+from services.mocap.calibration.sightings import Sightings
+from services.mocap.camera.calibration import read_calibration
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.formats import read_any
+from services.mocap.types import Floats
+
+BOARD = ("--squares", "4x5", "--square", "0.054", "--dictionary", "4x4_1000")
+
+
+@pytest.fixture(scope="module")
+def recording() -> Path:
+    folder = Path(__file__).resolve().parents[3] / "shared" / "data" / "boards" / "caliscope"
+    if not folder.is_dir():
+        pytest.skip("needs the recording of a board")
+    return folder
+
+
+@pytest.fixture
+def looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs after the first one take its sightings of the board: to find them takes seconds."""
+    look = from_clips._sightings
+    detectors: list[Detector] = []
+
+    @cache
+    def first(clip: Clip, folder: Path) -> Sightings:
+        return look(clip, folder, detectors[-1])
+
+    def again(clip: Clip, folder: Path, detector: Detector) -> Sightings:
+        detectors.append(detector)
+        return first(clip, folder)
+
+    monkeypatch.setattr(from_clips, "_sightings", again)
+
+
+def calibrate(recording: Path, out: Path, *options: object) -> tuple[str, tuple[Camera, ...]]:
+    """What the command warns of, and the cameras that it writes."""
+    arguments = ["calibrate", recording / "calibration" / "extrinsic", "--out", out, *BOARD, *options]
+    done = CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output, read_calibration(out, "z")
+
+
+def between_m(cameras: tuple[Camera, ...]) -> Floats:
+    """Distances between all pairs of cameras."""
+    return np.asarray(pdist([camera.centre_world_m for camera in cameras]), np.float64)
+
+
+@pytest.mark.usefixtures("looked_at_once")
+def test_it_calibrates_as_it_is_and_says_what_it_lacks(recording: Path, tmp_path: Path) -> None:
+    reference = recording / "camera_array.toml"
+    true_m = between_m(read_any(reference, None, None, "auto", 1.0, "z")[0])
+    said, cameras = calibrate(recording, tmp_path / "calibration.toml")
+    assert np.abs(between_m(cameras) / true_m - 1).max() < 0.06
+    assert "warning: the board is printed white on black (inverted = true)\n" in said
+    assert said.count("warning: ") == 2 + len(cameras)
+    assert said.index("origin: has no clip") < said.index("calibrated") < said.index("white on black")
+    for camera in cameras:
+        assert f"warning: {camera.name}: the board was seen in " in said
+    assert said.count("(a simple lens model was chosen): move the board through the whole picture") == 4
+    record = json.loads((tmp_path / RECORD).read_text())
+    assert len(record["warnings"]) == 2 + len(cameras)
+    assert min(of["views"] + of["left_out"] for of in record["cameras"].values()) >= 40
+
+    said, cameras = calibrate(recording, tmp_path / "known.toml", "--lens", reference)
+    assert np.abs(between_m(cameras) / true_m - 1).max() < 0.03
+    assert "the board was seen in" not in said
