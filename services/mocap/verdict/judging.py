@@ -36,6 +36,12 @@ _BELOW_OTHERS = 0.1
 _FEWEST_CAMERAS = 3
 _DROP, _LEAST_DROP_FRAMES = 0.15, 3
 """A moment stands out if a camera's IoU is lower by this than its median, in so many frames in a row."""
+_GROWN, _COVERED = 1.25, 0.8
+"""Against the other frames: growth of the pixels that body or silhouettes cover, and share of those that both
+cover. With both the silhouettes show more (second persons in a synthetic take: 1.8 and 1.0), with neither
+less (actors half out of the pictures: 1.2 and 0.6)."""
+_LEAST_APART = 1e-3
+"""Of one minus the IoU, which has four digits."""
 _LOW_IOU = 0.75
 """All cameras' typical IoU below which the body or the silhouettes are wrong; people in coats have 0.82."""
 _HEIGHT_OFF_M = 0.05
@@ -157,8 +163,8 @@ def _moments(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> 
     together = _long_only(2 * np.sum(list(by_frame.values()), axis=0) > len(by_frame))
     if together.any():
         yield Cause(
-            what=f"most cameras' silhouettes stop matching the body in {_when(result, together)}: a second "
-            "person or a thing that moves, light that changed, or an actor who leaves the pictures",
+            what=f"most cameras' silhouettes stop matching the body in {_when(result, together)}: "
+            f"{_what_changed(result, iou, together)}",
             remedy="look at these frames in overlay.mp4; --frames A:B tracks the part before",
             level="usable with gaps",
         )
@@ -171,6 +177,21 @@ def _moments(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> 
                 remedy="look at them with xormocap view (Cameras: difference)",
                 level="good",
             )
+
+
+def _what_changed(result: Result, iou: Mapping[str, Floats], chosen: Mask) -> str:
+    """What may have happened in chosen frames (N,), by the areas that body and silhouettes cover."""
+    overlap = np.nanmean(list(iou.values()), axis=0)
+    either_px = result.energies_px / np.maximum(1 - overlap, _LEAST_APART)
+    grown, covered = (
+        float(np.median(of_px[chosen]) / max(np.median(of_px[~chosen]), 1.0))
+        for of_px in (either_px, overlap * either_px)
+    )
+    if grown > _GROWN and covered > _COVERED:
+        return "they show more than the body: a second person, a thing that moves, or light that changed"
+    if grown < _GROWN and covered < _COVERED:
+        return "they show less than the body: an actor who leaves the pictures or is hidden"
+    return "a second person or a thing that moves, light that changed, or an actor who leaves the pictures"
 
 
 def _when(result: Result, chosen: Mask) -> str:
