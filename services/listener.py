@@ -1,8 +1,9 @@
-"""What every client does that listens to a coordinator's poses: recorder, viewer, status."""
+"""How clients listen to a coordinator: messages that wait are taken in, malformed ones dropped."""
 
 import logging
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import zmq
 
@@ -17,6 +18,32 @@ _MOST_AT_ONCE = 500
 """Messages that are taken in before anything else gets its turn."""
 
 log = logging.getLogger(__name__)
+
+
+def drop(error: MalformedMessage) -> None:
+    """Count and log a message that cannot be understood."""
+    DROPPED.inc()
+    log.warning("dropped a malformed message: %s", error)
+
+
+def hear(
+    line: Line,
+    take_in: Callable[[Message], None],
+    refuse: Callable[[MalformedMessage], None] = drop,
+    most: int = _MOST_AT_ONCE,
+) -> None:
+    """Take in the messages that wait on a line, at most so many, so that others get their turn.
+
+    refuse: called where a message, or what `take_in` finds in it, is malformed.
+    """
+    for _ in range(most):
+        try:
+            message = line.receive()
+            if message is None:
+                return
+            take_in(message)
+        except MalformedMessage as error:
+            refuse(error)
 
 
 class PosesListener(ABC):
@@ -35,23 +62,18 @@ class PosesListener(ABC):
 
     def refuse(self, error: MalformedMessage) -> None:
         """A message has come that cannot be understood."""
-        DROPPED.inc()
-        log.warning("dropped a malformed message: %s", error)
+        drop(error)
 
     def listen(self, timeout_s: float) -> None:
         """Wait a moment for messages, and take them in."""
         wait([line.socket for line in self.lines], timeout_s)
         for line in self.lines:
-            for _ in range(_MOST_AT_ONCE):
-                try:
-                    message = line.receive()
-                    if message is None:
-                        break
-                    self.heard_s = time.monotonic()
-                    self.take_in(message)
-                except MalformedMessage as error:
-                    self.refuse(error)
+            hear(line, self._note, self.refuse)
             line.tick()
+
+    def _note(self, message: Message) -> None:
+        self.heard_s = time.monotonic()
+        self.take_in(message)
 
     def close(self) -> None:
         """Close the sockets, letting what was sent go out."""

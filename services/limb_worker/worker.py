@@ -3,17 +3,16 @@
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from itertools import islice
+from functools import partial
 
-from proto.framing import MalformedMessage
 from proto.link import Link
 from proto.messages import Blob, BlobRequest, LimbRefusal, LimbTask, Message
 from proto.sockets import wait
 from services.blob_store import UnusableBlobError
 from services.limb_worker.metrics import HELD, WAITING, note_answer
 from services.limb_worker.solver import LimbSolver
+from services.listener import hear
 from services.logs import about
-from services.metrics import DROPPED
 from services.mocap.energy.engine import Engine
 from services.pose_size import with_whole_poses
 
@@ -78,12 +77,7 @@ class Worker:
         is_ready = any(not self._solver.blobs.missing(task) for _, task in self._turns)
         wait([link.socket for link in self._links], 0.0 if is_ready else _LOOK_S)
         for number, link in enumerate(self._links):
-            try:
-                for message in islice(iter(link.receive, None), _MOST_AT_ONCE):
-                    self._act(number, message)
-            except MalformedMessage as error:
-                DROPPED.inc()
-                log.warning("dropped a malformed message: %s", error)
+            hear(link, partial(self._act, number), most=_MOST_AT_ONCE)
 
     def _act(self, number: int, message: Message) -> None:
         """Handle one message of a coordinator."""

@@ -10,15 +10,14 @@ from typing import Annotated
 import typer
 import zmq
 
-from proto.framing import MalformedMessage
 from proto.keys import ClientKeys
 from proto.link import Line
-from proto.messages import Credit, Silhouettes, TakeEnd
-from proto.sockets import receive, send, wait
+from proto.messages import Credit, Message, Silhouettes, TakeEnd
+from proto.sockets import wait
 from proto.streams import DEFAULT_ENDPOINT
 from services.health import beat
+from services.listener import hear
 from services.logs import about
-from services.metrics import DROPPED
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError, nearest
 from services.mocap.take.fit_record import read_colour_tables, read_occluded
@@ -64,6 +63,7 @@ class Sender:
         self._silhouettes = Line(self._context, endpoint, "silhouettes", keys)
         self._poses = Line(self._context, endpoint, "poses", keys)
         self._credit: Credit | None = None
+        self._is_over = False
         self._run, self._next = "", 0
         self._moments: Iterator[Moment] | None = None
         self._unsent: Silhouettes | None = None
@@ -72,7 +72,10 @@ class Sender:
 
     def run(self, stop: StopRequest) -> None:
         """Follow the credit until the coordinator says that the take is over; between frames check plates."""
-        while not stop and not self._hear():
+        while not stop:
+            hear(self._poses, self._take_in)
+            if self._is_over:
+                break
             beat()
             if not self._send_next():
                 self._check_a_plate()
@@ -93,20 +96,14 @@ class Sender:
         if self._checks:
             self._checks.popleft()()
 
-    def _hear(self) -> bool:
-        """Take in what the coordinator has said; True once the take is over."""
+    def _take_in(self, message: Message) -> None:
+        """Follow the credit for this take until its end."""
         name = self._take.settings.name
-        try:
-            while (message := receive(self._poses.socket)) is not None:
-                if isinstance(message, TakeEnd) and message.take == name:
-                    return True
-                if isinstance(message, Credit) and message.take == name:
-                    CREDIT.set(max(message.end_frame - self._next, 0))
-                    self._follow(message)
-        except MalformedMessage as error:
-            DROPPED.inc()
-            log.warning("dropped a malformed message: %s", error)
-        return False
+        if isinstance(message, TakeEnd) and message.take == name:
+            self._is_over = True
+        elif isinstance(message, Credit) and message.take == name and not self._is_over:
+            CREDIT.set(max(message.end_frame - self._next, 0))
+            self._follow(message)
 
     def _follow(self, credit: Credit) -> None:
         """Move to the coordinator's position if it is behind (restarted), far ahead, or in another run."""
@@ -138,7 +135,7 @@ class Sender:
                 unsure=planes.sent_unsure,
                 classes=planes.sent_classes,
             )
-        if not send(self._silhouettes.socket, self._unsent):
+        if not self._silhouettes.send(self._unsent):
             return False
         FRAMES.inc()
         self._next, self._unsent = self._next + 1, None

@@ -9,15 +9,13 @@ from pathlib import Path
 
 import zmq
 
-from proto.framing import MalformedMessage
 from proto.keys import ClientKeys
 from proto.link import Line
-from proto.messages import LivePace, LiveSilhouettes, LiveSources, TakeEnd
-from proto.sockets import receive, send
+from proto.messages import LivePace, LiveSilhouettes, LiveSources, Message, TakeEnd
 from proto.streams import FROM_LIVE_CAMERAS
 from services.health import beat
+from services.listener import hear
 from services.logs import about
-from services.metrics import DROPPED
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.bitplanes import TriPlanes
@@ -90,17 +88,15 @@ class Talk:
     def hear(self) -> None:
         """Handle the coordinator's messages."""
         for line in (self._tasks, self._poses):
-            try:
-                while (message := receive(line.socket)) is not None:
-                    if isinstance(message, LivePace) and message.take == self._take:
-                        self.clock.hear(message, time.monotonic())
-                    elif isinstance(message, TakeEnd) and message.take == self._take:
-                        self.end = message
-            except MalformedMessage as error:
-                DROPPED.inc()
-                log.warning("dropped a malformed message: %s", error)
+            hear(line, self._take_in)
         for line in (self._tasks, self._poses, self._silhouettes):
             line.tick()
+
+    def _take_in(self, message: Message) -> None:
+        if isinstance(message, LivePace) and message.take == self._take:
+            self.clock.hear(message, time.monotonic())
+        elif isinstance(message, TakeEnd) and message.take == self._take:
+            self.end = message
 
     def tell(self, group: Group) -> None:
         """Report the state of the cameras when it is due."""
@@ -121,7 +117,7 @@ class Talk:
             absent=[self._cameras[k] for k in shots.absent()],
             ended=group.has_ended and not shots.n_waiting,
         )
-        send(self._tasks.socket, word)
+        self._tasks.send(word)
 
     def send(self, shot: Shot, silhouetter: Silhouetter) -> None:
         """Segment a shot, and send it if the queue has room."""
@@ -137,7 +133,7 @@ class Talk:
             planes=planes.silhouettes,
             unsure=planes.sent_unsure,
         )
-        if send(self._silhouettes.socket, message):
+        if self._silhouettes.send(message):
             FRAMES.inc()
         else:
             self.unsent += 1
