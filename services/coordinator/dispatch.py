@@ -13,7 +13,8 @@ from proto.streams import FROM_CLIENTS, TO_CLIENTS
 from services.blob_store import keep_latest
 from services.coordinator.metrics import TURNAROUND
 from services.mocap.body.skeleton import LOWER, UPPER
-from services.mocap.search.chains import LIMBS, LimbName
+from services.mocap.search.chains import LIMBS
+from services.mocap.take.marks import LimbName
 
 log = logging.getLogger(__name__)
 

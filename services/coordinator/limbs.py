@@ -8,11 +8,12 @@ import numpy as np
 from proto.messages import MAX_SHARDS, LimbResult, LimbTask
 from services.coordinator.dispatch import Dispatcher
 from services.coordinator.overhead import Overhead
-from services.mocap.search.chains import LIMBS, LimbName
+from services.mocap.search.chains import LIMBS
 from services.mocap.search.descent import Solution
 from services.mocap.search.jobs import LimbJob
 from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
+from services.mocap.take.marks import LimbName
 
 _LOOK_S = 0.02
 """How long to wait for a result before checking for late tasks and lost workers."""

@@ -20,7 +20,7 @@ from services.mocap.result.layout import JOINTS, POSES_SMOOTH, REPORT
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import REFERENCE_JOINTS_CSV
 from services.mocap.take.live_settings import fresh_s
-from services.mocap.take.marks import PARTS, Marks
+from services.mocap.take.marks import LIMB_NAMES, PARTS, Marks
 from services.mocap.take.tables import REFERENCE_JOINTS, from_take_world, read_joints_csv
 from services.mocap.types import Floats
 
@@ -29,9 +29,6 @@ _LIBRARIES = ("moderngl", "numpy", "numba", "opencv-contrib-python-headless", "p
 _MOTION_FILES = tuple(file for name in DEFAULT_FORMATS for file in FORMATS[name].files if file != REPORT)
 _SMOOTHED = (POSES_SMOOTH, JOINTS, *_MOTION_FILES)
 """Files of the smoothed motion."""
-_LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
-"""Stages that the paper's five machines run in parallel, while a coordinator measures them one after the
-other."""
 _LEAST_STEP_S = 1e-6
 LOST_LIMB_MM = 200.0
 """A joint farther than this from the reference counts as lost: the search fitted something else."""
@@ -120,8 +117,9 @@ def _speed(recorded: list[Pose]) -> dict[str, Any]:
         "mean_s": {name: float(values.mean()) for name, values in seconds.items()},
         "median_s": {name: float(np.median(values)) for name, values in seconds.items()},
     }
-    if all(name in seconds for name in (*_LIMBS, "torso", "head")):
-        slowest_limb = np.max([seconds[name] for name in _LIMBS], axis=0)
+    # A coordinator measures these stages one after the other; the paper's machines do all limbs at once.
+    if all(name in seconds for name in PARTS):
+        slowest_limb = np.max([seconds[name] for name in LIMB_NAMES], axis=0)
         speed["critical_path_s"] = float((seconds["torso"] + slowest_limb + seconds["head"]).mean())
     return speed
 

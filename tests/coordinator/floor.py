@@ -2,17 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import get_args
 
 import numpy as np
 
 from proto.messages import Beat, Hello, LimbRefusal, LimbResult, LimbTask, Message
 from services.coordinator.dispatch import Dispatcher, Identity
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.search.chains import LIMBS, LimbName
+from services.mocap.search.chains import LIMBS
+from services.mocap.take.marks import LIMB_NAMES, LimbName
 from services.mocap.types import Floats
 
-LIMB_NAMES: tuple[LimbName, ...] = get_args(LimbName)
 _RUN = "0" * 32
 
 

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from floor import LIMB_NAMES, Floor, limb_task, limbs_of, pass_tasks, refusal_of, result_of
+from floor import Floor, limb_task, limbs_of, pass_tasks, refusal_of, result_of
 
 from proto.messages import MAX_BACKENDS, LimbRefusal, LimbResult
 from proto.streams import FROM_CLIENTS
 from services.coordinator.dispatch import FIRST_DEADLINE_S, PROBE_S, key_of
 from services.mocap.body.skeleton import UPPER
-from services.mocap.search.chains import LIMBS, LimbName
+from services.mocap.search.chains import LIMBS
+from services.mocap.take.marks import LIMB_NAMES, LimbName
 
 
 @pytest.fixture

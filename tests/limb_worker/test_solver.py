@@ -21,11 +21,12 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.search.chains import ALL_SURFACES, LIMBS, LimbName
+from services.mocap.search.chains import ALL_SURFACES, LIMBS
 from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import stage_window
+from services.mocap.take.marks import LimbName
 from services.mocap.types import Floats
 
 CPU = open_engine(EngineSettings(backend="cpu"))

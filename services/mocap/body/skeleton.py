@@ -66,7 +66,7 @@ def sided(name: str, side: Side | None) -> str:
 
 
 def bare(name: str) -> str:
-    """A joint's or segment's name without its side."""
+    """The name of a joint, segment or part without its side."""
     return name.removeprefix("left_").removeprefix("right_")
 
 

@@ -1,7 +1,6 @@
 """The chains: which parameters a sub-problem varies, what it draws, and where it looks."""
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import CLOTH_JOINTS, SEGMENT_JOINTS, SURFACE_FRAMES, segment_transforms
 from services.mocap.body.skeleton import BODY_DOFS, LOWER, SEGMENTS, UPPER, BodyName, dofs_of, segments_below
 from services.mocap.camera.rig import Rig
+from services.mocap.take.marks import LIMB_NAMES, LimbName
 from services.mocap.types import Floats, Ints
 
 REFERENCE_WIDTH_PX = 320
@@ -17,7 +17,6 @@ _REFERENCE_CAMERAS = 8
 
 ALL_SURFACES: tuple[int, ...] = tuple(range(len(SURFACE_FRAMES)))
 """The segments, then the cloth of a skirt, which is empty on bodies without one."""
-LimbName = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ def _surfaces_below(joint: str) -> tuple[int, ...]:
 
 (TORSO,) = _stages("torso")
 (HEAD,) = _stages("head")
-LIMBS: dict[LimbName, Limb] = {name: Limb(*_stages(name)) for name in get_args(LimbName)}
+LIMBS: dict[LimbName, Limb] = {name: Limb(*_stages(name)) for name in LIMB_NAMES}
 
 
 def pixel_scale(rig: Rig) -> float:

@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from services.mocap.search.chains import LimbName
 from services.mocap.search.descent import Solution
 from services.mocap.search.error_by_part import ErrorByPart
-from services.mocap.take.marks import PARTS, Part
+from services.mocap.take.marks import PARTS, LimbName, Part
 from services.mocap.types import Floats
 
 

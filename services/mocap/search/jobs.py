@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import LIMBS, LimbName
+from services.mocap.search.chains import LIMBS
 from services.mocap.search.descent import Solution
 from services.mocap.search.limb import limb_picture, solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.marks import LimbName
 from services.mocap.types import Floats
 
 

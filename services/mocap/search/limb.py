@@ -8,19 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from services.mocap.body.kinematics import clip_to_limits
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.skeleton import DOFS, bare
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import LIMBS, Limb, LimbName, Stage
+from services.mocap.search.chains import LIMBS, Limb, Stage
 from services.mocap.search.descent import Box, Solution, best_of
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import descend_from, descend_stage, prepare, stage_window
 from services.mocap.search.typical_poses import first_apart, typical_poses
+from services.mocap.take.marks import LIMB_PAIRS, LimbName
 from services.mocap.types import Floats
 
 _STARTS = 4
 """Points of a grid from which a limb is aligned with the contours."""
-PAIRS: tuple[tuple[LimbName, LimbName], ...] = (("left_arm", "right_arm"), ("left_leg", "right_leg"))
+PAIRS = LIMB_PAIRS
 _MOST_PROMISING = 5
 """Poses that are worth a closer look."""
 
@@ -59,8 +60,7 @@ def solve_limb(
     seen = _without_margin(settings.cost.priced(seen), settings)
     by_contours = settings.method == "contours"
     energy, start, box = prepare(model, limb.main, seen, pose, settings, priced=by_contours)
-    is_arm = DOFS[limb.main.dofs[0]].joint.endswith("shoulder")
-    counts = settings.arm_grid if is_arm else settings.leg_grid
+    counts = settings.arm_grid if bare(name) == "arm" else settings.leg_grid
     points = grid_points(start, counts, _grid_steps(limb.main, settings), box)
     if settings.typical_limbs:
         typical = typical_poses()[:, list(limb.main.dofs)]

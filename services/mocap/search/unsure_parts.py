@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from services.mocap.body.skeleton import bare
 from services.mocap.energy.bitplanes import TriPlanes, count_by_camera, pack, unpack
 from services.mocap.energy.picture import Region
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model
 from services.mocap.search.unsure_shares import REMEDY, UNTOLD, without_rims
-from services.mocap.take.marks import PARTS, Part
+from services.mocap.take.marks import LIMB_PAIRS, PARTS, Part
 from services.mocap.types import Floats, Ints, Mask
 
 UNTOLD_SHARE = 0.4
@@ -18,7 +19,8 @@ UNTOLD_SHARE = 0.4
 limb. With the forearm or the shank it is half, and nothing determines the bend of elbow or knee."""
 _LEAST_PX = 20
 """A part with fewer pixels in a picture, because it is at the edge, is not judged there."""
-_PAIRS: dict[str, tuple[Part, Part]] = {"arms": ("left_arm", "right_arm"), "legs": ("left_leg", "right_leg")}
+_PAIRS = {f"{bare(pair[0])}s": pair for pair in LIMB_PAIRS}
+"""`arms`, `legs`: the limbs of a pair in one word."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,12 @@ import numpy as np
 from services.mocap.take.csv_columns import Columns
 from services.mocap.types import Floats, Mask
 
-Part: TypeAlias = Literal["torso", "head", "left_arm", "right_arm", "left_leg", "right_leg"]
+LimbName: TypeAlias = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+Part: TypeAlias = Literal["torso", "head", LimbName]
+"""Types cannot be derived from the table of the body: a test compares them with it."""
+LIMB_NAMES: tuple[LimbName, ...] = get_args(LimbName)
+LIMB_PAIRS: tuple[tuple[LimbName, LimbName], ...] = tuple(zip(LIMB_NAMES[::2], LIMB_NAMES[1::2], strict=True))
+"""The left and the right one of each kind."""
 PARTS: tuple[Part, ...] = get_args(Part)
 """The parts that are judged, in the order of every (…, 6) array."""
 WHOLE_BODY: Part = "torso"

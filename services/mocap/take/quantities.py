@@ -14,13 +14,13 @@ from typing import Any, Literal, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from services.mocap.take.marks import DISTRUSTED, PARTS, Marks
+from services.mocap.take.marks import DISTRUSTED, LIMB_NAMES, PARTS, Marks
 from services.mocap.types import Floats
 
 File: TypeAlias = Literal["poses.csv", "energies.csv", "timings.csv"]
 Labelled: TypeAlias = dict[str, NDArray[Any]]
 """Numbers (N,) of a quantity by part, camera or stage; by "" where it is of the whole frame."""
-STAGES = ("torso", "limbs", "head", "left_arm", "right_arm", "left_leg", "right_leg", "frame")
+STAGES = ("torso", "limbs", "head", *LIMB_NAMES, "frame")
 """The stages with times; limbs are solved in parallel, frame is the time from one frame to the next."""
 
 

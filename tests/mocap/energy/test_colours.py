@@ -20,10 +20,11 @@ from services.mocap.energy.colours import ColourPainter
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.chains import ALL_SURFACES, LIMBS, LimbName
+from services.mocap.search.chains import ALL_SURFACES, LIMBS
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import prepare, whole_body_energy
+from services.mocap.take.marks import LimbName
 from services.mocap.types import Bytes, Floats
 
 RandomPoses = Callable[[int, int], Floats]

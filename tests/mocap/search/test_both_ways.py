@@ -10,14 +10,14 @@ from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Picture
 from services.mocap.search.best_path import PathSearch, apart_m, corrected_frames
 from services.mocap.search.both_ways import Step, solve_both_ways
-from services.mocap.search.chains import LIMBS, LimbName
+from services.mocap.search.chains import LIMBS
 from services.mocap.search.contour_search import solve_by_contours
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.tracker import Tracker
-from services.mocap.take.marks import PARTS
+from services.mocap.take.marks import PARTS, LimbName
 from services.mocap.types import Floats
 
 SETTINGS = SearchSettings()

@@ -11,13 +11,14 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX, LOWER, UPPER
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.picture import Picture
-from services.mocap.search.chains import ALL_SURFACES, LIMBS, LimbName, window_origins_px
+from services.mocap.search.chains import ALL_SURFACES, LIMBS, window_origins_px
 from services.mocap.search.descent import Solution
 from services.mocap.search.frame import extrapolated, solve_frame
 from services.mocap.search.jobs import LimbJob, LocalLimbs, limb_jobs
 from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.marks import LimbName
 from services.mocap.types import Bytes, Floats
 
 Poser = Callable[..., Floats]

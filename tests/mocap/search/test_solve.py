@@ -15,12 +15,13 @@ from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.energy.backend import Problem
 from services.mocap.energy.bitplanes import pack_classes
 from services.mocap.energy.picture import Picture, Region
-from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS, TORSO, LimbName
+from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS, TORSO
 from services.mocap.search.descent import Solution
 from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import descend_stage, stage_window
+from services.mocap.take.marks import LimbName
 from services.mocap.types import Floats
 
 Poser = Callable[..., Floats]

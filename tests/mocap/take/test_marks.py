@@ -13,7 +13,7 @@ from proto import messages
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOFS
 from services.mocap.errors import TakeError
-from services.mocap.take.marks import MARK_COLUMNS, PARTS, Marks, doubtful_parts, judged_parts
+from services.mocap.take.marks import LIMB_NAMES, MARK_COLUMNS, PARTS, Marks, doubtful_parts, judged_parts
 from services.mocap.take.tables import PoseTable, read_poses_csv, write_poses_csv
 
 N = 4
@@ -35,6 +35,7 @@ def some_marks() -> Marks:
 
 def test_the_parts_are_those_of_the_wire() -> None:
     assert get_args(messages.Part) == PARTS
+    assert get_args(messages.Limb) == LIMB_NAMES
 
 
 def test_a_doubtful_torso_makes_all_parts_doubtful_and_judged() -> None:

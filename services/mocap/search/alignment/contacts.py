@@ -14,10 +14,10 @@ from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, N_JOINTS, SEGMENT_JOINTS, place_frames
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SIDES
 from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, cross
-from services.mocap.search.chains import LimbName
+from services.mocap.take.marks import LIMB_NAMES
 from services.mocap.types import Floats, Ints, Mask
 
-PRICED: tuple[LimbName, ...] = ("left_arm", "right_arm", "left_leg", "right_leg")
+PRICED = LIMB_NAMES
 """The limbs, in the order of what contacts cost."""
 _ELLIPSES = 24
 _NOTHING_M = 1e-3
