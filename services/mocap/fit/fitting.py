@@ -9,7 +9,7 @@ import numpy as np
 from services.mocap.body import shape_space
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import clip_to_limits
-from services.mocap.body.skeleton import BODY_DOFS, BodyName, pose_of_body
+from services.mocap.body.skeleton import BODY_DOFS, JOINTS, BodyName, dofs_of, pose_of_body
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import Contour, contours_of
@@ -24,7 +24,7 @@ _CONTOUR_POINTS = 250
 _MOST_ENERGY = 1.05
 """A result with more than so many times the start's energy is dropped. A likelier body may have a little
 more, because a search found the start's poses for the start's body."""
-_ROOT = tuple(range(6))
+_ROOT = dofs_of(JOINTS[0].name)
 _HEIGHT = shape_space.of_kind("height")
 _SKELETON = shape_space.of_kind("height", "bone")
 _EVERYTHING = shape_space.of_kind("height", "bone", "joint", "profile")
