@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 from services.mocap.body.actor import Actor, Body
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
 from services.mocap.body.shape_space import body_of, clip_to_bounds, vector_of
-from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX
+from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, TRUNK
 from services.mocap.types import Floats
 
 _LEVELS = 25
@@ -20,8 +20,7 @@ _LEVELS = 25
 _DIRECTIONS = 12
 """The widest of all directions of shapes; the others together move no measure by a millimetre."""
 _CM_PER_M = 100.0
-_TRUNK = ("pelvis", "torso")
-_HIPS = ("pelvis", "torso", "left_thigh", "right_thigh")
+_HIPS = (*TRUNK, "left_thigh", "right_thigh")
 
 
 @dataclass(frozen=True)
@@ -110,8 +109,8 @@ def _girths(figure: "_Figure") -> tuple[_Row, ...]:
     )
     neck_m, head_top_m = figure.joint_m("head")[2], figure.extent_m(2, "head")[1]
     hips_m, waist_m, chest_m = (figure.up_the_trunk_m(share) for share in (0.25, 0.55, 0.80))
-    chest = figure.girths_m(2, waist_m, chest_m, _TRUNK).max()
-    waist = figure.girths_m(2, hips_m, waist_m, _TRUNK).min()
+    chest = figure.girths_m(2, waist_m, chest_m, TRUNK).max()
+    waist = figure.girths_m(2, hips_m, waist_m, TRUNK).min()
     hip = figure.girths_m(2, crotch_m, hips_m, _HIPS).max()
     thigh = figure.girths_m(2, crotch_m, (hip_m + knee_m) / 2, ("left_thigh",)).max()
     calf = figure.girths_m(2, knee_m, ankle_m, ("left_shank",)).max()

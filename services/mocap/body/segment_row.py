@@ -46,6 +46,10 @@ class Length:
     lowest: float
     """The smallest factor that a fit may find."""
     highest: float
+    mean_factor: float = 1.0
+    """People's mean factor over the generic body's."""
+    is_long: bool = False
+    """Whether it is of the trunk or a leg, where loose clothes look like long or short bones."""
 
 
 @dataclass(frozen=True)

@@ -100,6 +100,8 @@ SEGMENT_JOINT: dict[str, str] = {segment.name: segment.joint for segment in SEGM
 """Segment -> the joint that carries it, in the order of every (…, S, …) array."""
 SEGMENT_NAMES: tuple[str, ...] = tuple(SEGMENT_JOINT)
 SEGMENT_INDEX: dict[str, int] = {name: i for i, name in enumerate(SEGMENT_NAMES)}
+TRUNK: tuple[str, ...] = tuple(segment.name for segment in SEGMENTS if segment.part == "torso")
+"""The segments to which head and limbs are attached."""
 
 JOINTS: tuple[Joint, ...] = tuple(_joints())
 JOINT_NAMES: tuple[str, ...] = tuple(joint.name for joint in JOINTS)

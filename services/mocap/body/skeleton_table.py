@@ -18,7 +18,9 @@ Joint centres in body heights follow de Leva 1996 (J. Biomechanics 29(9)) and Dr
 Deviations and ranges of lengths follow the spread over both sexes in the 2012 US Army survey (Gordon et al.
 2014, NATICK/TR-15/007) of each measure over stature, with room for heavier people, children and clothes.
 Those of the arm, 0.034 and 0.046 in that survey, are wider here, as body models differ in where they put its
-joints: over stature, MakeHuman's upper arm is 7 % shorter than de Leva's, and its forearm 9 %.
+joints: over stature, MakeHuman's upper arm is 7 % shorter than de Leva's, and its forearm 9 %. Mean factors
+are over stature: of arms those of women and men in de Leva, from joint centre to joint centre; of legs those
+of the heights of trochanter, epicondyle and malleolus in the survey.
 The waist stands for the lumbar and the thoracic spine. Young adults flex the lumbar spine by 73, extend it by
 29 and bend it sideways by 28 degrees (Troke et al. 2005, Manual Therapy 10, 198-206); the thoracic spine adds
 to the bending and does nearly all the turning (White and Panjabi 1990, Clinical Biomechanics of the Spine).
@@ -56,7 +58,10 @@ PELVIS = SegmentRow(
             ("pelvis_tilt", -1, "leaning forward"),
         )),
     ),
-    lengths=(Length("hip_width", 0.105, "", 0.08, 0.65, 1.5), Length("pelvis", 0.087, "z", 0.08, 0.65, 1.5)),
+    lengths=(
+        Length("hip_width", 0.105, "", 0.08, 0.65, 1.5),
+        Length("pelvis", 0.087, "z", 0.08, 0.65, 1.5, is_long=True),
+    ),
     section=Section("zyx", 0.0, 0.087),
     width=_controls("trunk_width", "hip", "belly", "waist"),
     depth=_controls("trunk_depth", "hip", "belly", "waist"),
@@ -82,7 +87,8 @@ TORSO = SegmentRow(
         )),
     ),
     lengths=(
-        Length("torso", 0.248, "z", 0.05, 0.70, 1.45), Length("shoulder_width", 0.215, "", 0.06, 0.70, 1.45)
+        Length("torso", 0.248, "z", 0.05, 0.70, 1.45, is_long=True),
+        Length("shoulder_width", 0.215, "", 0.06, 0.70, 1.45),
     ),
     section=Section("zyx", 0.0, 0.248),
     width=_controls("trunk_width", "waist", "ribs", "chest", "top"),
@@ -149,7 +155,7 @@ UPPER_ARM = SegmentRow(
             ("shoulder_axial_rotation", 1, "inward (internal), after both"),
         )),
     ),
-    lengths=(Length("upper_arm", 0.165, "y", 0.07, 0.75, 1.30),),
+    lengths=(Length("upper_arm", 0.165, "y", 0.07, 0.75, 1.30, mean_factor=0.97),),
     section=Section("yzx", 0.0, 0.165),
     width=_controls("arm_girth", "shoulder", "biceps", "elbow"),
     depth=_controls("arm_girth", "shoulder", "biceps", "elbow"),
@@ -164,7 +170,7 @@ FOREARM = SegmentRow(
     paired=True, part="arm", window_px=_LIMB_WINDOW_PX,
     parameters=(Parameter("elbow_flexion", "swing", _DOWN, 0.0, 150.0),),
     angles=(Turns("ZXY", (("elbow_flexion", 1, "forearm to the upper arm"),)),),
-    lengths=(Length("forearm", 0.152, "y", 0.08, 0.75, 1.30),),
+    lengths=(Length("forearm", 0.152, "y", 0.08, 0.75, 1.30, mean_factor=1.01),),
     section=Section("yzx", 0.0, 0.152),
     width=_controls("arm_girth", "elbow", "forearm", "wrist"),
     depth=_controls("arm_girth", "elbow", "forearm", "wrist"),
@@ -213,7 +219,7 @@ THIGH = SegmentRow(
             ("hip_rotation", 1, "inward (internal)"),
         )),
     ),
-    lengths=(Length("thigh", 0.231, "z", 0.05, 0.75, 1.30),),
+    lengths=(Length("thigh", 0.231, "z", 0.05, 0.75, 1.30, mean_factor=1.02, is_long=True),),
     section=Section("zyx", 0.0, -0.231),
     width=_controls("leg_girth", "hip", "thigh", "knee"),
     depth=_controls("leg_girth", "hip", "thigh", "knee"),
@@ -228,7 +234,7 @@ SHANK = SegmentRow(
     paired=True, part="leg", window_px=_LIMB_WINDOW_PX,
     parameters=(Parameter("knee_flexion", "swing", _Y, -8.0, 150.0),),
     angles=(Turns("ZXY", (("knee_flexion", -1, "heel to the buttocks"),)),),
-    lengths=(Length("shank", 0.242, "z", 0.05, 0.75, 1.30),),
+    lengths=(Length("shank", 0.242, "z", 0.05, 0.75, 1.30, mean_factor=1.005, is_long=True),),
     section=Section("zyx", 0.0, -0.242),
     width=_controls("leg_girth", "knee", "calf", "ankle"),
     depth=_controls("leg_girth", "knee", "calf", "ankle"),

@@ -15,7 +15,7 @@ import numpy as np
 from services.mocap.body.actor import DEFAULT_HEIGHT_M
 from services.mocap.body.shape_space import DEVIATIONS, INDEX
 from services.mocap.body.skeleton import DOFS, JOINTS, SEGMENTS, Dof
-from services.mocap.body.skeleton_table import EXTREMITY_WINDOW_PX
+from services.mocap.body.skeleton_table import EXTREMITY_WINDOW_PX, ROWS
 from services.mocap.fit.normal_equations import Stage, State, System
 from services.mocap.types import Floats, Mask
 
@@ -40,12 +40,11 @@ _HIPS_ALIKE = 0.25
 """Share of the variance at the hips that pelvis and thighs have in common besides stoutness."""
 _CHAIN_REACH = 1.5
 """Controls along a chain over which the correlation falls to 1/e."""
-_LIMB_BONES = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
-_MEAN_FACTORS = {"upper_arm": 0.97, "forearm": 1.01, "thigh": 1.02, "shank": 1.005, "foot_depth": 1.35}
-"""People's mean measures on those of the generic body, over stature. Arms: women and men in de Leva 1996
-(J. Biomechanics 29(9)), from joint centre to joint centre. Legs: heights of trochanter, epicondyle and
-malleolus in the 2012 US Army survey. Depth of the foot: soles of 1 to 4 cm under it."""
-_LONG_BONES = ("pelvis", "torso", "thigh", "shank")
+_LENGTHS = [(row, length) for row in ROWS for length in row.lengths]
+_LIMB_BONES = [length.bone for row, length in _LENGTHS if row.paired]
+_LONG_BONES = [length.bone for _, length in _LENGTHS if length.is_long]
+_MEAN_FACTORS = {length.bone: length.mean_factor for _, length in _LENGTHS} | {"foot_depth": 1.35}
+"""People's mean measures on those of the generic body, over stature. Feet have soles of 1 to 4 cm."""
 _LOOSE = 8.0
 """From this misfit on, the deviations of _LONG_BONES are divided by the misfit over it. Loose clothes shift
 hips, knees and ankles in all views and frames alike, and the data's cost cannot tell that from long or short

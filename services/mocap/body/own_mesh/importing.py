@@ -13,14 +13,12 @@ from services.mocap.body.own_mesh.gltf import read_gltf
 from services.mocap.body.own_mesh.parts import character_of_parts, load_parts, parts_of_gltf
 from services.mocap.body.own_mesh.proportions import body_mesh, in_rest_pose
 from services.mocap.body.own_mesh.skin import character_of_skin
-from services.mocap.body.skeleton import SEGMENT_NAMES
+from services.mocap.body.skeleton import SEGMENT_NAMES, TRUNK
 from services.mocap.body.surface import volume_m3
 from services.mocap.errors import UserError
 
 _GLTF = (".glb", ".gltf", ".vrm")
 _PARTS = (".obj", ".ply")
-_TRUNK = ("pelvis", "torso")
-"""Segments to which limbs are attached: a dome there would stay visible as a lump when the limb is lifted."""
 _MOST_FACES, _THINNED_FACES = 24_000, 20_000
 _FEWEST_FACES = 60
 """Least number of faces of a segment."""
@@ -43,7 +41,8 @@ def import_mesh(path: Path) -> Imported:
     Raises UserError if that is not possible.
     """
     rest = in_rest_pose(_character(path))
-    pieces = {name: closed(rest.pieces[name], domed=name not in _TRUNK) for name in SEGMENT_NAMES}
+    # A dome on the trunk would stay visible as a lump when a limb is lifted.
+    pieces = {name: closed(rest.pieces[name], domed=name not in TRUNK) for name in SEGMENT_NAMES}
     n_given, n_faces = _count(rest.pieces), _count(pieces)
     remarks: tuple[str, ...] = ()
     if n_faces > _MOST_FACES:

@@ -12,7 +12,7 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF, N_JOINTS, SEGMENT_JOINTS, place_frames
-from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SIDES
+from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SIDES, TRUNK
 from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, cross
 from services.mocap.take.marks import LIMB_NAMES
 from services.mocap.types import Floats, Ints, Mask
@@ -22,7 +22,7 @@ PRICED = LIMB_NAMES
 _ELLIPSES = 24
 _NOTHING_M = 1e-3
 """Half axes of a section that is empty."""
-_TRUNK = ("pelvis", "torso", "head")
+_AROUND_ARMS = (*TRUNK, "head")
 _FOREARM_SHARES = (0.25, 0.5, 0.75, 1.0)
 _HAND_SHARES = (0.33, 0.66, 0.9)
 _THIGH_SHARES, _SHANK_SHARES = (0.6, 0.8, 1.0), (0.25, 0.5, 0.75, 1.0)
@@ -55,7 +55,7 @@ class Contacts(NamedTuple):
     def of(cls, body: Body) -> "Contacts":
         """The shapes of a body."""
         legs = [f"{side}_{bone}" for side in SIDES for bone in ("thigh", "shank")]
-        names = [*_TRUNK, *legs]
+        names = [*_AROUND_ARMS, *legs]
         stacks = [SEGMENT_INDEX[name] for name in names]
         lowest_m = {"pelvis": _LOWEST_HEIGHTS * body.height_m}
         points = list[tuple[int, Floats, int, int, list[bool]]]()
@@ -63,7 +63,7 @@ class Contacts(NamedTuple):
             side, part = name.split("_")
             carrier = int(SEGMENT_JOINTS[SEGMENT_INDEX["torso" if part == "arm" else "pelvis"]])
             other = "right" if side == "left" else "left"
-            counts = [s in _TRUNK if part == "arm" else s.startswith(other) for s in names]
+            counts = [s in _AROUND_ARMS if part == "arm" else s.startswith(other) for s in names]
             points += [(joint, at_m, limb, carrier, counts) for joint, at_m in _axis(body, side, part)]
         joints, points_m, limbs, carriers, counted = zip(*points, strict=True)
         return cls(
