@@ -10,7 +10,7 @@ import numpy as np
 
 from proto.messages import LivePace, LiveSilhouettes, LiveSources, Silhouettes
 from services.coordinator.incoming import Frame, Incoming
-from services.coordinator.live_shots import Pace, Shots, SourceWords
+from services.coordinator.live_shots import Pace, SourceWords, UnsolvedShots
 from services.mocap.camera.rig import Rig
 from services.mocap.take.live import LiveTake
 from services.mocap.take.live_settings import fresh_s
@@ -44,7 +44,7 @@ class LiveFrames(Incoming):
         super().__init__(rig)
         self._take, self._now = take, now
         self._names = [camera.name for camera in take.cameras]
-        self._shots, self._words = Shots(rig.n_cameras), SourceWords(rig.n_cameras)
+        self._shots, self._words = UnsolvedShots(rig.n_cameras), SourceWords(rig.n_cameras)
         self._last_shot = self._highest = -1
         self._came_s = np.full(rig.n_cameras, -np.inf)
         self._pace = Pace(take.live.period_s)

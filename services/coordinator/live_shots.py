@@ -76,7 +76,7 @@ class Pace:
 
 
 @dataclass
-class Shot:
+class ReceivedShot:
     """The received part of a shot."""
 
     arrived_s: float
@@ -94,17 +94,17 @@ class Shot:
         return joined([places[c] for c in range(n_cameras)])
 
 
-class Shots:
+class UnsolvedShots:
     """Unsolved shots, by number."""
 
     def __init__(self, n_cameras: int) -> None:
-        self._shots: dict[int, Shot] = {}
+        self._shots: dict[int, ReceivedShot] = {}
         self.passed: Ints = np.zeros(n_cameras, np.int64)
         """(C,) number of pictures in skipped shots."""
 
     def add(self, message: LiveSilhouettes, now_s: float) -> None:
         """Add some cameras of a shot."""
-        shot = self._shots.setdefault(message.shot, Shot(now_s))
+        shot = self._shots.setdefault(message.shot, ReceivedShot(now_s))
         planes = TriPlanes.of_sent(message.planes, message.unsure, message.classes)
         shot.parts.append((message.cameras, planes))
         shot.times_s.update(zip(message.cameras, message.times_s, strict=True))
@@ -126,7 +126,7 @@ class Shots:
             and (there <= shot.times_s.keys() or shot.arrived_s <= older_than_s)
         )
 
-    def take(self, number: int) -> Shot:
+    def take(self, number: int) -> ReceivedShot:
         """Return a shot; older ones are skipped."""
         taken = self._shots.pop(number)
         for older in [other for other in self._shots if other < number]:

@@ -46,7 +46,7 @@ _GRACE_S = 1.5
 log = logging.getLogger(__name__)
 
 
-class Listener(PosesListener):
+class RecordingListener(PosesListener):
     """Receives poses and requests missing ones until the take is complete."""
 
     def __init__(self, take: str, endpoint: str, store: Store, keys: ClientKeys | None = None) -> None:
@@ -110,7 +110,7 @@ class Listener(PosesListener):
             self._link.send(Recorded(run=self.collection.info.run, end_frame=self.collection.end_frame))
 
 
-def _listen(listener: Listener, stop: StopRequest) -> None:
+def _listen(listener: RecordingListener, stop: StopRequest) -> None:
     """Listen until the take is complete or a stop is requested.
 
     The journal may be complete without a message of a coordinator: it may have exited, or may not have
@@ -155,7 +155,7 @@ def main(
         store, is_whole = Store(partial_of(out)), False
         try:
             clear_leftovers(out)
-            listener = Listener(source.settings.name, connect, store, own_keys)
+            listener = RecordingListener(source.settings.name, connect, store, own_keys)
             log.info("ready with %d frames, coordinator at %s", len(store.first.frames), connect)
             collection = listener.collection
             _listen(listener, stop)

@@ -18,8 +18,8 @@ from services.mocap.errors import UserError
 from services.mocap.take.live import open_source
 from services.options import KeysOption, MetricsOption, keys_of_client
 from services.process import StopRequest, give_way, run_service
-from services.viewer.listener import Listener
 from services.viewer.metrics import BROWSERS
+from services.viewer.presenter import TakePresenter
 from services.viewer.server import PageServer
 
 DEFAULT_ADDRESS = f"{LOOPBACK}:8080"
@@ -107,14 +107,14 @@ def main(
         folder = None if take is None else open_source(take)
         with (
             closing(PageServer(address, token)) as server,
-            closing(Listener(connect, own_keys, folder, server.show, results)) as listener,
+            closing(TakePresenter(connect, own_keys, folder, server.show, results)) as presenter,
         ):
             BROWSERS.set_function(lambda: server.n_browsers)
-            preparing = threading.Thread(target=listener.prepare, daemon=True)
+            preparing = threading.Thread(target=presenter.prepare, daemon=True)
             log.info("coordinator at %s; open %s", connect, _url(address, server.port, token))
             while not stop:
                 beat()
-                listener.listen(_LOOK_S)
+                presenter.listen(_LOOK_S)
                 if server.n_browsers and preparing.ident is None:
                     preparing.start()
                 if server.has_shown and not given_way:  # not before, so that the first view is fast

@@ -23,7 +23,7 @@ class Seek(FrozenModel):
     frame: int
 
 
-class Step(FrozenModel):
+class StepBy(FrozenModel):
     """Go some frames on, or back."""
 
     do: Literal["step"]
@@ -101,7 +101,7 @@ class Choose(FrozenModel):
 
 
 Action: TypeAlias = Annotated[
-    Seen | Seek | Step | SeekDoubtful | Play | Live | Speed | ShowTiles | Enlarge | Room | Frame | Choose,
+    Seen | Seek | StepBy | SeekDoubtful | Play | Live | Speed | ShowTiles | Enlarge | Room | Frame | Choose,
     Field(discriminator="do"),
 ]
 ACTIONS: TypeAdapter[Action] = TypeAdapter(Action)

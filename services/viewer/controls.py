@@ -135,7 +135,7 @@ class Controls:
         match action:
             case actions.Seek(frame=frame):
                 player.seek(frame)
-            case actions.Step(frames=frames):
+            case actions.StepBy(frames=frames):
                 player.step(frames)
             case actions.SeekDoubtful(way=way, by_stretch=by_stretch):
                 player.seek_doubtful(way, by_stretch)

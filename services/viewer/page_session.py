@@ -14,8 +14,8 @@ from services.viewer.frame_history import SolvedFrame
 from services.viewer.grid import CameraGrid, SendPacing
 from services.viewer.metrics import BEHIND
 from services.viewer.page_words import chart_message, frame_words, show_words, timeline_message
+from services.viewer.scene import Scene3D
 from services.viewer.show import Show
-from services.viewer.stage import Stage
 from services.viewer.viewpoint import ViewpointControl
 
 
@@ -49,7 +49,7 @@ class PageSession:
     def __init__(self, client: viser.ClientHandle, channel: Channel, show: Show) -> None:
         client.scene.reset()
         self._client, self._channel, self._show = client, channel, show
-        self._stage = Stage(client.scene, show)
+        self._scene = Scene3D(client.scene, show)
         self._viewpoint = ViewpointControl(client.camera, show)
         self._charts = Charts(show.history, show.body)
         self._controls = Controls(channel.actions, show)
@@ -157,20 +157,20 @@ class PageSession:
         if solved.frame == shown and self._told == controls.version:
             return False
         self._placed, self._missing = solved, -1
-        self._stage.place(solved)
+        self._scene.place(solved)
         self._viewpoint.follow(solved, controls.room.follow)
         if controls.framing is not None:
             is_all = controls.framing.what == "all"
             (self._viewpoint.frame_all if is_all else self._viewpoint.frame_actor)(solved)
             controls.framing = None
-        self._stage.show_cameras(controls.room.frusta)
+        self._scene.show_cameras(controls.room.frusta)
         behind_s = self._behind_s if controls.player.is_live else None
         self._channel.send("frame", **frame_words(solved, controls.player, behind_s))
         known: list[SolvedFrame | None] = []
         if controls.room.trails:
             start = max(solved.frame - round(_TRAIL_S * self._show.fps), 0)
             known = [self._show.history.solved(frame) for frame in range(start, solved.frame + 1)]
-        self._stage.trail([found.pose for found in known if found is not None])
+        self._scene.trail([found.pose for found in known if found is not None])
         return True
 
     def _show_timeline(self) -> bool:
@@ -219,6 +219,6 @@ class PageSession:
             pictures_rgb.append(np.asarray(small[..., ::-1], np.uint8))
         with self._client.atomic():
             for c, picture in enumerate(pictures_rgb):
-                self._stage.show_picture(c, picture)
+                self._scene.show_picture(c, picture)
         self._frusta_frame = frame
         return True

@@ -13,8 +13,8 @@ from services.mocap.verdict.verdict import frame_in_words, part_in_words
 from services.viewer.charts import Drawn
 from services.viewer.controls import Controls, Player
 from services.viewer.frame_history import FrameHistory, SolvedFrame
+from services.viewer.scene import DISTRUSTED_RGB, rgb_of
 from services.viewer.show import Show
-from services.viewer.stage import DISTRUSTED_RGB, rgb_of
 
 Message = tuple[list[bytes], dict[str, Any]]
 """Blobs and fields."""

@@ -10,7 +10,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from services.viewer.actions import Step
+from services.viewer.actions import StepBy
 from services.viewer.channel import Channel
 from services.viewer.web import Web
 
@@ -82,7 +82,7 @@ def test_messages_have_blobs_and_are_answered(web: Web, channel: Channel) -> Non
         browser.send(json.dumps({"do": "seen", "number": fields["number"]}))
         assert channel.await_seen(5)
         browser.send('{"do": "step", "frames": 2}')
-        assert channel.actions.get(timeout=5) == Step(do="step", frames=2)
+        assert channel.actions.get(timeout=5) == StepBy(do="step", frames=2)
     channel.send("late")
     assert channel.await_seen(5), "a browser that has left owes no answer"
 

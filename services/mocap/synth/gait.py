@@ -46,7 +46,7 @@ class Path:
 
 
 @dataclass(frozen=True)
-class Step:
+class Footstep:
     """One foot's way from one stand to the next."""
 
     side: Side
@@ -72,11 +72,11 @@ class Step:
         return self.start_s + 1.38 * self.period_s
 
 
-def make_steps(start_s: float, end_s: float, period_s: float, half_width_m: float) -> list[Step]:
+def make_steps(start_s: float, end_s: float, period_s: float, half_width_m: float) -> list[Footstep]:
     """Steps of left and right in turn from start to end, at least two, none longer than a period."""
     n = max(2, ceil((end_s - start_s) / period_s))
     period_s = (end_s - start_s) / n
-    return [Step(SIDES[i % 2], start_s + i * period_s, period_s, half_width_m) for i in range(n)]
+    return [Footstep(SIDES[i % 2], start_s + i * period_s, period_s, half_width_m) for i in range(n)]
 
 
 class SoleRoll:
@@ -102,7 +102,7 @@ class SoleRoll:
 
 
 def foot_targets(
-    time_s: Floats, path: Path, steps: list[Step], roll: SoleRoll, side: Side, stand_m: float
+    time_s: Floats, path: Path, steps: list[Footstep], roll: SoleRoll, side: Side, stand_m: float
 ) -> FootTargets:
     """One foot at (N,) times; before its first step it stands stand_m to its side of the path's beginning."""
     stand, beside_from_m = path.turns[0], stand_m
@@ -133,7 +133,7 @@ def foot_targets(
     return FootTargets(ankle_world_m, Rotation.from_euler("ZY", np.stack([yaw, pitch], axis=1)).as_matrix())
 
 
-def _step_pitch(time_s: Floats, step: Step) -> Floats:
+def _step_pitch(time_s: Floats, step: Footstep) -> Floats:
     """The foot's pitch (N,) around a step: the heel rises before the foot lifts, the toes before it lands."""
     swing_s = step.land_s - step.lift_s
     heel = bump(time_s, step.lift_s - 0.52 * step.period_s, step.lift_s, step.lift_s + 0.55 * swing_s)

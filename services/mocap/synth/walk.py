@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, JOINT_INDEX, SIDES, Side
-from services.mocap.synth.gait import Path, SoleRoll, Step, foot_targets, make_steps, min_jerk
+from services.mocap.synth.gait import Footstep, Path, SoleRoll, foot_targets, make_steps, min_jerk
 from services.mocap.synth.legs import hip_rises_m, put_feet, set_ball_joint, smoothed_from_below
 from services.mocap.types import Floats
 
@@ -51,7 +51,7 @@ class Stride:
     """(N,) 1 in the middle of the left leg's stance, -1 in that of the right one, times the activity."""
 
     @classmethod
-    def of(cls, time_s: Floats, steps: list[Step]) -> "Stride":
+    def of(cls, time_s: Floats, steps: list[Footstep]) -> "Stride":
         """The rhythm at (N,) times of steps that the left leg begins."""
         start_s, end_s, period_s = steps[0].start_s, steps[-1].start_s + steps[-1].period_s, steps[0].period_s
         ramp_s = min(0.45, (end_s - start_s) / 2)
@@ -151,7 +151,7 @@ def walk(n_frames: int, fps: float, body: Body) -> Floats:
     return poses
 
 
-def _travel(time_s: Floats, steps: list[Step], cruise: float) -> Floats:
+def _travel(time_s: Floats, steps: list[Footstep], cruise: float) -> Floats:
     """The way made (N,) at a cruising speed, with soft start and stop; it ends when the last step begins."""
     start_s, end_s = steps[0].start_s + 0.3 * steps[0].period_s, steps[-1].start_s
     ramp_s = min(_RAMP_S, (end_s - start_s) / 2)

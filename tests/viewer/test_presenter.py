@@ -1,4 +1,4 @@
-"""The listener: joins late, asks for what it missed, and makes a show of it."""
+"""The presenter: joins late, asks for what it missed, and makes a show of it."""
 
 import time
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from services.mocap.result.layout import journal_of
 from services.mocap.take.folder import Take
 from services.recorder.store import Store
 from services.runs.launcher import free_endpoint
-from services.viewer.listener import Listener
+from services.viewer.presenter import TakePresenter
 from services.viewer.show import Show
 from services.viewer.tiles import Look
 
@@ -24,11 +24,11 @@ def shows() -> list[Show]:
     return []
 
 
-def _until(listener: Listener, condition: Callable[[], bool], timeout_s: float = 15) -> None:
+def _until(presenter: TakePresenter, condition: Callable[[], bool], timeout_s: float = 15) -> None:
     deadline_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < deadline_s
-        listener.listen(0.05)
+        presenter.listen(0.05)
 
 
 def _newest(shows: list[Show]) -> int:
@@ -39,8 +39,8 @@ def test_a_late_viewer_has_all_frames(walk: Take, shows: list[Show]) -> None:
     with Playback(walk, free_endpoint(), frames=walk.settings.frames, period_s=0.1) as playback:
         while playback.next_frame < 12:
             time.sleep(0.05)
-        listener = Listener(playback.endpoint, None, walk, shows.append)
-        _until(listener, lambda: _newest(shows) > 12 and shows[-1].history.last_gap() is None)
+        presenter = TakePresenter(playback.endpoint, None, walk, shows.append)
+        _until(presenter, lambda: _newest(shows) > 12 and shows[-1].history.last_gap() is None)
         show = shows[-1]
         assert show.camera_names == tuple(camera.name for camera in walk.cameras)
         for frame in (0, 7, 12):
@@ -48,34 +48,34 @@ def test_a_late_viewer_has_all_frames(walk: Take, shows: list[Show]) -> None:
             assert solved is not None
             np.testing.assert_array_equal(solved.pose, playback.pose(frame).pose)
             assert solved.of("confidence")[0] == 0.9 and np.isnan(solved.of("confidence")[1])
-        listener.close()
+        presenter.close()
 
 
 def test_what_left_the_ring_is_fetched_from_the_coordinator(
     walk: Take, shows: list[Show], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("services.viewer.listener.KEPT_FRAMES", 50)
+    monkeypatch.setattr("services.viewer.presenter.KEPT_FRAMES", 50)
     with Playback(walk, free_endpoint(), period_s=0.005) as playback:
-        listener = Listener(playback.endpoint, None, walk, shows.append)
-        _until(listener, lambda: _newest(shows) > 150)
+        presenter = TakePresenter(playback.endpoint, None, walk, shows.append)
+        _until(presenter, lambda: _newest(shows) > 150)
         history = shows[-1].history
         assert history.solved(20) is None
-        _until(listener, lambda: history.solved(20) is not None)
+        _until(presenter, lambda: history.solved(20) is not None)
         assert history.capacity == 50
-        listener.close()
+        presenter.close()
 
 
 def test_what_nobody_but_the_recorder_has_comes_from_its_journal_with_its_pictures(
     walk: Take, shows: list[Show], result: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("services.viewer.listener.KEPT_FRAMES", 50)
+    monkeypatch.setattr("services.viewer.presenter.KEPT_FRAMES", 50)
     with Playback(walk, free_endpoint(), period_s=0.005) as playback:
         playback.forgotten_end = 10_000
         store = Store(journal_of(result).parent)
         for frame in range(100):
             store.keep(playback.pose(frame))
-        listener = Listener(playback.endpoint, None, walk, shows.append, result)
-        _until(listener, lambda: _newest(shows) > 150)
+        presenter = TakePresenter(playback.endpoint, None, walk, shows.append, result)
+        _until(presenter, lambda: _newest(shows) > 150)
         show = shows[-1]
         solved = show.history.solved(20)
         assert solved is not None and show.artist is not None
@@ -84,7 +84,7 @@ def test_what_nobody_but_the_recorder_has_comes_from_its_journal_with_its_pictur
         (tile,) = show.artist.draw(solved, Look("pictures", (3,), None))
         assert cv2.imdecode(np.frombuffer(tile.jpeg, np.uint8), cv2.IMREAD_COLOR).std() > 10
         store.close(remove=True)
-        listener.close()
+        presenter.close()
 
 
 def test_what_a_restarted_coordinator_has_not_got_is_not_asked_for_again_and_again(
@@ -94,27 +94,27 @@ def test_what_a_restarted_coordinator_has_not_got_is_not_asked_for_again_and_aga
         playback.forgotten_end = 100
         while playback.next_frame < 200:
             time.sleep(0.05)
-        listener = Listener(playback.endpoint, None, walk, shows.append)
-        _until(listener, lambda: _newest(shows) > 200 and shows[-1].history.last_gap() == range(100))
+        presenter = TakePresenter(playback.endpoint, None, walk, shows.append)
+        _until(presenter, lambda: _newest(shows) > 200 and shows[-1].history.last_gap() == range(100))
         for _ in range(150):  # three seconds
-            listener.listen(0.02)
+            presenter.listen(0.02)
         asked = [message for message in playback.asked if isinstance(message, PoseRequest)]
         in_vain = [message for message in asked if message.first_frame < 100]
         assert 1 <= len(in_vain) <= 4
-        listener.listen(0.5)
+        presenter.listen(0.5)
         n_asked = len(playback.asked)
         for _ in range(100):
             assert shows[-1].history.solved(50) is None  # as a page does that somebody scrubs there
-            listener.listen(0.02)
+            presenter.listen(0.02)
         assert len(playback.asked) - n_asked <= 4
         assert shows[-1].history.solved(150) is not None
-        listener.close()
+        presenter.close()
 
 
 def test_without_the_take_there_are_silhouettes(walk: Take, shows: list[Show]) -> None:
     with Playback(walk, free_endpoint()) as playback:
-        listener = Listener(playback.endpoint, None, None, shows.append)
-        _until(listener, lambda: _newest(shows) > 3)
+        presenter = TakePresenter(playback.endpoint, None, None, shows.append)
+        _until(presenter, lambda: _newest(shows) > 3)
         show = shows[-1]
         assert show.camera_names[0] == "camera 1" and show.artist is not None
         solved = show.history.solved(3)
@@ -123,28 +123,28 @@ def test_without_the_take_there_are_silhouettes(walk: Take, shows: list[Show]) -
             solved, Look("difference", (0, 1), None)
         )  # asks, and gives up after a moment
         assert [tile.differing_px for tile in first] == [None, None]
-        _until(listener, lambda: any(isinstance(m, SilhouettesRequest) for m in playback.asked))
+        _until(presenter, lambda: any(isinstance(m, SilhouettesRequest) for m in playback.asked))
         for _ in range(10):  # poses come as well
-            listener.listen(0.1)
+            presenter.listen(0.1)
         second = show.artist.draw(solved, Look("difference", (1, 0), None))
         assert all(tile.differing_px for tile in second)
-        listener.close()
+        presenter.close()
 
 
 def test_a_restarted_coordinator_with_another_take_brings_another_show(walk: Take, shows: list[Show]) -> None:
     endpoint = free_endpoint()
     with Playback(walk, endpoint, period_s=0.02):
-        listener = Listener(endpoint, None, walk, shows.append)
-        _until(listener, lambda: _newest(shows) > 3)
+        presenter = TakePresenter(endpoint, None, walk, shows.append)
+        _until(presenter, lambda: _newest(shows) > 3)
     with Playback(walk, endpoint, frames=500, period_s=0.02):
-        _until(listener, lambda: len(shows) == 2 and _newest(shows) > 3)
+        _until(presenter, lambda: len(shows) == 2 and _newest(shows) > 3)
     assert [len(show.history.frames) for show in shows] == [10_000, 500]
-    listener.close()
+    presenter.close()
 
 
 def test_the_end_of_a_take_is_noticed(walk: Take, shows: list[Show]) -> None:
     with Playback(walk, free_endpoint(), frames=30, period_s=0.05) as playback:
-        listener = Listener(playback.endpoint, None, walk, shows.append)
-        _until(listener, lambda: bool(shows) and shows[-1].history.is_over)
-        _until(listener, lambda: _newest(shows) == 29 and shows[-1].history.last_gap() is None)
-        listener.close()
+        presenter = TakePresenter(playback.endpoint, None, walk, shows.append)
+        _until(presenter, lambda: bool(shows) and shows[-1].history.is_over)
+        _until(presenter, lambda: _newest(shows) == 29 and shows[-1].history.last_gap() is None)
+        presenter.close()

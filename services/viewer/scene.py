@@ -31,7 +31,7 @@ def rgb_of(name: str) -> tuple[int, int, int]:
     return bgr[2], bgr[1], bgr[0]
 
 
-class Stage:
+class Scene3D:
     """A show's scene in one browser; every method sends only what has changed."""
 
     def __init__(self, scene: viser.SceneApi, show: Show) -> None:

@@ -32,7 +32,7 @@ _MOST_FRAMES = 100_000
 log = logging.getLogger(__name__)
 
 
-class Listener(Follower):
+class TakePresenter(Follower):
     """Presents the coordinator's takes, one after the other."""
 
     def __init__(
