@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from services.commands.checks import CheckOption, blamed_first, in_view, look_before, not_told
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
-from services.mocap.body.own_mesh.importing import import_mesh
+from services.mocap.body.own_mesh.mesh_import import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
 from services.mocap.search.overrides import search_settings

@@ -14,7 +14,7 @@ from services.commands.consoles import say, stderr, warn
 from services.commands.fit import EVERY_CORE, fit_with_bar
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.measures import measure
-from services.mocap.body.own_mesh.importing import import_mesh
+from services.mocap.body.own_mesh.mesh_import import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.export.formats import FormatName, write_defaults
 from services.mocap.result.layout import CORRECTED_FRAMES, journal_of

@@ -32,9 +32,9 @@ from services.mocap.take.actor_file import rounded
 from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Bytes, Floats, Mask
-from services.runs.facing import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
 from services.runs.reporting import Clock, Show, kept_warnings
 from services.runs.take_silhouettes import seen_of
+from services.runs.way_round import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
 from services.segmentation.segmenters import AUTO, make_segmenter
 
 log = logging.getLogger(__name__)

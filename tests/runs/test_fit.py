@@ -35,10 +35,10 @@ from services.mocap.take.settings import write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Floats, Mask
 from services.runs import fit as fit_module
-from services.runs.facing import tracked_px
 from services.runs.fit import TakeFit, concluded, fit_take, init_frames
 from services.runs.fit_files import write_fit
 from services.runs.take_silhouettes import seen_of
+from services.runs.way_round import tracked_px
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
 

@@ -12,7 +12,7 @@ from services.mocap.fit.quality import FitQuality
 from services.mocap.search.first_pose import FirstPose
 from services.mocap.search.found import FrameSolution
 from services.mocap.types import Floats
-from services.runs.facing import fit_best_way_round
+from services.runs.way_round import fit_best_way_round
 
 
 @pytest.mark.parametrize(

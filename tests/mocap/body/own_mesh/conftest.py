@@ -6,7 +6,7 @@ import pytest
 
 from characters import PERSON, bind_pose, write_skinned_glb
 from services.mocap.body.actor import Body, build_body
-from services.mocap.body.own_mesh.importing import Imported, import_mesh
+from services.mocap.body.own_mesh.mesh_import import Imported, import_mesh
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from characters import MIXAMO, PERSON, bind_pose, write_parts_obj, write_skinned
 from services.mocap.body.actor import MESH_FILE, Actor, Body, build_body
 from services.mocap.body.body_mesh import MeshContentError, OwnMesh
 from services.mocap.body.own_mesh import importing
-from services.mocap.body.own_mesh.importing import Imported, import_mesh
+from services.mocap.body.own_mesh.mesh_import import Imported, import_mesh
 from services.mocap.body.shape_space import PARAMETERS, actor_of, vector_of
 from services.mocap.body.skeleton import JOINTS, SEGMENT_NAMES
 from services.mocap.body.surface import is_closed

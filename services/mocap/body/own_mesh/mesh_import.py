@@ -12,7 +12,7 @@ from services.mocap.body.own_mesh.closing import closed
 from services.mocap.body.own_mesh.gltf import read_gltf
 from services.mocap.body.own_mesh.parts import character_of_parts, load_parts, parts_of_gltf
 from services.mocap.body.own_mesh.proportions import body_mesh, in_rest_pose
-from services.mocap.body.own_mesh.skin import character_of_skin
+from services.mocap.body.own_mesh.skinned_character import character_of_skin
 from services.mocap.body.skeleton import SEGMENT_NAMES, TRUNK
 from services.mocap.body.surface import volume_m3
 from services.mocap.errors import UserError
