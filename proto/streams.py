@@ -66,6 +66,18 @@ FROM_LIVE_CAMERAS = Flow(("live_sources",), every_s=0.5, silence_s=5.0)
 PUBLISHED = Flow(("credit", "take_info", "pose", "telemetry", "take_end"), every_s=0.5, silence_s=2.0)
 """What is still true is published again for those who joined late, and how the take is doing."""
 
+ASK_AGAIN_S = 0.5
+"""After this time a client asks again for content and frames that have not come."""
+ASK_PACE_AGAIN_S = 0.1
+"""The same for the pace of live input before there is one."""
+ASK_RECORDERS_AGAIN_S = 1.0
+"""The same for poses that the coordinator asks recorders for."""
+RECORDING_EVERY_S = 1.0
+"""A recorder tells at most so often what it has."""
+RESEND_S = 3.0
+"""Silhouettes that the credit still asks for after this time were lost with a coordinator. They are sent
+again."""
+
 STREAMS: dict[StreamName, Stream] = {
     "tasks": Stream(
         0,

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from proto.keys import ClientKeys
 from proto.link import Line
 from proto.messages import Blob, BlobRequest, Message, TakeInfo
+from proto.streams import ASK_AGAIN_S
 from services.blob_store import BlobStore, DamagedBlobError, UnusableBlobError
 from services.listener import PosesListener
 from services.mocap.body.actor import Actor
 from services.mocap.camera.rig import Rig
 from services.pose_size import with_whole_poses
-
-_ASK_AGAIN_S = 0.5
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +58,7 @@ class Follower(PosesListener):
         super().listen(timeout_s)
         while not self._requests.empty():
             self._tasks.send(self._requests.get())
-        if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
+        if time.monotonic() - self._asked_s < ASK_AGAIN_S:
             return
         self._asked_s = time.monotonic()
         for content in self._blobs.missing(self.info) if self._blobs and self.info else []:

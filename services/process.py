@@ -21,6 +21,8 @@ from services.mocap.errors import UserError
 PARENT_VARIABLE = "XORMOCAP_PARENT"
 """Process id of a launcher. A service stops when its parent is no longer this process, so that none is
 orphaned."""
+STOP_CHECK_S = 0.2
+"""How long a service waits for messages, at most, before it beats and checks for a request to stop."""
 EXIT_USER_ERROR = 2
 EXIT_STOPPED = 143
 """Exit code of a service that was stopped cleanly; 0 means that its work was done."""

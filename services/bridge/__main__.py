@@ -25,7 +25,7 @@ from services.mocap.types import Floats
 from services.options import KeysOption, keys_of_client
 from services.process import StopRequest, run_service
 
-_LOOK_S = 0.1
+_IDLE_CHECK_S = 0.1
 _IDLE_S = 1.0
 """Interval of the messages that nobody is tracked; also the time without a pose before the first."""
 
@@ -114,7 +114,7 @@ def bridge(
         with closing(sender):
             while not stop:
                 beat()
-                sender.listen(_LOOK_S)
+                sender.listen(_IDLE_CHECK_S)
 
     run_service("bridge", work)
 

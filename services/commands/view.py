@@ -23,7 +23,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.types import Bytes, Mask
 from services.mocap.verdict.judging import verdict_of
 from services.mocap.verdict.verdict import Level
-from services.process import StopRequest
+from services.process import STOP_CHECK_S, StopRequest
 from services.segmentation.segmenters import AUTO, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Segmenter
 from services.viewer.finished import FinishedFrames
@@ -35,7 +35,6 @@ from services.viewer.tiles import TileArtist
 DEFAULT_PORT = 8080
 EXIT_NOT_USABLE = 3
 _STYLES: dict[Level, str] = {"good": "green", "usable with gaps": "yellow", "not usable": "bold red"}
-_LOOK_S = 0.25
 PortOption = Annotated[
     int, typer.Option(min=0, max=65535, help="Port of the page on this machine; 0 chooses a free port.")
 ]
@@ -83,7 +82,7 @@ def view(
         server.show(show)
         say(f"open http://{LOOPBACK}:{server.port} (Ctrl-C stops the server)")
         while not stop.count:
-            time.sleep(_LOOK_S)
+            time.sleep(STOP_CHECK_S)
 
 
 def conclude(folder: Path, take: Path | None, port: int | None, *, strict: bool) -> None:

@@ -15,7 +15,7 @@ from services.mocap.search.limb import solve_limb
 from services.mocap.search.model import Model
 from services.mocap.take.marks import LimbName
 
-_LOOK_S = 0.02
+_RESULT_WAIT_S = 0.02
 """How long to wait for a result before checking for late tasks and lost workers."""
 
 
@@ -93,7 +93,7 @@ class RemoteLimbs:
                 task = self._dispatcher.take_waiting()
                 if task is not None:
                     self._dispatcher.add_result(self._solve_here(task))
-                self._pump(0.0 if task is not None else _LOOK_S)
+                self._pump(0.0 if task is not None else _RESULT_WAIT_S)
         results = sorted(self._dispatcher.collect(), key=lambda result: (result.energy_px, result.shard))
         for name in self._jobs:
             shards = [result for result in results if result.limb == name]

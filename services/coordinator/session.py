@@ -37,13 +37,12 @@ from services.mocap.search.tracker import Tracker
 from services.mocap.search.warm_up import rehearse
 from services.mocap.take.live import LiveTake
 from services.mocap.types import Floats
-from services.process import StopRequest
+from services.process import STOP_CHECK_S, StopRequest
 
 log = logging.getLogger(__name__)
 
 _UNRECORDED_FRAMES = 2000
 """How far the fit may be ahead of the expected recorders."""
-_LOOK_S = 0.2
 _RETURN_S = 3.0
 """How long a coordinator that continues a run waits for workers to return."""
 _CONFIRM_S = 20.0
@@ -135,7 +134,7 @@ class Session:
         deadline_s = time.monotonic() + timeout_s
         while not condition() and time.monotonic() < deadline_s and not self._stop:
             beat()
-            self._board.pump(_LOOK_S)
+            self._board.pump(STOP_CHECK_S)
 
     def _track(self, held: Recording | None) -> None:
         if self._incoming.is_live:
@@ -232,7 +231,7 @@ class Session:
         False if a stop was requested meanwhile."""
         recorders = self._board.recorders
         unsettled = range(recorders.settled_end, end_frame)
-        first = fetch_poses(recorders, unsettled, lambda: self._look(_LOOK_S))
+        first = fetch_poses(recorders, unsettled, lambda: self._look(STOP_CHECK_S))
         final = {"settled": True, "memory": {}, "steady": np.zeros((0, N_DOF))}
         if first is None:
             return False
@@ -289,7 +288,7 @@ class Session:
             if is_settling:
                 self._board.pump(0.0)
                 continue
-            self._board.pump(_LOOK_S)
+            self._board.pump(STOP_CHECK_S)
             looks += 1
             if looks % _SAY_WAITING_EVERY == 0:
                 missing = [self._camera_names[c] for c in incoming.waiting_for()]
@@ -337,7 +336,7 @@ class Session:
 
     def _settle(self, settling: Settling) -> bool:
         """Solve all frames both ways and publish them again; False if a stop was requested meanwhile."""
-        if not settling.fetch(self._board.recorders, lambda: self._look(_LOOK_S)):
+        if not settling.fetch(self._board.recorders, lambda: self._look(STOP_CHECK_S)):
             return False
         for number, step in settling.solve(self._model, self._plan.settings, self._limbs):
             if step.solution is not None:
@@ -378,5 +377,5 @@ class Session:
                     raise LostFramesError(f"a recorder lacks {recorders.n_unrecorded} frames on disk")
                 log.error("a recorder has not confirmed all frames")
                 break
-            self._board.pump(_LOOK_S)
+            self._board.pump(STOP_CHECK_S)
         log.info("end: %s", self._board.counts() | {"silhouettes_dropped": self._incoming.dropped})

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 import numpy as np
 
 from proto.messages import Pose
+from proto.streams import ASK_RECORDERS_AGAIN_S
 from services.coordinator.limbs import RemoteLimbs
 from services.coordinator.recorders import LostFramesError, Recorders
 from services.mocap.energy.bitplanes import TriPlanes
@@ -15,9 +16,9 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
 from services.mocap.types import Floats
 
-_ASK_FRAMES, _ASK_AGAIN_S = 500, 1.0
-"""Poses are requested from recorders in as many at once, and again after this time."""
-_PATIENCE_S = 30.0
+_ASK_FRAMES = 500
+"""Poses are requested from recorders in as many at once."""
+_RECORDERS_SILENT_S = 30.0
 """How long recorders may send nothing before this coordinator gives up."""
 SWEEPS: dict[Sweep, int] = {"tracking back": 1, "settling": 2}
 """Their numbers for RemoteLimbs."""
@@ -37,9 +38,9 @@ def fetch_poses(
         if returned := recorders.take_returned():
             found |= returned
             heard_s = now_s
-        if now_s - heard_s > _PATIENCE_S:
+        if now_s - heard_s > _RECORDERS_SILENT_S:
             raise LostFramesError(f"no recorder sends frame {missing[0]} back, which was solved before")
-        if now_s - asked_s > _ASK_AGAIN_S:
+        if now_s - asked_s > ASK_RECORDERS_AGAIN_S:
             asked_s = now_s
             recorders.ask_back(missing[0], min(missing[0] + _ASK_FRAMES, missing[-1] + 1))
         if not look():

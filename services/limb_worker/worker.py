@@ -15,9 +15,8 @@ from services.listener import hear
 from services.logs import about
 from services.mocap.energy.engine import Engine
 from services.pose_size import with_whole_poses
+from services.process import STOP_CHECK_S
 
-_LOOK_S = 0.2
-"""How long to wait for messages before checking for beats and a request to stop."""
 _MOST_AT_ONCE = 64
 """Messages read from one coordinator before the others get their turn."""
 _TASKS_HELD = 8
@@ -75,7 +74,7 @@ class Worker:
     def listen(self) -> None:
         """Wait briefly for messages, then handle them until a task is ready."""
         is_ready = any(not self._solver.blobs.missing(task) for _, task in self._turns)
-        wait([link.socket for link in self._links], 0.0 if is_ready else _LOOK_S)
+        wait([link.socket for link in self._links], 0.0 if is_ready else STOP_CHECK_S)
         for number, link in enumerate(self._links):
             hear(link, partial(self._act, number), most=_MOST_AT_ONCE)
 

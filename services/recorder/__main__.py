@@ -11,7 +11,7 @@ import typer
 from proto.keys import ClientKeys
 from proto.link import Link
 from proto.messages import Blob, BlobRequest, Hello, Message, Pose, PoseRequest, Recorded, TakeEnd, TakeInfo
-from proto.streams import DEFAULT_ENDPOINT
+from proto.streams import ASK_AGAIN_S, DEFAULT_ENDPOINT, RECORDING_EVERY_S
 from services.health import beat
 from services.listener import PosesListener
 from services.logs import about
@@ -27,17 +27,14 @@ from services.options import (
     output_settings,
 )
 from services.pose_size import with_whole_poses
-from services.process import StopRequest, client_name, run_service
+from services.process import STOP_CHECK_S, StopRequest, client_name, run_service
 from services.recorder.collection import Collection
 from services.recorder.metrics import ASKED, FOREIGN, FRAMES, SYNC
 from services.recorder.result_folder import check_out, clear_leftovers
 from services.recorder.results import write_results
 from services.recorder.store import Store
 
-_LOOK_S = 0.2
-_ASK_AGAIN_S = 0.5
-_TELL_AGAIN_S = 1.0
-_ALONE_S = 20.0
+_ANNOUNCEMENT_S = 20.0
 """How long a recorder whose journal holds the whole take waits for a coordinator before it continues
 alone."""
 _GRACE_S = 1.5
@@ -83,7 +80,7 @@ class RecordingListener(PosesListener):
                 self._link.send(pose)
 
     def _ask(self) -> None:
-        if time.monotonic() - self._asked_s < _ASK_AGAIN_S:
+        if time.monotonic() - self._asked_s < ASK_AGAIN_S:
             return
         self._asked_s = time.monotonic()
         for content in self.collection.missing_blobs():
@@ -99,7 +96,7 @@ class RecordingListener(PosesListener):
     def _tell(self) -> None:
         """Report from time to time what is on disk, so that the coordinator need not keep it."""
         now, end = time.monotonic(), self.collection.held_ends
-        if end != self._told_end and now - self._told_s > _TELL_AGAIN_S:
+        if end != self._told_end and now - self._told_s > RECORDING_EVERY_S:
             self._told_s, self._told_end = now, end
             self._link.send(self.collection.recording(self._take))
 
@@ -117,13 +114,15 @@ def _listen(listener: RecordingListener, stop: StopRequest) -> None:
     announced its new run yet.
     """
     collection, began_s, stopped_s = listener.collection, time.monotonic(), None
-    while not (collection.complete and (collection.is_announced or time.monotonic() - began_s > _ALONE_S)):
+    while not (
+        collection.complete and (collection.is_announced or time.monotonic() - began_s > _ANNOUNCEMENT_S)
+    ):
         beat()
         if stop:
             stopped_s = stopped_s or time.monotonic()
             if time.monotonic() - stopped_s > _GRACE_S:
                 break
-        listener.listen(_LOOK_S)
+        listener.listen(STOP_CHECK_S)
 
 
 def main(

@@ -27,7 +27,8 @@ from services.mocap.body.body_mesh import generic_mesh
 from services.process import PARENT_VARIABLE
 from services.runs import ServiceFailedError
 
-_LOOK_S = 0.02
+_EXIT_CHECK_S = 0.02
+"""Time between two looks whether a process has ended."""
 _UNKNOWN = 1
 """The exit code of a process whose end was not observed."""
 
@@ -69,7 +70,7 @@ class Forked:
         while (code := self.poll()) is None:
             if deadline_s is not None and time.monotonic() > deadline_s:
                 raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)
-            time.sleep(_LOOK_S)
+            time.sleep(_EXIT_CHECK_S)
         return code
 
     def send_signal(self, number: int) -> None:

@@ -28,7 +28,6 @@ from services.runs.progress import Progress
 
 _NICENESS = 5
 """Niceness of the tracking processes: cameras do not wait, so their pictures have priority on few cores."""
-_ALONE_S = 15.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +61,7 @@ def live(
         recorder=("--no-overlay",),
         segmentation=[_cameras(job, group) for group in job.take.groups_here],
         lasting=("coordinator", "segmentation"),
-        alone_s=_ALONE_S,
+        alone_s=15.0,
     )
     before_ns = written_ns(job.out)
     with recording_to(job.record):

@@ -34,7 +34,7 @@ _LEAVE_S = 10.0
 """How long a coordinator may take to exit after the recorder."""
 _STARTING_S = 10.0
 """How long a recorder may take to start."""
-_CHECKS_S, _CHECK_LOOK_S = 20.0, 0.05
+_CHECKS_S, _CHECKED_EVERY_S = 20.0, 0.05
 """How long segmentation may take for its last checks."""
 
 Words = tuple[str, ...]
@@ -177,7 +177,7 @@ def _follow(
         launcher.watch(over=SERVICES if launcher.is_done("recorder") else ())
     deadline_s = time.monotonic() + _CHECKS_S  # of all clean plates: after a few frames some may be left
     while not stop.count and time.monotonic() < deadline_s and not launcher.has_ended("segmentation"):
-        time.sleep(_CHECK_LOOK_S)
+        time.sleep(_CHECKED_EVERY_S)
     return watch.told
 
 

@@ -23,8 +23,6 @@ from services.runs.local_run import Job, Plan, keep_logs, run_services, written_
 from services.runs.progress import Progress
 from services.segmentation.segmenters import chosen_segmenter
 
-_ALONE_S = 2.0
-
 
 @dataclass(frozen=True, kw_only=True)
 class TakeJob(Job):
@@ -95,7 +93,7 @@ def _plan(job: TakeJob, known: Path) -> Plan:
         actor=actor,
         first_frame=frames.start,
         lasting=("coordinator",),
-        alone_s=_ALONE_S,
+        alone_s=2.0,
     )
 
 

@@ -14,7 +14,7 @@ from proto.keys import ClientKeys
 from proto.link import Line
 from proto.messages import Credit, Message, Silhouettes, TakeEnd
 from proto.sockets import wait
-from proto.streams import DEFAULT_ENDPOINT
+from proto.streams import DEFAULT_ENDPOINT, RESEND_S
 from services.health import beat
 from services.listener import hear
 from services.logs import about
@@ -24,15 +24,11 @@ from services.mocap.take.fit_record import read_colour_tables, read_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake, open_source
 from services.options import DEFAULT_SEGMENTER, KeysOption, MetricsOption, SegmenterOption, keys_of_client
-from services.process import StopRequest, run_service
+from services.process import STOP_CHECK_S, StopRequest, run_service
 from services.segmentation.live.serving import serve_live
 from services.segmentation.metrics import CREDIT, FRAMES, SECONDS
 from services.segmentation.segmenters import PlateCheck, make_segmenter
 from services.segmentation.silhouettes import Moment, packed
-
-_LOOK_S = 0.2
-_RESEND_S = 3.0
-"""A sent frame that is still requested after this time was lost with a coordinator."""
 
 log = logging.getLogger(__name__)
 
@@ -79,7 +75,7 @@ class Sender:
             beat()
             if not self._send_next():
                 self._check_a_plate()
-                wait([self._poses.socket], 0.0 if self._checks else _LOOK_S)
+                wait([self._poses.socket], 0.0 if self._checks else STOP_CHECK_S)
             if any([self._silhouettes.tick(), self._poses.tick()]):
                 self._moments = None  # what was sent to another connection may be lost with it
         while not stop and self._checks:  # a take that is over before all plates were checked
@@ -108,7 +104,7 @@ class Sender:
     def _follow(self, credit: Credit) -> None:
         """Move to the coordinator's position if it is behind (restarted), far ahead, or in another run."""
         self._credit = credit
-        stalled = credit.next_frame < self._next and time.monotonic() - self._advanced_s > _RESEND_S
+        stalled = credit.next_frame < self._next and time.monotonic() - self._advanced_s > RESEND_S
         is_other = credit.run != self._run
         if self._moments is None or stalled or is_other or credit.next_frame > self._next:
             self._run, self._next, self._unsent = credit.run, credit.next_frame, None

@@ -26,7 +26,8 @@ DEFAULT_ADDRESS = f"{LOOPBACK}:8080"
 TOKEN_VARIABLE = "XORMOCAP_VIEWER_TOKEN"  # noqa: S105  (the variable's name)
 SHORTEST_TOKEN = 8
 _TOKEN = re.compile(r"[A-Za-z0-9_.~-]+", re.ASCII)
-_LOOK_S = 0.1
+_READ_S = 0.1
+"""How long messages are waited for, and so how late requests of the page go out, at most."""
 _REST_S = 0.25
 """How often messages are read while no browser shows the page."""
 
@@ -114,7 +115,7 @@ def main(
             log.info("coordinator at %s; open %s", connect, _url(address, server.port, token))
             while not stop:
                 beat()
-                presenter.listen(_LOOK_S)
+                presenter.listen(_READ_S)
                 if server.n_browsers and preparing.ident is None:
                     preparing.start()
                 if server.has_shown and not given_way:  # not before, so that the first view is fast

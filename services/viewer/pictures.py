@@ -124,7 +124,7 @@ class TakePictures:
 
 _KEPT_FRAMES = 512
 """Number of frames whose packed silhouettes and classes are kept; 10 to 50 kilobytes each."""
-_PATIENCE_S = 0.3
+_SILHOUETTES_WAIT_S = 0.3
 """How long a page waits for silhouettes; the coordinator answers between two of its own steps."""
 
 
@@ -154,7 +154,7 @@ class LivePictures:
                 keep_latest(self._asked, frame, None, _KEPT_FRAMES)
                 self._ask(frame)
                 all_here = self._rig.n_cameras
-                self._came.wait_for(lambda: len(self._packed.get(frame, {})) == all_here, _PATIENCE_S)
+                self._came.wait_for(lambda: len(self._packed.get(frame, {})) == all_here, _SILHOUETTES_WAIT_S)
             packed = self._packed.get(frame, {}).get(camera)
         width, height = self._rig.sizes_px[camera].tolist()
         if packed is None:

@@ -9,7 +9,17 @@ from wire_model import field_schema
 from field_docstrings import docstrings_of
 from proto import framing, sockets
 from proto.messages import MESSAGES, Message, Pose, arrays_of
-from proto.streams import FROM_CLIENTS, FROM_LIVE_CAMERAS, PUBLISHED, STREAMS, TO_CLIENTS, Flow
+from proto.streams import (
+    ASK_AGAIN_S,
+    ASK_RECORDERS_AGAIN_S,
+    FROM_CLIENTS,
+    FROM_LIVE_CAMERAS,
+    PUBLISHED,
+    RESEND_S,
+    STREAMS,
+    TO_CLIENTS,
+    Flow,
+)
 from services.coordinator import dispatch
 from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.search.chains import LIMBS
@@ -184,6 +194,12 @@ def numbers_table() -> str:
         ),
         _row("what `poses` repeats for those who join late, every", f"{PUBLISHED.every_s:g} s"),
         _row("`live_sources` from a segmentation, every", f"{FROM_LIVE_CAMERAS.every_s:g} s"),
+        _row("missing content or frames, a client asks for them again after", f"{ASK_AGAIN_S:g} s"),
+        _row(
+            "missing poses, the coordinator asks recorders for them again after",
+            f"{ASK_RECORDERS_AGAIN_S:g} s",
+        ),
+        _row("frames that `credit` still asks for, sent again after", f"{RESEND_S:g} s"),
         _row("silence after which a live segmentation counts as gone", f"{FROM_LIVE_CAMERAS.silence_s:g} s"),
         _row("deadline of the first task", f"{dispatch.FIRST_DEADLINE_S:g} s"),
         _row(

@@ -12,7 +12,7 @@ import zmq
 from proto.keys import ClientKeys
 from proto.link import Line
 from proto.messages import LivePace, LiveSilhouettes, LiveSources, Message, TakeEnd
-from proto.streams import FROM_LIVE_CAMERAS
+from proto.streams import ASK_PACE_AGAIN_S, FROM_LIVE_CAMERAS
 from services.health import beat
 from services.listener import hear
 from services.logs import about
@@ -32,9 +32,8 @@ from services.segmentation.segmenters import live_matte
 from services.segmentation.silhouettes import packed
 from services.segmentation.warm_up import warm_up
 
-_LOOK_S = 0.05
-_ASK_SOON_S = 0.1
-"""How often the pace is asked for as long as there is none."""
+_SHOT_WAIT_S = 0.05
+"""How long to wait for a shot before messages are read."""
 _CATCH_UP_S = 2.0
 """How long to wait for the last pictures of a recording."""
 
@@ -101,7 +100,7 @@ class Talk:
     def tell(self, group: Group) -> None:
         """Report the state of the cameras when it is due."""
         now_s = time.monotonic()
-        if now_s - self._asked_s < (FROM_LIVE_CAMERAS.every_s if self.clock.run else _ASK_SOON_S):
+        if now_s - self._asked_s < (FROM_LIVE_CAMERAS.every_s if self.clock.run else ASK_PACE_AGAIN_S):
             return
         self._asked_s = now_s
         shots, clock = group.shots, self.clock
@@ -202,6 +201,6 @@ def _serve(talk: Talk, group: Group, silhouetter: Silhouetter, stop: StopRequest
             if not group.is_recording or group.shots.has_come(talk.end.end_shot - 1):
                 return
             end_s = min(end_s, time.monotonic() + _CATCH_UP_S)
-        shot = group.shots.take(_LOOK_S)
+        shot = group.shots.take(_SHOT_WAIT_S)
         if shot is not None and talk.end is None:
             talk.send(shot, silhouetter)
