@@ -35,7 +35,6 @@ from services.mocap.search.tracker import Tracker
 from services.mocap.take.actor_file import take_actor as take_actor
 from services.mocap.take.folder import Take
 from services.mocap.take.folder import open_take as open_take
-from services.mocap.take.quantities import further_columns, marks_of
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import Floats
 from services.recorder.result_folder import results_into
@@ -192,18 +191,10 @@ def write_result(
     frames = np.array([frame.number for frame in solved], np.int32)
     if not solved or np.any(np.diff(frames) != 1):
         raise UserError(f"{folder}: expected consecutive frames, found {frames.tolist() or 'none'}")
-    poses = np.array([frame.solution.pose for frame in solved])
-    table = PoseTable(
-        frames,
-        np.array([frame.time_s for frame in solved]),
-        poses,
-        np.array([frame.solution.energy_px for frame in solved]),
-        extra=further_columns([frame.solution for frame in solved], is_live=False),
-        marks=marks_of([frame.solution for frame in solved]),
-    )
-    settings, smooth = take.settings, None
-    if output.smooth != "none":
-        smooth = smoothed(poses, settings.fps, output)
+    times_s = np.array([frame.time_s for frame in solved])
+    table = PoseTable.of(frames, times_s, [frame.solution for frame in solved], is_live=False)
+    settings = take.settings
+    smooth = None if output.smooth == "none" else smoothed(table.poses, settings.fps, output)
     known = {"name": settings.name, "folder": str(take.folder), "frames": len(solved), "fps": settings.fps}
     with results_into(folder, complete=True) as part:
         write_tracked(part, table, actor, settings.up, smooth)

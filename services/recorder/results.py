@@ -18,7 +18,6 @@ from services.mocap.result.layout import CORRECTED_FRAMES, OVERLAY, RUN_JSON
 from services.mocap.result.result import edited_run, load_result, write_tracked
 from services.mocap.search.best_path import corrected_frames
 from services.mocap.take.folder import Take
-from services.mocap.take.quantities import further_columns, marks_of
 from services.mocap.take.tables import PoseTable, reference_joints
 from services.mocap.types import Ints
 from services.mocap.verdict.judging import verdict_of
@@ -56,29 +55,23 @@ def write_results(
     actor = collection.actor()
     body = build_body(actor)
     frames: Ints = np.array([message.frame for message in recorded], np.int32)
-    times_s = np.array([message.time_s for message in recorded])
-    energies_px = np.array([message.energy_px for message in recorded])
-    poses = np.array([message.pose for message in recorded])
-    marks = marks_of(recorded)
-    known = dict(known or {})
+    times_s, live = increasing(np.array([message.time_s for message in recorded])), is_live(info)
+    table = PoseTable.of(frames, times_s, recorded, is_live=live)
+    poses, known = table.poses, dict(known or {})
     if any(message.settled for message in recorded):
         first_poses = np.array([message.pose for message in collection.first_poses()])
         known[CORRECTED_FRAMES] = corrected_frames(first_poses, poses, body.offsets_m)
-    live = is_live(info)
-    times_s = increasing(times_s)
     output = output.model_copy(update={"cutoff_hz": cutoff_of(poses, info.fps, output)})
     shown = smoothed(poses, info.fps, output, times_s if live else None)
     is_whole = collection.complete if live else collection.is_final
     with results_into(out, complete=is_whole) as part:
-        extra = further_columns(recorded, is_live=live)
-        table = PoseTable(frames, times_s, poses, energies_px, extra, marks)
         smooth = shown if output.smooth != "none" else None
         joints_world_m = {"accuracy": write_tracked(part, table, actor, take.settings.up, smooth)}
         if smooth is not None:
             joints_world_m["accuracy_before_smoothing"] = reference_joints(poses, body.offsets_m)
         stages = sorted({stage for message in recorded for stage in message.seconds})
         write_frame_files(part, frames, recorded, stages, [camera.name for camera in take.cameras])
-        write_run_json(part / RUN_JSON, take, info, actor, recorded, marks, output, joints_world_m, known)
+        write_run_json(part / RUN_JSON, take, info, actor, recorded, output, joints_world_m, known)
         result = load_result(part)
         verdict = verdict_of(result)
         with edited_run(part) as run:

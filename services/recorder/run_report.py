@@ -21,6 +21,7 @@ from services.mocap.take.folder import Take
 from services.mocap.take.layout import REFERENCE_JOINTS_CSV
 from services.mocap.take.live_settings import fresh_s
 from services.mocap.take.marks import LIMB_NAMES, PARTS, Marks
+from services.mocap.take.quantities import marks_of
 from services.mocap.take.tables import REFERENCE_JOINTS, from_take_world, read_joints_csv
 from services.mocap.types import Floats
 
@@ -40,7 +41,6 @@ def write_run_json(
     info: TakeInfo,
     actor: Actor,
     recorded: list[Pose],
-    marks: Marks,
     output: OutputSettings,
     joints_world_m: Mapping[str, Floats],
     known: Mapping[str, Any],
@@ -79,7 +79,7 @@ def write_run_json(
             "median": float(np.median([message.energy_px for message in recorded])),
             "largest": max(message.energy_px for message in recorded),
         },
-        "trust": _trust(marks),
+        "trust": _trust(marks_of(recorded)),
         **known,
     }
     if is_live(info):

@@ -96,6 +96,16 @@ class Solved(Protocol):
     """A solved frame, as the solver or a message has it."""
 
     @property
+    def pose(self) -> Floats:
+        """(D,)"""
+        ...
+
+    @property
+    def energy_px(self) -> float:
+        """Differing pixels, over all cameras."""
+        ...
+
+    @property
     def measured(self) -> Mapping[str, Sequence[float]]:
         """Numbers by a quantity's name, in the order of its labels or of the cameras."""
         ...

@@ -5,7 +5,7 @@ Pose parameters (poses.csv, `[initial_pose]` in take.toml) always mean the z-up 
 skeleton's table defines them there.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from services.mocap.camera.camera import R_ZUP_YUP
 from services.mocap.errors import TakeError
 from services.mocap.take.csv_columns import Columns, as_cells, read_columns, write_columns
 from services.mocap.take.marks import MARK_COLUMNS, Marks, mark_cells, read_marks
-from services.mocap.take.quantities import FURTHER
+from services.mocap.take.quantities import FURTHER, Solved, further_columns, marks_of
 from services.mocap.types import Floats, Ints
 
 REFERENCE_JOINTS: tuple[str, ...] = (
@@ -86,6 +86,18 @@ class PoseTable:
     """Further columns (N,) by name."""
     marks: Marks | None = None
     """The marks of the N frames; None if they were not judged, as in references."""
+
+    @classmethod
+    def of(cls, frames: Ints, times_s: Floats, solved: Sequence[Solved], *, is_live: bool) -> "PoseTable":
+        """The table of N solved frames, with all that is known of them."""
+        return cls(
+            frames,
+            times_s,
+            np.array([frame.pose for frame in solved]),
+            np.array([frame.energy_px for frame in solved]),
+            further_columns(solved, is_live=is_live),
+            marks_of(solved),
+        )
 
     @property
     def frames_shown(self) -> Ints:
