@@ -12,6 +12,7 @@ Bytes: TypeAlias = NDArray[np.uint8]
 Indices: TypeAlias = NDArray[np.uint32]
 """Unsigned, so that compiled code does not test every index for being counted from the end."""
 Shorts: TypeAlias = NDArray[np.int16]
+Longs: TypeAlias = NDArray[np.int64]
 Singles: TypeAlias = NDArray[np.float32]
 Words: TypeAlias = NDArray[np.uint64]
 Mask: TypeAlias = NDArray[np.bool_]

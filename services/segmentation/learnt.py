@@ -4,10 +4,9 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
-from services.mocap.types import Bytes, Floats, Mask
+from services.mocap.types import Bytes, Floats, Longs, Mask
 from services.segmentation.cleanup import drop_specks, opened
 from services.segmentation.pixels import Levels
 from services.segmentation.plate import Plate
@@ -74,7 +73,7 @@ class ActorColours:
         return np.asarray(np.log(density).astype(np.float32))
 
 
-def _bins_of(pixels: Bytes) -> NDArray[np.int64]:
+def _bins_of(pixels: Bytes) -> Longs:
     """The bins (N,) of pixels' colours (N, 3), the three axes flattened."""
     blue, green, red = (pixels >> BIN_SHIFT).T.astype(np.int64)
     return np.asarray((blue * BINS + green) * BINS + red)

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Floats, Ints, Longs
 
 FEWEST_FACES = 4
 """A closed mesh has at least this many faces."""
@@ -23,7 +22,7 @@ class Level:
     """Largest distance of a point of its surface or of the segment's from the other surface."""
 
 
-def closed_edges(faces: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def closed_edges(faces: Ints) -> tuple[Longs, Longs]:
     """The edges (E, 4) of one closed segment and the faces (E, 2) on their sides."""
     start, end, opposite = (np.roll(faces, -k, axis=1).ravel().astype(np.int64) for k in range(3))
     owner = np.arange(len(faces)).repeat(3)

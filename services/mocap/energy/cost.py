@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from services.mocap.energy.bitplanes import CAMERAS_PER_PLANE, n_planes, unpack
 from services.mocap.energy.picture import Picture
-from services.mocap.types import Bytes, Floats, Ints, Mask
+from services.mocap.types import Bytes, Floats, Ints, Longs, Mask
 
 Counts: TypeAlias = Ints
 
@@ -101,14 +101,14 @@ class Tally:
 
     gain: Counts
     """(C, h, w) -cost on the input, +cost off it, 0 where ignored; in steps of a pixel."""
-    blank: NDArray[np.int64]
+    blank: Longs
     """(C,) what an empty model costs, in steps."""
     weights: Floats
     """(C,) pixels per step, times the camera's weight."""
     cap: float
     """In steps; infinity for none."""
 
-    def energies(self, per_camera: NDArray[np.int64]) -> Floats:
+    def energies(self, per_camera: Longs) -> Floats:
         """Energies (N,) in pixels of cameras' E_c (N, C) in steps."""
         energies: Floats = (per_camera / (1.0 + per_camera / self.cap)) @ self.weights
         return energies
@@ -121,7 +121,7 @@ def _price(
     prices: Counts,
     has_prices: bool,
     gain: Counts,
-    blank: NDArray[np.int64],
+    blank: Longs,
 ) -> None:
     """Write gain and blank of a Tally from planes (P, h, w); prices (C, h, w), or any where all are 1."""
     n_cameras, height, width = gain.shape

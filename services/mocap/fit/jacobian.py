@@ -12,8 +12,8 @@ from services.mocap.body.kinematics import HANGING, N_DOF, N_FRAMES, SURFACE_FRA
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.matching import Matches
-from services.mocap.fit.rim import Indices, topology
-from services.mocap.types import Floats, Ints
+from services.mocap.fit.rim import topology
+from services.mocap.types import Floats, Ints, Longs
 
 _STEP = 1e-4
 """Of finite differences, in radians, metres and logarithms."""
@@ -100,7 +100,7 @@ def _frame_shifts(T_world_frame: Floats, offset_slopes_m: Floats) -> Floats:
 
 @numba.njit(cache=True, nogil=True)
 def _fill(
-    edges: Indices,
+    edges: Longs,
     frames: Ints,
     points_px: Floats,
     normals: Floats,

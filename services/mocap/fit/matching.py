@@ -18,8 +18,8 @@ from services.mocap.fit.contours import (
     outline_length_px,
     working_scales,
 )
-from services.mocap.fit.rim import Indices, PosedSurface, Rim
-from services.mocap.types import Floats, Ints, Mask
+from services.mocap.fit.rim import PosedSurface, Rim
+from services.mocap.types import Floats, Ints, Longs, Mask
 
 RIM_POINTS = 200
 """Most rim points of a view that are matched with the contour."""
@@ -38,7 +38,7 @@ _POOL = ThreadPoolExecutor(os.cpu_count(), "matching")
 class Matches:
     """One view's matched pairs: distances r = n · (rim - contour), in working pixels."""
 
-    edges: Indices
+    edges: Longs
     """(N, 2) the mesh edge of each row."""
     points_px: Floats
     """(N, 2) the edges' midpoints in the picture."""
@@ -121,7 +121,7 @@ def _hidden(rim: Rim, rows: Ints, targets_px: Floats, near_unsure: Mask) -> Mask
 @numba.njit(cache=True, nogil=True)
 def nearest_edges(
     points_px: Floats, normals: Floats, middles_px: Floats, facing: Floats, reach_px: float, turn_px: float
-) -> Indices:
+) -> Longs:
     """(N,) the nearest edge of every outline point, -1 where none lies within reach.
 
     Edges that face another way count as farther by turn_px times the difference of the unit vectors.

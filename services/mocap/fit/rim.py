@@ -9,7 +9,6 @@ from functools import cache
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.body.body_mesh import BodyMesh
@@ -17,25 +16,23 @@ from services.mocap.body.kinematics import N_RIGID, surface_transforms
 from services.mocap.body.surface import closed_edges
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import outline_of
-from services.mocap.types import Floats, Mask
+from services.mocap.types import Floats, Longs, Mask
 
 NEAREST_M = 0.1
 """Nothing is drawn for a camera if the body comes nearer to its plane than this."""
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Topology:
     """All surfaces' meshes as one."""
 
-    starts: Indices
+    starts: Longs
     """(surfaces + 1,) where each one's vertices begin, and their number."""
-    faces: Indices
+    faces: Longs
     """(F, 3)"""
-    edges: Indices
+    edges: Longs
     """(E, 2) vertices."""
-    sides: Indices
+    sides: Longs
     """(E, 2) the faces on both sides of an edge."""
 
 
@@ -62,7 +59,7 @@ class Rim:
     """(N, 2) the outline of its silhouette."""
     normals: Floats
     """(N, 2) unit vectors that point off the model there."""
-    edges: Indices
+    edges: Longs
     """(E, 2) mesh edges, as vertices of the whole body, between a front face and a back face; none of webs,
     whose edges are long."""
     middles_px: Floats
@@ -106,7 +103,7 @@ class PosedSurface:
 
 
 @numba.njit(cache=True, nogil=True)
-def _planes(vertices_m: Floats, faces: Indices) -> Floats:
+def _planes(vertices_m: Floats, faces: Longs) -> Floats:
     """(F, 4) unit normal and offset of faces."""
     planes = np.zeros((len(faces), 4))
     for f in range(len(faces)):
@@ -121,8 +118,8 @@ def _planes(vertices_m: Floats, faces: Indices) -> Floats:
 
 @numba.njit(cache=True, nogil=True)
 def _turning_edges(
-    vertices_m: Floats, planes: Floats, edges: Indices, sides: Indices, centre_m: Floats, P: Floats
-) -> tuple[Indices, Floats, Floats]:
+    vertices_m: Floats, planes: Floats, edges: Longs, sides: Longs, centre_m: Floats, P: Floats
+) -> tuple[Longs, Floats, Floats]:
     """The edges of which a camera sees one side: indices (N,), normals (N, 2) and ends (N, 2, 2) in pixels.
 
     Seen from the first end to the second, the front face is always on the same side. Empty if one of them

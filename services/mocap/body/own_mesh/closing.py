@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from services.mocap.body.own_mesh.character import Piece
 from services.mocap.body.surface import is_closed
-from services.mocap.types import Floats, Ints, Mask
+from services.mocap.types import Floats, Ints, Longs, Mask
 
 _DOME_RINGS = 3
 _ROUNDS = 8
@@ -25,13 +24,13 @@ _ROUNDS = 8
 class _HalfEdges:
     """The directed edges of faces: number 3 f + k goes from corner k of face f to the next."""
 
-    start: NDArray[np.int64]
-    end: NDArray[np.int64]
-    twins: NDArray[np.int64]
+    start: Longs
+    end: Longs
+    twins: Longs
     """(P, 2) pairs of opposite edges between two vertices without further edges."""
-    open: NDArray[np.int64]
+    open: Longs
     """The others."""
-    crowded: NDArray[np.int64]
+    crowded: Longs
     """Those of them that another one runs along."""
 
     @classmethod
@@ -94,12 +93,12 @@ def _consistently_wound(piece: Piece) -> Ints:
     return np.where((label[:n] > label[n:])[:, None], faces[:, ::-1], faces)
 
 
-def _split_where_tangled(faces: Ints, n_vertices: int) -> tuple[Ints, NDArray[np.int64]]:
+def _split_where_tangled(faces: Ints, n_vertices: int) -> tuple[Ints, Longs]:
     """Faces whose vertices are duplicated until the surface around each is a disc or half a disc.
 
     Returns the faces, and which original vertex each vertex was.
     """
-    origin: NDArray[np.int64] = np.arange(n_vertices)
+    origin: Longs = np.arange(n_vertices)
     alone = np.zeros(len(faces), bool)
     for round_ in range(_ROUNDS):
         edges = _HalfEdges.of(faces)
@@ -118,12 +117,12 @@ def _split_where_tangled(faces: Ints, n_vertices: int) -> tuple[Ints, NDArray[np
     return faces, origin
 
 
-def _next(half_edge: NDArray[np.int64]) -> NDArray[np.int64]:
+def _next(half_edge: Longs) -> Longs:
     """The corner at the end of half-edges, which is where the next ones of their faces begin."""
     return half_edge // 3 * 3 + (half_edge + 1) % 3
 
 
-def _loops(edges: _HalfEdges) -> list[NDArray[np.int64]]:
+def _loops(edges: _HalfEdges) -> list[Longs]:
     """The borders of a surface, each as its vertices in the order in which its faces run along it."""
     following = dict(zip(edges.start[edges.open].tolist(), edges.end[edges.open].tolist(), strict=True))
     loops = []
@@ -137,7 +136,7 @@ def _loops(edges: _HalfEdges) -> list[NDArray[np.int64]]:
     return loops
 
 
-def _cap(ring: Floats, loop: NDArray[np.int64], first: int, n_rings: int) -> tuple[Floats, Ints]:
+def _cap(ring: Floats, loop: Longs, first: int, n_rings: int) -> tuple[Floats, Ints]:
     """Vertices, numbered from first on, and faces over a border ring (n, 3): flat, or a dome of rings."""
     n, middle = len(ring), ring.mean(axis=0)
     # Seen from outside the cap the border runs the other way round.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from services.mocap.errors import UserError
-from services.mocap.types import Floats, Ints
+from services.mocap.types import Floats, Ints, Longs
 
 _DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -40,7 +40,7 @@ class Primitive:
     """(V, 3) in the mesh's frame."""
     faces: Ints
     """(F, 3)"""
-    bones: NDArray[np.int64]
+    bones: Longs
     """(V, k) the joints of the skin that move a vertex; k is 0 without a skin."""
     weights: Floats
     """(V, k) their weights."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_RIGID
 from services.mocap.body.surface import Level, closed_edges
-from services.mocap.types import Floats, Indices, Ints, Singles
+from services.mocap.types import Floats, Indices, Ints, Longs, Singles
 
 BLOCK = 32
 """Edges a block; as many planes are looked at at once."""
@@ -131,7 +131,7 @@ def _planes(vertices_m: Floats, faces: Ints) -> Singles:
     return np.column_stack([normals, np.sum(normals * a, axis=1)]).astype(np.float32)
 
 
-def _in_blocks(directions: Singles, members: NDArray[np.int64]) -> NDArray[np.int64]:
+def _in_blocks(directions: Singles, members: Longs) -> Longs:
     """An order of edges that puts those of like unit direction (E, 3) into the same block.
 
     Members are halved across their widest spread until they fit into a block.

@@ -12,6 +12,7 @@ import numpy as np
 from services.mocap.body.kinematics import SURFACE_FRAMES, place_frames
 from services.mocap.energy.cpu.collecting import Canvas, njit_without_refcounts, row_spans
 from services.mocap.energy.cpu.outline import MeshArrays, Scratch, draw
+from services.mocap.energy.snapping import NEAR_M
 from services.mocap.types import Bytes, Floats, Ints, Singles
 
 Coat: TypeAlias = tuple[Bytes, Floats, Floats]
@@ -27,8 +28,6 @@ Layers: TypeAlias = tuple[Bytes, Bytes, Singles]
 """One camera's classes of the input, the painted ones, and how far what is painted is away, all (h, w)."""
 Drawing: TypeAlias = tuple[float, MeshArrays, Scratch, Canvas, Room]
 """The level of detail in pixels, and what drawing takes."""
-_NEAREST_M = 0.05
-"""Where an end lies nearer to the camera, or behind it, quarters cannot be told: the first one counts."""
 _SHORTEST_PX2 = 1e-9
 """Of a surface that a camera sees along its axis."""
 
@@ -148,7 +147,10 @@ def _sort_by_distance(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _find_line(T: Floats, ends_m: Floats, P: Floats, n_pieces: int, line: Floats) -> None:
-    """Set line (3,): the piece of a surface at a pixel (x, y) is line · (x, y, 1), from 0 to n_pieces."""
+    """Set line (3,): the piece of a surface at a pixel (x, y) is line · (x, y, 1), from 0 to n_pieces.
+
+    Where an end lies nearer to the camera than NEAR_M, pieces cannot be told: the first one counts.
+    """
     line[0] = line[1] = line[2] = 0.0
     before, near_x, near_y = _pixel(T, ends_m[0], P)
     beyond, far_x, far_y = _pixel(T, ends_m[2], P)
@@ -169,8 +171,8 @@ def _pixel(T: Floats, point_m: Floats, P: Floats) -> tuple[bool, float, float]:
     depth_m = P[2, 0] * world_x + P[2, 1] * world_y + P[2, 2] * world_z + P[2, 3]
     u = P[0, 0] * world_x + P[0, 1] * world_y + P[0, 2] * world_z + P[0, 3]
     v = P[1, 0] * world_x + P[1, 1] * world_y + P[1, 2] * world_z + P[1, 3]
-    safe_m = max(depth_m, _NEAREST_M)
-    return depth_m >= _NEAREST_M, u / safe_m, v / safe_m
+    safe_m = max(depth_m, NEAR_M)
+    return depth_m >= NEAR_M, u / safe_m, v / safe_m
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from services.mocap.energy.cost import Counts
 from services.mocap.energy.gl.device import GROUP, MAX_GROUPS, GlDevice, GlUnavailableError
 from services.mocap.energy.gl.mesh import GlMesh, Selection
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Bytes, Floats, Longs
 
 SCRATCH_BYTES = 256 << 20
 """What the scratch buffers that the parts of a batch share hold at most together."""
@@ -143,7 +143,7 @@ class Drawer:
         else:
             self._run("gain", rows, 1, "winding", "spans", "gains", f"sums{lane}")
 
-    def sums(self, part: Part) -> NDArray[np.int64]:
+    def sums(self, part: Part) -> Longs:
         """Wait for a part, and return what the covered pixels of each of its images gain in all."""
         return np.frombuffer(self._buffers[f"sums{part.lane}"].read(8 * (part.last - part.first)), np.int64)
 
