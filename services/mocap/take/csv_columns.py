@@ -78,7 +78,9 @@ def read_columns(path: Path, required: Sequence[str], *, allow_extra: bool) -> C
             header = next(reader, [])
             _check_header(path, header, required, allow_extra=allow_extra)
             for cells in filter(None, reader):
-                _check_length(path, reader.line_num, header, cells)
+                if len(cells) != len(header):
+                    expected = f"expected {len(header)} values as in the header, found {len(cells)}"
+                    raise TakeError(f"{path}: line {reader.line_num}: {expected}")
                 rows.append(cells)
                 lines.append(reader.line_num)
     except FileNotFoundError:
@@ -105,10 +107,3 @@ def _check_header(path: Path, header: list[str], required: Sequence[str], *, all
     if len(set(header)) < len(header):
         twice = next(name for name in header if header.count(name) > 1)
         raise TakeError(f"{path}: {in_short(twice)}: duplicate column: expected every column once")
-
-
-def _check_length(path: Path, line: int, header: list[str], cells: list[str]) -> None:
-    if len(cells) != len(header):
-        raise TakeError(
-            f"{path}: line {line}: expected {len(header)} values as in the header, found {len(cells)}"
-        )

@@ -67,17 +67,15 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
     for pattern in _WORDS:
         of_files = list(zip(other_files, _own_words(stems, pattern), strict=True))
         for camera, words in zip(other_cameras, _own_words(other_cameras, pattern), strict=True):
-            fits |= {(camera, path) for path, own in of_files if words and own and _is_part(words, own)}
+            fits |= {
+                (camera, path) for path, own in of_files if words and own and (words <= own or own <= words)
+            }
     by_words = {
         camera: path
         for camera, path in fits
         if sum(camera == c for c, _ in fits) == 1 and sum(path == p for _, p in fits) == 1
     }
     return exact | by_words
-
-
-def _is_part(words: frozenset[str], others: frozenset[str]) -> bool:
-    return words <= others or others <= words
 
 
 def _own_words(names: Iterable[str], pattern: str) -> list[frozenset[str]]:

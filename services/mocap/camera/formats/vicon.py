@@ -21,16 +21,16 @@ def read_vicon(path: Path) -> Loose:
     """The video cameras of the file, by device number; marker cameras are ignored where there are both."""
     frames = [(tag, tag.find("KeyFrames/KeyFrame")) for tag in xml_root(path, "Vicon").iter("Camera")]
     calibrated = [(tag, frame) for tag, frame in frames if frame is not None]
-    video = [(tag, frame) for tag, frame in calibrated if "video" in _kind(tag)]
+    video = [
+        (tag, frame)
+        for tag, frame in calibrated
+        if "video" in f"{tag.get('TYPE')} {tag.get('DISPLAY_TYPE')}".lower()
+    ]
     remarks = []
     if 0 < len(video) < len(calibrated):
         ignored = len(calibrated) - len(video)
         remarks.append(f"{path}: {ignored} cameras are not video cameras and are ignored")
     return Loose([_camera(path, *each) for each in video or calibrated], 1.0, tuple(remarks))
-
-
-def _kind(camera: Element) -> str:
-    return f"{camera.get('TYPE')} {camera.get('DISPLAY_TYPE')}".lower()
 
 
 def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera:
