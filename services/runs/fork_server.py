@@ -4,6 +4,9 @@ Importing a service's modules takes a second or more of processor time, and a ru
 imports would dominate the start on a small machine. `ForkServer` is the launcher's side; the other one is
 `python -m services.runs.fork_server FD MODULE …`. They communicate over a socket: requests are Births;
 answers are the new process's id at once, and (id, exit code) at its end.
+
+multiprocessing's forkserver does not serve here: a process has one at most, with the environment and the
+output that it had at first, while every run has a server with its own.
 """
 
 import gc

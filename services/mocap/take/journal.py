@@ -4,6 +4,9 @@ crash.
 A file begins with a line that names the format. Then come records: the payload's length and its CRC-32 (two
 little-endian 32-bit numbers), and the payload, a msgpack array of byte strings: the frames of a message.
 Bytes after the last complete record are a torn write, interrupted by a crash.
+
+SQLite does not serve here: its WAL mode needs memory that writer and readers share, which network file
+systems do not give, and results may be on one. A journal needs only appends and reads.
 """
 
 import fcntl

@@ -2,6 +2,10 @@
 
 Pieces of triangles are cut until each is known to lie near enough: at the sides of the triangle below them,
 so that it is a matter of one triangle, else in half.
+
+Sampled distances (scipy's cKDTree) prove such a bound only with samples no farther apart than its slack: 2 %
+of the smallest error that thinning.py allows is 0.03 mm, or about two thousand million samples on 2 m² of
+skin.
 """
 
 from math import sqrt
