@@ -9,7 +9,7 @@ import trimesh
 from characters import MIXAMO, PERSON, bind_pose, write_parts_obj, write_skinned_glb
 from services.mocap.body.actor import MESH_FILE, Actor, Body, build_body
 from services.mocap.body.body_mesh import MeshContentError, OwnMesh
-from services.mocap.body.own_mesh import importing
+from services.mocap.body.own_mesh import mesh_import
 from services.mocap.body.own_mesh.mesh_import import Imported, import_mesh
 from services.mocap.body.shape_space import PARAMETERS, actor_of, vector_of
 from services.mocap.body.skeleton import JOINTS, SEGMENT_NAMES
@@ -68,8 +68,8 @@ def test_large_meshes_are_thinned_and_that_is_said(
     imported: Imported, a_pose_glb: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert imported.remarks == ()
-    monkeypatch.setattr(importing, "_MOST_FACES", 7000)
-    monkeypatch.setattr(importing, "_THINNED_FACES", 6000)
+    monkeypatch.setattr(mesh_import, "_MOST_FACES", 7000)
+    monkeypatch.setattr(mesh_import, "_THINNED_FACES", 6000)
     thinned = import_mesh(a_pose_glb)
     assert sum(map(len, thinned.mesh.faces)) < 7000
     (remark,) = thinned.remarks
