@@ -12,7 +12,7 @@ steps, each of which has a module:
 Where all that together tells nothing, the pixel is unsure. Step 4 uses what was learnt (`learnt`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -36,6 +36,7 @@ from services.segmentation.learnt import ActorColours, Learnt
 from services.segmentation.lenses import Lenses
 from services.segmentation.pixels import Levels
 from services.segmentation.plate import Plate
+from services.segmentation.static_objects import StaticObjects
 from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, VoxelGrid
 
 _ROUNDS = 3
@@ -70,6 +71,7 @@ class JointMatte:
         self._has_others = len(cameras) > 1
         self._floor = Floor.at(0.0, cameras) if self._has_others else None
         self._voxels = VoxelGrid.of(cameras, self._lenses, 0.0) if len(cameras) > 2 else None
+        self._objects = StaticObjects(self._voxels) if self._voxels is not None else None
         width, height = self._lenses.sizes_px.max(axis=0)
         shape = len(self._cameras), int(height), int(width)
         self._ratios: Levels = np.ones(shape, np.float32)
@@ -99,19 +101,40 @@ class JointMatte:
         there = self._compare(images_bgr)
         shadow_priors = self._shadow_priors(there)
         classes = self._classes(shadow_priors, there)
+        changed = dict[int, Mask]()
         for c, shadow_prior in shadow_priors.items():
             compared = self._compared[c]
             in_shadow = compared.state == PERHAPS_SHADOW
             if self._floor is not None:
                 in_shadow &= shadow_prior >= SUPPORTED
-            changed = (compared.change > _SURELY_CHANGED) & ~in_shadow
-            self._learnt[c].add(images_bgr[c], classes[c], changed, compared.change < _SURELY_SAME)
+            changed[c] = (compared.change > _SURELY_CHANGED) & ~in_shadow
+            self._learnt[c].add(images_bgr[c], classes[c], changed[c], compared.change < _SURELY_SAME)
+        if self._objects is not None:
+            self._objects.add(changed)
+
+    def learn_all(self, moments: Callable[[], Iterable[Mapping[int, Bytes]]]) -> None:
+        """Learn from all moments, and conclude; where objects were moved, once more without them, since their
+        colours were taken for the actor's."""
+        for images in moments():
+            self.learn(images)
+        self.conclude()
+        if any(moved.any() for moved in self.moved):
+            for c, learnt in enumerate(self._learnt):
+                self._learnt[c] = Learnt(self._compared[c].plate, learnt.moved)
+            for images in moments():
+                self.learn(images)
+            self.conclude()
 
     def conclude(self) -> None:
         """Use what was learnt from now on."""
         of_all = ActorColours(np.sum([learnt.colours.counts for learnt in self._learnt], axis=0))
-        for learnt in self._learnt:
-            learnt.conclude(of_all)
+        shapes_px = [compared.plate.shape for compared in self._compared]
+        if self._objects is None:
+            objects = [np.zeros(shape, bool) for shape in shapes_px]
+        else:
+            objects = self._objects.masks(shapes_px)
+        for learnt, of_camera in zip(self._learnt, objects, strict=True):
+            learnt.conclude(of_all, of_camera)
 
     def settle_floor(self, moments: Sequence[Mapping[int, Bytes]]) -> None:
         """Find the height of the floor from the shadows in pictures of some moments."""
@@ -125,6 +148,7 @@ class JointMatte:
         if self._voxels is not None:
             height_m = self._floor.height_m if self._floor is not None else 0.0
             self._voxels = VoxelGrid.of(self._cameras, self._lenses, height_m)
+            self._objects = StaticObjects(self._voxels)
 
     def _compare(self, images_bgr: Mapping[int, Bytes]) -> Ints:
         """Compare pictures with their plates; returns the cameras that have one."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.take.folder import Take
-from services.mocap.types import Bytes
+from services.mocap.types import Bytes, Mask
 from services.segmentation.background import keyframes
 from services.segmentation.joint import JointMatte
 from services.segmentation.silhouettes import pictures_of
@@ -34,18 +34,20 @@ def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) ->
     call."""
     floor_moments = list(islice(_moments(take, cameras), 0, None, _MOMENTS // _FLOOR_MOMENTS))
     matte.settle_floor(floor_moments)
-    for images in _moments(take, cameras):
-        matte.learn(images)
-    matte.conclude()
+    matte.learn_all(lambda: _moments(take, cameras))
     for camera, moved in zip(cameras, matte.moved, strict=True):
-        if moved.any():
-            rows, columns = np.nonzero(moved)
-            log.warning(
-                "%s: something in %s near column %d, row %d (%.1f%% of the picture) is not as "
-                "in its clean plate, and does not move: these pixels count for nothing; record the "
-                "empty stage again",
-                take.folder, camera.name, np.median(columns), np.median(rows), 100 * moved.mean(),
-            )  # fmt: skip
+        _tell_moved(f"{take.folder}: ", camera.name, moved)
+
+
+def _tell_moved(where: str, camera: str, moved: Mask) -> None:
+    """Warn of an object (H, W) in a camera's picture, if there is one."""
+    if moved.any():
+        rows, columns = np.nonzero(moved)
+        log.warning(
+            "%ssomething in %s near column %d, row %d (%.1f%% of the picture) is not as in its clean plate, "
+            "and does not move: these pixels count for nothing; record the empty stage again",
+            where, camera, np.median(columns), np.median(rows), 100 * moved.mean(),
+        )  # fmt: skip
 
 
 def _moments(take: Take, cameras: Sequence[Camera]) -> Iterator[dict[int, Bytes]]:
@@ -60,11 +62,14 @@ def _moments(take: Take, cameras: Sequence[Camera]) -> Iterator[dict[int, Bytes]
 
 
 class LiveLearner:
-    """Teaches a matte by some of the live pictures that it is given."""
+    """Teaches a matte by some of the live pictures that it is given, and warns once of a moved object in a
+    camera's pictures."""
 
-    def __init__(self, matte: JointMatte) -> None:
-        self._matte = matte
+    def __init__(self, matte: JointMatte, cameras: Sequence[str]) -> None:
+        """cameras: their names."""
+        self._matte, self._cameras = matte, cameras
         self._shots = self._learnt = 0
+        self._told = set[str]()
 
     def see(self, images_bgr: Mapping[int, Bytes]) -> None:
         """Learn from a shot's pictures (H, W, 3) by camera, if it is time."""
@@ -76,3 +81,7 @@ class LiveLearner:
         self._matte.learn(images_bgr)
         if self._learnt % _LIVE_CONCLUSIONS == 0 or self._learnt == 1:
             self._matte.conclude()
+            for camera, moved in zip(self._cameras, self._matte.moved, strict=True):
+                if camera not in self._told and moved.any():
+                    self._told.add(camera)
+                    _tell_moved("", camera, moved)

@@ -35,7 +35,7 @@ _UNSUPPORTED_SHARES, _LEAST_PRIORS = (0.02, 0.15), (-5.0, -2.0)
 do not see the same places."""
 _FEWEST_MOMENTS, _STILL, _UNCONFIRMED = 6, 0.9, 0.5
 """An object was moved if nearly all of this many moments show a change that no other camera confirms in half
-of them."""
+of them, or that static_objects explains."""
 _LEAST_MOVED = 0.003
 """Share of the picture: shoes of somebody who stands still are smaller, and no voxel reaches down to them."""
 
@@ -89,7 +89,8 @@ def _smoothed(counts: Floats) -> Floats:
 class Learnt:
     """What was learnt of one camera's pictures; `add` takes in, `conclude` makes it count."""
 
-    def __init__(self, plate: Plate) -> None:
+    def __init__(self, plate: Plate, moved: Mask | None = None) -> None:
+        """moved: (H, W) where an object is known to have been moved."""
         self._plate_log_density = float(np.median(plate.log_peak))
         self.colours = ActorColours()
         self._n_changed = np.zeros(N_CLASSES)
@@ -104,24 +105,27 @@ class Learnt:
         """(BINS, BINS, BINS) see ActorColours.log_density."""
         self.class_prior = CLASS_PRIOR
         """(N_CLASSES,) logarithm of the odds of the actor, by what the other cameras say."""
-        self.moved: Mask = np.zeros(plate.shape, np.bool_)
+        self.moved: Mask = np.zeros(plate.shape, np.bool_) if moved is None else moved
         """(H, W) where an object was added or removed after the plate was recorded."""
 
     def add(self, image_bgr: Bytes, classes: Bytes, changed: Mask, same: Mask) -> None:
         """Take in a picture (H, W, 3), what the others say of its pixels (H, W), and which of them surely
         changed (H, W), and surely did not."""
-        self._n_changed += np.bincount(classes[changed], minlength=N_CLASSES)
-        bins = classes[same] * np.int64(BINS**3) + _bins_of(image_bgr[same])
-        self._n_same += np.bincount(bins, minlength=self._n_same.size).reshape(self._n_same.shape)
         self._changed += changed
         self._unsupported += changed & (classes == MORE_MISS)
         self._moments += 1
+        changed, same = changed & ~self.moved, same & ~self.moved
+        self._n_changed += np.bincount(classes[changed], minlength=N_CLASSES)
+        bins = classes[same] * np.int64(BINS**3) + _bins_of(image_bgr[same])
+        self._n_same += np.bincount(bins, minlength=self._n_same.size).reshape(self._n_same.shape)
         seen_by_others = (classes <= NEAR) | (classes == ALONE)
         sure = cv2.erode((changed & seen_by_others).view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         self.colours.add(image_bgr[sure])
 
-    def conclude(self, of_all: ActorColours) -> None:
-        """Draw conclusions from what was taken in so far; of_all: the colours of all cameras together.
+    def conclude(self, of_all: ActorColours, objects: Mask) -> None:
+        """Draw conclusions from what was taken in so far.
+
+        of_all: the colours of all cameras together. objects: where (H, W) all cameras see an object.
 
         With n and n' the pixels of a class that changed and did not, p the usual share of the former and k
         the weight of that, the prior is log((n + k p) / (n' + k (1 - p))), within limits.
@@ -139,7 +143,7 @@ class Learnt:
         self.class_prior = np.where(CLASS_PRIOR == 0.0, 0.0, prior).astype(np.float32)
         if self._moments >= _FEWEST_MOMENTS:
             still = self._changed >= _STILL * self._moments
-            still &= self._unsupported >= _UNCONFIRMED * self._moments
+            still &= objects | (self._unsupported >= _UNCONFIRMED * self._moments)
             moved = opened(still, 5)
             drop_specks(moved, _LEAST_MOVED * moved.size)
             self.moved = np.asarray(cv2.dilate(moved, np.ones((5, 5), np.uint8)) > 0)

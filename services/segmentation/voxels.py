@@ -18,7 +18,7 @@ from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
 from services.segmentation.pixels import Levels
 
-_COARSE_M, _FINE_M = 0.12, 0.04
+COARSE_M, _FINE_M = 0.12, 0.04
 """Sizes of voxels."""
 _PER_COARSE = 3
 _FINE_OFFSETS_M: Floats = np.ascontiguousarray(
@@ -72,8 +72,8 @@ class VoxelGrid:
         middle = _meeting_point(cameras)
         away_m = np.median([np.linalg.norm((camera.centre_world_m - middle)[:2]) for camera in cameras])
         half_m = float(np.clip(away_m, _LEAST_HALF_SIDE_M, _MOST_HALF_SIDE_M))
-        across = np.arange(-half_m, half_m + _COARSE_M / 2, _COARSE_M)
-        up = floor_m + _OVER_FLOOR_M + np.arange(_COARSE_M / 2, _HEIGHT_M, _COARSE_M)
+        across = np.arange(-half_m, half_m + COARSE_M / 2, COARSE_M)
+        up = floor_m + _OVER_FLOOR_M + np.arange(COARSE_M / 2, _HEIGHT_M, COARSE_M)
         grid = np.stack(np.meshgrid(middle[0] + across, middle[1] + across, up, indexing="ij"), axis=-1)
         points_m = grid.reshape(-1, 3)
         pixels = np.empty((len(cameras), len(points_m), 2), np.int16)
@@ -82,8 +82,8 @@ class VoxelGrid:
         points_m, pixels = points_m[seen], np.ascontiguousarray(pixels[:, seen])
         reach_px, covered = np.empty(len(cameras), np.int32), list[Mask]()
         for c, camera in enumerate(cameras):
-            depth_m = max(float(np.linalg.norm(camera.centre_world_m - middle)), _COARSE_M)
-            reach_px[c] = 1 + 2 * round(_COARSE_M * camera.K[0, 0] / depth_m / 2)
+            depth_m = max(float(np.linalg.norm(camera.centre_world_m - middle)), COARSE_M)
+            reach_px[c] = 1 + 2 * round(COARSE_M * camera.K[0, 0] / depth_m / 2)
             drawn = np.zeros(camera.shape_px, np.uint8)
             on = pixels[c][pixels[c][:, 0] >= 0]
             drawn[on[:, 1], on[:, 0]] = 1

@@ -47,6 +47,7 @@ class Pupil(JointMatte):
     def __init__(self) -> None:
         self.done: list[str] = []
         self.seen: list[Mapping[int, Bytes]] = []
+        self.has_moved = False
 
     def learn(self, images_bgr: Mapping[int, Bytes]) -> None:
         self.done.append("learn")
@@ -57,7 +58,7 @@ class Pupil(JointMatte):
 
     @property
     def moved(self) -> list[Mask]:
-        return [np.zeros((2, 2), bool)] * 2
+        return [np.full((2, 2), self.has_moved)] * 2
 
     def settle_floor(self, moments: Sequence[Mapping[int, Bytes]]) -> None:
         self.done += ["floor"] * bool(moments)
@@ -90,7 +91,7 @@ def test_a_take_is_looked_at_here_and_there(
 
 def test_live_pictures_teach_ever_more_rarely() -> None:
     pupil = Pupil()
-    learner = LiveLearner(pupil)
+    learner = LiveLearner(pupil, ["cam01", "cam02"])
     at_shots = list[int]()
     images = {0: np.zeros((2, 2, 3), np.uint8)}
     for shot in range(2000):
@@ -103,6 +104,18 @@ def test_live_pictures_teach_ever_more_rarely() -> None:
     assert (np.diff(apart) >= 0).all()
     assert apart[0] * 10 == apart[-1]
     assert pupil.done.count("learn") / 7 < pupil.done.count("conclude") < pupil.done.count("learn") / 5
+
+
+def test_an_object_that_was_moved_is_told_once_per_camera(caplog: pytest.LogCaptureFixture) -> None:
+    pupil = Pupil()
+    learner = LiveLearner(pupil, ["cam01", "cam02"])
+    for shot in range(200):
+        pupil.has_moved = shot > 50
+        learner.see({0: np.zeros((2, 2, 3), np.uint8)})
+    assert [text.partition(" near")[0] for text in caplog.messages] == [
+        "something in cam01",
+        "something in cam02",
+    ]
 
 
 def test_what_a_video_shows_at_a_moment_comes_together(small_take: SmallTake) -> None:

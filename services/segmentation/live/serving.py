@@ -48,7 +48,9 @@ class Silhouetter:
         chosen = [take.cameras[c] for c in cameras]
         self._height_px, self._width_px = Rig.of(take.cameras).shape_px
         self._matte = live_matte(take, chosen, segmenter)
-        self._learner = LiveLearner(self._matte) if isinstance(self._matte, JointMatte) else None
+        self._learner = None
+        if isinstance(self._matte, JointMatte):
+            self._learner = LiveLearner(self._matte, [camera.name for camera in chosen])
         self._colours = [take.colours.get(camera.name) for camera in chosen]
         self._undistorters = [Undistorter(camera) for camera in chosen]
         warm_up()
