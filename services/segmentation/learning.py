@@ -35,18 +35,22 @@ def learn_from_take(matte: JointMatte, take: Take, cameras: Sequence[Camera]) ->
     floor_moments = list(islice(_moments(take, cameras), 0, None, _MOMENTS // _FLOOR_MOMENTS))
     matte.settle_floor(floor_moments)
     matte.learn_all(lambda: _moments(take, cameras))
-    for camera, moved in zip(cameras, matte.moved, strict=True):
-        _tell_moved(f"{take.folder}: ", camera.name, moved)
+    _tell_moved(f"{take.folder}: ", [camera.name for camera in cameras], matte.moved)
 
 
-def _tell_moved(where: str, camera: str, moved: Mask) -> None:
-    """Warn of an object (H, W) in a camera's picture, if there is one."""
-    if moved.any():
-        rows, columns = np.nonzero(moved)
+def _tell_moved(where: str, cameras: Sequence[str], moved: Sequence[Mask]) -> None:
+    """Warn of objects (H, W) in the pictures of some cameras, if there are any."""
+    places = []
+    for camera, mask in zip(cameras, moved, strict=True):
+        if mask.any():
+            row, column = np.median(np.nonzero(mask), axis=1)
+            places.append(
+                f"{camera} near column {column:.0f}, row {row:.0f}, {mask.mean():.1%} of the picture"
+            )
+    if places:
         log.warning(
-            "%ssomething in %s near column %d, row %d (%.1f%% of the picture) is not as in its clean plate, "
-            "and does not move: these pixels count for nothing; record the empty stage again",
-            where, camera, np.median(columns), np.median(rows), 100 * moved.mean(),
+            "%ssomething is not as in the clean plates and does not move (%s): its pixels count for nothing; "
+            "record the empty stage again", where, "; ".join(places),
         )  # fmt: skip
 
 
@@ -69,7 +73,7 @@ class LiveLearner:
         """cameras: their names."""
         self._matte, self._cameras = matte, cameras
         self._shots = self._learnt = 0
-        self._told = set[str]()
+        self._told = set[int]()
 
     def see(self, images_bgr: Mapping[int, Bytes]) -> None:
         """Learn from a shot's pictures (H, W, 3) by camera, if it is time."""
@@ -81,7 +85,6 @@ class LiveLearner:
         self._matte.learn(images_bgr)
         if self._learnt % _LIVE_CONCLUSIONS == 0 or self._learnt == 1:
             self._matte.conclude()
-            for camera, moved in zip(self._cameras, self._matte.moved, strict=True):
-                if camera not in self._told and moved.any():
-                    self._told.add(camera)
-                    _tell_moved("", camera, moved)
+            moved = [mask & (c not in self._told) for c, mask in enumerate(self._matte.moved)]
+            self._told.update(c for c, mask in enumerate(moved) if mask.any())
+            _tell_moved("", self._cameras, moved)

@@ -25,7 +25,7 @@ from services.mocap.search.tracker import Tracker, whole_person
 from services.mocap.types import Floats
 
 _THOROUGH_EVERY = 5
-"""On the way back all limbs are searched far in every fifth frame."""
+"""On the way back, limbs that are not sure are searched far in every fifth frame."""
 
 Sweep: TypeAlias = Literal["tracking back", "settling"]
 """What is done to all frames in turn: track them back; solve each again from the best path."""

@@ -136,6 +136,15 @@ def test_a_limb_that_was_lost_for_long_is_found_by_a_thorough_search(
     assert errors_mm[1] < 25
 
 
+def test_a_thorough_search_leaves_sure_limbs_out(model: Model, truth: Floats, seen: list[TriPlanes]) -> None:
+    picture = Picture.whole(model.rig, seen[0].silhouettes)
+    trust = PartConfidence(model.rig, SETTINGS.doubt_px)
+    limbs = LocalLimbs(model)
+    found = solve_by_contours(model, picture, truth[:1], SETTINGS, limbs, trust, thorough=True)
+    assert all(found.confidence[limb] > 0.99 for limb in LIMBS)
+    assert found.limb_seconds == {}
+
+
 def test_an_actor_who_leaves_is_missed_in_both_ways(
     model: Model, truth: Floats, seen: list[TriPlanes], joint_errors_mm: Callable[[Floats, Floats], Floats]
 ) -> None:
