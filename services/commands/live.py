@@ -63,7 +63,7 @@ def live(
     if group is None:
         check_out(folder)
     page = tell_page(port) if watch and group is None else None
-    check_sources(take, [c for name in groups for c in take.groups()[name]])
+    warn(check_sources(take, take.cameras_of(groups)))
     engine, output = options.engine_settings(backend, threads), options.output_settings(smooth, cutoff_hz)
     search = search_settings(changes or [], settings, len(take.cameras), preset, body)
     check_cost(engine, search.cost)
@@ -80,8 +80,8 @@ def live(
         record=record,
         keys=keys,
     )
-    if group is not None and take.live.endpoint is not None:
-        serve_group(job, group, take.live.endpoint)
+    if group is not None:
+        serve_group(job, group)
         return
     stderr.print(_body(take), markup=False, soft_wrap=True)
     report = _track(job)
@@ -102,8 +102,6 @@ def _groups_to_serve(config: Path, take: LiveTake, group: str | None, record: Pa
         return take.groups_here
     if group not in (known := sorted(take.groups())):
         raise UserError(f"--group {group}: {config} has no such group: {nearest(group, known)}")
-    if take.live.endpoint is None:
-        raise UserError(f"--group: {config} does not say where the coordinator is: add endpoint to it")
     return [group]
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from services.mocap.errors import UserError
 from services.mocap.result.layout import partial_of
 from services.mocap.result.result import edited_run
 from services.mocap.take.live import LiveTake
@@ -90,12 +91,18 @@ def live(
 
 def _cameras(job: LiveJob, group: str) -> Words:
     """Which cameras one process segments, and where it keeps what they see."""
-    names = ",".join(job.take.cameras[c].name for c in job.take.groups()[group])
+    names = ",".join(job.take.cameras[c].name for c in job.take.cameras_of([group]))
     return ("--cameras", names, *(() if job.record is None else ("--record", str(part_of(job.record)))))
 
 
-def serve_group(job: LiveJob, group: str, endpoint: str) -> None:
-    """Serve one group of cameras on this host until its segmentation ends or a stop is requested."""
+def serve_group(job: LiveJob, group: str) -> None:
+    """Serve one group of cameras on this host until its segmentation ends or a stop is requested.
+
+    Raises UserError if the configuration does not say where the coordinator is.
+    """
+    endpoint = job.take.live.endpoint
+    if endpoint is None:
+        raise UserError(f"--group: {job.config} does not say where the coordinator is: add endpoint to it")
     with (
         recording_to(job.record),
         tempfile.TemporaryDirectory(prefix="xormocap-logs-") as logs,

@@ -4,6 +4,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from services.mocap.take.writer import video_writer
 from services.runs.launcher import free_port
 
 _GOOD = '"cam.mp4"'
+_ELSEWHERE = 'elsewhere = ["left"]\nendpoint = "tcp://127.0.0.1:5550"\n'
 
 
 @pytest.fixture
@@ -35,12 +37,14 @@ def taken() -> Iterator[int]:
         yield listening.getsockname()[1]
 
 
-def said_of(stage: Path, refused: Callable[..., str], sources: list[str], *options: object) -> str:
-    """What the command says of these sources, in one line; cam01 is of the group "left", on another host."""
+def said_of(
+    stage: Path, refused: Callable[..., str], sources: list[str], *options: object, head: str = _ELSEWHERE
+) -> str:
+    """What the command says of these sources; cam01 is of the group "left", by default on another host."""
     groups = ("left", "right", "right")
     (stage / "live.toml").write_text(
-        'name = "stage"\nfps = 10.0\nup = "z"\ncalibration = "calibration.toml"\nelsewhere = ["left"]\n'
-        'endpoint = "tcp://127.0.0.1:5550"\n'
+        'name = "stage"\nfps = 10.0\nup = "z"\ncalibration = "calibration.toml"\n'
+        + head
         + "".join(
             f'[cameras.cam0{n}]\nsource = {source}\ngroup = "{group}"\n'
             for n, (source, group) in enumerate(zip(sources, groups, strict=True), 1)
@@ -59,25 +63,41 @@ def said_of(stage: Path, refused: Callable[..., str], sources: list[str], *optio
         ('"gone.mp4"', "gone.mp4 is missing: correct the path"),
         ('"broken.mp4"', "broken.mp4: cannot be read as a video"),
         ("249", "/dev/video249 is missing: connect the camera, or give the number of another device"),
-        (
-            '"rtsp://user:secret@127.0.0.1:{free}/1"',
-            "rtsp://127.0.0.1:{free}/1 does not answer: connection refused (host 127.0.0.1, port {free})",
-        ),
         ('"http://127.0.0.1:99999/1"', "expected an address such as rtsp://HOST:PORT/PATH"),
+        ('"rtsp://user:secret@a..b/1"', "rtsp://a..b/1: expected an address such as rtsp://HOST:PORT/PATH"),
     ],
-    ids=["file", "damaged file", "device", "stream", "address"],
+    ids=["file", "damaged file", "device", "port", "host"],
 )
 def test_a_source_that_is_not_there_is_named_with_its_camera(
     stage: Path, refused: Callable[..., str], taken: int, source: str, said: str
 ) -> None:
     """Of the cameras of this host: cam01, which another one serves, is missing as well."""
-    free = free_port()
-    sources = ["7777", f'"http://127.0.0.1:{taken}/2"', source.replace("{free}", str(free))]
-    sentence = said_of(stage, refused, sources)
+    sentence = said_of(stage, refused, ["7777", f'"http://127.0.0.1:{taken}/2"', source])
     assert sentence.startswith("[cameras.cam03] source: ")
-    assert said.replace("{free}", str(free)) in sentence
+    assert said in sentence
     assert "\n" not in sentence
     assert "secret" not in sentence
+
+
+def test_a_network_camera_that_does_not_answer_is_a_warning_and_the_run_begins(
+    stage: Path, refused: Callable[..., str], taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run ends as if nobody had been tracked."""
+    track, free = Mock(return_value=None), free_port()
+    monkeypatch.setattr("services.commands.live.track_live", track)
+    sources = ["7777", f'"http://127.0.0.1:{taken}/2"', f'"rtsp://user:secret@127.0.0.1:{free}/1"']
+    warning, *_, last = said_of(stage, refused, sources).splitlines()
+    assert warning.startswith(
+        f"warning: [cameras.cam03] source: rtsp://127.0.0.1:{free}/1 does not answer: connection refused "
+        f"(host 127.0.0.1, port {free}): connect and switch on the camera, or correct the address"
+    )
+    assert "nobody was tracked" in last
+    track.assert_called_once()
+
+
+def test_a_group_without_a_coordinator_is_not_served(stage: Path, refused: Callable[..., str]) -> None:
+    said = said_of(stage, refused, [_GOOD] * 3, "--group", "right", head="")
+    assert said == f"--group: {stage}/live.toml does not say where the coordinator is: add endpoint to it"
 
 
 def test_a_group_that_is_served_alone_has_its_own_sources_tested(

@@ -3,6 +3,7 @@
 Unlike a recorded take it has no videos and no number of frames.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,11 @@ class LiveTake(Take):
     def groups_here(self) -> list[str]:
         """The groups of cameras that are not on other hosts."""
         return [name for name in self.groups() if name not in self.live.elsewhere]
+
+    def cameras_of(self, groups: Iterable[str]) -> list[int]:
+        """The cameras of some groups by their position in calibration.toml, group by group."""
+        by_group = self.groups()
+        return [c for group in groups for c in by_group[group]]
 
     def plate(self, camera: Camera) -> Path | None:
         """See Take."""

@@ -50,8 +50,7 @@ def finish_recording(take: LiveTake, folder: Path) -> list[str]:
     Raises TakeError if a video is missing or shorter than the others; the recordings stay.
     """
     folder, part, lengths = folder.resolve(), part_of(folder), dict[str, int]()
-    here = [c for group, cs in take.groups().items() if group not in take.live.elsewhere for c in cs]
-    for camera in (take.cameras[c] for c in here):
+    for camera in (take.cameras[c] for c in take.cameras_of(take.groups_here)):
         lengths[camera.name] = index_video(layout.video_path(part, camera.name)).n_frames
     frames = min(lengths.values())
     if frames < max(lengths.values()):

@@ -3,6 +3,7 @@
 import os
 import socket
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -11,13 +12,18 @@ from services.mocap.take.live import LiveTake
 from services.segmentation.live.sources import check_file, place_of
 
 _ANSWERS_S = 1.0
-"""How long a network camera may take to accept a connection."""
+"""How long a network camera may take to accept a connection before a warning."""
 _PORTS = {"rtsp": 554, "rtsps": 322, "http": 80, "https": 443}
 _DEVICES = Path("/dev")
 
 
-def check_sources(take: LiveTake, cameras: Sequence[int]) -> None:
-    """Raise UserError for the first of these cameras whose file, device or network address is not there."""
+def check_sources(take: LiveTake, cameras: Sequence[int]) -> list[str]:
+    """Warnings about network cameras among these that do not answer: a run tries to reach them until they do.
+
+    Raises UserError for the first of these cameras whose file or device is missing, or whose address cannot
+    be one.
+    """
+    addresses: list[tuple[str, str, str, int]] = []
     for c in cameras:
         source = take.sources[c]
         where = f"[cameras.{take.calibrated[c].name}] source: "
@@ -26,7 +32,9 @@ def check_sources(take: LiveTake, cameras: Sequence[int]) -> None:
         elif isinstance(source.source, int):
             _check_device(_DEVICES / f"video{source.source}", where)
         else:
-            _check_address(source.source, where)
+            addresses.append((where, source.source, *_host_and_port(source.source, where)))
+    with ThreadPoolExecutor(max_workers=len(addresses) or 1) as pool:
+        return [warning for warning in pool.map(lambda address: _silence(*address), addresses) if warning]
 
 
 def _check_device(path: Path, where: str) -> None:
@@ -41,20 +49,27 @@ def _check_device(path: Path, where: str) -> None:
         raise UserError(f"{where}{path} may not be opened: add your user to the group that owns it (video)")
 
 
-def _check_address(address: str, where: str) -> None:
-    """Raise UserError if nobody accepts a TCP connection at the host and port of a network address."""
+def _host_and_port(address: str, where: str) -> tuple[str, int]:
+    """The host and the port of a network address; raises UserError if it has none that can be."""
     try:
         parts = urlsplit(address)
         host, port = parts.hostname, parts.port or _PORTS[parts.scheme]
+        if host is not None:
+            host.encode("idna")  # as a connection does
+            return host, port
     except ValueError:
-        host = None
-    if host is None:
-        raise UserError(f"{where}{place_of(address)}: expected an address such as rtsp://HOST:PORT/PATH")
+        pass
+    raise UserError(f"{where}{place_of(address)}: expected an address such as rtsp://HOST:PORT/PATH")
+
+
+def _silence(where: str, address: str, host: str, port: int) -> str:
+    """What to say if nobody accepts a TCP connection at a network address; empty if somebody does."""
     try:
         socket.create_connection((host, port), timeout=_ANSWERS_S).close()
     except OSError as problem:
         reason = (problem.strerror or str(problem)).lower()
-        raise UserError(
+        return (
             f"{where}{place_of(address)} does not answer: {reason} (host {host}, port {port}): connect and "
-            "switch on the camera, or correct the address"
-        ) from None
+            "switch on the camera, or correct the address; until then xormocap goes on trying to reach it"
+        )
+    return ""

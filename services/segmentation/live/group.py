@@ -21,7 +21,7 @@ from services.segmentation.live.sources import (
     check_size_of,
 )
 
-_AGAIN_S = 0.25
+_REOPEN_EVERY_S = 0.25
 """Time between two attempts to reopen a lost source."""
 
 log = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ class Feed:
                 if not self._is_lost:
                     self._is_lost = True
                     log.warning("%s is lost; trying to reconnect: %s", name, problem)
-                self._stopped.wait(_AGAIN_S)
+                self._stopped.wait(_REOPEN_EVERY_S)
             except UserError as problem:
                 self.problem, self.has_ended = problem, True
 
