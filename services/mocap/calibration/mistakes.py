@@ -131,8 +131,11 @@ def mistakes_in(
     # A late camera alone disagrees from the first movement on; a change makes the others disagree as well.
     in_step = [c for c, camera in enumerate(cameras) if camera.name not in {mistake.file for mistake in late}]
     others = tuple(cameras[c] for c in in_step)
-    changes = list(_from_a_frame_on(others, [outlines[c] for c in in_step], frames))
-    return changes or late or list(_disagreeing(cameras, found, take))
+    change = _change_in(others, [outlines[c] for c in in_step])
+    if change is None:
+        return late or list(_disagreeing(cameras, found, take))
+    before = [of_camera[:change] for of_camera in outlines]  # what changed is no sign of a late camera
+    return [_of_change(frames, frames[change]), *_out_of_step(cameras, before, take)]
 
 
 def _undone(
@@ -220,11 +223,11 @@ def _out_of_step(cameras: tuple[Camera, ...], outlines: Outlines, take: Path) ->
             )
 
 
-def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines, frames: range) -> Iterator[Mistake]:
-    """The frame from which cameras disagree that agreed before."""
+def _change_in(cameras: tuple[Camera, ...], outlines: Outlines) -> int | None:
+    """The first of the outlines from which cameras disagree that agreed before; None: there is none."""
     pairs = [touches.off_px(0.0) for touches in touches_of(cameras, outlines)]
     if not pairs:
-        return
+        return None
     off_px = np.concatenate(pairs, axis=1)
     shows_anybody = np.isfinite(off_px).any(axis=1, keepdims=True)
     off_px = np.nanmedian(np.where(shows_anybody, off_px, 0.0), axis=1)
@@ -234,15 +237,18 @@ def _from_a_frame_on(cameras: tuple[Camera, ...], outlines: Outlines, frames: ra
     wrong_before = np.concatenate([[0], np.cumsum(disagrees)[:-1]]) / np.maximum(np.arange(len(disagrees)), 1)
     is_change = (wrong_later > _MOSTLY) & (wrong_before < 1 - _MOSTLY) & disagrees
     is_change[:_FEWEST_ALIKE] = is_change[max(len(is_change) - _FEWEST_ALIKE, 0) :] = False
-    if is_change.any():
-        change = frames[int(is_change.argmax())]
-        yield Mistake(
-            "silhouettes",
-            f"the cameras agree up to frame {change - 1}, and not from frame {change} on; a second person or "
-            "a thing that moves comes into view, or the light changes",
-            f"track the part before with --frames {frames.start}:{change}, or mask it out",
-            is_change=True,
-        )
+    return int(is_change.argmax()) if is_change.any() else None
+
+
+def _of_change(frames: range, change: int) -> Mistake:
+    """The mistake of cameras that disagree from one of the frames on."""
+    return Mistake(
+        "silhouettes",
+        f"the cameras agree up to frame {change - 1}, and not from frame {change} on; a second person or "
+        "a thing that moves comes into view, or the light changes",
+        f"track the part before with --frames {frames.start}:{change}, or mask it out",
+        is_change=True,
+    )
 
 
 def _disagreeing(cameras: tuple[Camera, ...], found: TangentAgreement, take: Path) -> Iterator[Mistake]:
