@@ -181,17 +181,30 @@ def _moments(result: Result, iou: Mapping[str, Floats], explained: Set[str]) -> 
 
 def _what_changed(result: Result, iou: Mapping[str, Floats], chosen: Mask) -> str:
     """What may have happened in chosen frames (N,), by the areas that body and silhouettes cover."""
-    overlap = np.nanmean(list(iou.values()), axis=0)
+    overlap = _mean_overlap(np.array(list(iou.values())))
     either_px = result.energies_px / np.maximum(1 - overlap, _LEAST_APART)
-    grown, covered = (
-        float(np.median(of_px[chosen]) / max(np.median(of_px[~chosen]), 1.0))
-        for of_px in (either_px, overlap * either_px)
-    )
-    if grown > _GROWN and covered > _COVERED:
-        return "they show more than the body: a second person, a thing that moves, or light that changed"
-    if grown < _GROWN and covered < _COVERED:
-        return "they show less than the body: an actor who leaves the pictures or is hidden"
+    is_known = ~np.isnan(either_px)
+    if (is_known & chosen).any() and (is_known & ~chosen).any():
+        grown, covered = (
+            float(np.nanmedian(of_px[chosen]) / max(np.nanmedian(of_px[~chosen]), 1.0))
+            for of_px in (either_px, overlap * either_px)
+        )
+        if grown > _GROWN and covered > _COVERED:
+            return "they show more than the body: a second person, a thing that moves, or light that changed"
+        if grown < _GROWN and covered < _COVERED:
+            return "they show less than the body: an actor who leaves the pictures or is hidden"
     return "a second person or a thing that moves, light that changed, or an actor who leaves the pictures"
+
+
+def _mean_overlap(iou: Floats) -> Floats:
+    """(N,) the mean of the cameras' overlaps (C, N) in each frame; NaN where there is none.
+
+    One of 1 does not count: body and silhouette are then most likely out of that camera's picture.
+    """
+    counts = iou < 1.0  # which NaN is not
+    n_cameras = counts.sum(axis=0)
+    total = np.where(counts, iou, 0.0).sum(axis=0)
+    return np.where(n_cameras > 0, total / np.maximum(n_cameras, 1), np.nan)
 
 
 def _when(result: Result, chosen: Mask) -> str:

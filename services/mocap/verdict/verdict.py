@@ -68,7 +68,7 @@ class Verdict(FrozenModel):
     iou: dict[str, float]
     """By camera: intersection over union of model and silhouette, median of the frames."""
     causes: tuple[Cause, ...]
-    """The likeliest first."""
+    """Those found before the run first; remarks last."""
 
     @property
     def typical_iou(self) -> float:

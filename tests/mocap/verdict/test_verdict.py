@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -131,6 +132,29 @@ def test_moments_that_stand_out_in_most_cameras_are_one_cause(
     causes = judged(folder, dict.fromkeys(CAMERAS[:3], np.where(is_late, 0.6, 0.9))).causes
     assert [cause.level for cause in causes] == ["usable with gaps"]
     assert f"stop matching the body in frames 109 to 115: {said}" in causes[0].what
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("empty", "said"),
+    [
+        ([], "they show less than the body"),
+        ([2, 12], "they show less than the body"),
+        (range(9), "a second person or a thing that moves, light that changed, or an actor who leaves"),
+    ],
+    ids=["none", "some", "all before"],
+)
+def test_cameras_that_see_nobody_do_not_count_in_what_changed(
+    folder: Path, empty: Sequence[int], said: str
+) -> None:
+    """Of five cameras two never see anybody; in the empty frames none does."""
+    is_late, poses = FRAMES >= 109, folder / "poses.csv"
+    overlap = np.where(is_late, 0.6, 0.9)
+    overlap[list(empty)] = 1.0
+    write_poses_csv(poses, replace(read_poses_csv(poses), energies_px=(1 - overlap) * 7000))
+    nobody = {camera: np.ones(16) for camera in ("cam04", "cam05")}
+    causes = judged(folder, dict.fromkeys(CAMERAS[:3], overlap) | nobody).causes
+    assert any(said in cause.what for cause in causes)
 
 
 def test_moments_of_one_camera_are_a_remark(folder: Path) -> None:
