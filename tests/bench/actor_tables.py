@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from rich.table import Table
 
-from bench.actors import BONE_PERCENT, BONES, HEADING_DEG, HEIGHT_CM, TRUNK, Found, Row
+from bench.actors import BONE_PERCENT, BONES, HEADING_DEG, HEIGHT_CM, Found, Row
 from bench.random_bodies import Variety
+from services.mocap.body.skeleton import TRUNK
 
 
 def as_tables(rows: Sequence[Row]) -> list[Table]:

@@ -16,7 +16,7 @@ from services.mocap.body.actor import build_body
 from services.mocap.body.bones import BONES as GENERIC
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.shape_space import INDEX, vector_of
-from services.mocap.body.skeleton import DOF_INDEX
+from services.mocap.body.skeleton import DOF_INDEX, TRUNK
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import open_engine
 from services.mocap.energy.settings import EngineSettings
@@ -36,8 +36,6 @@ BONES = (
 two, so that no silhouette tells where one ends."""
 HEIGHT_CM, BONE_PERCENT, HEADING_DEG = 1.0, 5.0, 30.0
 """What is asked for."""
-TRUNK = ("pelvis", "torso")
-"""What the trunk is made of."""
 
 
 @dataclass(frozen=True)

@@ -47,9 +47,9 @@ class Length:
     """The smallest factor that a fit may find."""
     highest: float
     mean_factor: float = 1.0
-    """People's mean factor over the generic body's."""
-    is_long: bool = False
-    """Whether it is of the trunk or a leg, where loose clothes look like long or short bones."""
+    """People's mean length over the generic body's, both over stature."""
+    looks_changed_by_clothes: bool = False
+    """Whether loose clothes can look like a change of it."""
 
 
 @dataclass(frozen=True)

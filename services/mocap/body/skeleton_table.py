@@ -60,7 +60,7 @@ PELVIS = SegmentRow(
     ),
     lengths=(
         Length("hip_width", 0.105, "", 0.08, 0.65, 1.5),
-        Length("pelvis", 0.087, "z", 0.08, 0.65, 1.5, is_long=True),
+        Length("pelvis", 0.087, "z", 0.08, 0.65, 1.5, looks_changed_by_clothes=True),
     ),
     section=Section("zyx", 0.0, 0.087),
     width=_controls("trunk_width", "hip", "belly", "waist"),
@@ -87,7 +87,7 @@ TORSO = SegmentRow(
         )),
     ),
     lengths=(
-        Length("torso", 0.248, "z", 0.05, 0.70, 1.45, is_long=True),
+        Length("torso", 0.248, "z", 0.05, 0.70, 1.45, looks_changed_by_clothes=True),
         Length("shoulder_width", 0.215, "", 0.06, 0.70, 1.45),
     ),
     section=Section("zyx", 0.0, 0.248),
@@ -219,7 +219,7 @@ THIGH = SegmentRow(
             ("hip_rotation", 1, "inward (internal)"),
         )),
     ),
-    lengths=(Length("thigh", 0.231, "z", 0.05, 0.75, 1.30, mean_factor=1.02, is_long=True),),
+    lengths=(Length("thigh", 0.231, "z", 0.05, 0.75, 1.30, mean_factor=1.02, looks_changed_by_clothes=True),),
     section=Section("zyx", 0.0, -0.231),
     width=_controls("leg_girth", "hip", "thigh", "knee"),
     depth=_controls("leg_girth", "hip", "thigh", "knee"),
@@ -234,7 +234,9 @@ SHANK = SegmentRow(
     paired=True, part="leg", window_px=_LIMB_WINDOW_PX,
     parameters=(Parameter("knee_flexion", "swing", _Y, -8.0, 150.0),),
     angles=(Turns("ZXY", (("knee_flexion", -1, "heel to the buttocks"),)),),
-    lengths=(Length("shank", 0.242, "z", 0.05, 0.75, 1.30, mean_factor=1.005, is_long=True),),
+    lengths=(
+        Length("shank", 0.242, "z", 0.05, 0.75, 1.30, mean_factor=1.005, looks_changed_by_clothes=True),
+    ),
     section=Section("zyx", 0.0, -0.242),
     width=_controls("leg_girth", "knee", "calf", "ankle"),
     depth=_controls("leg_girth", "knee", "calf", "ankle"),

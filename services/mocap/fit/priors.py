@@ -42,9 +42,9 @@ _CHAIN_REACH = 1.5
 """Controls along a chain over which the correlation falls to 1/e."""
 _LENGTHS = [(row, length) for row in ROWS for length in row.lengths]
 _LIMB_BONES = [length.bone for row, length in _LENGTHS if row.paired]
-_LONG_BONES = [length.bone for _, length in _LENGTHS if length.is_long]
+_LONG_BONES = [length.bone for _, length in _LENGTHS if length.looks_changed_by_clothes]
 _MEAN_FACTORS = {length.bone: length.mean_factor for _, length in _LENGTHS} | {"foot_depth": 1.35}
-"""People's mean measures on those of the generic body, over stature. Feet have soles of 1 to 4 cm."""
+"""People's mean measures over the generic body's, both over stature. Feet have soles of 1 to 4 cm."""
 _LOOSE = 8.0
 """From this misfit on, the deviations of _LONG_BONES are divided by the misfit over it. Loose clothes shift
 hips, knees and ankles in all views and frames alike, and the data's cost cannot tell that from long or short

@@ -12,13 +12,12 @@ from services.mocap.energy.bitplanes import count_bits
 from services.mocap.energy.cost import Cost
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import Aligned, SeenRim
-from services.mocap.search.alignment.contacts import PRICED
 from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS
 from services.mocap.search.descent import Solution
 from services.mocap.search.error_by_part import PART_STAGES, error_by_part
 from services.mocap.search.found import Clock, FrameSolution
 from services.mocap.search.jobs import LimbPool, limb_jobs
-from services.mocap.search.limb import PAIRS, promising_of_pair
+from services.mocap.search.limb import promising_of_pair
 from services.mocap.search.lost_probability import evidence_of
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import (
@@ -31,7 +30,7 @@ from services.mocap.search.part_confidence import (
 )
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import descend_stage, whole_body_energy, whole_body_problem
-from services.mocap.take.marks import Part
+from services.mocap.take.marks import LIMB_NAMES, LIMB_PAIRS, Part
 from services.mocap.types import Bytes, Floats
 
 _SLACK = 0.05
@@ -120,7 +119,7 @@ class _Search:
             for part, stage in PART_STAGES.items():
                 found.px[part] += round(self.settings.colour * within(wrong, self.model, stage, seen.pose))
         contact_px = self.model.aligner(self.settings).contact_px(seen.pose[None], self.settings)[0]
-        for limb, px in zip(PRICED, contact_px, strict=True):
+        for limb, px in zip(LIMB_NAMES, contact_px, strict=True):
             found.px[limb] += round(px)
             found.nearest_px[limb] += round(px)
         return found
@@ -157,7 +156,7 @@ class _Search:
         if not settings.typical_limbs:
             return best
         begun = rival = best
-        for pair in PAIRS:
+        for pair in LIMB_PAIRS:
             if set(pair) <= set(names):
                 for pose in promising_of_pair(self.model, pair, self.whole, begun.pose, settings):
                     rival = _better(rival, self.align(self.best_of(pose[None])))

@@ -16,12 +16,11 @@ from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import descend_from, descend_stage, prepare, stage_window
 from services.mocap.search.typical_poses import first_apart, typical_poses
-from services.mocap.take.marks import LIMB_PAIRS, LimbName
+from services.mocap.take.marks import LimbName
 from services.mocap.types import Floats
 
 _STARTS = 4
 """Points of a grid from which a limb is aligned with the contours."""
-PAIRS = LIMB_PAIRS
 _MOST_PROMISING = 5
 """Poses that are worth a closer look."""
 

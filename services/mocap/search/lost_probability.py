@@ -13,7 +13,7 @@ from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.pose_prior import surprises
-from services.mocap.take.marks import PARTS, Part
+from services.mocap.take.marks import LIMB_PAIRS, PARTS, Part
 from services.mocap.types import Floats
 
 LOST_M = 0.15
@@ -39,10 +39,9 @@ _RIVAL_LOST, _RIVAL_FALL_PX = 0.25, 400.0
 """Of arms and legs that two tracks had more than 15 cm apart, 21 % were lost where the other choice cost up
 to 400 pixels more, and 13 % above; of those that they had 12 to 15 cm apart, 6 %: 325 such limbs in 20 takes
 with 3 to 16 cameras."""
-_TRUNK: tuple[Part, ...] = ("torso", "head")
-_LEGS: tuple[Part, ...] = ("left_leg", "right_leg")
+_LEGS = LIMB_PAIRS[1]
 JUDGED_SEGMENTS: dict[Part, list[int]] = {
-    part: list(segments if part in _TRUNK else segments[1:]) for part, segments in PART_SEGMENTS.items()
+    part: list(segments[1:] if part in LIMBS else segments) for part, segments in PART_SEGMENTS.items()
 }
 """The segments whose outline tells whether a part is lost: of limbs all but the first."""
 
@@ -66,7 +65,7 @@ def evidence_of(rim: SeenRim, nearest_px: Mapping[Part, int], pose: Floats) -> F
             np.log1p(1000.0 * least * (1.0 + unsure_px / known_px) / whole_trace),
             np.log1p(10.0 * nearest_px[part] / whole_px),
             np.log1p(surprise.get(part, 0.0)),
-            part not in _TRUNK,
+            part in LIMBS,
             part in _LEGS,
             part == "head",
         )

@@ -2,17 +2,15 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.body.skeleton import SEGMENT_NAMES
 from services.mocap.energy.cpu.facing import EYE_SIZE, HIDDEN, NEAR, SEEN, find_candidates, lenses_of, look
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
 from services.mocap.energy.snapping import project_snapped
-from services.mocap.types import Floats, Indices, Ints, Mask, Singles
+from services.mocap.types import Floats, Indices, Ints, Longs, Mask, Singles
 
 WIDTH_PX, HEIGHT_PX = 320, 240
-Longs = NDArray[np.int64]
 
 
 def _turned(rng: np.random.Generator) -> Floats:

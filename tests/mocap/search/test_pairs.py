@@ -9,12 +9,13 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LocalLimbs
-from services.mocap.search.limb import PAIRS, promising_of_pair
+from services.mocap.search.limb import promising_of_pair
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.marks import LIMB_PAIRS
 from services.mocap.types import Floats
 
-LEGS = PAIRS[1]
+LEGS = LIMB_PAIRS[1]
 LEFT, RIGHT = (list(LIMBS[name].dofs) for name in LEGS)
 
 

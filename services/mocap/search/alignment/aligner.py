@@ -166,7 +166,7 @@ class Aligner:
         return Aligned(pose, prior_cost, SeenRim(rim_px, places[SURFACE_FRAMES]))
 
     def contact_px(self, poses: Floats, settings: SearchSettings) -> Floats:
-        """(N, 4) what limbs (contacts.PRICED) cost for being inside others in poses (N, D)."""
+        """(N, 4) what limbs (LIMB_NAMES) cost for being inside others in poses (N, D)."""
         return contact_px(self._contacts, self._offsets_m, poses, self._rig, settings)
 
     def prices_px(self, poses: Floats, settings: SearchSettings) -> Floats:

@@ -17,8 +17,6 @@ from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, cross
 from services.mocap.take.marks import LIMB_NAMES
 from services.mocap.types import Floats, Ints, Mask
 
-PRICED = LIMB_NAMES
-"""The limbs, in the order of what contacts cost."""
 _ELLIPSES = 24
 _NOTHING_M = 1e-3
 """Half axes of a section that is empty."""
@@ -45,7 +43,7 @@ class Contacts(NamedTuple):
     points_m: Floats
     """(P, 3)"""
     point_limbs: Ints
-    """(P,) the limb (PRICED) that each point is of."""
+    """(P,) the limb (LIMB_NAMES) that each point is of."""
     carriers: Ints
     """(P,) the joint that carries that limb; what moves it takes none of the cost."""
     counts: Mask
@@ -59,7 +57,7 @@ class Contacts(NamedTuple):
         stacks = [SEGMENT_INDEX[name] for name in names]
         lowest_m = {"pelvis": _LOWEST_HEIGHTS * body.height_m}
         points = list[tuple[int, Floats, int, int, list[bool]]]()
-        for limb, name in enumerate(PRICED):
+        for limb, name in enumerate(LIMB_NAMES):
             side, part = name.split("_")
             carrier = int(SEGMENT_JOINTS[SEGMENT_INDEX["torso" if part == "arm" else "pelvis"]])
             other = "right" if side == "left" else "left"
@@ -118,8 +116,8 @@ def _stack(vertices_m: Floats, faces: Ints, lowest_m: float) -> Floats:
 
 
 def depths_m(contacts: Contacts, offsets_m: Floats, poses: Floats) -> Floats:
-    """(N, 4) how deep the axis of each limb (PRICED) is inside, at its deepest point, in poses (N, D)."""
-    found = np.zeros((len(poses), len(PRICED)))
+    """(N, 4) how deep the axis of each limb (LIMB_NAMES) is inside, at its deepest point, in poses (N, D)."""
+    found = np.zeros((len(poses), len(LIMB_NAMES)))
     _depths(contacts, offsets_m, np.ascontiguousarray(poses), _JOINTS, found)
     return found
 

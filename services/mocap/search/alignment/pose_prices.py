@@ -49,7 +49,7 @@ def add_prices(
 def contact_px(
     contacts: Contacts, offsets_m: Floats, poses: Floats, rig: Rig, settings: SearchSettings
 ) -> Floats:
-    """(N, 4) what limbs (contacts.PRICED) cost for being inside others in poses (N, D)."""
+    """(N, 4) what limbs (LIMB_NAMES) cost for being inside others in poses (N, D)."""
     depths_cm = 100.0 * depths_m(contacts, offsets_m, poses)
     return np.asarray(settings.contact * _camera_weight(rig, settings) * _scale(rig) ** 2 * depths_cm)
 
