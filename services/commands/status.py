@@ -23,10 +23,13 @@ from services.mocap.errors import UserError
 from services.mocap.result.words import rate_in_words
 from services.options import KeysOption, keys_of_client
 
-_LOOK_S = 0.25
+_CONNECT_S = 0.25
+"""How long one attempt to connect may take."""
+_READ_S = 0.25
+"""How long it waits for messages before it looks round or shows again."""
 _REACHED_S = 1.5
 """How long it waits for a host that does not answer; one that refuses the connection is not waited for."""
-_PATIENCE_S = 30.0
+_TELEMETRY_WAIT_S = 30.0
 """How long it waits for telemetry once somebody listens there; while a coordinator finds the first pose, it
 sends none for some seconds."""
 _RATE_FRAMES = 30
@@ -153,9 +156,9 @@ def _first_told(watch: Watch, endpoint: str) -> Telemetry:
                 f"{endpoint}: no run answers there: start one by xormocap track TAKE --endpoint {endpoint}, "
                 "or give the address of another by --connect"
             )
-        if waited_s > _PATIENCE_S:
+        if waited_s > _TELEMETRY_WAIT_S:
             raise UserError(f"{endpoint}: no telemetry: is this the address of a coordinator?")
-        watch.listen(_LOOK_S)
+        watch.listen(_READ_S)
     return watch.latest
 
 
@@ -163,7 +166,7 @@ def answer_of(endpoint: str) -> Literal["listens", "refuses", "silent"]:
     """What happens to a connection to where a coordinator publishes its poses."""
     host, _, port = stream_endpoint(endpoint, "poses").removeprefix("tcp://").rpartition(":")
     try:
-        with socket.create_connection((host.strip("[]"), int(port)), timeout=_LOOK_S):
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=_CONNECT_S):
             return "listens"
     except ConnectionRefusedError:
         return "refuses"
@@ -175,6 +178,6 @@ def _follow(watch: Watch, told: Telemetry) -> None:
     """Update the table until the run has ended and its coordinator has exited."""
     with Live(as_table(told, None, 0.0), auto_refresh=False) as live:
         while told.stage != "ended" or watch.silent_s < PUBLISHED.silence_s:
-            watch.listen(_LOOK_S)
+            watch.listen(_READ_S)
             told = watch.latest or told
             live.update(as_table(told, watch.frames_per_s, watch.silent_s), refresh=True)
