@@ -71,7 +71,9 @@ def write_results(
             joints_world_m["accuracy_before_smoothing"] = reference_joints(poses, body.offsets_m)
         stages = sorted({stage for message in recorded for stage in message.seconds})
         write_frame_files(part, frames, recorded, stages, [camera.name for camera in take.cameras])
-        write_run_json(part / RUN_JSON, take, info, actor, recorded, output, joints_world_m, known)
+        write_run_json(
+            part / RUN_JSON, take, info, actor, recorded, table.marks, output, joints_world_m, known
+        )
         result = load_result(part)
         verdict = verdict_of(result)
         with edited_run(part) as run:

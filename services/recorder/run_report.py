@@ -21,7 +21,6 @@ from services.mocap.take.folder import Take
 from services.mocap.take.layout import REFERENCE_JOINTS_CSV
 from services.mocap.take.live_settings import fresh_s
 from services.mocap.take.marks import LIMB_NAMES, PARTS, Marks
-from services.mocap.take.quantities import marks_of
 from services.mocap.take.tables import REFERENCE_JOINTS, from_take_world, read_joints_csv
 from services.mocap.types import Floats
 
@@ -41,11 +40,12 @@ def write_run_json(
     info: TakeInfo,
     actor: Actor,
     recorded: list[Pose],
+    marks: Marks | None,
     output: OutputSettings,
     joints_world_m: Mapping[str, Floats],
     known: Mapping[str, Any],
 ) -> None:
-    """Write the report of the recorded poses (N).
+    """Write the report of the recorded poses (N) and their marks; None: they were not judged.
 
     joints_world_m: joints (N, 15, 3) of which the report tells the accuracy, by the name that it has there.
     known: further entries, from who started the run.
@@ -79,7 +79,7 @@ def write_run_json(
             "median": float(np.median([message.energy_px for message in recorded])),
             "largest": max(message.energy_px for message in recorded),
         },
-        "trust": _trust(marks_of(recorded)),
+        "trust": marks and _trust(marks),
         **known,
     }
     if is_live(info):

@@ -13,6 +13,7 @@ import numpy as np
 
 from proto.framing import MalformedMessage, decode
 from proto.messages import Pose, PoseRequest, TakeInfo
+from proto.streams import ASK_AGAIN_S
 from services.mocap.errors import TakeError
 from services.mocap.result.layout import journal_of
 from services.mocap.take.journal import FIRST, record_at, records
@@ -136,7 +137,9 @@ class JournalIndex:
         return None if found is None else found[0]
 
 
-_AGAIN_S = 0.4
+_AGAIN_S = 0.8 * ASK_AGAIN_S
+"""A bit less than the time between two looks for missing frames (Follower.listen), which is measured from a
+moment earlier: else every second look would pass without a request."""
 _MOST = 3
 """Number of requests for the same frames before they are given up."""
 
