@@ -7,6 +7,7 @@ from typing import Any, Never
 
 import numpy as np
 import pytest
+from exact_take import write_exact_take
 from typer.testing import CliRunner
 
 from services import cli
@@ -14,7 +15,6 @@ from services.commands import checks
 from services.commands.checks import in_view
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
-from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import ACTOR, BACKGROUND, Trimap
 from services.runs.fit import init_frames
@@ -29,7 +29,7 @@ CHANGED_BEFORE = 11
 @pytest.fixture(scope="module")
 def take(tmp_path_factory: pytest.TempPathFactory) -> Take:
     folder = tmp_path_factory.mktemp("view") / "walk"
-    write_synthetic_take(folder, n_frames=34, n_cameras=3)
+    write_exact_take(folder, n_frames=34, n_cameras=3)
     return open_take(folder)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from busy import BUSY
+from exact_take import in_place_of_videos
 
 from services import library
 from services.cli import main
@@ -55,7 +56,7 @@ def exact_take(known_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
     """The same with exact silhouettes in place of videos, whose background takes seconds to learn."""
     folder = tmp_path_factory.mktemp("exact") / "walk"
     shutil.copytree(known_take, folder, ignore=shutil.ignore_patterns("videos", "background"))
-    (folder / "reference" / "silhouettes").rename(folder / "silhouettes")
+    in_place_of_videos(folder)
     return folder
 
 

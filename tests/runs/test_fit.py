@@ -12,6 +12,7 @@ from typing import Any, get_args
 import cv2
 import numpy as np
 import pytest
+from exact_take import write_exact_take
 from typer.testing import CliRunner
 
 from services import cli
@@ -26,8 +27,9 @@ from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit
 from services.mocap.fit.quality import quality_of
 from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
+from services.mocap.search.first_pose import FirstPose
+from services.mocap.search.found import FrameSolution
 from services.mocap.search.settings import SearchSettings
-from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import OCCLUDED, fitted_pose, read_occluded, read_record
 from services.mocap.take.folder import Take, open_take
@@ -86,7 +88,7 @@ def fit_by(
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A take whose first pose is said, so that it is found at once."""
     folder = tmp_path_factory.mktemp("fit") / "walk"
-    write_synthetic_take(folder, n_frames=3, n_cameras=3)
+    write_exact_take(folder, n_frames=3, n_cameras=3)
     settings = open_take(folder).settings
     pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
     said = {dof.column: value for dof, value in zip(DOFS, pose.tolist(), strict=True)}
@@ -311,9 +313,26 @@ def test_the_body_of_the_search_is_fitted(folder: Path) -> None:
     np.testing.assert_array_equal(found.start_pose, pose_of_body(found.start_pose, "paper"))
 
 
+@pytest.fixture(scope="module")
+def untold(tmp_path_factory: pytest.TempPathFactory) -> Take:
+    """A take whose first pose is not said, of an actor who walks from its third frame on."""
+    folder = tmp_path_factory.mktemp("untold") / "walk"
+    write_exact_take(folder, n_frames=12, n_cameras=3, fps=3)
+    return open_take(folder)
+
+
+@pytest.fixture
+def found_at_once(untold: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In place of the search for a first pose, which takes seconds: the true one of the first frame."""
+    pose = read_poses_csv(untold.folder / "reference" / "poses.csv").poses[0]
+    first = FirstPose(FrameSolution(pose, energy_px=0.0))
+    monkeypatch.setattr("services.mocap.search.first_frame.find_first_pose", lambda *_: first)
+
+
+@pytest.mark.usefixtures("found_at_once")
 @pytest.mark.parametrize("moved", [0.01, 0.2])
 def test_the_fit_begins_again_from_where_the_fitted_body_is_found(
-    moved: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    moved: float, untold: Take, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[Floats] = []
 
@@ -327,28 +346,26 @@ def test_the_fit_begins_again_from_where_the_fitted_body_is_found(
         return np.asarray(pose + moved)
 
     monkeypatch.setattr(fit_module, "_found_again", found_again)
-    write_synthetic_take(tmp_path / "walk", n_frames=3, n_cameras=3)
-    take = open_take(tmp_path / "walk")
-    fit_by(fitter, take, init_frames(take))
+    fit_by(fitter, untold, range(3))
     assert len(begun) >= 2
     assert any(np.array_equal(begun[-1], pose + moved) for pose in begun[:-1])
 
     alone = begun.copy()
     begun.clear()
-    fit_by(fitter, take, init_frames(take), is_refined_next=True)
+    fit_by(fitter, untold, range(3), is_refined_next=True)
     expected = alone if moved > 0.1 else alone[:-1]
     assert len(begun) == len(expected), "near it, a fit that is refined later does not begin again"
     np.testing.assert_array_equal(begun, expected)
 
 
+@pytest.mark.usefixtures("found_at_once")
 @pytest.mark.parametrize(("later_iou", "chosen"), [(0.9, range(3, 6)), (0.74, range(3))])
 def test_where_the_first_pose_is_not_found_the_fit_is_to_later_frames(
-    tmp_path: Path, later_iou: float, chosen: range
+    untold: Take, monkeypatch: pytest.MonkeyPatch, later_iou: float, chosen: range
 ) -> None:
-    write_synthetic_take(tmp_path / "walk", n_frames=12, n_cameras=3)
-    take = open_take(tmp_path / "walk")
-    frames, made = range(3), make_segmenter(take, take.cameras)
-    (_, first), (_, second) = (seen_of(take, range(at, at + 3), made, lambda _: None) for at in (0, 3))
+    monkeypatch.setattr(fit_module, "_found_again", lambda _rig, _seen, _actor, pose, **_: pose)
+    made = make_segmenter(untold, untold.cameras)
+    (_, first), (_, second) = (seen_of(untold, range(at, at + 3), made, lambda _: None) for at in (0, 3))
 
     def fitter(rig: Rig, seen: TriPlanes, *others: Any) -> Fit:
         iou = 0.7
@@ -357,7 +374,7 @@ def test_where_the_first_pose_is_not_found_the_fit_is_to_later_frames(
         fit = stretch(rig, seen, *others)
         return replace(fit, after=replace(fit.after, iou=np.full_like(fit.after.iou, iou)))
 
-    found = fit_by(fitter, take, frames)
+    found = fit_by(fitter, untold, range(3))
     assert found.frames == chosen
     assert found.iou == pytest.approx(later_iou if chosen.start else 0.7)
     is_said = any("fitted to frames 3 to 5, because in frames 0 to 2" in said for said in found.warnings)

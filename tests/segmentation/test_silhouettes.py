@@ -28,11 +28,11 @@ def test_packing_one_by_one_is_packing(n_cameras: int) -> None:
 def test_a_frame_is_the_same_wherever_reading_starts(shared_takes: Path, name: str) -> None:
     take = open_take(shared_takes / "studio-a")
     cameras = take.cameras[2:5]
-    through = list(make_segmenter(take, cameras, name).trimaps(0, 30))
+    through = list(make_segmenter(take, cameras, name).trimaps(0, 12))
     assert all((trimap == ACTOR).any() for trimaps in through for trimap in trimaps)
-    for start in (7, 29):
-        late = make_segmenter(take, cameras, name).trimaps(start, 30)
-        for frame, trimaps in islice(enumerate(late, start), 3):
+    another = make_segmenter(take, cameras, name)
+    for start in (11, 5):
+        for frame, trimaps in islice(enumerate(another.trimaps(start, 12), start), 3):
             for trimap, expected in zip(trimaps, through[frame], strict=True):
                 np.testing.assert_array_equal(trimap, expected)
 
