@@ -7,9 +7,9 @@ from typing import Any, Never
 
 import numpy as np
 import pytest
-from exact_take import write_exact_take
 from typer.testing import CliRunner
 
+from exact_take import write_exact_take
 from services import cli
 from services.commands import checks
 from services.commands.checks import in_view

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from busy import BUSY
-from exact_take import in_place_of_videos
 
+from exact_take import in_place_of_videos
 from services import library
 from services.cli import main
 from services.mocap.body.actor import Actor

@@ -12,9 +12,9 @@ from typing import Any, get_args
 import cv2
 import numpy as np
 import pytest
-from exact_take import write_exact_take
 from typer.testing import CliRunner
 
+from exact_take import write_exact_take
 from services import cli
 from services.commands import fit as fit_command
 from services.mocap.body.actor import Actor, build_body

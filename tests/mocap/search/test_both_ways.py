@@ -20,6 +20,7 @@ from services.mocap.search.tracker import Tracker
 from services.mocap.take.marks import PARTS, LimbName
 from services.mocap.types import Floats
 
+pytestmark = pytest.mark.usefixtures("quick_first_pose")
 SETTINGS = SearchSettings()
 N = 6
 

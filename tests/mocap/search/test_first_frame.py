@@ -107,6 +107,7 @@ def test_facing_decides(turned_deg: float) -> None:
     assert np.cos(found.pose[DOF_INDEX["root_heading"]] - 2.0 - turned) > np.cos(0.6)
 
 
+@pytest.mark.usefixtures("quick_first_pose")
 def test_two_people_who_stand_close_are_refused_unless_the_body_is_known(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -121,6 +122,7 @@ def test_two_people_who_stand_close_are_refused_unless_the_body_is_known(
     assert "two people close together" in caplog.text
 
 
+@pytest.mark.usefixtures("quick_first_pose")
 def test_much_that_is_unsure_is_blamed_before_a_second_person() -> None:
     pose, other = _pose(), _pose()
     other[:3] += 0.5 * np.cos(3.57), 0.5 * np.sin(3.57), 0.0

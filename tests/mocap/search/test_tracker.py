@@ -20,6 +20,8 @@ from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.marks import PARTS
 from services.mocap.types import Floats
 
+pytestmark = pytest.mark.usefixtures("quick_first_pose")
+
 
 @pytest.fixture(scope="module")
 def model() -> Model:
