@@ -1,6 +1,5 @@
 """`xormocap`: its sub-commands."""
 
-import os
 import re
 import subprocess
 import sys
@@ -40,17 +39,11 @@ def test_the_version_is_that_of_the_package() -> None:
     assert (done.exit_code, done.output) == (0, f"xormocap {version('xormocap')}\n")
 
 
-def test_the_help_of_track_is_short_and_help_all_has_the_rest() -> None:
-    short, whole = (
-        subprocess.run(
-            [sys.executable, "-m", "services.cli", "track", option],
-            capture_output=True,
-            text=True,
-            check=True,
-            env={**os.environ, "TERMINAL_WIDTH": "80", "COLUMNS": "80"},
-        ).stdout
-        for option in ("--help", "--help-all")
-    )
+def test_the_help_of_track_is_short_and_help_all_has_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 80)
+    done = [CliRunner().invoke(app, ["track", option], color=False) for option in ("--help", "--help-all")]
+    assert [one.exit_code for one in done] == [0, 0]
+    short, whole = (one.output for one in done)
     assert len(short.splitlines()) <= 45
     for option in ("--out", "--frames", "--view", "--strict", "--help-all"):
         assert option in short

@@ -219,7 +219,7 @@ def decodes_or_is_malformed(frames: list[bytes]) -> None:
         assert decode(frames_of(message)).type == message.type
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(st.lists(st.binary(max_size=60), max_size=5))
 def test_random_bytes(frames: list[bytes]) -> None:
     decodes_or_is_malformed(frames)
@@ -236,7 +236,7 @@ _FIELDS = sorted(
 )
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     messages(),
     st.dictionaries(st.sampled_from(_FIELDS), _JUNK, max_size=2),
@@ -248,7 +248,7 @@ def test_headers_with_junk_in_them(message: Message, junk: Header, left_out: set
     decodes_or_is_malformed([msgpack.packb({k: v for k, v in fields.items() if k not in left_out}), *frames])
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(messages(), st.data())
 def test_damaged_frames(message: Message, data: st.DataObject) -> None:
     """Frames cut short, lengthened, swapped, repeated, or with some bytes changed."""

@@ -29,7 +29,7 @@ def channel(web: Web) -> Channel:
 
 
 def _open(web: Web, key: str) -> ClientConnection:
-    return connect(f"ws://127.0.0.1:{web.port}/channel?key={key}", open_timeout=10)
+    return connect(f"ws://127.0.0.1:{web.port}/channel?key={key}", open_timeout=10, close_timeout=1)
 
 
 def _fields(message: str | bytes) -> tuple[dict[str, object], bytes]:

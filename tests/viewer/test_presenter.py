@@ -90,7 +90,7 @@ def test_what_nobody_but_the_recorder_has_comes_from_its_journal_with_its_pictur
 def test_what_a_restarted_coordinator_has_not_got_is_not_asked_for_again_and_again(
     walk: Take, shows: list[Show]
 ) -> None:
-    with Playback(walk, free_endpoint(), period_s=0.02) as playback:
+    with Playback(walk, free_endpoint(), period_s=0.01) as playback:
         playback.forgotten_end = 100
         while playback.next_frame < 200:
             time.sleep(0.05)
