@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -55,15 +56,25 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Take:
     return open_take(folder)
 
 
+@pytest.fixture(scope="session")
+def write_true_result(walk: Take) -> Callable[[Path], Path]:
+    """`write_true_result(folder)` writes results of that take, its true poses, into a folder of this one."""
+
+    def write(parent: Path) -> Path:
+        folder = parent / "result"
+        folder.mkdir()
+        shutil.copy(walk.folder / "reference" / "poses.csv", folder)
+        shutil.copy(walk.folder / ACTOR, folder)
+        (folder / "run.json").write_text(f'{{"take": {{"name": "walk", "folder": "{walk.folder}"}}}}')
+        return folder
+
+    return write
+
+
 @pytest.fixture
-def result(walk: Take, tmp_path: Path) -> Path:
+def result(write_true_result: Callable[[Path], Path], tmp_path: Path) -> Path:
     """Results of that take: its true poses."""
-    folder = tmp_path / "result"
-    folder.mkdir()
-    shutil.copy(walk.folder / "reference" / "poses.csv", folder)
-    shutil.copy(walk.folder / ACTOR, folder)
-    (folder / "run.json").write_text(f'{{"take": {{"name": "walk", "folder": "{walk.folder}"}}}}')
-    return folder
+    return write_true_result(tmp_path)
 
 
 @pytest.fixture
@@ -79,10 +90,23 @@ Viewer = Callable[..., "subprocess.Popen[str]"]
 @pytest.fixture
 def start_viewer(tmp_path: Path) -> Iterator[Viewer]:
     """`start_viewer("--connect", …)` starts the viewer's process and waits until it says where to look."""
+    with _viewers(tmp_path) as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def start_lasting_viewer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Viewer]:
+    """The same for several tests."""
+    with _viewers(tmp_path_factory.mktemp("viewers")) as start:
+        yield start
+
+
+@contextmanager
+def _viewers(logs: Path) -> Iterator[Viewer]:
     running: list[subprocess.Popen[str]] = []
 
     def start(*arguments: object, module: tuple[str, ...] = ("services.viewer",)) -> "subprocess.Popen[str]":
-        log = tmp_path / f"viewer-{len(running)}.log"
+        log = logs / f"viewer-{len(running)}.log"
         # The browser draws on the same cores.
         nice = ("--nice", "0") if module == ("services.viewer",) else ()
         command = [sys.executable, "-m", *module, *map(str, arguments), *nice]
