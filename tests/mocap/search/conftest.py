@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from few_starts import few_starts
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX
@@ -37,9 +38,7 @@ class CountingBackend(CpuBackend):
 @pytest.fixture(scope="module")
 def quick_first_pose() -> Iterator[None]:
     """A search for the first pose with fewer starts, for tests of what comes before or after it."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("services.mocap.search.first_pose._MOST_ALIGNED", 8)
-        patched.setattr("services.mocap.search.first_pose._MOST_SEARCHED", 2)
+    with few_starts():
         yield
 
 
