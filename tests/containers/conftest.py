@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from stack import IMAGE, SLOWLY, Stack, docker
+from stack import FEW, IMAGE, SLOWLY, Stack, docker
 
 from services.mocap.body.actor import Actor
 from services.mocap.body.skeleton import DOFS
@@ -61,20 +61,20 @@ def _track(image: str, take: Path, folder: Path, *more: str) -> str:
 
 @pytest.fixture(scope="session")
 def local_poses(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """poses.csv of the same take, tracked without compose."""
-    return _track(image, take, tmp_path_factory.mktemp("local"))
+    """poses.csv of the take's first frames, tracked without compose."""
+    return _track(image, take, tmp_path_factory.mktemp("local"), "--frames", FEW)
 
 
 @pytest.fixture(scope="session")
 def local_poses_by_plain_search(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The same by a slow search, whose frames take long enough to do something before the last."""
+    """Of all frames by a slow search, which take long enough to do something before the last."""
     return _track(image, take, tmp_path_factory.mktemp("plain"), *SLOWLY.split())
 
 
 @pytest.fixture(scope="session")
 def local_poses_of_eight(image: str, take: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """By the usual search with eight workers: two to a limb, whose grid they divide."""
-    return _track(image, take, tmp_path_factory.mktemp("eight"), "--workers", "8")
+    """Of the first frames by the usual search with eight workers: two to a limb, whose grid they divide."""
+    return _track(image, take, tmp_path_factory.mktemp("eight"), "--frames", FEW, "--workers", "8")
 
 
 @pytest.fixture

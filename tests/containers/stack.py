@@ -22,6 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 IMAGE, PAGE_IMAGE = "xormocap:test", "xormocap:test-page"
 SLOWLY = "--search plain --set detail_px=0.5 --set arm_grid=[7,7,3,7] --set leg_grid=[7,7,3,7]"
 """Options of a coordinator whose frames are to take long enough to do something before the last."""
+FEW = "0:8"
+"""The frames of runs in which nothing is done meanwhile."""
 _LOOK_S = 0.2
 _PAUSE_TRIES = 8
 

@@ -8,14 +8,15 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from stack import SLOWLY, Pool, Stack, docker, pause, wait_until
+from stack import FEW, SLOWLY, Pool, Stack, docker, pause, wait_until
 
 pytestmark = [pytest.mark.containers, pytest.mark.timeout(1200), pytest.mark.usefixtures("image")]
 
 
 @pytest.fixture
 def stack(take: Path, tmp_path: Path) -> Iterator[Stack]:
-    with Stack(tmp_path / "out", TAKE=str(take), RECORDER_OPTIONS="--no-overlay", WORKERS="8") as made:
+    settings = {"RECORDER_OPTIONS": "--no-overlay", "WORKERS": "8", "FRAMES": FEW}
+    with Stack(tmp_path / "out", TAKE=str(take), **settings) as made:
         yield made
 
 
@@ -107,7 +108,7 @@ def test_two_takes_share_a_pool_of_workers(
     quiet = {"TAKE": str(take), "RECORDER_OPTIONS": "--no-overlay --no-report"}
     with Pool("one", "two") as pool, ExitStack() as stacks:
         settings = quiet | {"POOL_NAME": pool.name}
-        options = {"one": {}, "two": {"COORDINATOR_OPTIONS": SLOWLY, "FRAMES": "0:6"}}
+        options = {"one": {"FRAMES": FEW}, "two": {"COORDINATOR_OPTIONS": SLOWLY, "FRAMES": "0:6"}}
         both = [
             stacks.enter_context(
                 Stack(tmp_path / slot, "docker/compose.take.yaml", SLOT=slot, **settings, **more)
