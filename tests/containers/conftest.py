@@ -8,13 +8,12 @@ from pathlib import Path
 import pytest
 from stack import FEW, IMAGE, SLOWLY, Stack, docker
 
+from first_pose import say_first_pose
 from services.mocap.body.actor import Actor
-from services.mocap.body.skeleton import DOFS
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_take_file
-from services.mocap.take.tables import read_poses_csv
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -41,10 +40,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("take") / "walk"
     write_synthetic_take(folder, n_frames=24, n_cameras=4)
     write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
-    pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
-    said = "".join(f"{dof.column} = {value}\n" for dof, value in zip(DOFS, pose.tolist(), strict=True))
-    with (folder / SETTINGS).open("a") as settings:
-        settings.write(f"[initial_pose]\n{said}")
+    say_first_pose(folder)
     for path in (*folder.rglob("*"), folder, folder.parent, folder.parent.parent):
         path.chmod(0o755 if path.is_dir() else 0o644)  # services run as another user
     return folder

@@ -5,29 +5,51 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import closing, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
 from busy import BUSY
+from lasting_servers import LastingServers
 
 from exact_take import in_place_of_videos
+from first_pose import say_first_pose
 from services import library
 from services.cli import main
 from services.mocap.body.actor import Actor
-from services.mocap.body.skeleton import DOFS
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.take import write_synthetic_take
 from services.mocap.take.actor_file import take_actor, write_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_take_file
-from services.mocap.take.tables import read_poses_csv
+from services.runs.fork_server import ForkServer
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
 FRAMES = "14:20"
 """The actor is under way by then."""
+
+
+@pytest.fixture(scope="session")
+def lasting_servers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LastingServers]:
+    with closing(LastingServers(tmp_path_factory.mktemp("servers"))) as servers:
+        yield servers
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_imports(lasting_servers: LastingServers) -> Iterator[None]:
+    """Runs in this process share what has imported the services; those of commands that are processes do
+    not."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("services.runs.launcher.ForkServer", lasting_servers)
+        yield
+
+
+@pytest.fixture
+def own_imports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that imports the services itself, as any outside of tests, and ends what has imported them."""
+    monkeypatch.setattr("services.runs.launcher.ForkServer", ForkServer)
 
 
 @pytest.fixture(scope="session")
@@ -44,10 +66,7 @@ def known_take(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -
     """The same with its first pose said, so that its first frame takes no longer than another."""
     folder = tmp_path_factory.mktemp("known") / "walk"
     shutil.copytree(synthetic_take, folder)
-    pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
-    said = "".join(f"{dof.column} = {value}\n" for dof, value in zip(DOFS, pose.tolist(), strict=True))
-    with (folder / "take.toml").open("a") as settings:
-        settings.write(f"[initial_pose]\n{said}")
+    say_first_pose(folder)
     return folder
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from busy import ONE_WAY, SHORT
 
+from few_starts import few_starts
 from services.commands.fitted_runs import track_again
 from services.commands.track import track
 from services.mocap.body.actor import build_body
@@ -165,7 +166,8 @@ def strange_take(exact_take: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 def first_fit(strange_take: Path) -> TakeFit:
     """The body that is fitted to it."""
     take = open_take(strange_take)
-    return fit_take(take, init_frames(take), EngineSettings(), SearchSettings(), lambda *_: None)
+    with few_starts():
+        return fit_take(take, init_frames(take), EngineSettings(), SearchSettings(), lambda *_: None)
 
 
 def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupted_second_run_goes_on(

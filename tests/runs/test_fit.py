@@ -15,10 +15,11 @@ import pytest
 from typer.testing import CliRunner
 
 from exact_take import write_exact_take
+from first_pose import say_first_pose
 from services import cli
 from services.commands import fit as fit_command
 from services.mocap.body.actor import Actor, build_body
-from services.mocap.body.skeleton import DOF_INDEX, DOFS, BodyName, pose_of_body
+from services.mocap.body.skeleton import DOF_INDEX, BodyName, pose_of_body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, trimap_of, unpack
@@ -33,7 +34,6 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import OCCLUDED, fitted_pose, read_occluded, read_record
 from services.mocap.take.folder import Take, open_take
-from services.mocap.take.settings import write_settings
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Floats, Mask
 from services.runs import fit as fit_module
@@ -89,10 +89,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A take whose first pose is said, so that it is found at once."""
     folder = tmp_path_factory.mktemp("fit") / "walk"
     write_exact_take(folder, n_frames=3, n_cameras=3)
-    settings = open_take(folder).settings
-    pose = read_poses_csv(folder / "reference" / "poses.csv").poses[0]
-    said = {dof.column: value for dof, value in zip(DOFS, pose.tolist(), strict=True)}
-    write_settings(folder / "take.toml", settings.model_copy(update={"initial_pose": said}))
+    say_first_pose(folder)
     return folder
 
 
