@@ -166,9 +166,10 @@ def filmed_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_whoever_dies_beside_the_coordinator_costs_no_frame_and_changes_none(
-    filmed_take: Path, tmp_path: Path
+    filmed_take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With videos, whose background is learnt again: the poses are those that one process finds."""
+    monkeypatch.setattr("services.runs.local_run._CHECKS_S", 2.0)  # segmentation may come back too late
     run = Run(filmed_take, tmp_path / "out")
     alone = _by_one_process(filmed_take, tmp_path / "alone" / "result", SLOW)
     run.when(after(0), kill("segmentation", signal.SIGTERM))
