@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -81,14 +81,17 @@ def _rays(camera: Camera) -> Floats:
     return np.asarray(rays.reshape(len(rows), len(columns), 3))
 
 
-def _hit(origin: Floats, rays: Floats, blob: Blob) -> Floats:
-    """How far along rays (N, 3) from a point a blob is met; infinite where it is not, or lies behind."""
+def _hit(origin: Floats, rays: Floats, lengths_m2: Floats, blob: Blob) -> Floats:
+    """How far along rays (N, 3) from a point a blob is met; infinite where it is not, or lies behind.
+
+    lengths_m2 (N,): the squared lengths of the rays.
+    """
     met = np.full(len(rays), np.inf)
     radii_m = np.array(blob.radii_m)
     to_blob = np.array(blob.centre_m) - origin
     ahead = rays @ to_blob
     reach_m2 = to_blob @ to_blob - radii_m.max() ** 2
-    near = np.flatnonzero((ahead > 0) & (ahead**2 > reach_m2 * np.einsum("ni,ni->n", rays, rays)))
+    near = np.flatnonzero((ahead > 0) & (ahead * ahead > reach_m2 * lengths_m2))
     away, along = -to_blob / radii_m, rays[near] / radii_m
     a, b, c = np.einsum("ni,ni->n", along, along), along @ away, away @ away - 1
     inside = b * b - a * c
@@ -143,18 +146,28 @@ class Rendered:
     """(H, W) where there is shadow on the room, and no blob."""
 
 
+@lru_cache(maxsize=8)
+def _empty(camera: Camera, floor_m: float) -> tuple[Floats, Floats, Floats]:
+    """A camera's rays (N, 3) into the empty room, how far along them its surface is, its colours there."""
+    rays = _rays(camera).reshape(-1, 3)
+    return (rays, *_room(camera.centre_world_m, rays, floor_m))
+
+
 def render(camera: Camera, blobs: Sequence[Blob] = (), floor_m: float = 0.0) -> Rendered:
     """Cast rays into the room, in which blobs throw a shadow on the floor."""
-    origin, rays = camera.centre_world_m, _rays(camera).reshape(-1, 3)
-    met, colours = _room(origin, rays, floor_m)
+    origin = camera.centre_world_m
+    rays, met, colours = (array.copy() for array in _empty(camera, floor_m))
     points = origin + met[:, None] * rays
     on_floor = np.flatnonzero(np.abs(points[:, 2] - floor_m) < 1e-6)
     dark, seen = np.zeros((2, len(rays)), bool)
+    from_lamp = points[on_floor] - LAMP_M
+    squares = np.einsum("ni,ni->n", from_lamp, from_lamp)
     for blob in blobs:
-        dark[on_floor] |= _hit(LAMP_M, points[on_floor] - LAMP_M, blob) < 1
+        dark[on_floor] |= _hit(LAMP_M, from_lamp, squares, blob) < 1
     colours[dark] *= SHADOW
+    squares = np.einsum("ni,ni->n", rays, rays)
     for blob in blobs:
-        along = _hit(origin, rays, blob)
+        along = _hit(origin, rays, squares, blob)
         nearer = np.flatnonzero(along < met)
         met[nearer] = along[nearer]
         normal = (origin + along[nearer][:, None] * rays[nearer] - blob.centre_m) / np.square(blob.radii_m)
