@@ -1,6 +1,7 @@
 """Fixtures that all tests share: the recorded takes, and small takes made on the spot."""
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +17,7 @@ from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import LOWER, UPPER
 from services.mocap.camera.camera import Camera
+from services.mocap.compiled import compiled_folder
 from services.mocap.errors import TakeError
 from services.mocap.synth.walk import walk
 from services.mocap.take import layout
@@ -61,10 +63,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def level_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keeps thinned bodies for this run alone, those of the processes that tests start as well."""
+def level_cache(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Keeps thinned bodies, those of the processes that tests start as well, until the sources change."""
+    assert request.config.cache is not None
+    kept = request.config.cache.mkdir("levels")
+    for other in kept.iterdir():
+        if other.name != compiled_folder().name:
+            shutil.rmtree(other, ignore_errors=True)
     with pytest.MonkeyPatch.context() as environment:
-        environment.setenv("XORMOCAP_CACHE", str(tmp_path_factory.mktemp("cache")))
+        environment.setenv("XORMOCAP_CACHE", str(kept / compiled_folder().name))
         yield
 
 
