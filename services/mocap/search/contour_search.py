@@ -207,7 +207,7 @@ def solve_by_contours(
         rim = best.aligned.rim
         sure = confidences(evidence_of(rim, left.nearest_px, best.pose), rim)
         unsure = {limb for limb in LIMBS if limb in differing or sure.get(limb, 0.0) < _SURE}
-        parts = [limb for pair in PAIRS if unsure.intersection(pair) for limb in pair]
+        parts = [limb for pair in LIMB_PAIRS if unsure.intersection(pair) for limb in pair]
     if settings.search_limbs == "never":
         parts = []
     searched = set(parts) & set(differing)  # others that were searched in vain need no rest
