@@ -12,16 +12,15 @@ from pathlib import Path
 import pytest
 from busy import BUSY
 from lasting_servers import LastingServers
+from one_process import tracked_here
 
 from exact_take import in_place_of_videos
 from first_pose import say_first_pose
-from services import library
 from services.cli import main
 from services.mocap.body.actor import Actor
 from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.actor_file import take_actor, write_actor
-from services.mocap.take.folder import open_take
+from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_take_file
 from services.runs.fork_server import ForkServer
@@ -131,10 +130,5 @@ def tracked(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 @pytest.fixture(scope="session")
 def one_way(synthetic_take: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of the same frames tracked only forwards, in this process: services find the same."""
-    take, out = open_take(synthetic_take), tmp_path_factory.mktemp("one-way") / "result"
-    actor = take_actor(take)
-    assert actor is not None
     search = SearchSettings(search_limbs="always", both_ways=False)
-    frames = library.track(take, actor, take.frame_range(FRAMES), search=search)
-    library.write_result(out, take, actor, frames, formats=())
-    return out
+    return tracked_here(synthetic_take, tmp_path_factory.mktemp("one-way") / "result", FRAMES, search)

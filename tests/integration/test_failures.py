@@ -12,14 +12,14 @@ from pathlib import Path
 import psutil
 import pytest
 from lasting_servers import LastingServers
+from one_process import tracked_here
 
 from first_pose import say_first_pose
-from services import library
 from services.mocap.body.actor import Actor
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import PRESETS, SearchSettings
 from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.actor_file import take_actor, write_actor
+from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_take_file
@@ -141,12 +141,8 @@ def run(exact_take: Path, tmp_path: Path) -> Run:
 
 
 def _by_one_process(folder: Path, out: Path, search: SearchSettings) -> Path:
-    """The results of a take, found in this process, to which nothing happens: services find the same."""
-    take = open_take(folder)
-    actor = take_actor(take)
-    assert actor is not None
-    library.write_result(out, take, actor, library.track(take, actor, range(FRAMES), search=search), ())
-    return out
+    """The results of a take to which nothing happens."""
+    return tracked_here(folder, out, f"0:{FRAMES}", search)
 
 
 @pytest.fixture(scope="module")

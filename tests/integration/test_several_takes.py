@@ -11,9 +11,11 @@ from pathlib import Path
 
 import pytest
 from busy import BUSY, ONE_WAY
+from one_process import tracked_here
 
 from bench.soak.latency import Stopwatch
 from services.mocap.body.actor import Actor
+from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import write_actor
 from services.mocap.take.layout import ACTOR, SETTINGS
 from services.mocap.take.settings import read_take_file
@@ -74,12 +76,11 @@ class Takes:
 @pytest.fixture(scope="module")
 def alone(takes: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """poses.csv of each take when nothing else is tracked."""
-    found = []
-    for take in takes:
-        folder = tmp_path_factory.mktemp("alone")
-        with Launcher(folder) as launcher:
-            found += Takes(launcher, folder, (take,)).finish()
-    return found
+    search, folder = SearchSettings(search_limbs="always", both_ways=False), tmp_path_factory.mktemp("alone")
+    results = [
+        tracked_here(take, folder / f"out-{n}", f"0:{_FRAMES}", search) for n, take in enumerate(takes)
+    ]
+    return [(result / "poses.csv").read_text() for result in results]
 
 
 def test_two_takes_at_once_are_tracked_as_each_alone_though_one_coordinator_dies(
