@@ -274,8 +274,11 @@ def test_somebody_in_a_plate_is_named_before_what_the_silhouettes_then_look_like
     _change_plate(videos, "cam01", lambda plate: _beside(plate, masks[0], pictures[0], 80))
     said = checked("track", videos).stderr.splitlines()[-1]
     assert said.startswith(f"{videos}/background: clean plate of cam01: shows something that is in no frame")
-    assert "record the empty stage with nobody in it; with these silhouettes, " in said
-    assert f"{videos}/calibration.toml: [cam01]" in said
+    _, _, then = said.partition("record the empty stage with nobody in it; ")
+    # The silhouettes of so poor a plate are on the verge of looking like those of a mirrored camera.
+    assert then.startswith(
+        (f"with these silhouettes, {videos}/calibration.toml: [cam01]", "this led to: nobody")
+    )
 
 
 def test_a_second_person_in_videos_is_told_with_its_frame(
