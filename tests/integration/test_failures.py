@@ -286,7 +286,8 @@ def test_a_stop_on_the_way_back_ends_the_run_which_goes_on_from_there(
     assert (run.out / "poses.csv").read_text() == (undisturbed_both_ways / "poses.csv").read_text()
 
 
-@pytest.mark.parametrize("seconds", [0.0, 0.7])
+@pytest.mark.usefixtures("own_imports")  # so that 2 s are before the first frame
+@pytest.mark.parametrize("seconds", [0.0, 2.0])
 def test_a_stop_before_the_first_frame_ends_at_once(run: Run, seconds: float, tmp_path: Path) -> None:
     began_s = time.monotonic()
     run.when(lambda _: time.monotonic() - began_s >= seconds, ask_to_stop)
