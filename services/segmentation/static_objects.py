@@ -20,19 +20,20 @@ from services.mocap.types import Mask
 from services.segmentation.voxels import COARSE_M, VoxelGrid
 
 _MOMENTS = 24
-"""The last moments count."""
+"""So many moments count: the last ones."""
 _FEWEST_MOMENTS, _STATIC, _SOMETIMES = 6, 0.9, 0.1
 """From so many moments on: voxels that show a change in at least this share of them are static; those with
 more than the last share move."""
 _PERSON_M, _PERSON_VOXELS, _ON_FLOOR_M = 1.0, 30, 0.4
 """Somebody is at least so tall, and begins at most so far above the floor."""
 _MOVING_SHARE = 0.1
-"""Of the voxels of somebody who moves, at least so many are not static."""
+"""Of the voxels of somebody who moves, at least this share is not static."""
 _ACCOMPANIED = 0.7
-"""Share of the moments in which somebody else must be there."""
+"""Somebody who moves must be there beside an object in at least this share of the moments."""
 _MOST_TOUCHED = 0.5
 """Share of the voxels around an object that may show movement: arms move around a trunk that stands still."""
 _LEAST_VOXELS = 8
+"""Size of the smallest object: about 25 cm each way."""
 _BESIDE, _CAMERAS_BESIDE = 0.5, 2
 """Share of an object's picture that must lie beside the others, in so many cameras."""
 _NEIGHBOURS = np.ones((3, 3, 3), bool)
@@ -79,10 +80,8 @@ class StaticObjects:
         if len(self._moments) < _FEWEST_MOMENTS:
             return found
         share = np.mean(self._moments, axis=0)
-        static, moving = (
-            self._filled(share >= _STATIC),
-            self._filled((share > _SOMETIMES) & (share < _STATIC)),
-        )
+        is_static = share >= _STATIC
+        static, moving = self._filled(is_static), self._filled((share > _SOMETIMES) & ~is_static)
         labels, n_groups = ndimage.label(static, _NEIGHBOURS)
         moments = [self._filled(moment) for moment in self._moments]
         for label in range(1, n_groups + 1):
@@ -92,7 +91,7 @@ class StaticObjects:
             if np.count_nonzero(group) < _LEAST_VOXELS or moving[around].mean() > _MOST_TOUCHED:
                 continue
             accompanied = np.mean([_has_somebody(moment & ~is_group, static) for moment in moments])
-            if accompanied >= _ACCOMPANIED and self._lies_beside(group, share >= _STATIC, shapes_px):
+            if accompanied >= _ACCOMPANIED and self._lies_beside(group, is_static, shapes_px):
                 found |= group
         return found
 

@@ -124,6 +124,20 @@ class _Search:
             found.nearest_px[limb] += round(px)
         return found
 
+    def first_parts(
+        self, best: _Seen, left: Differences, differing: list[Part], *, thorough: bool
+    ) -> list[Part]:
+        """The parts that the first round searches, by the settings; left: how the best pose differs."""
+        if self.settings.search_limbs == "never":
+            return []
+        if self.settings.search_limbs == "always":
+            return list[Part](LIMBS)
+        if not thorough:
+            return differing
+        confidence = confidences(evidence_of(best.aligned.rim, left.nearest_px, best.pose), best.aligned.rim)
+        unsure = {limb for limb in LIMBS if limb in differing or confidence.get(limb, 0.0) < _SURE}
+        return [limb for pair in LIMB_PAIRS if unsure.intersection(pair) for limb in pair]
+
     def expecting(self, best: _Seen, expected: _Seen, parts: list[Part]) -> _Seen:
         """The best pose, with limbs in doubt where they were expected: alignments may lead them astray."""
         pose = best.pose.copy()
@@ -200,16 +214,7 @@ def solve_by_contours(
     left, gained = search.differences(best), False
     farther = settings.widened().model_copy(update={"windows": False})
     differing = trust.to_search(left)
-    parts = differing
-    if settings.search_limbs == "always":
-        parts = list[Part](LIMBS)
-    elif thorough:
-        rim = best.aligned.rim
-        sure = confidences(evidence_of(rim, left.nearest_px, best.pose), rim)
-        unsure = {limb for limb in LIMBS if limb in differing or sure.get(limb, 0.0) < _SURE}
-        parts = [limb for pair in LIMB_PAIRS if unsure.intersection(pair) for limb in pair]
-    if settings.search_limbs == "never":
-        parts = []
+    parts = search.first_parts(best, left, differing, thorough=thorough)
     searched = set(parts) & set(differing)  # others that were searched in vain need no rest
     if parts:
         found = _better(best, search.round(best, parts, farther if thorough else settings))

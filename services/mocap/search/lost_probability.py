@@ -8,12 +8,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from services.mocap.body.skeleton import bare
 from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.alignment.matching import KNOWN, UNSURE
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.pose_prior import surprises
-from services.mocap.take.marks import LIMB_PAIRS, PARTS, Part
+from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats
 
 LOST_M = 0.15
@@ -39,7 +40,7 @@ _RIVAL_LOST, _RIVAL_FALL_PX = 0.25, 400.0
 """Of arms and legs that two tracks had more than 15 cm apart, 21 % were lost where the other choice cost up
 to 400 pixels more, and 13 % above; of those that they had 12 to 15 cm apart, 6 %: 325 such limbs in 20 takes
 with 3 to 16 cameras."""
-_LEGS = LIMB_PAIRS[1]
+_LEGS = [limb for limb in LIMBS if bare(limb) == "leg"]
 JUDGED_SEGMENTS: dict[Part, list[int]] = {
     part: list(segments[1:] if part in LIMBS else segments) for part, segments in PART_SEGMENTS.items()
 }
