@@ -40,6 +40,7 @@ from services.mocap.types import Floats
 from services.recorder.result_folder import results_into
 from services.runs.fit import TakeFit, fit_take, init_frames
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
+from services.runs.take_silhouettes import TakeSilhouettes
 from services.segmentation.segmenters import AUTO, make_segmenter
 from services.segmentation.silhouettes import Segmenter, packed
 
@@ -68,10 +69,8 @@ def fit(
     is visible, and UserError for settings that do not suit the take.
     """
     _check(take, search, engine)
-    found = fit_take(
-        take, init_frames(take), engine, search, lambda _stage, _share: None, segmenter=segmenter
-    )
-    return _warned(found)
+    silhouettes = TakeSilhouettes(take, segmenter)
+    return _warned(fit_take(silhouettes, init_frames(take), engine, search, lambda _stage, _share: None))
 
 
 def refine(take: Take, result: Path, n_frames: int = DEFAULT_REFINE_FRAMES, segmenter: str = AUTO) -> TakeFit:
@@ -80,8 +79,8 @@ def refine(take: Take, result: Path, n_frames: int = DEFAULT_REFINE_FRAMES, segm
     `xormocap track` does so by itself. Raises UserError if the result belongs to another take or has fewer
     than two frames without a mark.
     """
-    found = refine_take(take, result, n_frames, lambda _stage, _share: None, segmenter=segmenter)
-    return _warned(found)
+    silhouettes = TakeSilhouettes(take, segmenter)
+    return _warned(refine_take(silhouettes, result, n_frames, lambda _stage, _share: None))
 
 
 def _warned(found: TakeFit) -> TakeFit:

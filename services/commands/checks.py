@@ -15,8 +15,8 @@ from services.mocap.take.layout import BACKGROUND
 from services.mocap.verdict.verdict import Cause
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
-from services.runs.take_silhouettes import seen_of
-from services.segmentation.segmenters import KINDS, READY, chosen_segmenter, make_segmenter
+from services.runs.take_silhouettes import TakeSilhouettes, seen_of
+from services.segmentation.segmenters import KINDS, READY, chosen_segmenter
 from services.segmentation.silhouettes import Segmenter
 
 CheckOption: TypeAlias = Annotated[
@@ -103,30 +103,30 @@ def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> Take
     return TakeError(f"{spoilt}{take.folder}/{mistake} (--no-check goes on nevertheless)")
 
 
-def in_view(take: Take, frames: range, segmenter: str) -> range:
+def in_view(silhouettes: TakeSilhouettes, frames: range) -> range:
     """These frames from the first one on that shows the whole actor; a warning says if it is a later one."""
     with progress_bar() as show:
-        found = _frames_in_view(take, frames, lambda share: show("looking for the actor", share), segmenter)
+        found = _frames_in_view(silhouettes, frames, lambda share: show("looking for the actor", share))
         show("actor in view", 1.0)
     if found.start > frames.start:
-        hints = _NO_HINTS if take.settings.facing is not None or take.settings.initial_pose else ""
+        told = silhouettes.take.settings
+        hints = _NO_HINTS if told.facing is not None or told.initial_pose else ""
         warn([_NOT_IN_VIEW.format(first=frames.start, start=found.start, hints=hints)])
     return found
 
 
-def _frames_in_view(take: Take, frames: range, progress: Callable[[float], None], segmenter: str) -> range:
+def _frames_in_view(silhouettes: TakeSilhouettes, frames: range, progress: Callable[[float], None]) -> range:
     """These frames of a take, from the first one on in which the whole actor is in view.
 
     They are returned as they are if the first frame shows the actor or has another fault, which the search
     for the first pose reports; if no frame shows the actor; and if the background is estimated from the
     videos. Of the first frames that show the actor, one that all cameras see is preferred.
     """
-    is_ready = chosen_segmenter(take, segmenter) == READY
-    if len(take.cameras) < 2 or not (is_ready or all(map(take.has_background, take.cameras))):
+    take = silhouettes.take
+    if len(take.cameras) < 2 or not silhouettes.has_stage:
         return frames
-    with kept_warnings():
-        # Plates are checked by what comes after this, and said then.
-        made = make_segmenter(take, take.cameras, segmenter, later=lambda _: None)
+    made = silhouettes.segmenter
+    with kept_warnings():  # what comes after this says them again
         if _cameras_that_see(take, frames.start, made, of_other_faults=1):
             return frames
         looks = frames[:: max(_EVERY, len(frames) // _MOST_LOOKS)][1:]

@@ -31,6 +31,7 @@ from services.runs.fit import TakeFit, fit_take, frames_in_words, init_frames
 from services.runs.fit_files import origin_of, uncertainty_of, write_fit
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.reporting import DRAWING_FROM, Show
+from services.runs.take_silhouettes import TakeSilhouettes
 
 EVERY_CORE = 0
 """Threads of the energy while no other process computes."""
@@ -76,24 +77,24 @@ def fit(
     folder = out or take / FIT_FOLDER
     search = search_settings([], None, len(opened.cameras), body=body)
     own = None if mesh is None else import_mesh(mesh)
+    silhouettes = TakeSilhouettes(opened, segmenter)
     first, checks = init_frames(opened, frames), tuple[Cause, ...]()
     if check:
         if refine is None:
-            from_there = in_view(opened, range(opened.settings.frames), segmenter)
+            from_there = in_view(silhouettes, range(opened.settings.frames))
             first = init_frames(opened, frames, from_there.start)
         checks = look_before(opened, first, segmenter)
     if refine is not None:
         count = frames or DEFAULT_REFINE_FRAMES
-        work = partial(refine_take, opened, refine, count, segmenter=segmenter, body=search.body)
+        work = partial(refine_take, silhouettes, refine, count, body=search.body)
     else:
         work = partial(
             fit_take,
-            opened,
+            silhouettes,
             first,
             engine_settings(backend, EVERY_CORE),
             search,
             mesh=None if own is None else own.mesh,
-            segmenter=segmenter,
         )
     with blamed_first(checks):
         found = fit_with_bar(opened, folder, work)

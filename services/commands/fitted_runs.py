@@ -25,6 +25,7 @@ from services.mocap.take.layout import ACTOR
 from services.runs.fit import fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
+from services.runs.take_silhouettes import TakeSilhouettes
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
@@ -61,7 +62,9 @@ def forwards(job: TakeJob) -> TakeJob:
     return replace(job, search=job.search.model_copy(update={"both_ways": False}))
 
 
-def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str, Any]:
+def fit_and_track(
+    job: TakeJob, silhouettes: TakeSilhouettes, mesh: Path | None, *, goes_on: bool
+) -> dict[str, Any]:
     """Fit an actor to the first frames, for this run only, and track; returns run.json.
 
     mesh: a file with an own mesh to fit. goes_on: whether track_again follows; then the run goes forwards
@@ -79,8 +82,8 @@ def fit_and_track(job: TakeJob, mesh: Path | None, *, goes_on: bool) -> dict[str
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
     first = init_frames(take, start=job.frames.start)
     work = partial(
-        fit_take, take, first, engine, job.search, mesh=own, segmenter=job.segmenter,
-        before=job.frames.stop, is_refined_next=goes_on,
+        fit_take, silhouettes, first, engine, job.search, mesh=own, before=job.frames.stop,
+        is_refined_next=goes_on,
     )  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
         with blamed_first(job.checks):
@@ -105,7 +108,9 @@ def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
     return found.run if asked == (found.actor, found.frames.tolist(), settings) else {}
 
 
-def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> dict[str, Any]:
+def track_again(
+    job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any], *, is_asked_for: bool
+) -> dict[str, Any]:
     """Fit the actor to frames of the whole take, by the results in job.out, usually of a run forwards, and
     track again.
 
@@ -115,10 +120,9 @@ def track_again(job: TakeJob, report: dict[str, Any], *, is_asked_for: bool) -> 
     varied, before = job.search.body, read_actor(job.out / ACTOR)
     fit = partial(
         refine_take,
-        job.take,
+        silhouettes,
         job.out,
         DEFAULT_REFINE_FRAMES,
-        segmenter=job.segmenter,
         body=varied,
         learns_colours=job.search.colour > 0,
     )

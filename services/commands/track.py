@@ -1,5 +1,6 @@
 """`xormocap track`: tracks a recorded take."""
 
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +25,7 @@ from services.mocap.take.actor_file import take_actor
 from services.mocap.take.folder import open_take
 from services.recorder.result_folder import check_out
 from services.runs.fit import init_frames
+from services.runs.take_silhouettes import TakeSilhouettes
 from services.runs.track import TakeJob
 from services.segmentation.segmenters import chosen_segmenter
 
@@ -105,20 +107,24 @@ def track(
         endpoint=endpoint,
     )
     check_cost(engine, job.search.cost)
-    if check:
-        job = replace(job, frames=in_view(opened, job.frames, segmenter))
-        job = replace(job, checks=look_before(opened, job.frames, segmenter))
-    fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
-    enough = _WORTH_REFINING * len(init_frames(opened))
-    again = refine if refine is not None else fits and len(job.frames) >= enough
-    first = replace(job, overlay=overlay and not again)  # it would be drawn twice
-    say(ENERGY_IN_WORDS, stderr)  # which the bars show
-    if fits:
-        report = fit_and_track(first, mesh, goes_on=again)
-    else:
-        report = track_with_bar(forwards(first) if again else first, [])
-    if again:
-        report = track_again(job, report, is_asked_for=refine is True)
+    with tempfile.TemporaryDirectory(prefix="xormocap-silhouettes-") as kept:
+        silhouettes = TakeSilhouettes(opened, segmenter, Path(kept))
+        if check:
+            job = replace(job, frames=in_view(silhouettes, job.frames))
+            job = replace(job, checks=look_before(opened, job.frames, segmenter))
+        fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
+        enough = _WORTH_REFINING * len(init_frames(opened))
+        again = refine if refine is not None else fits and len(job.frames) >= enough
+        say(ENERGY_IN_WORDS, stderr)  # which the bars show
+        if again:
+            job = replace(job, kept=Path(kept))
+        first = replace(job, overlay=overlay and not again)  # it would be drawn twice
+        if fits:
+            report = fit_and_track(first, silhouettes, mesh, goes_on=again)
+        else:
+            report = track_with_bar(forwards(first) if again else first, [])
+        if again:
+            report = track_again(job, silhouettes, report, is_asked_for=refine is True)
     _summarise(report, job.out)
     conclude(job.out, take, port if watch else None, strict=strict)
 

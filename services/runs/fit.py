@@ -33,9 +33,8 @@ from services.mocap.take.folder import Take
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Bytes, Floats, Mask
 from services.runs.reporting import Clock, Show, kept_warnings
-from services.runs.take_silhouettes import seen_of
+from services.runs.take_silhouettes import TakeSilhouettes, seen_of
 from services.runs.way_round import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
-from services.segmentation.segmenters import AUTO, make_segmenter
 
 log = logging.getLogger(__name__)
 
@@ -107,13 +106,12 @@ def init_frames(take: Take, asked: int | None = None, start: int = 0) -> range:
 
 
 def fit_take(
-    take: Take,
+    silhouettes: TakeSilhouettes,
     frames: range,
     engine: EngineSettings,
     search: SearchSettings,
     show: Show,
     mesh: OwnMesh | None = None,
-    segmenter: str = AUTO,
     before: int | None = None,
     *,
     is_refined_next: bool = False,
@@ -127,7 +125,7 @@ def fit_take(
     Cameras with unusable silhouettes in the first frame are left out, with a warning. Raises TakeError if no
     person or more than one is visible, or too few cameras are left.
     """
-    fit_to = partial(_fit_frames, take, segmenter, engine, search, mesh, is_refined_next)
+    take, fit_to = silhouettes.take, partial(_fit_frames, silhouettes, engine, search, mesh, is_refined_next)
     first = found = fit_to(frames, show)
     is_told = take.settings.actor_height is not None
     for start in _later_starts(frames, before or take.settings.frames) if first.iou < _POOR_IOU else ():
@@ -161,8 +159,7 @@ def _later_starts(frames: range, end: int) -> list[int]:
 
 
 def _fit_frames(
-    take: Take,
-    segmenter: str,
+    silhouettes: TakeSilhouettes,
     engine: EngineSettings,
     search: SearchSettings,
     mesh: OwnMesh | None,
@@ -171,10 +168,12 @@ def _fit_frames(
     show: Show,
 ) -> TakeFit:
     """Find the pose of the first of these frames, and fit the actor to all of them; as fit_take."""
+    take = silhouettes.take
     clock, hints = Clock(show), take.settings.beginning_at(frames.start)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            made = make_segmenter(take, take.cameras, segmenter)
+            warnings += silhouettes.remarks
+            made = silhouettes.segmenter
             cameras, seen = seen_of(take, frames, made, progress)
         rig, names = Rig.of(cameras), [camera.name for camera in cameras]
         with clock.stage("finding the first pose"), open_engine(engine) as opened:

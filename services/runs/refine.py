@@ -29,9 +29,8 @@ from services.mocap.take.marks import PARTS
 from services.mocap.types import ACTOR, Floats, Ints, Mask
 from services.runs.fit import TakeFit, concluded
 from services.runs.reporting import Clock, Show, kept_warnings
-from services.runs.take_silhouettes import read_moments, seen_of
+from services.runs.take_silhouettes import TakeSilhouettes, read_moments, seen_of
 from services.segmentation.colour_classes import PIECES, ColourClasses, ColourLearner
-from services.segmentation.segmenters import AUTO, make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter, packed
 
 DEFAULT_REFINE_FRAMES = 16
@@ -49,11 +48,10 @@ log = logging.getLogger(__name__)
 
 
 def refine_take(
-    take: Take,
+    silhouettes: TakeSilhouettes,
     result: Path,
     n_frames: int,
     show: Show,
-    segmenter: str = AUTO,
     body: BodyName = "anatomical",
     *,
     learns_colours: bool = True,
@@ -65,13 +63,15 @@ def refine_take(
     learns_colours: whether the actor's colour classes are learnt from the pictures as well. Raises
     UserError if the result belongs to another take or has fewer than two reliable frames; else as fit_take.
     """
+    take = silhouettes.take
     found = result_of(take, result)
     if n_frames < LEAST_FRAMES:
         raise UserError(f"--frames {n_frames}: expected at least {LEAST_FRAMES} with --refine")
     clock = Clock(show)
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
-            made = make_segmenter(take, take.cameras, segmenter)
+            warnings += silhouettes.remarks
+            made = silhouettes.segmenter
             occluded, colours = look_over(
                 take, found, made, lambda share: progress(0.7 * share), learns_colours=learns_colours
             )
@@ -116,7 +116,8 @@ def look_over(
     height_px, width_px = rig.shape_px
 
     def posed() -> Iterator[PosedFrame]:
-        for k, (row, moment) in enumerate(zip(rows, read_moments(frames, segmenter), strict=True)):
+        moments = read_moments(frames, segmenter, with_pictures=learns_colours)
+        for k, (row, moment) in enumerate(zip(rows, moments, strict=True)):
             pose, distrusted = found.tracked.poses[row], found.distrusted[row]
             if learns_colours:
                 lesson.add(moment, pose, distrusted)

@@ -43,10 +43,15 @@ class _Keeper(logging.Handler):
 
 @contextmanager
 def kept_warnings() -> Iterator[list[str]]:
-    """Collects the library's warnings, to show them to the user."""
+    """Collects the library's warnings, to show them to the user; of nested ones the innermost does."""
     logger, keeper = logging.getLogger("services"), _Keeper()
+    outer = [handler for handler in logger.handlers if isinstance(handler, _Keeper)]
+    for handler in outer:
+        logger.removeHandler(handler)
     logger.addHandler(keeper)
     try:
         yield keeper.sentences
     finally:
         logger.removeHandler(keeper)
+        for handler in outer:
+            logger.addHandler(handler)

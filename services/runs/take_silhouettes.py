@@ -2,7 +2,8 @@
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from itertools import islice
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -12,9 +13,47 @@ from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_trim
 from services.mocap.search.plausibility import look_first
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, Trimap
+from services.runs.reporting import kept_warnings
+from services.segmentation.segmenters import AUTO, READY, PlateCheck, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
 
 log = logging.getLogger(__name__)
+
+
+class TakeSilhouettes:
+    """The silhouettes of a take for all steps of a command: learnt once, when they are first needed."""
+
+    def __init__(self, take: Take, segmenter: str = AUTO, kept: Path | None = None) -> None:
+        """kept: a folder for silhouettes once made; see make_segmenter."""
+        self.take, self._name, self._kept = take, segmenter, kept
+        self._plate_checks: list[PlateCheck] = []
+        self._said: list[str] = []
+
+    @property
+    def has_stage(self) -> bool:
+        """Whether they are ready, or the empty stage was recorded for all cameras, so that it need not be
+        estimated from the videos."""
+        is_ready = chosen_segmenter(self.take, self._name) == READY
+        return is_ready or all(map(self.take.has_background, self.take.cameras))
+
+    @cached_property
+    def segmenter(self) -> Segmenter:
+        """What makes them; raises UserError as make_segmenter does."""
+        with kept_warnings() as said:
+            made = make_segmenter(
+                self.take, self.take.cameras, self._name, self._plate_checks.append, self._kept
+            )
+        self._said = said
+        return made
+
+    @cached_property
+    def remarks(self) -> list[str]:
+        """What is wrong with the empty stage, after clean plates were checked, 0.25 s each."""
+        _ = self.segmenter
+        with kept_warnings() as of_plates:
+            for check in self._plate_checks:
+                check()
+        return [*self._said, *of_plates]
 
 
 def seen_of(
@@ -39,15 +78,15 @@ def trimaps_of(
     """The silhouettes (F, C, H, W) of all cameras."""
     height_px, width_px = Rig.of(take.cameras).shape_px
     trimaps: Trimap = np.zeros((len(frames), len(take.cameras), height_px, width_px), np.uint8)
-    for f, moment in enumerate(read_moments(frames, segmenter)):
+    for f, moment in enumerate(read_moments(frames, segmenter, with_pictures=False)):
         for c, trimap in enumerate(moment.trimaps):
             trimaps[f, c] = in_common_size(trimap, width_px, height_px)
         progress((f + 1) / len(frames))
     return trimaps
 
 
-def read_moments(frames: Sequence[int], segmenter: Segmenter) -> Iterator[Moment]:
+def read_moments(frames: Sequence[int], segmenter: Segmenter, *, with_pictures: bool) -> Iterator[Moment]:
     """What all cameras show, frame by frame."""
     if isinstance(frames, range):
-        return islice(segmenter.moments(frames.start, frames.stop), len(frames))
-    return (next(iter(segmenter.moments(frame, frame + 1))) for frame in frames)
+        return segmenter.moments(frames.start, frames.stop, with_pictures=with_pictures)
+    return (next(segmenter.moments(n, n + 1, with_pictures=with_pictures)) for n in frames)

@@ -34,6 +34,8 @@ class TakeJob(Job):
     overlay: bool
     fitted: Path | None = None
     """A folder of xormocap fit, used instead of the take's actor and poses; copied to out/fit."""
+    kept: Path | None = None
+    """A folder for silhouettes, if the take is tracked again: each is made only once; see make_segmenter."""
     endpoint: str | None = None
     """Where the coordinator listens; None: at free ports."""
     checks: tuple[Cause, ...] = ()
@@ -81,6 +83,8 @@ def _plan(job: TakeJob, known: Path) -> Plan:
     if record is not None and actor is not None and record.actor == actor.content_hash:
         entries["fit"] = record.model_dump()
         of_segmentation = "--fitted", str(fit_folder)
+    if job.kept is not None:
+        of_segmentation += "--kept", str(job.kept)
     known.write_text(json.dumps(entries), encoding="utf-8")
     asked = ("--frames", f"{frames.start}:{frames.stop}")
     return Plan(

@@ -44,14 +44,15 @@ class Sender:
         endpoint: str,
         keys: ClientKeys | None,
         fitted: Path | None = None,
+        kept: Path | None = None,
     ) -> None:
         """fitted: a folder written by xormocap fit; what its occluded pictures show is unsure, and it knows
-        the actor's colour classes."""
+        the actor's colour classes. kept: see make_segmenter."""
         self._take, self._cameras = take, cameras
         self._height, self._width = Rig.of(take.cameras).shape_px
         self._checks = deque[PlateCheck]()
         chosen = [take.cameras[c] for c in cameras]
-        made = make_segmenter(take, chosen, segmenter, self._checks.append)
+        made = make_segmenter(take, chosen, segmenter, self._checks.append, kept)
         if fitted is not None:
             made = made.knowing(read_occluded(fitted, chosen), read_colour_tables(fitted, chosen))
         self._segmenter = made
@@ -108,7 +109,8 @@ class Sender:
         is_other = credit.run != self._run
         if self._moments is None or stalled or is_other or credit.next_frame > self._next:
             self._run, self._next, self._unsent = credit.run, credit.next_frame, None
-            self._moments = self._segmenter.moments(self._next, self._take.settings.frames)
+            end_frame = self._take.settings.frames
+            self._moments = self._segmenter.moments(self._next, end_frame, with_pictures=False)
             self._advanced_s = time.monotonic()
 
     def _send_next(self) -> bool:
@@ -160,6 +162,10 @@ def main(
         Path | None,
         typer.Option(help="A folder of xormocap fit: what it learnt of hidden pixels and of colours."),
     ] = None,
+    kept: Annotated[
+        Path | None,
+        typer.Option(help="Folder in which a run keeps the silhouettes of its cameras, for its next step."),
+    ] = None,
     record: Annotated[Path | None, typer.Option(help="Live: folder to record the pictures in.")] = None,
 ) -> None:
     """Make and send the silhouettes of a take's cameras."""
@@ -171,7 +177,7 @@ def main(
         if isinstance(source, LiveTake):
             serve_live(source, chosen, connect, stop, own_keys, segmenter, record)
             return
-        sender = Sender(source, chosen, segmenter, connect, own_keys, fitted)
+        sender = Sender(source, chosen, segmenter, connect, own_keys, fitted, kept)
         try:
             sender.run(stop)
         finally:

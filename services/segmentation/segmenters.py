@@ -8,6 +8,7 @@ Other packages add segmenters as entry points of the group `xormocap.segmenters`
 
 import re
 from collections.abc import Callable, Sequence
+from functools import cache, partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -25,6 +26,7 @@ from services.segmentation.baselines import PaperTest, TrainedModel
 from services.segmentation.chroma import ChromaKey
 from services.segmentation.external import OnnxMatte, PluginMatte
 from services.segmentation.joint import JointMatte
+from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.learning import learn_from_take
 from services.segmentation.silhouettes import GroupMatte, Matte, Segmenter, SeparateMattes
 
@@ -123,18 +125,34 @@ def make_segmenter(
     cameras: Sequence[Camera],
     name: str = AUTO,
     later: Callable[[PlateCheck], None] = lambda check: check(),
+    kept: Path | None = None,
 ) -> Segmenter:
     """A trained segmenter for some cameras of a take; logs one warning if plates are estimated.
 
     Cameras of one segmenter help each other; cameras that shall be compared need separate ones. later:
-    collects the checks of recorded clean plates, 0.25 s each; by default they run at once. Raises UserError
-    if there is no segmenter of that name, or the take lacks something that it needs.
+    collects the checks of recorded clean plates, 0.25 s each; by default they run at once. kept: a folder of
+    silhouettes that were made before (KeptTrimaps); if it has those of all frames, nothing is learnt. Raises
+    UserError if there is no segmenter of that name, or the take lacks something that it needs.
     """
     chosen = chosen_segmenter(take, name)
     if chosen == READY:
         return Segmenter.of_silhouettes(take, cameras)
+    matte = cache(partial(_matte_of_take, take, cameras, chosen, later))
+    if kept is None:
+        matte()
+        return Segmenter.of_videos(take, cameras, matte)
+    kept_trimaps = KeptTrimaps(kept, cameras)
+    if not kept_trimaps.has_all(take.settings.frames):
+        matte()
+    return Segmenter.of_videos(take, cameras, matte, kept_trimaps)
+
+
+def _matte_of_take(
+    take: Take, cameras: Sequence[Camera], name: str, later: Callable[[PlateCheck], None]
+) -> GroupMatte:
+    """What a segmenter learns of a take with videos; as make_segmenter."""
     backgrounds = [CameraBackground(take, camera) for camera in cameras]
-    kind, matte = _group_matte(backgrounds, chosen)
+    kind, matte = _group_matte(backgrounds, name)
     if isinstance(matte, JointMatte):
         learn_from_take(matte, take, cameras)
     if kind.needs_plate:
@@ -144,7 +162,7 @@ def make_segmenter(
         unsure_shares = {b.camera.name: b.made.unsure_share for b in backgrounds if not b.is_recorded}
         if unsure_shares:
             warn_of_guesses(take, unsure_shares)
-    return Segmenter.of_videos(take, cameras, matte)
+    return matte
 
 
 def live_matte(take: Take, cameras: Sequence[Camera], name: str = AUTO) -> GroupMatte:

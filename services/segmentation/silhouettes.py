@@ -20,6 +20,7 @@ from services.mocap.energy.bitplanes import (
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
 from services.segmentation.colour_classes import classes_of
+from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.lenses import Lenses
 from services.segmentation.voxels import MISS, MORE_MISS, VoxelGrid
 
@@ -93,33 +94,60 @@ class Moment:
     """(h, w) of each camera, the colour class of every actor pixel, 0 for none; None if none are known."""
 
 
+class RawMoments(Protocol):
+    """Reads moments of a take."""
+
+    def __call__(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
+        """Of frames from start up to and without stop. with_pictures: whether they are needed; moments may
+        have them nevertheless."""
+        ...
+
+
 class Segmenter:
     """The silhouettes of some cameras of a take. A frame is the same wherever reading starts."""
 
     def __init__(
         self,
         cameras: Sequence[Camera],
-        raw_moments: Callable[[int, int], Iterator[Moment]],
+        raw_moments: RawMoments,
         occluded: Mapping[str, Mask] | None = None,
         colour_tables: Mapping[str, Bytes] | None = None,
     ) -> None:
         """occluded: by camera the pixels (h, w), without lens distortion, in which something hides the actor.
         colour_tables: by camera what the colour classes look like there (colour_classes)."""
         self.raw_moments = raw_moments
-        """Takes frames start and stop: the moments from start up to and without stop, lens distortion
-        included and without colour classes."""
+        """Of frames from start up to and without stop, with lens distortion and without colour classes."""
         self._cameras, self._occluded = cameras, occluded or {}
         self._tables = colour_tables or {}
         self._undistorters = [Undistorter(camera) for camera in cameras]
 
     @classmethod
-    def of_videos(cls, take: Take, cameras: Sequence[Camera], matte: GroupMatte) -> "Segmenter":
-        """What a matte makes of the cameras' videos."""
+    def of_videos(
+        cls,
+        take: Take,
+        cameras: Sequence[Camera],
+        matte: Callable[[], GroupMatte],
+        kept: KeptTrimaps | None = None,
+    ) -> "Segmenter":
+        """What a matte makes of the cameras' videos, except for frames whose trimaps are kept; those that it
+        makes are kept, too.
 
-        def raw_moments(start: int, stop: int) -> Iterator[Moment]:
-            for images in pictures_of(take, cameras, start, stop):
-                found = matte.trimaps(images)
-                yield Moment([found[c] for c in range(len(cameras))], images)
+        matte: returns the same one whenever it is called.
+        """
+
+        def raw_moments(start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
+            pictures: Iterator[dict[int, Bytes]] | None = None
+            for frame in range(start, stop):
+                trimaps = None if kept is None else kept.read(frame)
+                if pictures is None and (with_pictures or trimaps is None):
+                    pictures = pictures_of(take, cameras, frame, stop)
+                images = None if pictures is None else next(pictures)
+                if trimaps is None:
+                    found = matte().trimaps(images or {})
+                    trimaps = [found[c] for c in range(len(cameras))]
+                    if kept is not None:
+                        kept.keep(frame, trimaps)
+                yield Moment(trimaps, images)
 
         return cls(cameras, raw_moments)
 
@@ -127,7 +155,8 @@ class Segmenter:
     def of_silhouettes(cls, take: Take, cameras: Sequence[Camera]) -> "Segmenter":
         """The take's own silhouettes."""
 
-        def raw_moments(start: int, stop: int) -> Iterator[Moment]:
+        def raw_moments(start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
+            del with_pictures  # there are none
             for trimaps in zip(*(take.trimaps(camera, start, stop) for camera in cameras), strict=True):
                 yield Moment(list(trimaps))
 
@@ -140,10 +169,10 @@ class Segmenter:
         colour classes."""
         return Segmenter(self._cameras, self.raw_moments, occluded, colour_tables)
 
-    def moments(self, start: int, stop: int) -> Iterator[Moment]:
+    def moments(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
         """Undistorted trimaps and classes, and the raw pictures, of frames start up to but not including
-        stop."""
-        for raw in self.raw_moments(start, stop):
+        stop. with_pictures: see RawMoments."""
+        for raw in self.raw_moments(start, stop, with_pictures=with_pictures or bool(self._tables)):
             trimaps = [u.trimap(trimap) for u, trimap in zip(self._undistorters, raw.trimaps, strict=True)]
             for camera, trimap in zip(self._cameras, trimaps, strict=True):
                 if camera.name in self._occluded:
@@ -152,7 +181,7 @@ class Segmenter:
 
     def trimaps(self, start: int, stop: int) -> Iterator[list[Trimap]]:
         """Undistorted trimaps (h, w), one per camera, of frames start up to but not including stop."""
-        return (moment.trimaps for moment in self.moments(start, stop))
+        return (moment.trimaps for moment in self.moments(start, stop, with_pictures=False))
 
     def _classes(self, raw: Moment, trimaps: Sequence[Trimap]) -> list[Bytes] | None:
         """The colour classes (h, w) of each camera: of a raw moment's pictures, at the actor pixels of its

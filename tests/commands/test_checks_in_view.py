@@ -11,14 +11,15 @@ from typer.testing import CliRunner
 
 from exact_take import write_exact_take
 from services import cli
-from services.commands import checks
 from services.commands.checks import in_view
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.take.folder import Take, open_take
 from services.mocap.types import ACTOR, BACKGROUND, Trimap
+from services.runs import take_silhouettes
 from services.runs.fit import init_frames
-from services.segmentation.segmenters import AUTO, make_segmenter
+from services.runs.take_silhouettes import TakeSilhouettes
+from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
 
 Change = Callable[[Trimap], Trimap]
@@ -39,12 +40,12 @@ def changed(monkeypatch: pytest.MonkeyPatch) -> Show:
     of the last camera before another frame."""
 
     def show(how: Change, last_before: int = CHANGED_BEFORE) -> None:
-        def segmenter(take: Take, cameras: Sequence[Camera], name: str, **options: Any) -> Segmenter:
-            real = make_segmenter(take, cameras, name, **options)
+        def segmenter(take: Take, cameras: Sequence[Camera], name: str, *options: Any) -> Segmenter:
+            real = make_segmenter(take, cameras, name, *options)
             made = real.moments
 
-            def moments(start: int, stop: int) -> Iterator[Moment]:
-                for frame, moment in enumerate(made(start, stop), start):
+            def moments(start: int, stop: int, **options: bool) -> Iterator[Moment]:
+                for frame, moment in enumerate(made(start, stop, **options), start):
                     ends = [*[CHANGED_BEFORE] * (len(cameras) - 1), last_before]
                     trimaps = [
                         how(t) if frame < end else t for t, end in zip(moment.trimaps, ends, strict=True)
@@ -54,7 +55,7 @@ def changed(monkeypatch: pytest.MonkeyPatch) -> Show:
             monkeypatch.setattr(real, "moments", moments)
             return real
 
-        monkeypatch.setattr(checks, "make_segmenter", segmenter)
+        monkeypatch.setattr(take_silhouettes, "make_segmenter", segmenter)
 
     return show
 
@@ -72,8 +73,8 @@ def _cut_off(trimap: Trimap) -> Trimap:
 
 
 def test_an_actor_who_is_there_is_seen_at_once(take: Take) -> None:
-    assert in_view(take, range(24), AUTO) == range(24)
-    assert in_view(take, range(3, 9), AUTO) == range(3, 9)
+    assert in_view(TakeSilhouettes(take), range(24)) == range(24)
+    assert in_view(TakeSilhouettes(take), range(3, 9)) == range(3, 9)
 
 
 @pytest.mark.parametrize("how", [_nobody, _cut_off])
@@ -81,10 +82,10 @@ def test_the_work_begins_where_the_whole_actor_is_in_view(
     take: Take, changed: Show, how: Change, capsys: pytest.CaptureFixture[str]
 ) -> None:
     changed(how)
-    assert in_view(take, range(34), AUTO) == range(20, 34)
-    assert in_view(take, range(2, 24), AUTO) == range(12, 24)
-    assert in_view(take, range(9), AUTO) == range(9), "nobody comes"
-    begun = in_view(take, range(34), AUTO)
+    assert in_view(TakeSilhouettes(take), range(34)) == range(20, 34)
+    assert in_view(TakeSilhouettes(take), range(2, 24)) == range(12, 24)
+    assert in_view(TakeSilhouettes(take), range(9)) == range(9), "nobody comes"
+    begun = in_view(TakeSilhouettes(take), range(34))
     assert init_frames(take, 3, begun.start) == range(20, 23)
     assert "frame 0 does not show the whole actor: the work begins at frame 20" in capsys.readouterr().err
 
@@ -117,11 +118,11 @@ def test_the_commands_begin_there_and_fit_the_body_to_the_first_frames_that_they
 
 def test_a_frame_that_every_camera_sees_is_preferred(take: Take, changed: Show) -> None:
     changed(_nobody, last_before=25)
-    assert in_view(take, range(34), AUTO) == range(30, 34)
+    assert in_view(TakeSilhouettes(take), range(34)) == range(30, 34)
     changed(_nobody, last_before=34)
-    assert in_view(take, range(34), AUTO) == range(20, 34), "it never sees anybody"
+    assert in_view(TakeSilhouettes(take), range(34)) == range(20, 34), "it never sees anybody"
 
 
 def test_what_other_faults_the_first_frame_has_is_left_to_others(take: Take, changed: Show) -> None:
     changed(lambda trimap: np.full_like(trimap, ACTOR))
-    assert in_view(take, range(24), AUTO) == range(24)
+    assert in_view(TakeSilhouettes(take), range(24)) == range(24)

@@ -32,6 +32,7 @@ from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
 from services.runs import Interrupted
 from services.runs.fit import TakeFit, fit_take, init_frames
+from services.runs.take_silhouettes import TakeSilhouettes
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
@@ -167,7 +168,9 @@ def first_fit(strange_take: Path) -> TakeFit:
     """The body that is fitted to it."""
     take = open_take(strange_take)
     with few_starts():
-        return fit_take(take, init_frames(take), EngineSettings(), SearchSettings(), lambda *_: None)
+        return fit_take(
+            TakeSilhouettes(take), init_frames(take), EngineSettings(), SearchSettings(), lambda *_: None
+        )
 
 
 def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupted_second_run_goes_on(
@@ -228,12 +231,12 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
         out=out, workers=0, engine=EngineSettings(), search=one_way, take=open_take(strange_take),
         frames=range(3), overlay=False,
     )  # fmt: skip
-    report, known = {"speed": {}}, load_result(out)
+    report, known, silhouettes = {"speed": {}}, load_result(out), TakeSilhouettes(job.take)
     with pytest.raises(UserError, match="expected at least 2 frames without a mark"):
-        track_again(job, report, is_asked_for=True)
+        track_again(job, silhouettes, report, is_asked_for=True)
     same = SimpleNamespace(actor=known.actor, warnings=[])
     monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: same)
-    assert track_again(job, report, is_asked_for=True) is report
+    assert track_again(job, silhouettes, report, is_asked_for=True) is report
     assert capfd.readouterr().out.endswith("left the body as it is\n")
 
     def tracked_both_ways(job: TakeJob, _: object) -> dict[str, Any]:
@@ -243,22 +246,20 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
         return {"speed": {"fps": 2.0}}
 
     monkeypatch.setattr("services.commands.fitted_runs.track_with_bar", tracked_both_ways)
-    settled = track_again(replace(job, search=SearchSettings()), report, is_asked_for=True)
+    settled = track_again(replace(job, search=SearchSettings()), silhouettes, report, is_asked_for=True)
     assert settled == {"speed": {"fps": 2.0}}, "the first run went one way only"
     went_both_ways = report | {CORRECTED_FRAMES: {}}
-    assert (
-        track_again(replace(job, search=SearchSettings()), went_both_ways, is_asked_for=True)
-        is went_both_ways
-    )
+    both_ways = replace(job, search=SearchSettings())
+    assert track_again(both_ways, silhouettes, went_both_ways, is_asked_for=True) is went_both_ways
     coloured = known.actor.model_copy(update={"colours": {"head": (1, 1, 2, 2)}})
     with_colours = SimpleNamespace(actor=coloured, warnings=[])
     monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: with_colours)
     monkeypatch.setattr("services.commands.fitted_runs.track_with_bar", lambda *_: {"speed": {"fps": 1.0}})
-    assert track_again(job, report, is_asked_for=True) == {"speed": {"fps": 1.0}}
+    assert track_again(job, silhouettes, report, is_asked_for=True) == {"speed": {"fps": 1.0}}
     assert "left the body as it is; the actor's colours were learnt" in capfd.readouterr().out
     write_actor(job.out / ACTOR, coloured, "")
     with_colours.actor = known.actor
-    track_again(job, report, is_asked_for=True)
+    track_again(job, silhouettes, report, is_asked_for=True)
     assert "left the body as it is; the actor's colours cannot be told apart" in capfd.readouterr().out
     write_actor(job.out / ACTOR, known.actor, "")
     np.testing.assert_array_equal(load_result(out).poses, known.poses)

@@ -39,7 +39,7 @@ from services.mocap.types import UNSURE, Floats, Mask
 from services.runs import fit as fit_module
 from services.runs.fit import TakeFit, concluded, fit_take, init_frames
 from services.runs.fit_files import write_fit
-from services.runs.take_silhouettes import seen_of
+from services.runs.take_silhouettes import TakeSilhouettes, seen_of
 from services.runs.way_round import tracked_px
 from services.segmentation.segmenters import make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
@@ -81,7 +81,7 @@ def fit_by(
     """As fit_take, with this in place of the fit."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("services.runs.fit.fit_actor", fitter)
-        return fit_take(take, frames, CPU, search, show, **others)
+        return fit_take(TakeSilhouettes(take), frames, CPU, search, show, **others)
 
 
 @pytest.fixture(scope="module")
@@ -211,22 +211,26 @@ def masks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Mask]:
     """Camera -> the silhouette (H, W) that is seen in all frames in place of the one in its video."""
     shown: dict[str, Mask] = {}
 
-    def segmenter(take: Take, cameras: Sequence[Camera], name: str) -> Segmenter:
-        real = make_segmenter(take, cameras, name)
+    def segmenter(take: Take, cameras: Sequence[Camera], name: str, *options: Any) -> Segmenter:
+        real = make_segmenter(take, cameras, name, *options)
         monkeypatch.setattr(real, "moments", partial(changed, real.moments, cameras))
         return real
 
     def changed(
-        made: Callable[[int, int], Iterator[Moment]], cameras: Sequence[Camera], start: int, stop: int
+        made: Callable[..., Iterator[Moment]],
+        cameras: Sequence[Camera],
+        start: int,
+        stop: int,
+        **options: bool,
     ) -> Iterator[Moment]:
-        for moment in made(start, stop):
+        for moment in made(start, stop, **options):
             trimaps = [
                 trimap_of(shown[camera.name]) if camera.name in shown else trimap
                 for camera, trimap in zip(cameras, moment.trimaps, strict=True)
             ]
             yield replace(moment, trimaps=trimaps)
 
-    monkeypatch.setattr("services.runs.fit.make_segmenter", segmenter)
+    monkeypatch.setattr("services.runs.take_silhouettes.make_segmenter", segmenter)
     return shown
 
 
