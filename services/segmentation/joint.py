@@ -56,6 +56,9 @@ _NO_WORD = -1.7
 is."""
 _SLIGHTLY_AGAINST = -0.5
 """Own evidence below which only its neighbours make a pixel the actor's."""
+_CAMERAS_FOR_FURNITURE = 5
+"""The rays of fewer others often meet where nothing is: that a camera sees nothing there is then no sign of
+something before it."""
 _MARGIN_PX, _RIM_MARGIN_PX = 8, 6
 """Around what may be the actor, so that messages can spread; around what is, so that edges can be settled."""
 
@@ -72,6 +75,7 @@ class JointMatte:
         self._floor = Floor.at(0.0, cameras) if self._has_others else None
         self._voxels = VoxelGrid.of(cameras, self._lenses, 0.0) if len(cameras) > 2 else None
         self._objects = StaticObjects(self._voxels) if self._voxels is not None else None
+        self._finds_furniture = len(cameras) >= _CAMERAS_FOR_FURNITURE
         width, height = self._lenses.sizes_px.max(axis=0)
         shape = len(self._cameras), int(height), int(width)
         self._ratios: Levels = np.ones(shape, np.float32)
@@ -182,7 +186,9 @@ class JointMatte:
             height, width = compared.plate.shape
             misses = np.clip(MISS / 2 * (1 - compared.change), 0, MISS).astype(np.uint8)
             misses[(compared.state == PERHAPS_SHADOW) & (prior >= SUPPORTED)] = MISS // 2
-            misses[self._learnt[c].moved] = MISS // 2
+            learnt = self._learnt[c]
+            tells_nothing = learnt.moved | learnt.blind if self._finds_furniture else learnt.moved
+            misses[tells_nothing] = MISS // 2
             self._misses[c, :height, :width] = misses
         classes = self._voxels.classes(self._misses, there)
         return dict(zip(shadow_priors, classes, strict=True))

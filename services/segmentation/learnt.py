@@ -7,10 +7,10 @@ import numpy as np
 from scipy.ndimage import convolve1d
 
 from services.mocap.types import Bytes, Floats, Longs, Mask
-from services.segmentation.cleanup import drop_specks, opened
+from services.segmentation.cleanup import drop_specks, drop_unconfirmed, opened
 from services.segmentation.pixels import Levels
 from services.segmentation.plate import Plate
-from services.segmentation.voxels import ALONE, CLASS_PRIOR, MORE_MISS, N_CLASSES, NEAR
+from services.segmentation.voxels import ALONE, CLASS_PRIOR, DEEP, MORE_MISS, N_CLASSES, NEAR
 
 BINS = 32
 """Of a histogram of colours, per channel; a bin is 8 levels wide."""
@@ -38,6 +38,15 @@ _FEWEST_MOMENTS, _STILL, _UNCONFIRMED = 6, 0.9, 0.5
 of them, or that static_objects explains."""
 _LEAST_MOVED = 0.003
 """Share of the picture: shoes of somebody who stands still are smaller, and no voxel reaches down to them."""
+_BLIND_PERMILLE, _LEAST_EXPECTED, _LEAST_MISSED = 16.0, 1.5, 0.9
+"""Around a pixel, in a square of so many thousandths of the picture's width, at least so many changes must be
+expected, and at least this share of them missed, where something hides the actor."""
+_LEAST_IN_SIGHT = 0.001
+"""Share of the picture that must show the rest of somebody who is partly hidden: places that few cameras see
+may be empty, though all of these see a change before or behind them."""
+_AROUND_PX, _OFTEN, _MOST_OFTEN = 3, 0.5, 0.3
+"""Feet that stand still, and that furniture hides from the other cameras, have a leg over them: of the pixels
+this near to an object, at most this share changes in half of the moments."""
 
 
 @dataclass(eq=False)
@@ -100,6 +109,9 @@ class Learnt:
         self._changed, self._unsupported = np.zeros((2, *plate.shape), np.uint16)
         """(H, W) number of moments in which a pixel had changed, and of those in which no other camera saw a
         change along its ray."""
+        self._expected, self._missed = np.zeros((2, *plate.shape), np.uint16)
+        """(H, W) number of moments in which nearly all other cameras see a change along a pixel's ray, and of
+        those in which this one surely sees none."""
         self._moments = 0
         self.log_colours = self.colours.log_density(self.colours)
         """(BINS, BINS, BINS) see ActorColours.log_density."""
@@ -107,12 +119,18 @@ class Learnt:
         """(N_CLASSES,) logarithm of the odds of the actor, by what the other cameras say."""
         self.moved: Mask = np.zeros(plate.shape, np.bool_) if moved is None else moved
         """(H, W) where an object was added or removed after the plate was recorded."""
+        self.blind: Mask = np.zeros(plate.shape, np.bool_)
+        """(H, W) where something before the actor hides what the other cameras see."""
 
     def add(self, image_bgr: Bytes, classes: Bytes, changed: Mask, same: Mask) -> None:
         """Take in a picture (H, W, 3), what the others say of its pixels (H, W), and which of them surely
         changed (H, W), and surely did not."""
         self._changed += changed
         self._unsupported += changed & (classes == MORE_MISS)
+        expected = (classes <= DEEP).view(np.uint8)
+        drop_unconfirmed(expected, changed.view(np.uint8), _LEAST_IN_SIGHT * expected.size)
+        self._expected += expected
+        self._missed += expected & same
         self._moments += 1
         changed, same = changed & ~self.moved, same & ~self.moved
         self._n_changed += np.bincount(classes[changed], minlength=N_CLASSES)
@@ -141,9 +159,32 @@ class Learnt:
         least = np.interp(unsupported, _UNSUPPORTED_SHARES, _LEAST_PRIORS)
         prior = np.clip(np.log(odds), least, _MOST_PRIOR)
         self.class_prior = np.where(CLASS_PRIOR == 0.0, 0.0, prior).astype(np.float32)
+        self.blind = self._hidden_places()
         if self._moments >= _FEWEST_MOMENTS:
             still = self._changed >= _STILL * self._moments
-            still &= objects | (self._unsupported >= _UNCONFIRMED * self._moments)
-            moved = opened(still, 5)
+            unconfirmed = opened(still & (self._unsupported >= _UNCONFIRMED * self._moments), 5)
+            moved = opened(still & objects, 5) | self._on_their_own(unconfirmed)
             drop_specks(moved, _LEAST_MOVED * moved.size)
             self.moved = np.asarray(cv2.dilate(moved, np.ones((5, 5), np.uint8)) > 0)
+
+    def _hidden_places(self) -> Mask:
+        """(H, W) where changes are expected, but hardly ever seen."""
+        size_px = 1 + 2 * round(_BLIND_PERMILLE * 1e-3 * self._expected.shape[1] / 2)
+        expected, missed = (
+            cv2.blur(counts.astype(np.float32), (size_px, size_px))
+            for counts in (self._expected, self._missed)
+        )
+        blind = (expected >= _LEAST_EXPECTED) & (missed >= _LEAST_MISSED * expected)
+        return np.asarray(opened(blind, size_px) > 0)
+
+    def _on_their_own(self, patches: Bytes) -> Bytes:
+        """Those patches (H, W) around which little changes often."""
+        changes_often = self._changed >= _OFTEN * self._moments
+        square, kept = np.ones((2 * _AROUND_PX + 1,) * 2, np.uint8), np.zeros_like(patches)
+        n_patches, labels = cv2.connectedComponents(patches)
+        for label in range(1, n_patches):
+            patch = (labels == label).view(np.uint8)
+            around = cv2.dilate(patch, square) > patch
+            if changes_often[around].mean() <= _MOST_OFTEN:
+                kept |= patch
+        return kept

@@ -169,6 +169,32 @@ def test_what_one_camera_alone_sees_is_dropped(segmenter: JointMatte, colour: Co
                 assert not any((trimap == ACTOR).any() for trimap in one.trimaps(images).values())
 
 
+def test_legs_that_furniture_hides_from_some_cameras_stay_in_the_others() -> None:
+    """A table that is in the plates covers the lower part of two cameras' pictures."""
+    cameras, hidden_from = ring(7), (0, 3)
+    empty = [noisy(render(camera).colours, np.random.default_rng(5)) for camera in cameras]
+    pictures, views = [], []
+    for k in range(6):
+        seen = moment(cameras, person(x=0.04 * k, y=-0.02 * k), k)
+        for c in hidden_from:
+            rows = np.flatnonzero(seen.views[c].actor.any(axis=1))
+            table = slice(rows[0] + 6 * np.ptp(rows) // 10, None)
+            seen.images[c][table] = empty[c][table]
+        pictures.append(seen.images)
+        views.append(seen.views)
+    segmenter = taught(joint(cameras), pictures)
+    found = np.zeros(2)
+    for c, trimap in segmenter.trimaps(pictures[2]).items():
+        actor = views[2][c].actor
+        rows = np.flatnonzero(actor.any(axis=1))
+        feet = actor.copy()
+        feet[: rows[-1] - np.ptp(rows) // 6] = False
+        if c not in hidden_from:
+            assert iou(trimap, actor) > 0.92
+            found += (trimap[feet] == ACTOR).sum(), feet.sum()
+    assert found[0] > 0.75 * found[1], "none where nothing is known of the table"
+
+
 def test_a_moment_without_some_cameras(segmenter: JointMatte, standing: Moment) -> None:
     for there in ((0, 1, 2, 3), (0, 2, 4), (1, 4), (3,)):
         found = segmenter.trimaps({c: standing.images[c] for c in there})

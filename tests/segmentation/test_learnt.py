@@ -1,81 +1,71 @@
-"""The histogram of the actor's colours."""
+"""What is learnt of one camera: objects that were moved, and places where furniture hides the actor."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from services.mocap.types import Bytes
-from services.segmentation.learnt import BIN_SHIFT, BINS, ActorColours
-from services.segmentation.pixels import Levels
+from services.mocap.types import Bytes, Mask
+from services.segmentation.learnt import ActorColours, Learnt
+from services.segmentation.plate import Plate
+from services.segmentation.voxels import INSIDE, MORE_MISS
 
-BIN_VOLUME = float((256 // BINS) ** 3)
-
-
-def colours_of(
-    *about: tuple[int, int, int], n: int = 2000, spread: float = 6.0, seed: int = 0
-) -> ActorColours:
-    rng = np.random.default_rng(seed)
-    found = ActorColours()
-    for colour in about:
-        pixels = np.clip(np.rint(rng.normal(colour, spread, (n, 3))), 0, 255)
-        found.add(pixels.astype(np.uint8))
-    return found
+N = 12
+SHAPE_PX = HEIGHT_PX, WIDTH_PX = 96, 128
+THING = np.s_[60:84, 50:74]
+NOTHING = np.zeros(SHAPE_PX, bool)
 
 
-def at(log_density: Levels, colour: tuple[int, int, int]) -> float:
-    blue, green, red = (level >> BIN_SHIFT for level in colour)
-    return float(log_density[blue, green, red])
+@pytest.fixture
+def image() -> Bytes:
+    return np.full((*SHAPE_PX, 3), 90, np.uint8)
 
 
-colour = st.tuples(*[st.integers(40, 215)] * 3)
+@pytest.fixture
+def learnt(image: Bytes) -> Learnt:
+    return Learnt(Plate.learn(iter([image] * 3)))
 
 
-@settings(max_examples=20)
-@given(st.lists(colour, min_size=1, max_size=4), colour, st.integers(0, 100))
-def test_densities_sum_to_one(
-    own: list[tuple[int, int, int]], other: tuple[int, int, int], seed: int
+def _classes(told: Mask, otherwise: int, where_told: int) -> Bytes:
+    return np.where(told, where_told, otherwise).astype(np.uint8)
+
+
+@pytest.mark.parametrize("is_foot", [False, True])
+def test_what_stays_unconfirmed_is_an_object_unless_most_around_it_moves(
+    learnt: Learnt, image: Bytes, is_foot: bool
 ) -> None:
-    camera = colours_of(*own, seed=seed)
-    pooled = ActorColours(camera.counts + colours_of(other, seed=seed).counts)
-    for of_all in (camera, pooled):
-        total = float(np.exp(camera.log_density(of_all).astype(np.float64)).sum() * BIN_VOLUME)
-        assert total == pytest.approx(1, abs=0.08)  # colours that were never seen reach a little too far
+    """Somebody walks past the thing, or it is the foot of somebody who sways a little."""
+    thing = NOTHING.copy()
+    thing[THING] = True
+    for k in range(N):
+        changed = thing.copy()
+        if not is_foot:
+            changed[20:84, 5 + 8 * k : 25 + 8 * k] = True
+        elif k % 3:
+            changed[20:87, 47:77] = True
+        learnt.add(image, _classes(thing, INSIDE, MORE_MISS), changed, ~changed)
+    assert not learnt.moved.any(), "nothing counts before it is concluded"
+    learnt.conclude(ActorColours(), NOTHING)
+    if is_foot:
+        assert not learnt.moved.any()
+    else:
+        assert learnt.moved[THING].all()
+        assert learnt.moved.sum() < 1.5 * thing.sum()
 
 
-def test_before_anything_was_seen_all_colours_are_alike() -> None:
-    nothing = ActorColours()
-    density = nothing.log_density(nothing)
-    assert np.unique(density).size == 1
-    assert nothing.n_pixels == 0
-    few = colours_of((50, 60, 70), n=20)
-    assert np.array_equal(few.log_density(few), density)
-
-
-def test_what_was_seen_is_likelier_than_what_was_not() -> None:
-    seen = colours_of((150, 60, 40))
-    density = seen.log_density(seen)
-    assert seen.n_pixels == 2000
-    assert at(density, (150, 60, 40)) > at(density, (40, 150, 60)) + 5
-
-
-def test_a_colour_that_another_camera_saw_is_likely_too() -> None:
-    one, other = colours_of((150, 60, 40)), colours_of((40, 150, 60))
-    of_all = ActorColours(one.counts + other.counts)
-    alone, together = one.log_density(one), one.log_density(of_all)
-    assert at(together, (40, 150, 60)) > at(alone, (40, 150, 60)) + 4
-    assert at(together, (150, 60, 40)) > at(together, (40, 150, 60))  # its own counts more
-    assert at(together, (200, 200, 20)) == pytest.approx(at(alone, (200, 200, 20)))
-
-
-@given(st.integers(0, 100), st.integers(1, 400))
-def test_pixels_may_come_in_parts(seed: int, cut: int) -> None:
-    pixels: Bytes = np.random.default_rng(seed).integers(0, 256, (400, 3), dtype=np.uint8)
-    whole, parts = ActorColours(), ActorColours()
-    whole.add(pixels)
-    parts.add(pixels[:cut])
-    parts.add(pixels[cut:])
-    np.testing.assert_array_equal(whole.counts, parts.counts)
-    assert whole.n_pixels == 400
-    blue, green, red = (pixels[0] >> BIN_SHIFT).tolist()
-    assert whole.counts[blue, green, red] > 0
+@pytest.mark.parametrize("shows_the_rest", [False, True])
+def test_furniture_is_where_the_others_see_the_rest_of_somebody(
+    learnt: Learnt, image: Bytes, shows_the_rest: bool
+) -> None:
+    """Where the picture shows nobody, what the others see may lie anywhere along the ray."""
+    whole = NOTHING.copy()
+    whole[20:84, 50:74] = True
+    behind = whole.copy()
+    behind[:60] = False
+    for _ in range(N):
+        changed = whole & ~behind if shows_the_rest else NOTHING
+        learnt.add(image, _classes(whole, MORE_MISS, INSIDE), changed, ~changed)
+    learnt.conclude(ActorColours(), NOTHING)
+    if shows_the_rest:
+        assert learnt.blind[62:82, 52:72].all()
+        assert not learnt.blind[:59].any()
+    else:
+        assert not learnt.blind.any()
