@@ -42,7 +42,7 @@ _NOT_IN_VIEW = (
 _NO_HINTS = "; facing and initial_pose in take.toml describe frame 0 and are not used"
 
 
-def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:
+def look_before(silhouettes: TakeSilhouettes, frames: range) -> tuple[Cause, ...]:
     """Check a take, as far as its first frames tell, and print what is wrong.
 
     Raises TakeError where it is certain that the take cannot be tracked.
@@ -54,7 +54,7 @@ def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:
                 remedy=mistake.remedy,
                 level="usable with gaps" if mistake.is_out_of_step else "good",
             )
-            for mistake in _mistakes(take, frames, lambda share: show("checking the take", share), segmenter)
+            for mistake in _mistakes(silhouettes, frames, lambda share: show("checking the take", share))
         )
         show("take checked", 1.0)
     warn(map(str, found))
@@ -62,8 +62,9 @@ def look_before(take: Take, frames: range, segmenter: str) -> tuple[Cause, ...]:
 
 
 def _mistakes(
-    take: Take, frames: range, progress: Callable[[float], None], segmenter: str
+    silhouettes: TakeSilhouettes, frames: range, progress: Callable[[float], None]
 ) -> Iterator[Mistake]:
+    take, segmenter = silhouettes.take, silhouettes.name
     turned = wrong_up(take.cameras, take.settings.up)
     if turned is not None:
         raise _refused(take, turned)
@@ -85,7 +86,8 @@ def _mistakes(
         n_frames = min(max(_MOST_PX // each_px, _FEWEST_FRAMES), _MOST_FRAMES)
     looked_at = range(frames.start, min(frames.stop, frames.start + n_frames))
     with kept_warnings() as warnings:
-        cameras, outlines, middle = outlines_of(take, looked_at, 1, progress, segmenter)
+        moved = silhouettes.segmenter.moved()
+        cameras, outlines, middle = outlines_of(take, looked_at, 1, progress, segmenter, moved)
     found = mistakes_in(cameras, outlines, take.settings.up, take.folder, looked_at)
     for mistake in found:
         if mistake.is_certain:
@@ -94,7 +96,7 @@ def _mistakes(
     # One camera alone is segmented less well than all together, but equally well in all frames.
     yield from (m for m in found if kind == READY or m.is_out_of_step or m.is_change)
     if not any(mistake.is_change for mistake in found):
-        yield from silhouette_faults(cameras, outlines, middle)
+        yield from silhouette_faults(cameras, outlines, middle, moved)
 
 
 def _refused(take: Take, mistake: Mistake, warnings: Sequence[str] = ()) -> TakeError:

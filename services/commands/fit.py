@@ -83,7 +83,7 @@ def fit(
         if refine is None:
             from_there = in_view(silhouettes, range(opened.settings.frames))
             first = init_frames(opened, frames, from_there.start)
-        checks = look_before(opened, first, segmenter)
+        checks = look_before(silhouettes, first)
     if refine is not None:
         count = frames or DEFAULT_REFINE_FRAMES
         work = partial(refine_take, silhouettes, refine, count, body=search.body)

@@ -111,7 +111,7 @@ def track(
         silhouettes = TakeSilhouettes(opened, segmenter, Path(kept))
         if check:
             job = replace(job, frames=in_view(silhouettes, job.frames))
-            job = replace(job, checks=look_before(opened, job.frames, segmenter))
+            job = replace(job, checks=look_before(silhouettes, job.frames))
         fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
         enough = _WORTH_REFINING * len(init_frames(opened))
         again = refine if refine is not None else fits and len(job.frames) >= enough

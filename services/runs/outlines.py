@@ -1,6 +1,6 @@
 """The outlines of a take's silhouettes, each camera's made without the help of the others."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import islice
 
 import numpy as np
@@ -10,17 +10,23 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import in_common_size
 from services.mocap.take.folder import Take
-from services.mocap.types import Trimap
+from services.mocap.types import Mask, Trimap
 from services.segmentation.segmenters import AUTO, make_segmenter
 
 
 def outlines_of(
-    take: Take, frames: range, every: int, progress: Callable[[float], None], segmenter: str = AUTO
+    take: Take,
+    frames: range,
+    every: int,
+    progress: Callable[[float], None],
+    segmenter: str = AUTO,
+    moved: Mapping[str, Mask] | None = None,
 ) -> tuple[tuple[Camera, ...], list[list[Outline | None]], Trimap]:
     """The cameras without lens distortion, their outlines in some frames, and the trimaps of one frame.
 
     every: use every n-th frame. The trimaps (C, H, W) are those of the frame in the middle. progress: called
-    with 0 to 1.
+    with 0 to 1. moved: by camera the pixels (h, w) that show a moved object (Segmenter.moved), which one
+    camera alone takes for the actor; they are unsure.
     """
     cameras = tuple(camera.undistorted() for camera in take.cameras)
     height_px, width_px = Rig.of(cameras).shape_px
@@ -28,7 +34,7 @@ def outlines_of(
     middle: Trimap = np.zeros((len(cameras), height_px, width_px), np.uint8)
     chosen = range(0, len(frames), every)
     for c, camera in enumerate(take.cameras):
-        alone = make_segmenter(take, [camera], segmenter)
+        alone = make_segmenter(take, [camera], segmenter).knowing(moved or {})
         trimaps = alone.trimaps(frames.start, frames.stop)
         of_camera: list[Outline | None] = []
         for n, (trimap,) in enumerate(islice(trimaps, 0, len(frames), every)):

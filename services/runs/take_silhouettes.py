@@ -25,7 +25,7 @@ class TakeSilhouettes:
 
     def __init__(self, take: Take, segmenter: str = AUTO, kept: Path | None = None) -> None:
         """kept: a folder for silhouettes once made; see make_segmenter."""
-        self.take, self._name, self._kept = take, segmenter, kept
+        self.take, self.name, self._kept = take, segmenter, kept
         self._plate_checks: list[PlateCheck] = []
         self._said: list[str] = []
 
@@ -33,7 +33,7 @@ class TakeSilhouettes:
     def has_stage(self) -> bool:
         """Whether they are ready, or the empty stage was recorded for all cameras, so that it need not be
         estimated from the videos."""
-        is_ready = chosen_segmenter(self.take, self._name) == READY
+        is_ready = chosen_segmenter(self.take, self.name) == READY
         return is_ready or all(map(self.take.has_background, self.take.cameras))
 
     @cached_property
@@ -41,7 +41,7 @@ class TakeSilhouettes:
         """What makes them; raises UserError as make_segmenter does."""
         with kept_warnings() as said:
             made = make_segmenter(
-                self.take, self.take.cameras, self._name, self._plate_checks.append, self._kept
+                self.take, self.take.cameras, self.name, self._plate_checks.append, self._kept
             )
         self._said = said
         return made

@@ -46,6 +46,12 @@ class GroupMatte(Protocol):
         missing."""
         ...
 
+    @property
+    def moved(self) -> list[Mask]:
+        """Per camera (H, W): where an object was added or removed since the plate was recorded, if this looks
+        for some."""
+        ...
+
 
 class SeparateMattes:
     """A matte for each camera, none of which knows of the others; blobs that only one camera sees go."""
@@ -54,6 +60,7 @@ class SeparateMattes:
         self._mattes = list(mattes)
         has_enough = len(cameras) > _LEAST_OTHERS
         self._voxels = VoxelGrid.of(cameras, Lenses.of(cameras), 0.0) if has_enough else None
+        self.moved: list[Mask] = [np.zeros(camera.shape_px, np.bool_) for camera in cameras]
 
     def trimaps(self, images_bgr: Mapping[int, Bytes], /) -> dict[int, Trimap]:
         """See GroupMatte.trimaps: without blobs that no other camera supports.
@@ -112,13 +119,18 @@ class Segmenter:
         raw_moments: RawMoments,
         occluded: Mapping[str, Mask] | None = None,
         colour_tables: Mapping[str, Bytes] | None = None,
+        moved: Callable[[], Mapping[str, Mask]] = dict,
     ) -> None:
         """occluded: by camera the pixels (h, w), without lens distortion, in which something hides the actor.
-        colour_tables: by camera what the colour classes look like there (colour_classes)."""
+        colour_tables: by camera what the colour classes look like there (colour_classes). moved: see
+        `moved`."""
         self.raw_moments = raw_moments
         """Of frames from start up to and without stop, with lens distortion and without colour classes."""
         self._cameras, self._occluded = cameras, occluded or {}
         self._tables = colour_tables or {}
+        self.moved = moved
+        """Returns by camera the pixels (h, w), without lens distortion, where an object was added or removed
+        since the clean plates were recorded."""
         self._undistorters = [Undistorter(camera) for camera in cameras]
 
     @classmethod
@@ -149,7 +161,11 @@ class Segmenter:
                         kept.keep(frame, trimaps)
                 yield Moment(trimaps, images)
 
-        return cls(cameras, raw_moments)
+        def moved() -> dict[str, Mask]:
+            masks = {c.name: Undistorter(c).mask(m) for c, m in zip(cameras, matte().moved, strict=True)}
+            return {name: mask for name, mask in masks.items() if mask.any()}
+
+        return cls(cameras, raw_moments, moved=moved)
 
     @classmethod
     def of_silhouettes(cls, take: Take, cameras: Sequence[Camera]) -> "Segmenter":
@@ -167,7 +183,7 @@ class Segmenter:
     ) -> "Segmenter":
         """A segmenter with the same silhouettes, in which occluded pixels (see __init__) are unsure, and with
         colour classes."""
-        return Segmenter(self._cameras, self.raw_moments, occluded, colour_tables)
+        return Segmenter(self._cameras, self.raw_moments, occluded, colour_tables, self.moved)
 
     def moments(self, start: int, stop: int, *, with_pictures: bool = True) -> Iterator[Moment]:
         """Undistorted trimaps and classes, and the raw pictures, of frames start up to but not including

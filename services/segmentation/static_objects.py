@@ -5,8 +5,8 @@ while somebody else moves. A group of voxels that shows a change at nearly all m
 
 - two cameras see most of it beside the other such groups: where the rays to several things meet, there may be
   nothing;
-- at most of these moments the changed voxels without it still hold somebody who moves, stands on the floor,
-  and is as tall as a person.
+- at most of these moments the changed voxels some way off still hold somebody who moves, stands on the floor,
+  and is as tall as a person: around somebody who hardly moves there are only arms, and a leg.
 """
 
 from collections import deque
@@ -21,17 +21,17 @@ from services.segmentation.voxels import COARSE_M, VoxelGrid
 
 _MOMENTS = 24
 """So many moments count: the last ones."""
-_FEWEST_MOMENTS, _STATIC, _SOMETIMES = 6, 0.9, 0.1
-"""From so many moments on: voxels that show a change in at least this share of them are static; those with
-more than the last share move."""
+_FEWEST_MOMENTS, _STATIC = 6, 0.9
+"""From so many moments on: voxels that show a change in at least this share of them are static."""
 _PERSON_M, _PERSON_VOXELS, _ON_FLOOR_M = 1.0, 30, 0.4
 """Somebody is at least so tall, and begins at most so far above the floor."""
 _MOVING_SHARE = 0.1
 """Of the voxels of somebody who moves, at least this share is not static."""
 _ACCOMPANIED = 0.7
 """Somebody who moves must be there beside an object in at least this share of the moments."""
-_MOST_TOUCHED = 0.5
-"""Share of the voxels around an object that may show movement: arms move around a trunk that stands still."""
+_APART_VOXELS = 3
+"""How far off that is: a third of a metre. Drawn crates have somebody there at all moments, people who stand
+still (four takes) at 7 % of them at most."""
 _LEAST_VOXELS = 8
 """Size of the smallest object: about 25 cm each way."""
 _BESIDE, _CAMERAS_BESIDE = 0.5, 2
@@ -72,7 +72,8 @@ class StaticObjects:
         x, y = self._voxels.coarse_px[camera][voxels].T
         drawn[y[x >= 0], x[x >= 0]] = 1
         square = np.ones((size * int(self._voxels.reach_px[camera]),) * 2, np.uint8)
-        return np.asarray(cv2.dilate(drawn, square) > 0)
+        # Close to the camera voxels are larger: closing fills the gaps between their squares.
+        return np.asarray(cv2.morphologyEx(cv2.dilate(drawn, square), cv2.MORPH_CLOSE, square) > 0)
 
     def _objects(self, shapes_px: Sequence[tuple[int, int]]) -> Mask:
         """(N,) the voxels of objects."""
@@ -81,16 +82,16 @@ class StaticObjects:
             return found
         share = np.mean(self._moments, axis=0)
         is_static = share >= _STATIC
-        static, moving = self._filled(is_static), self._filled((share > _SOMETIMES) & ~is_static)
+        static = self._filled(is_static)
         labels, n_groups = ndimage.label(static, _NEIGHBOURS)
         moments = [self._filled(moment) for moment in self._moments]
         for label in range(1, n_groups + 1):
             is_group = labels == label
-            around = ndimage.binary_dilation(is_group, _NEIGHBOURS) & ~is_group
             group = is_group[self._place]
-            if np.count_nonzero(group) < _LEAST_VOXELS or moving[around].mean() > _MOST_TOUCHED:
+            if np.count_nonzero(group) < _LEAST_VOXELS:
                 continue
-            accompanied = np.mean([_has_somebody(moment & ~is_group, static) for moment in moments])
+            apart = ~ndimage.binary_dilation(is_group, _NEIGHBOURS, _APART_VOXELS)
+            accompanied = np.mean([_has_somebody(moment & apart, static) for moment in moments])
             if accompanied >= _ACCOMPANIED and self._lies_beside(group, is_static, shapes_px):
                 found |= group
         return found

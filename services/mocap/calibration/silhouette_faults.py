@@ -1,6 +1,7 @@
 """What silhouettes lack: actors who are cut off at a picture's edge, and feet that do not reach the floor."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
 from services.mocap.search.hull import carve
-from services.mocap.types import ACTOR, BACKGROUND, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, Mask, Trimap
 
 _OFTEN = 0.5
 """Share of the frames from which a camera that cuts the actor off is told."""
@@ -20,10 +21,18 @@ _FLOATING_M = 0.1, 0.6
 
 
 def silhouette_faults(
-    cameras: tuple[Camera, ...], outlines: Sequence[Sequence[Outline | None]], middle: Trimap
+    cameras: tuple[Camera, ...],
+    outlines: Sequence[Sequence[Outline | None]],
+    middle: Trimap,
+    moved: Mapping[str, Mask] = MappingProxyType({}),
 ) -> Iterator[Mistake]:
-    """What the silhouettes lack. outlines: per camera, of each frame; middle (C, H, W): of one frame."""
-    cut = [camera.name for camera, seen in zip(cameras, outlines, strict=True) if _is_cut(camera, seen)]
+    """What the silhouettes lack. outlines: per camera, of each frame; middle (C, H, W): of one frame. moved:
+    by camera where (h, w) a moved object is, which may stand at the lower edge in place of the actor."""
+    cut = [
+        camera.name
+        for camera, seen in zip(cameras, outlines, strict=True)
+        if _is_cut(camera, seen) and not (camera.name in moved and moved[camera.name][-1].any())
+    ]
     if cut:
         yield Mistake(
             f"silhouettes of {', '.join(cut)}",
