@@ -51,6 +51,10 @@ _TELLING = -0.5
 _HARDLY_AGAINST = -2.2
 """Log odds of a pixel (its own evidence plus the other cameras') above which it is unsure instead of
 background."""
+_UNLIKE_AROUND = -1.7
+"""Mean evidence of a pixel and its neighbours below which it is background all the same. One pixel of an even
+wall is hardly evidence where the actor wears its colour; a whole patch that looks exactly like the wall is.
+Few cameras leave open all about the actor what the others cannot exclude, and no outline would be left."""
 _NO_WORD = -1.7
 """In place of the others' word where too few see a place: the pixel is then unsure only if its own evidence
 is."""
@@ -243,7 +247,8 @@ class JointMatte:
         cleanup_in_place(actor, height * width)
         trimap = actor * np.uint8(ACTOR)
         against = (own < _SLIGHTLY_AGAINST) & (prior <= _TELLING)
-        doubtful = np.where(actor > 0, against, own + prior > _HARDLY_AGAINST)
+        perhaps = (own + prior > _HARDLY_AGAINST) & (cv2.blur(own, (5, 5)) > _UNLIKE_AROUND)
+        doubtful = np.where(actor > 0, against, perhaps)
         doubt = opened(doubtful, 3)
         drop_specks(doubt, SPECK_AREA_PPM * 1e-6 * height * width)
         trimap[doubt > 0] = UNSURE

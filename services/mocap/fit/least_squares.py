@@ -21,6 +21,9 @@ from services.mocap.fit.normal_equations import Stage, State, System
 from services.mocap.fit.priors import WEIGHT_PX3, Prior
 from services.mocap.types import Floats
 
+_FAR_PX = np.array([100.0])
+"""Residual, in working pixels, of a contour whose body is outside of the picture: no state may be better for
+leaving pictures."""
 _GAIN = 0.995
 """A step without progress leaves more than this share of the least cost so far."""
 _AVERAGED = 4
@@ -127,6 +130,7 @@ class Fitting:
         for views in matches:
             for view, camera_weight in zip(views, self._camera_weights, strict=True):
                 cost += camera_weight * float(view.lengths_px @ stage.losses(view.residuals_px))
+                cost += view.unmatched_px * float(stage.losses(_FAR_PX)[0])
         return _Matched(state, matches, cost)
 
     def _weigh_cameras(self, matches: list[list[Matches]]) -> Floats:

@@ -48,6 +48,8 @@ class Matches:
     """(N,)"""
     lengths_px: Floats
     """(N,) the length of outline that a row stands for, in working pixels."""
+    unmatched_px: float = 0.0
+    """Length of a contour that has no rows, because the body is outside of the picture, in working pixels."""
 
 
 def match_frame(body: Body, pose: Floats, rig: Rig, contours: list[Contour]) -> list[Matches]:
@@ -66,10 +68,10 @@ def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:
     The distance includes the difference of the normals. Points of the model that meet unsure pixels first are
     not used. scale: pixels per working pixel.
     """
-    if len(rim.edges) == 0 or len(rim.points_px) == 0 or contour.length_px < _SHORTEST_PX:
-        return Matches(
-            np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0)
-        )
+    is_used = contour.length_px >= _SHORTEST_PX
+    if len(rim.edges) == 0 or len(rim.points_px) == 0 or not is_used:
+        unmatched_px, points = contour.length_px if is_used else 0.0, np.zeros((0, 2))
+        return Matches(points.astype(np.int64), points, points, np.zeros(0), np.zeros(0), unmatched_px)
     forth = evenly(len(rim.points_px), RIM_POINTS)
     features = features_of(rim.points_px, rim.normals, scale)
     _, on_contour = contour.tree.query(features[forth])
