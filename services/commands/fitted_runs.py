@@ -22,7 +22,7 @@ from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.layout import ACTOR
-from services.runs.fit import fit_take, init_frames
+from services.runs.fit import DEFAULT_INIT_FRAMES, ROUGH_INIT_FRAMES, fit_take, init_frames
 from services.runs.progress import Progress as Run
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.take_silhouettes import TakeSilhouettes
@@ -80,7 +80,8 @@ def fit_and_track(
         own, kept = imported.mesh, f"{command} --mesh {mesh} keeps it in the take"
         warnings = [*imported.remarks, f"{mesh}: was fitted for this run; {kept}"]
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
-    first = init_frames(take, start=job.frames.start)
+    usual = ROUGH_INIT_FRAMES if goes_on else DEFAULT_INIT_FRAMES
+    first = init_frames(take, start=job.frames.start, usual=usual)
     work = partial(
         fit_take, silhouettes, first, engine, job.search, mesh=own, before=job.frames.stop,
         is_refined_next=goes_on,

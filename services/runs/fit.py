@@ -39,6 +39,8 @@ from services.runs.way_round import MOTION_FRAMES, Way, fit_best_way_round, trac
 log = logging.getLogger(__name__)
 
 DEFAULT_INIT_FRAMES = 10
+ROUGH_INIT_FRAMES = 5
+"""Before a second fit to frames of the whole take, which then ends with the same body as after ten."""
 _SKIRT = (
     "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what the legs do in "
     "it is estimated from what is visible of them"
@@ -96,11 +98,13 @@ def frames_in_words(found: TakeFit) -> str:
     return f"frames {ends}" if isinstance(found.frames, range) else f"{len(found.frames)} frames from {ends}"
 
 
-def init_frames(take: Take, asked: int | None = None, start: int = 0) -> range:
-    """The frames for a fit: as many as requested, else as in take.toml, else ten, from `start` on or, near
-    the end of the take, the last ones."""
+def init_frames(
+    take: Take, asked: int | None = None, start: int = 0, usual: int = DEFAULT_INIT_FRAMES
+) -> range:
+    """The frames for a fit: as many as requested, else as in take.toml, else as usual, from `start` on or,
+    near the end of the take, the last ones."""
     n_frames = take.settings.frames
-    wanted = min(asked or take.settings.init_frames or DEFAULT_INIT_FRAMES, n_frames)
+    wanted = min(asked or take.settings.init_frames or usual, n_frames)
     first = min(start, n_frames - wanted)
     return range(first, first + wanted)
 

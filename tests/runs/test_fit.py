@@ -108,8 +108,9 @@ def test_the_first_frames_are_those_of_take_toml_or_as_asked(folder: Path) -> No
     take = open_take(folder)
     assert init_frames(take) == range(3)
     assert init_frames(take, 2) == range(2)
+    assert init_frames(take, usual=2) == range(2)
     told = Take(folder, take.settings.model_copy(update={"init_frames": 1}), take.cameras, take.source)
-    assert init_frames(told) == range(1)
+    assert init_frames(told) == init_frames(told, usual=2) == range(1)
     assert init_frames(told, 2) == range(2)
 
 

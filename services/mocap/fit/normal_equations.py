@@ -14,9 +14,6 @@ ALL_DOFS: tuple[int, ...] = tuple(range(N_DOF))
 _WALL, _WALL_ROUNDS = 1e4, 4
 """How stiff bounds are against the data, and how often a step is sought anew because of them."""
 
-_LEAST_STIFFNESS = 1e-9
-"""Against steps of parameters that nothing determines: the place of a body that no camera sees."""
-
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -134,8 +131,7 @@ class System:
         """
         diagonals = np.diagonal(self.poses, axis1=1, axis2=2)
         strength = pose_walls[0] * diagonals
-        stiffness = damping * diagonals + strength + _LEAST_STIFFNESS
-        poses = self.poses + stiffness[:, :, None] * np.eye(diagonals.shape[1])
+        poses = self.poses + (damping * diagonals + strength)[:, :, None] * np.eye(diagonals.shape[1])
         slopes = self.pose_slopes - strength * pose_walls[1]
         diagonal = np.diag(self.shape)
         strength = shape_walls[0] * diagonal

@@ -76,6 +76,8 @@ COVARIANCE: Floats = _correlation() * np.outer(DEVIATIONS, DEVIATIONS)
 _IS_LONG: Mask = np.array([name in _LONG_BONES for name in INDEX])
 MEAN: Floats = np.log([_MEAN_FACTORS.get(name, 1.0) for name in INDEX])
 """(n,) of the shape vectors of people; zero is the generic body."""
+_LEAST_STIFFNESS = 1e-9
+"""Against steps of pose parameters that nothing determines: the place of a body that no silhouette shows."""
 
 
 class Prior:
@@ -117,7 +119,9 @@ class Prior:
         parameters, dofs, n_frames = list(stage.parameters), list(stage.dofs), len(state.poses)
         shape, per_frame = self.shape_precision(n_views), self._weight_px3 * n_views / n_frames
         return System(
-            poses=np.tile(np.diag(per_frame * self._pose_precision[dofs]), (n_frames, 1, 1)),
+            poses=np.tile(
+                np.diag(per_frame * self._pose_precision[dofs] + _LEAST_STIFFNESS), (n_frames, 1, 1)
+            ),
             cross=np.zeros((n_frames, len(dofs), len(parameters))),
             shape=shape[np.ix_(parameters, parameters)],
             pose_slopes=(per_frame * self._pose_precision * (state.poses - self._poses))[:, dofs],

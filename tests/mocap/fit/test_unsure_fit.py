@@ -50,6 +50,21 @@ def test_unsure_feet_do_not_shorten_a_shank(rig: Rig, a_person: Callable[..., An
     assert cut < known - 0.03
 
 
+def test_a_frame_without_any_outline_keeps_its_pose_and_does_not_change_the_body(
+    rig: Rig, a_person: Callable[..., Any]
+) -> None:
+    person = a_person(2, 2)
+    poses = np.tile(person.guess, (2, 1))
+    seen = person.seen
+    silhouettes, unsure = seen.silhouettes.copy(), np.zeros_like(seen.silhouettes)
+    silhouettes[1], unsure[1] = 0, 0xFF
+    with_it = fit_actor(rig, TriPlanes(silhouettes, unsure), Actor(height=1.7), poses)
+    alone = fit_actor(rig, TriPlanes.sure(silhouettes[:1]), Actor(height=1.7), poses[:1])
+    assert with_it.actor.height == pytest.approx(alone.actor.height, abs=0.01)
+    np.testing.assert_allclose(with_it.poses[0], alone.poses[0], atol=0.05)
+    np.testing.assert_allclose(with_it.poses[1, :6], poses[1, :6], atol=1e-6)
+
+
 def test_contours_end_beside_unsure_pixels_and_nothing_is_matched_there(
     rig: Rig, a_person: Callable[..., Any]
 ) -> None:
