@@ -32,7 +32,7 @@ from services.segmentation.segmenters import chosen_segmenter
 IN_HELP = ("out", "frames", "refine", "watch", "port", "strict")
 """The options that --help shows."""
 _WORTH_REFINING = 3
-"""Frames tracked over frames that the body was fitted to from which more of them are worth a second run."""
+"""A second run is worth it from so many times init_frames (or ten) on."""
 
 
 def track(

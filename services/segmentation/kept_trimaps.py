@@ -1,5 +1,6 @@
 """Raw trimaps of a recorded take in a folder, for the steps of a command that need them again."""
 
+import logging
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,7 +9,10 @@ import numpy as np
 
 from services.mocap.atomic import atomic_file
 from services.mocap.camera.camera import Camera
+from services.mocap.errors import UserError
 from services.mocap.types import Trimap
+
+log = logging.getLogger(__name__)
 
 _FAST = 1
 """zlib's level; a PNG takes ten times as long to read."""
@@ -16,24 +20,36 @@ _SUFFIX = ".trimaps"
 
 
 class KeptTrimaps:
-    """The trimaps of some cameras, with lens distortion, one file a frame; processes may share the folder."""
+    """The trimaps of some cameras, with lens distortion, one file a frame.
+
+    Processes may share the folder for the same take, segmenter and cameras.
+    """
 
     def __init__(self, folder: Path, cameras: Sequence[Camera]) -> None:
         """cameras: always the same ones, in this order."""
-        self._folder = folder
+        self._folder, self._has_room = folder, True
         self._shapes_px = [(camera.height_px, camera.width_px) for camera in cameras]
 
     def keep(self, frame: int, trimaps: Sequence[Trimap]) -> None:
-        """Write the trimaps (h, w) of a frame, one per camera; the file appears as a whole."""
+        """Write the trimaps (h, w) of a frame, one per camera; the file appears as a whole.
+
+        From the first one on that cannot be written none is: they are then made again.
+        """
+        if not self._has_room:
+            return
         content = b"".join(trimap.tobytes() for trimap in trimaps)
-        with atomic_file(self._path(frame)) as part:
-            part.write_bytes(zlib.compress(content, _FAST))
+        try:
+            with atomic_file(self._path(frame)) as part:
+                part.write_bytes(zlib.compress(content, _FAST))
+        except (OSError, UserError) as problem:
+            self._has_room = False
+            log.info("silhouettes are not kept from frame %d on: %s", frame, problem)
 
     def read(self, frame: int) -> list[Trimap] | None:
         """The trimaps (h, w) of a frame, one per camera; None if they were not kept."""
         try:
             content = zlib.decompress(self._path(frame).read_bytes())
-        except FileNotFoundError:
+        except OSError:
             return None
         ends = np.cumsum([height * width for height, width in self._shapes_px])
         flat = np.split(np.frombuffer(content, np.uint8).copy(), ends[:-1])

@@ -159,8 +159,8 @@ class Learnt:
         least = np.interp(unsupported, _UNSUPPORTED_SHARES, _LEAST_PRIORS)
         prior = np.clip(np.log(odds), least, _MOST_PRIOR)
         self.class_prior = np.where(CLASS_PRIOR == 0.0, 0.0, prior).astype(np.float32)
-        self.blind = self._hidden_places()
         if self._moments >= _FEWEST_MOMENTS:
+            self.blind = self._hidden_places()
             still = self._changed >= _STILL * self._moments
             unconfirmed = opened(still & (self._unsupported >= _UNCONFIRMED * self._moments), 5)
             moved = opened(still & objects, 5) | self._on_their_own(unconfirmed)
@@ -179,12 +179,13 @@ class Learnt:
 
     def _on_their_own(self, patches: Bytes) -> Bytes:
         """Those patches (H, W) around which little changes often."""
+        drop_specks(patches, _LEAST_MOVED * patches.size)
         changes_often = self._changed >= _OFTEN * self._moments
         square, kept = np.ones((2 * _AROUND_PX + 1,) * 2, np.uint8), np.zeros_like(patches)
         n_patches, labels = cv2.connectedComponents(patches)
         for label in range(1, n_patches):
             patch = (labels == label).view(np.uint8)
             around = cv2.dilate(patch, square) > patch
-            if changes_often[around].mean() <= _MOST_OFTEN:
+            if np.count_nonzero(changes_often & around) <= _MOST_OFTEN * np.count_nonzero(around):
                 kept |= patch
         return kept

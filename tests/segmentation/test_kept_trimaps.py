@@ -34,6 +34,16 @@ def test_trimaps_of_any_size_come_back_as_they_were(small_cameras: Cameras, tmp_
     assert kept.has_all(8)
 
 
+def test_what_cannot_be_kept_is_made_again(small_take: SmallTake, tmp_path: Path) -> None:
+    take = open_take(small_take(n_cameras=3, frames=2))
+    (tmp_path / "file").touch()
+    made = make_segmenter(take, take.cameras, kept=tmp_path / "file" / "kept")
+    expected = make_segmenter(take, take.cameras)
+    for _ in range(2):
+        for found, trimaps in zip(made.trimaps(0, 2), expected.trimaps(0, 2), strict=True):
+            _assert_same(found, trimaps)
+
+
 def _assert_same(found: Sequence[Trimap] | None, expected: Sequence[Trimap]) -> None:
     assert found is not None
     for one, other in zip(found, expected, strict=True):

@@ -69,3 +69,12 @@ def test_furniture_is_where_the_others_see_the_rest_of_somebody(
         assert not learnt.blind[:59].any()
     else:
         assert not learnt.blind.any()
+
+
+def test_few_moments_tell_no_furniture(learnt: Learnt, image: Bytes) -> None:
+    told, changed = ~NOTHING, NOTHING.copy()
+    changed[:20] = True
+    for _ in range(3):
+        learnt.add(image, _classes(told, MORE_MISS, INSIDE), changed, ~changed)
+    learnt.conclude(ActorColours(), NOTHING)
+    assert not learnt.blind.any()
