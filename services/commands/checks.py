@@ -91,7 +91,7 @@ def _mistakes(
     found = mistakes_in(cameras, outlines, take.settings.up, take.folder, looked_at)
     for mistake in found:
         if mistake.is_certain:
-            raise _refused(take, mistake, warnings)
+            raise _refused(take, mistake, [*silhouettes.said, *warnings])
     yield from (Mistake("", sentence, "") for sentence in warnings)
     # One camera alone is segmented less well than all together, but equally well in all frames.
     yield from (m for m in found if kind == READY or m.is_out_of_step or m.is_change)

@@ -117,6 +117,7 @@ def track(
         again = refine if refine is not None else fits and len(job.frames) >= enough
         say(ENERGY_IN_WORDS, stderr)  # which the bars show
         if again:
+            _ = silhouettes.remarks  # once all silhouettes are kept, nothing is learnt and nothing remarked
             job = replace(job, kept=Path(kept))
         first = replace(job, overlay=overlay and not again)  # it would be drawn twice
         if fits:

@@ -27,7 +27,8 @@ class TakeSilhouettes:
         """kept: a folder for silhouettes once made; see make_segmenter."""
         self.take, self.name, self._kept = take, segmenter, kept
         self._plate_checks: list[PlateCheck] = []
-        self._said: list[str] = []
+        self.said: list[str] = []
+        """What is wrong with the empty stage, as far as it was noticed while learning it."""
 
     @property
     def has_stage(self) -> bool:
@@ -43,7 +44,7 @@ class TakeSilhouettes:
             made = make_segmenter(
                 self.take, self.take.cameras, self.name, self._plate_checks.append, self._kept
             )
-        self._said = said
+        self.said = said
         return made
 
     @cached_property
@@ -53,7 +54,7 @@ class TakeSilhouettes:
         with kept_warnings() as of_plates:
             for check in self._plate_checks:
                 check()
-        return [*self._said, *of_plates]
+        return [*self.said, *of_plates]
 
 
 def seen_of(

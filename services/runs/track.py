@@ -35,7 +35,8 @@ class TakeJob(Job):
     fitted: Path | None = None
     """A folder of xormocap fit, used instead of the take's actor and poses; copied to out/fit."""
     kept: Path | None = None
-    """A folder for silhouettes, if the take is tracked again: each is made only once; see make_segmenter."""
+    """A folder for silhouettes, if the take is tracked again: each is made only once. If all frames of the
+    take are tracked, the next run need not learn the stage either; see make_segmenter."""
     endpoint: str | None = None
     """Where the coordinator listens; None: at free ports."""
     checks: tuple[Cause, ...] = ()

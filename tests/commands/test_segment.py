@@ -32,7 +32,7 @@ class _Given:
     def __init__(self, unsure_frames: int) -> None:
         self._unsure_frames = unsure_frames
 
-    def raw_moments(self, start: int, stop: int) -> Iterator[Moment]:
+    def raw_moments(self, start: int, stop: int, **_: bool) -> Iterator[Moment]:
         for frame in range(start, stop):
             yield Moment([_actor(), _actor(slice(31, 42) if 0 < frame <= self._unsure_frames else None)])
 

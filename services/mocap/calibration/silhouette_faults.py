@@ -1,8 +1,8 @@
 """What silhouettes lack: actors who are cut off at a picture's edge, and feet that do not reach the floor."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from types import MappingProxyType
 
+import cv2
 import numpy as np
 
 from services.mocap.calibration.epipolar_tangents import Outline
@@ -11,11 +11,11 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import TakeError
 from services.mocap.search.hull import carve
-from services.mocap.types import ACTOR, BACKGROUND, Mask, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, Bytes, Mask, Trimap
 
 _OFTEN = 0.5
 """Share of the frames from which a camera that cuts the actor off is told."""
-_EDGE_PX = 3.0
+_EDGE_PX = 3
 _FLOATING_M = 0.1, 0.6
 """How far above the floor the lowest point is if the feet are missing; more is another world, or a jump."""
 
@@ -24,14 +24,14 @@ def silhouette_faults(
     cameras: tuple[Camera, ...],
     outlines: Sequence[Sequence[Outline | None]],
     middle: Trimap,
-    moved: Mapping[str, Mask] = MappingProxyType({}),
+    moved: Mapping[str, Mask],
 ) -> Iterator[Mistake]:
     """What the silhouettes lack. outlines: per camera, of each frame; middle (C, H, W): of one frame. moved:
     by camera where (h, w) a moved object is, which may stand at the lower edge in place of the actor."""
     cut = [
         camera.name
         for camera, seen in zip(cameras, outlines, strict=True)
-        if _is_cut(camera, seen) and not (camera.name in moved and moved[camera.name][-1].any())
+        if _is_cut(camera, seen, moved.get(camera.name))
     ]
     if cut:
         yield Mistake(
@@ -66,8 +66,17 @@ def _bottom_m(cameras: tuple[Camera, ...], trimaps: Trimap, without: int | None 
         return None  # what does not meet in space is told otherwise
 
 
-def _is_cut(camera: Camera, outlines: Sequence[Outline | None]) -> bool:
-    """Whether a camera's silhouettes mostly end at the lower edge of its picture."""
+def _is_cut(camera: Camera, outlines: Sequence[Outline | None], moved: Mask | None) -> bool:
+    """Whether a camera's silhouettes mostly end at the lower edge of its picture, beside a moved object
+    (h, w)."""
     seen = [outline for outline in outlines if outline is not None]
-    lowest_px = [float(outline.pixels(camera)[:, 1].max()) for outline in seen]
-    return bool(seen) and float(np.mean(np.array(lowest_px) > camera.height_px - _EDGE_PX)) > _OFTEN
+    is_actor = np.ones(camera.width_px, bool)
+    if moved is not None:
+        at_edge: Bytes = np.asarray(moved[-(2 * _EDGE_PX) :].any(axis=0), np.uint8).reshape(1, -1)
+        is_actor = cv2.dilate(at_edge, np.ones((1, 2 * _EDGE_PX + 1), np.uint8))[0] == 0
+    ends = []
+    for outline in seen:
+        pixels = outline.pixels(camera)
+        lowest = pixels[pixels[:, 1] > camera.height_px - _EDGE_PX, 0]
+        ends.append(is_actor[np.rint(lowest).astype(int).clip(0, camera.width_px - 1)].any())
+    return bool(seen) and float(np.mean(ends)) > _OFTEN
