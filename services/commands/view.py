@@ -28,7 +28,7 @@ from services.segmentation.segmenters import AUTO, chosen_segmenter, make_segmen
 from services.segmentation.silhouettes import Segmenter
 from services.viewer.finished import FinishedFrames
 from services.viewer.frame_history import FrameHistory
-from services.viewer.pictures import Segmented, TakePictures
+from services.viewer.picture_sources import Segmented, TakePictures
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 

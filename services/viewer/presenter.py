@@ -22,7 +22,7 @@ from services.mocap.take.folder import Take
 from services.mocap.take.live import LiveTake
 from services.viewer.archive import CHUNK_FRAMES, Archive, RetryRequests, solved_frame_of
 from services.viewer.frame_history import KEPT_FRAMES, FrameHistory
-from services.viewer.pictures import LivePictures, TakePictures
+from services.viewer.picture_sources import LivePictures, TakePictures
 from services.viewer.show import Show
 from services.viewer.tiles import TileArtist
 

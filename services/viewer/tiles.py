@@ -24,7 +24,7 @@ from services.mocap.search.error_by_part import PART_STAGES
 from services.mocap.take.marks import Part
 from services.mocap.types import Bytes, Mask
 from services.viewer.frame_history import SolvedFrame
-from services.viewer.pictures import Pictures, Segmented
+from services.viewer.picture_sources import Pictures, Segmented
 
 Content = Literal["pictures", "silhouettes", "difference", "colours"]
 _JPEG = (

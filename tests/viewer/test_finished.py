@@ -25,7 +25,7 @@ from services.mocap.take.folder import Take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv, write_poses_csv
 from services.viewer.finished import FinishedTake
-from services.viewer.pictures import TakePictures
+from services.viewer.picture_sources import TakePictures
 from services.viewer.tiles import Look, TileArtist
 
 

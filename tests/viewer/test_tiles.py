@@ -16,7 +16,7 @@ from services.mocap.take.folder import Take
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Bytes, Floats
 from services.viewer.frame_history import SolvedFrame
-from services.viewer.pictures import Segmented
+from services.viewer.picture_sources import Segmented
 from services.viewer.tiles import Content, Look, Tile, TileArtist
 
 ALL = tuple(range(8))

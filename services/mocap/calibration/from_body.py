@@ -27,10 +27,10 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import contours_of, working_scales
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian
-from services.mocap.fit.matching import Matches, match_frame
-from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State, System
+from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State, System
 from services.mocap.fit.priors import Prior
 from services.mocap.fit.quality import FitQuality, quality_of
+from services.mocap.fit.rim_matching import Matches, match_frame
 from services.mocap.search.alignment.twists import TWIST_SIZE, place_twists
 from services.mocap.types import Floats, Mask
 
@@ -41,10 +41,10 @@ _LEAST_GAIN = 0.01
 _CONTOUR_POINTS = 250
 """Most contour points of a view that are matched with the model."""
 _STAGES = (
-    Stage((), ALL_DOFS, 15.0, 6, damping=0.003),
-    Stage((), ALL_DOFS, 4.0, 6, damping=0.003),
-    Stage((), ALL_DOFS, 1.5, 6, damping=0.003),
-    Stage((), ALL_DOFS, 0.8, 8, damping=0.003, is_strict=True),
+    FitStage((), ALL_DOFS, 15.0, 6, damping=0.003),
+    FitStage((), ALL_DOFS, 4.0, 6, damping=0.003),
+    FitStage((), ALL_DOFS, 1.5, 6, damping=0.003),
+    FitStage((), ALL_DOFS, 0.8, 8, damping=0.003, is_strict=True),
 )
 """From coarse to fine; the first finds a camera that sees the body a limb's width off."""
 _RIDGE = 1e-6
@@ -162,7 +162,7 @@ class _BodyAdjustment:
         motions: Floats = np.mean([state.x for state in last], axis=0).reshape(-1, TWIST_SIZE)
         return motions, np.mean([state.poses for state in last], axis=0)
 
-    def _linearised(self, state: State, stage: Stage) -> System:
+    def _linearised(self, state: State, stage: FitStage) -> System:
         rig, n_frames, s = self._moved_rig(state.x), len(state.poses), len(stage.parameters)
         of_poses, n_views = replace(stage, parameters=()), n_frames * rig.n_cameras
         system = replace(

@@ -14,7 +14,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import Contour, contours_of
 from services.mocap.fit.least_squares import Fitting
-from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State
+from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State
 from services.mocap.fit.priors import WEIGHT_APART_PX3, WEIGHT_PX3, Prior
 from services.mocap.fit.quality import FitQuality, quality_of
 from services.mocap.types import Floats
@@ -29,18 +29,18 @@ _HEIGHT = shape_space.of_kind("height")
 _SKELETON = shape_space.of_kind("height", "bone")
 _EVERYTHING = shape_space.of_kind("height", "bone", "joint", "profile")
 
-_PLACING = (Stage(_HEIGHT, _ROOT, 20.0, 6), Stage(_HEIGHT, ALL_DOFS, 15.0, 10))
+_PLACING = (FitStage(_HEIGHT, _ROOT, 20.0, 6), FitStage(_HEIGHT, ALL_DOFS, 15.0, 10))
 """The first frame: position, height, then the limbs."""
-_FOLLOWING = (Stage((), ALL_DOFS, 15.0, 6),)
+_FOLLOWING = (FitStage((), ALL_DOFS, 15.0, 6),)
 """Every further frame, from the previous frame's pose."""
 _SHAPING = (
-    Stage(_SKELETON, ALL_DOFS, 8.0, 6, damping=0.003),
-    Stage(_EVERYTHING, ALL_DOFS, 4.0, 8, damping=0.003),
+    FitStage(_SKELETON, ALL_DOFS, 8.0, 6, damping=0.003),
+    FitStage(_EVERYTHING, ALL_DOFS, 4.0, 8, damping=0.003),
     # The data hardly determine the division between neighbouring bones, so many steps with small gains are
     # needed.
-    Stage(_EVERYTHING, ALL_DOFS, 1.5, 12, damping=0.003, patience=12),
+    FitStage(_EVERYTHING, ALL_DOFS, 1.5, 12, damping=0.003, patience=12),
     # Missing pieces of silhouettes all have the same effect: they would shorten thin limbs.
-    Stage(_EVERYTHING, ALL_DOFS, 0.8, 18, damping=0.003, patience=18, is_strict=True),
+    FitStage(_EVERYTHING, ALL_DOFS, 0.8, 18, damping=0.003, patience=18, is_strict=True),
 )
 """All frames together."""
 
@@ -135,7 +135,7 @@ def _place(
     return State(x, poses)
 
 
-def _of_body(stages: tuple[Stage, ...], body: BodyName) -> tuple[Stage, ...]:
+def _of_body(stages: tuple[FitStage, ...], body: BodyName) -> tuple[FitStage, ...]:
     """The stages with only the pose parameters that vary in a body."""
     return tuple(
         replace(stage, dofs=tuple(d for d in stage.dofs if d in BODY_DOFS[body])) for stage in stages

@@ -11,8 +11,8 @@ from services.mocap.body.cloth_frames import PELVIS
 from services.mocap.body.kinematics import HANGING, N_DOF, N_FRAMES, SURFACE_FRAMES, frame_transforms
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS
 from services.mocap.camera.rig import Rig
-from services.mocap.fit.matching import Matches
 from services.mocap.fit.rim import topology
+from services.mocap.fit.rim_matching import Matches
 from services.mocap.types import Floats, Ints, Longs
 
 _STEP = 1e-4

@@ -16,9 +16,9 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import Contour
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian
-from services.mocap.fit.matching import Matches, match_frame
-from services.mocap.fit.normal_equations import Stage, State, System
+from services.mocap.fit.normal_equations import FitStage, State, System
 from services.mocap.fit.priors import WEIGHT_PX3, Prior
+from services.mocap.fit.rim_matching import Matches, match_frame
 from services.mocap.types import Floats
 
 _FAR_PX = np.array([100.0])
@@ -29,7 +29,7 @@ _GAIN = 0.995
 _AVERAGED = 4
 _USUAL_COST_PX2 = 0.085
 """Cost per length of outline of silhouettes such as WEIGHT_PX3 was measured on; more is more noise."""
-_MISFIT_STAGE = Stage((), (), cap_px=0.8, steps=0, is_strict=True)
+_MISFIT_STAGE = FitStage((), (), cap_px=0.8, steps=0, is_strict=True)
 """Its loss measures the misfit; missing pieces of silhouettes hardly count."""
 _MISFIT_PULL = 4.0
 """How much more a misfit pulls than noise of the same cost: the smallest power of two for which bones of
@@ -63,7 +63,7 @@ class Fitting:
         self._rig, self._contours, self._prior, self._base = rig, contours, prior, base
         self._camera_weights, self._n_views = np.ones(rig.n_cameras), len(contours) * rig.n_cameras
 
-    def run(self, state: State, stage: Stage, on_step: Callable[[], None]) -> State:
+    def run(self, state: State, stage: FitStage, on_step: Callable[[], None]) -> State:
         """Minimise from a state; on_step is called stage.steps times in total.
 
         Every step changes the matches, so that costs vary by a few hundredths in the end: all steps are
@@ -90,11 +90,11 @@ class Fitting:
         mean = State(np.mean([s.x for s in last], axis=0), np.mean([s.poses for s in last], axis=0))
         return min(best, self._matched(mean, stage), key=lambda matched: matched.cost).state
 
-    def cost(self, state: State, stage: Stage) -> float:
+    def cost(self, state: State, stage: FitStage) -> float:
         """The cost of a state, with the cameras' weights of the last run."""
         return self._matched(state, stage).cost
 
-    def shape_covariance(self, state: State, stage: Stage) -> Floats:
+    def shape_covariance(self, state: State, stage: FitStage) -> Floats:
         """(s, s) of the stage's shape parameters where its cost is least, cameras as in its run.
 
         Noise is assumed to be equal in all frames, because more frames of a person who hardly moves add no
@@ -123,7 +123,7 @@ class Fitting:
             for pose, contours in zip(state.poses, self._contours, strict=True)
         ]
 
-    def _matched(self, state: State, stage: Stage, matches: list[list[Matches]] | None = None) -> _Matched:
+    def _matched(self, state: State, stage: FitStage, matches: list[list[Matches]] | None = None) -> _Matched:
         """A state with its cost; matches: its own, where they are known."""
         matches = self._match(state) if matches is None else matches
         cost = self._prior.cost(state, self._n_views)
@@ -145,7 +145,7 @@ class Fitting:
         weights: Floats = 1.0 / np.maximum(excess, 1.0) ** 2
         return weights
 
-    def _linearise(self, current: _Matched, slopes: ShapeSlopes, stage: Stage) -> System:
+    def _linearise(self, current: _Matched, slopes: ShapeSlopes, stage: FitStage) -> System:
         system = self._prior.system(current.state, stage, self._n_views)
         columns = np.array([*stage.dofs, *range(N_DOF, N_DOF + len(stage.parameters))])
         for f, views in enumerate(current.matches):

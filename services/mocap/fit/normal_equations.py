@@ -26,7 +26,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Stage:
+class FitStage:
     """One round of a fit from coarse to fine."""
 
     parameters: tuple[int, ...]
@@ -95,7 +95,7 @@ class System:
         return self._solve((free, free), (free_poses, free_poses), damping=0.0)[0]
 
     def step(
-        self, state: State, stage: Stage, bounds: Callable[[Floats], Floats] = shape_space.clip_to_bounds
+        self, state: State, stage: FitStage, bounds: Callable[[Floats], Floats] = shape_space.clip_to_bounds
     ) -> State:
         """The state after one damped step; parameters that would cross a bound are held there, and the others
         are solved again.

@@ -16,7 +16,7 @@ from services.mocap.body.actor import DEFAULT_HEIGHT_M
 from services.mocap.body.shape_space import DEVIATIONS, INDEX
 from services.mocap.body.skeleton import DOFS, JOINTS, SEGMENTS, Dof
 from services.mocap.body.skeleton_table import EXTREMITY_WINDOW_PX, ROWS
-from services.mocap.fit.normal_equations import Stage, State, System
+from services.mocap.fit.normal_equations import FitStage, State, System
 from services.mocap.types import Floats, Mask
 
 WEIGHT_PX3 = 0.05
@@ -114,7 +114,7 @@ class Prior:
         precision: Floats = self.shape_weight_px3 * n_views * self._shape_precision * np.outer(held, held)
         return precision
 
-    def system(self, state: State, stage: Stage, n_views: int) -> System:
+    def system(self, state: State, stage: FitStage, n_views: int) -> System:
         """The normal equations of that cost in what a stage varies."""
         parameters, dofs, n_frames = list(stage.parameters), list(stage.dofs), len(state.poses)
         shape, per_frame = self.shape_precision(n_views), self._weight_px3 * n_views / n_frames

@@ -13,7 +13,7 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.fit.contours import contours_of
 from services.mocap.fit.least_squares import Fitting
-from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State
+from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State
 from services.mocap.fit.priors import Prior
 from services.mocap.search.chains import ALL_SURFACES
 
@@ -28,7 +28,7 @@ def warm_up() -> None:
         planes = backend.coverage(poses, ALL_SURFACES, Region.whole(rig))
     contours = contours_of(rig, TriPlanes(planes, np.zeros_like(planes)), 50)
     state = State(shape_space.vector_of(Actor()), poses)
-    Fitting(rig, contours, Prior(poses)).run(state, Stage((0, 1), ALL_DOFS, 4.0, 1), lambda: None)
+    Fitting(rig, contours, Prior(poses)).run(state, FitStage((0, 1), ALL_DOFS, 4.0, 1), lambda: None)
 
 
 if __name__ == "__main__":

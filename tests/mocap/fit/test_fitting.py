@@ -19,7 +19,7 @@ from services.mocap.energy.picture import Region
 from services.mocap.fit.contours import contours_of
 from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.least_squares import Fitting
-from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State
+from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State
 from services.mocap.fit.priors import Prior
 from services.mocap.fit.quality import FitQuality, quality_of
 from services.mocap.search.chains import ALL_SURFACES
@@ -172,7 +172,7 @@ def test_quality_counts_pixels(rig: Rig, a_person: Callable[..., Any]) -> None:
 
 def test_no_pose_is_better_for_being_outside_of_the_pictures(rig: Rig, a_person: Callable[..., Any]) -> None:
     person = a_person(2, 1)
-    stage = Stage((), ALL_DOFS, cap_px=15.0, steps=1)
+    stage = FitStage((), ALL_DOFS, cap_px=15.0, steps=1)
     fitting = Fitting(rig, contours_of(rig, person.seen, 250), Prior(person.poses))
     away = person.poses.copy()
     away[:, 2] += 50.0  # over all pictures

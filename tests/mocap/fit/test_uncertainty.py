@@ -12,10 +12,10 @@ from services.mocap.body.shape_space import INDEX, PARAMETERS, actor_of, of_kind
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import contours_of
 from services.mocap.fit.least_squares import Fitting
-from services.mocap.fit.normal_equations import ALL_DOFS, Stage, State
+from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State
 from services.mocap.fit.priors import COVARIANCE, Prior
 
-_LAST = Stage(of_kind("height", "bone", "joint", "profile"), ALL_DOFS, 0.8, 1, is_strict=True)
+_LAST = FitStage(of_kind("height", "bone", "joint", "profile"), ALL_DOFS, 0.8, 1, is_strict=True)
 
 
 def test_what_is_not_known_of_a_bone_is_not_known_of_its_measure() -> None:

@@ -15,8 +15,8 @@ from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.fit.contours import Contour, contours_of
 from services.mocap.fit.fitting import fit_actor
-from services.mocap.fit.matching import match_frame
 from services.mocap.fit.quality import quality_of
+from services.mocap.fit.rim_matching import match_frame
 from services.mocap.types import Mask
 
 FEET = tuple(SEGMENT_INDEX[f"{side}_foot"] for side in ("left", "right"))

@@ -13,7 +13,7 @@ from services.mocap.energy.bitplanes import TriPlanes, pack, pack_classes
 from services.mocap.take.folder import Take
 from services.mocap.take.video_index import VideoIndex, index_video
 from services.mocap.types import ACTOR
-from services.viewer.pictures import LivePictures, Reader, Segmented, TakePictures
+from services.viewer.picture_sources import LivePictures, Reader, Segmented, TakePictures
 
 
 def test_a_reader_goes_on_turns_back_and_jumps() -> None:

@@ -15,9 +15,9 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import unpack
 from services.mocap.fit.contours import Contour, contours_of, outline_of
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian
-from services.mocap.fit.matching import Matches, match_frame, nearest_edges
 from services.mocap.fit.normal_equations import normal_sums
 from services.mocap.fit.rim import PosedSurface, Rim
+from services.mocap.fit.rim_matching import Matches, match_frame, nearest_edges
 from services.mocap.types import Floats
 
 _ALL = tuple(range(len(PARAMETERS)))
