@@ -1,7 +1,7 @@
-"""Services as copies of one process that has imported them all.
+"""Services as copies of one process that has imported them all, and has loaded their compiled code.
 
-Importing a service's modules takes a second or more of processor time, and a run has seven services, so
-imports would dominate the start on a small machine. `ForkServer` is the launcher's side; the other one is
+Both take a second or more of processor time a service, and a run has seven services, so they would dominate
+the start on a small machine. `ForkServer` is the launcher's side; the other one is
 `python -m services.runs.fork_server FD MODULE …`. They communicate over a socket: requests are Births;
 answers are the new process's id at once, and (id, exit code) at its end.
 
@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing import Pipe
@@ -26,12 +26,16 @@ from typing import NamedTuple
 
 import typer
 
-from services.mocap.body.body_mesh import generic_mesh
+from services.mocap.energy.engine import open_engine
+from services.mocap.energy.settings import EngineSettings
+from services.mocap.search.warm_up import warm_up
 from services.process import PARENT_VARIABLE
 from services.runs import ServiceFailedError
 
 _EXIT_CHECK_S = 0.02
 """Time between two looks whether a process has ended."""
+_SOLVER = "services.limb_worker"
+"""What it compiles, or loads once compiled, every copy of it and of the coordinator needs."""
 _UNKNOWN = 1
 """The exit code of a process whose end was not observed."""
 
@@ -142,11 +146,13 @@ class ForkServer:
             self._log_path.unlink()
 
 
-def serve(line: Connection, modules: Iterable[str]) -> None:
+def serve(line: Connection, modules: Collection[str]) -> None:
     """Start requested processes and report ended ones; raises EOFError or ConnectionError at the end."""
     for module in modules:
         import_module(f"{module}.__main__")
-    generic_mesh()
+    if _SOLVER in modules:
+        with open_engine(EngineSettings(backend="cpu")) as engine:
+            warm_up(engine)
     server = os.getpid()
     running: dict[int, int] = {}
     """A descriptor of each process -> its id."""

@@ -5,6 +5,7 @@ edges between a front and a back face matter. Those are few: about a hundredth o
 touch. Batches are evaluated in one call: from parameter values to energies, or to covered pixels.
 """
 
+from functools import lru_cache
 from typing import TypeAlias
 
 import numba
@@ -30,8 +31,14 @@ the M (3, 4) and eye (EYE_SIZE,) of look."""
 
 def prepared(body: Body, is_detailed: bool, n: int = 1) -> tuple[MeshArrays, list[Scratch]]:
     """A body's mesh, with its thinned levels if it is detailed, and room to draw it n times at once."""
-    mesh = FlatMesh.of(body, levels_of(body) if is_detailed else ())
+    mesh = mesh_of(body, is_detailed)
     return (*mesh,), [scratch_for(mesh) for _ in range(n)]
+
+
+@lru_cache(maxsize=4)
+def mesh_of(body: Body, is_detailed: bool) -> FlatMesh:
+    """A body's mesh, with its thinned levels if it is detailed; everything that draws the body shares it."""
+    return FlatMesh.of(body, levels_of(body) if is_detailed else ())
 
 
 def scratch_for(mesh: FlatMesh) -> Scratch:

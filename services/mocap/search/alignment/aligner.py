@@ -23,8 +23,7 @@ from services.mocap.body.surface import Level, closed_edges
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.cpu.collecting import empty_canvas
 from services.mocap.energy.cpu.facing import lenses_of
-from services.mocap.energy.cpu.mesh import FlatMesh
-from services.mocap.energy.cpu.outline import scratch_for
+from services.mocap.energy.cpu.outline import mesh_of, scratch_for
 from services.mocap.energy.detail.cache import levels_of
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.contacts import Contacts
@@ -118,7 +117,7 @@ class Aligner:
     def __init__(self, body: Body, rig: Rig, *, thinned: bool = True) -> None:
         """thinned: with levels of detail, which take about a second for a new body."""
         levels = levels_of(body) if thinned else [[] for _ in ALL_SURFACES]
-        mesh = FlatMesh.of(body, levels)
+        mesh = mesh_of(body, thinned)
         self._offsets_m, self._rig = body.offsets_m, rig
         self._mesh, self._scratch = (*mesh,), scratch_for(mesh)
         self._scale = rig.shape_px[1] / REFERENCE_WIDTH_PX
