@@ -65,7 +65,8 @@ def solve_both_ways(
     tracker = Tracker(model, settings, limbs, best[0].pose[None])
     for frame, chosen in enumerate(best):
         yield Step("settling", frame)
-        solution = tracker.solve(seen[frame], start=chosen.pose)
+        # Both tracks have searched limbs: a third search found nothing that changed an error.
+        solution = tracker.solve(seen[frame], start=chosen.pose, hurried=True)
         doubt_rivals(solution, rival_probabilities(chosen.apart_m, chosen.margin_px))
         yield Step("settling", frame, solution)
 

@@ -3,6 +3,7 @@
 And both arms, or both legs, at once: neither of two that are exchanged can be searched without the other.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,13 +15,21 @@ from services.mocap.search.chains import LIMBS, Limb, Stage
 from services.mocap.search.descent import Box, Solution, best_of
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
-from services.mocap.search.stages import descend_from, descend_stage, prepare, stage_window
+from services.mocap.search.stages import (
+    CostlyEnergy,
+    descend_from,
+    descend_stage,
+    prepare,
+    stage_window,
+)
 from services.mocap.search.typical_poses import first_apart, typical_poses
 from services.mocap.take.marks import LimbName
 from services.mocap.types import Floats
 
 _STARTS = 4
 """Points of a grid from which a limb is aligned with the contours."""
+_AT_ONCE = 32
+"""Points whose colours are looked at in one call."""
 _MOST_PROMISING = 5
 """Poses that are worth a closer look."""
 
@@ -67,7 +76,8 @@ def solve_limb(
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
     if by_contours:
-        return _align_limb(model, limb, seen, pose, settings, points, energy(points))
+        begun = _best_apart(energy, points, 1.5 * _grid_steps(limb.main, settings))
+        return _align_limb(model, limb, seen, pose, settings, begun, len(points))
     main = descend_from(energy, best_of(energy, points, limb.main.dofs), box, settings)
     # Then the hand or foot, at the end of the limb's new pose (the paper, section 3).
     extremity = descend_stage(model, limb.extremity, seen, main.applied_to(pose), settings)
@@ -81,10 +91,10 @@ def _align_limb(
     seen: Picture,
     pose: Floats,
     settings: SearchSettings,
-    points: Floats,
-    energies: Floats,
+    points: Sequence[Floats],
+    evaluations: int,
 ) -> Solution:
-    """Align from the best grid points (N, d) that are not neighbours; returns the best by the energy.
+    """Align from points (d,) of a grid, found with so many evaluations; returns the best by the energy.
 
     Where colours count, a descent on the energy follows, because a limb before the trunk has no contour.
     """
@@ -92,13 +102,13 @@ def _align_limb(
     energy, start, box = prepare(model, whole_limb, seen, pose, settings, priced=True)
     aligner = model.aligner(settings)
     candidates = [start]
-    for point in _best_apart(points, energies, 1.5 * _grid_steps(limb.main, settings)):
+    for point in points:
         begun = pose.copy()
         begun[list(limb.main.dofs)] = point
         aligned = aligner.align(seen, begun, settings, limb.dofs, limb.main.surfaces)
         candidates += [begun[list(limb.dofs)], aligned.pose[list(limb.dofs)]]
     found = best_of(energy, np.array(candidates), limb.dofs)
-    before = len(points) + (len(candidates) - 1) // 2 * settings.contour_steps
+    before = evaluations + len(points) * settings.contour_steps
     if not model.counts_colours(seen, settings.colour):
         return replace(found, evaluations=before + found.evaluations)
     lowest = descend_from(energy, found, box, settings)
@@ -122,15 +132,34 @@ def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
     return np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in stage.dofs])
 
 
-def _best_apart(points: Floats, energies: Floats, steps: Floats) -> list[Floats]:
-    """Some points (of N, d) of least energy (N,), each farther than steps (d,) from those before in a
-    parameter."""
-    chosen: list[Floats] = []
-    for k in np.argsort(energies, kind="stable"):
-        if len(chosen) == _STARTS:
+def _best_apart(energy: CostlyEnergy, points: Floats, steps: Floats) -> list[Floats]:
+    """Some points (of N, d) of least energy, each farther than steps (d,) from those before in a parameter.
+
+    Colours are looked at from the quickly known least energy on, as long as the points that follow may be
+    among the chosen.
+    """
+    quick = energy.quick(points)
+    if energy.colours is None:
+        return [points[k] for k in _apart(points, quick, steps)]
+    order, energies = np.argsort(quick, kind="stable"), np.full(len(points), np.inf)
+    for first in range(0, len(points), _AT_ONCE):
+        looked_at = order[first : first + _AT_ONCE]
+        energies[looked_at] = quick[looked_at] + energy.colours(points[looked_at])
+        chosen = _apart(points, energies, steps)
+        following = quick[order[first + _AT_ONCE :]]
+        if len(chosen) == _STARTS and np.all(following[:1] > energies[chosen[-1]]):
             break
-        if all(np.any(np.abs(points[k] - other) > steps) for other in chosen):
-            chosen.append(points[k])
+    return [points[k] for k in chosen]
+
+
+def _apart(points: Floats, energies: Floats, steps: Floats) -> list[int]:
+    """The first _STARTS of these points with a known energy, the least first, that are apart."""
+    chosen: list[int] = []
+    for k in np.argsort(energies, kind="stable"):
+        if len(chosen) == _STARTS or energies[k] == np.inf:
+            break
+        if all(np.any(np.abs(points[k] - points[other]) > steps) for other in chosen):
+            chosen.append(int(k))
     return chosen
 
 

@@ -1,5 +1,7 @@
 """Prepares the stages of a frame's search, and solves them by a descent on XOR."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from services.mocap.body.kinematics import N_DOF
@@ -24,13 +26,27 @@ def whole_body_problem(picture: Picture, settings: SearchSettings) -> Problem:
     return Problem(np.zeros(N_DOF), dofs, ALL_SURFACES, cost.priced(picture), cost, settings.detail_px)
 
 
-def energy_of(model: Model, problem: Problem) -> Energy:
+@dataclass(frozen=True, eq=False)
+class CostlyEnergy:
+    """An energy in two parts: one that is quickly known, and the rest, which takes several times as long."""
+
+    quick: Energy
+    """What silhouettes, and poses beside their pixels, cost: never more than the whole energy."""
+    colours: Energy | None = None
+    """What wrong colours cost; None where they do not count."""
+
+    def __call__(self, values: Floats) -> Floats:
+        """The whole energy (N,) of values (N, d)."""
+        return self.quick(values) if self.colours is None else self.quick(values) + self.colours(values)
+
+
+def energy_of(model: Model, problem: Problem) -> CostlyEnergy:
     """The energy of a problem, with what wrong colours cost if its picture has classes."""
-    energy, price = model.backend.energy(problem), problem.cost.colour
+    quick, price = model.backend.energy(problem), problem.cost.colour
     if not model.counts_colours(problem.picture, price):
-        return energy
+        return CostlyEnergy(quick)
     wrong_px = model.colours.wrong_px(problem)
-    return lambda values: np.asarray(energy(values) + price * wrong_px(values))
+    return CostlyEnergy(quick, lambda values: price * wrong_px(values))
 
 
 def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, margin_px: int = 0) -> Picture:
@@ -51,7 +67,7 @@ def prepare(
     settings: SearchSettings,
     *,
     priced: bool = False,
-) -> tuple[Energy, Floats, Box]:
+) -> tuple[CostlyEnergy, Floats, Box]:
     """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits.
 
     priced: with what poses cost beside their pixels (pose_prices).
@@ -71,9 +87,9 @@ def prepare(
     def with_prices(values: Floats) -> Floats:
         poses = np.tile(pose, (len(values), 1))
         poses[:, dofs] = values
-        return np.asarray(energy(values) + aligner.prices_px(poses, settings))
+        return np.asarray(energy.quick(values) + aligner.prices_px(poses, settings))
 
-    return with_prices, start, box
+    return replace(energy, quick=with_prices), start, box
 
 
 def descend_from(energy: Energy, start: Solution, box: Box, settings: SearchSettings) -> Solution:
