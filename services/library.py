@@ -145,7 +145,7 @@ def _tracked(
         )  # fmt: skip
         with closing(first.model.backend):
             if search.goes_both_ways:
-                solved = _both_ways(first, begun, seen, search)
+                solved = _both_ways(first, begun, seen, search, fps)
             else:
                 solved = _one_way(first, seen, search)
             for number, solution in zip(numbers, solved, strict=True):
@@ -160,14 +160,14 @@ def _one_way(first: FirstFrame, seen: Iterable[TriPlanes], search: SearchSetting
 
 
 def _both_ways(
-    first: FirstFrame, begun: TriPlanes, seen: Iterable[TriPlanes], search: SearchSettings
+    first: FirstFrame, begun: TriPlanes, seen: Iterable[TriPlanes], search: SearchSettings, fps: float
 ) -> Iterator[FrameSolution]:
-    """The same after a way back; begun: the silhouettes of the first frame."""
+    """The same after a way back; begun: the silhouettes of the first frame; fps: frames per second."""
     with closing(SilhouetteSpool()) as spool:
         spool.append(begun)
         forward = list(_one_way(first, map(spool.append, seen), search))
         poses = np.array([solution.pose for solution in forward])
-        for step in solve_both_ways(first.model, search, LocalLimbs(first.model), spool, poses):
+        for step in solve_both_ways(first.model, search, LocalLimbs(first.model), spool, poses, fps):
             if step.solution is not None:
                 yield step.solution
 

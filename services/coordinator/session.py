@@ -73,8 +73,9 @@ class Session:
         self._told = ""
         self._made: Model | None = None
         self._unsure: UnsureParts | None = None
-        settles = plan.settings.goes_both_ways
-        self._settling = Settling(plan.frames.start) if settles and not self._incoming.is_live else None
+        is_settled_last = plan.settings.goes_both_ways and not self._incoming.is_live
+        fps = plan.take.settings.fps
+        self._settling = Settling(plan.frames.start, fps) if is_settled_last else None
         self._live_settling: LiveSettling | None = None
         self._is_settled = False
         self._gauges, self._overhead = Gauges(), Overhead()

@@ -51,8 +51,8 @@ def fetch_poses(
 class Settling:
     """Keeps the silhouettes and the first poses of all frames, and settles them at the end."""
 
-    def __init__(self, first_frame: int) -> None:
-        self._first_frame = first_frame
+    def __init__(self, first_frame: int, fps: float) -> None:
+        self._first_frame, self._fps = first_frame, fps
         self.seen = SilhouetteSpool()
         """Of the frames so far, from 0."""
         self._poses: dict[int, Floats] = {}
@@ -79,7 +79,7 @@ class Settling:
         """Solve all frames both ways, step by step; yields the number of each step's frame, and the step."""
         frames = range(self._first_frame, self.next_frame)
         forward = np.array([self._poses[frame] for frame in frames])
-        for step in solve_both_ways(model, settings, limbs, self.seen, forward):
+        for step in solve_both_ways(model, settings, limbs, self.seen, forward, self._fps):
             yield frames[step.frame], step
             limbs.frame, limbs.sweep = frames[step.frame], SWEEPS[step.sweep]
 

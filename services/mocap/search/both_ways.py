@@ -15,17 +15,18 @@ from services.mocap.energy.picture import Picture
 from services.mocap.search.best_path import PathSearch
 from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
+from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LimbPool
 from services.mocap.search.lost_probability import rival_probabilities
 from services.mocap.search.model import Model
-from services.mocap.search.part_confidence import doubt_rivals
+from services.mocap.search.part_confidence import PartConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
-from services.mocap.search.tracker import Tracker, whole_person
+from services.mocap.search.tracker import Tracker, near_or, whole_person
 from services.mocap.types import Floats
 
-_THOROUGH_EVERY = 5
-"""On the way back, limbs that are not sure are searched far in every fifth frame."""
+_THOROUGH_EVERY_S = 1 / 3
+"""How often limbs that are not sure are searched far on the way back."""
 
 Sweep: TypeAlias = Literal["tracking back", "settling"]
 """What is done to all frames in turn: track them back; solve each again from the best path."""
@@ -43,15 +44,22 @@ class Step:
 
 
 def solve_both_ways(
-    model: Model, settings: SearchSettings, limbs: LimbPool, seen: SilhouetteSpool, forward: Floats
+    model: Model,
+    settings: SearchSettings,
+    limbs: LimbPool,
+    seen: SilhouetteSpool,
+    forward: Floats,
+    fps: float,
 ) -> Iterator[Step]:
     """Solve all frames of a take again, given the poses (N, D) of a track from its first frame on.
 
+    fps: frames per second.
     Yields a step before a frame is solved, so that the caller can do other work or end it, and one with the
     frame's final solution: from the last frame to the first one tracking back, then from the first to the
     last.
     """
     last, path = len(forward) - 1, PathSearch(model, settings)
+    thorough_every = max(1, round(_THOROUGH_EVERY_S * fps))
     yield Step("tracking back", last)
     start = found_anew(model, settings, limbs, seen[last], forward[last])
     tracker = Tracker(model, settings, limbs, start[None])
@@ -59,14 +67,18 @@ def solve_both_ways(
         if frame != last:
             yield Step("tracking back", frame)
         # Differences that last become usual, and are then no reason to search a limb.
-        back = tracker.solve(seen[frame], thorough=frame % _THOROUGH_EVERY == 0)
+        back = tracker.solve(seen[frame], thorough=frame % thorough_every == 0)
         path.add(seen[frame], forward[frame], back.pose)
-    best = path.best()[::-1]
-    tracker = Tracker(model, settings, limbs, best[0].pose[None])
-    for frame, chosen in enumerate(best):
+    # Both tracks have searched limbs and the actor: a third search finds nothing more, and takes half as long
+    # as they do.
+    aligned_only = settings.model_copy(update={"search_limbs": "never"})
+    trust = PartConfidence(model.rig, settings.doubt_px)
+    for frame, chosen in enumerate(path.best()[::-1]):
         yield Step("settling", frame)
-        # Both tracks have searched limbs: a third search found nothing that changed an error.
-        solution = tracker.solve(seen[frame], start=chosen.pose, hurried=True)
+        whole = Picture.of_frame(model.rig, seen[frame])
+        solution = solve_frame(model, whole, chosen.pose[None], aligned_only, limbs, trust)
+        if "torso" in solution.distrusted:
+            solution = near_or(chosen.pose, solution, seen[frame])
         doubt_rivals(solution, rival_probabilities(chosen.apart_m, chosen.margin_px))
         yield Step("settling", frame, solution)
 

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 from services.mocap.energy.bitplanes import TriPlanes, count_bits, unpack
 from services.mocap.energy.picture import Picture
@@ -62,22 +63,20 @@ class Tracker:
         seen: TriPlanes,
         absent: Collection[int] = (),
         *,
-        start: Floats | None = None,
         thorough: bool = False,
         hurried: bool = False,
     ) -> FrameSolution:
         """Find the pose in the next frame with silhouettes `seen` (P, H, W).
 
-        absent: cameras that are not used. start: a pose (D,) to begin with, instead of what the last poses
-        predict. thorough: as in solve_by_contours. hurried: limbs are not searched, which takes several times
-        as long as the rest. While the actor is lost, the torso is unreliable, which
+        absent: cameras that are not used. thorough: as in solve_by_contours. hurried: limbs are not searched,
+        which takes several times as long as the rest. While the actor is lost, the torso is unreliable, which
         stands for the whole body; where the body is not even near the silhouettes, the pose is the last one
         found.
         """
         rig = self._model.rig
         picture = Picture.of_frame(rig, seen).without_cameras(absent)
         settings = self._settings.without_cameras(absent, rig.n_cameras)
-        starts = extrapolated(self._poses[-2:]) if start is None else start[None]
+        starts = extrapolated(self._poses[-2:])
 
         def solved(by: SearchSettings) -> FrameSolution:
             return solve_frame(self._model, picture, starts, by, self._limbs, self._trust, thorough=thorough)
@@ -93,7 +92,7 @@ class Tracker:
             # An actor who returns may have turned round, which continuing the old pose would not detect.
             again = self._find_again(picture, seen, settings, at_once=not is_lost)
             if again is None and is_lost:
-                return self._kept(solution, count_bits(seen.silhouettes))
+                return self._kept(solution, seen)
             log.info("the actor was found again after %d frames", self._lost_frames)
             found = [one for one in (again, None if is_lost else solution) if one is not None]
             solution, self._poses = min(found, key=lambda one: one.energy_px), []
@@ -101,15 +100,11 @@ class Tracker:
         self._lost_frames = self._tries = self._wait = 0
         return solution
 
-    def _kept(self, solution: FrameSolution, silhouette_px: int) -> FrameSolution:
+    def _kept(self, solution: FrameSolution, seen: TriPlanes) -> FrameSolution:
         """What is known of a lost actor: the doubtful solution while it is near, else the last pose."""
-        if solution.energy_px <= _MOST_FOLLOWED * silhouette_px:
-            self._poses = [*self._poses[-1:], solution.pose]
-            return solution
-        self._poses = self._poses[-1:]
-        solution.pose, solution.distrusted = self._poses[-1].copy(), list(PARTS)
-        solution.confidence = dict.fromkeys(PARTS, 0.0)
-        return solution
+        kept = near_or(self._poses[-1], solution, seen)
+        self._poses = [*self._poses[-1:], kept.pose] if kept is solution else self._poses[-1:]
+        return kept
 
     def _find_again(
         self, picture: Picture, seen: TriPlanes, settings: SearchSettings, *, at_once: bool
@@ -125,6 +120,15 @@ class Tracker:
         self._wait = min(2**self._tries, _LONGEST_WAIT)
         first = find_first_pose(self._model, picture, hull, self._limbs, settings)
         return None if "torso" in first.solution.distrusted else first.solution
+
+
+def near_or(pose: Floats, solution: FrameSolution, seen: TriPlanes) -> FrameSolution:
+    """A doubtful solution if it is near silhouettes `seen` (P, H, W), else one of which nothing is sure, with
+    a pose (D,)."""
+    if solution.energy_px <= _MOST_FOLLOWED * count_bits(seen.silhouettes):
+        return solution
+    nothing = dict.fromkeys(PARTS, 0.0)
+    return replace(solution, pose=pose.copy(), distrusted=list(PARTS), confidence=nothing)
 
 
 def whole_person(model: Model, seen: TriPlanes) -> Hull | None:

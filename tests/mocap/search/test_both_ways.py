@@ -22,7 +22,7 @@ from services.mocap.types import Floats
 
 pytestmark = pytest.mark.usefixtures("quick_first_pose")
 SETTINGS = SearchSettings()
-N = 6
+N, FPS = 6, 15.0
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_a_limb_that_the_first_way_lost_is_found(
     joint_errors_mm: Callable[[Floats, Floats], Floats],
 ) -> None:
     forward = without(truth, "left_arm", slice(1, N - 1), standing)
-    steps = list(solve_both_ways(model, SETTINGS, LocalLimbs(model), seen, forward))
+    steps = list(solve_both_ways(model, SETTINGS, LocalLimbs(model), seen, forward, FPS))
     solved = [(step.frame, step.solution) for step in steps if step.solution is not None]
     assert [frame for frame, _ in solved] == list(range(N))
     assert [(step.sweep, step.frame) for step in steps if step.solution is None] == [
@@ -154,7 +154,7 @@ def test_an_actor_who_leaves_is_missed_in_both_ways(
     left = [nobody if frame in gone else planes for frame, planes in enumerate(seen)]
     tracker = Tracker(model, SETTINGS, LocalLimbs(model), truth[:1])
     forward = np.array([tracker.solve(planes).pose for planes in left])
-    for step in solve_both_ways(model, SETTINGS, LocalLimbs(model), left, forward):
+    for step in solve_both_ways(model, SETTINGS, LocalLimbs(model), left, forward, FPS):
         if step.solution is None:
             continue
         if step.frame in gone:
