@@ -37,6 +37,8 @@ DEFAULT_REFINE_FRAMES = 16
 LEAST_FRAMES = 2
 _MOST_READ, _LOOKED_AT = 120, 60
 """All frames of shorter takes are looked at for what furniture hides, and so many of longer ones."""
+_TAUGHT = 48
+"""Of these so many at least teach what colours the actor has."""
 _OCCLUDED = (
     "%s: something hides the actor from %s in %.1f%% of the picture, furniture perhaps: these pixels count "
     "for nothing"
@@ -119,7 +121,7 @@ def look_over(
         moments = read_moments(frames, segmenter, with_pictures=learns_colours)
         for k, (row, moment) in enumerate(zip(rows, moments, strict=True)):
             pose, distrusted = found.tracked.poses[row], found.distrusted[row]
-            if learns_colours:
+            if learns_colours and k % max(1, len(rows) // _TAUGHT) == 0:
                 lesson.add(moment, pose, distrusted)
             yield PosedFrame(packed(moment.trimaps, width_px, height_px), pose, bool(distrusted[_TORSO]))
             progress((k + 1) / len(rows))

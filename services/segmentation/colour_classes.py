@@ -69,6 +69,11 @@ class ColourLearner:
         """Add a picture (H, W, 3) without lens distortion; pieces (H, W): which of PIECES the body shows, 0
         for none; actor (H, W): what is surely actor. Pixels near another segment or the outline are left
         out."""
+        left, top, width, height = cv2.boundingRect((actor & (pieces > 0)).view(np.uint8))
+        if not width:
+            return
+        box = slice(top, top + height), slice(left, left + width)
+        image_bgr, pieces, actor = image_bgr[box], pieces[box], actor[box]
         segments = np.where(actor & (pieces > 0), 1 + (pieces.astype(np.int32) - 1) // QUARTERS, 0)
         kernel, numbers = np.ones((3, 3), np.uint8), segments.astype(np.uint8)
         inside = (numbers > 0) & (cv2.erode(numbers, kernel) == cv2.dilate(numbers, kernel))
