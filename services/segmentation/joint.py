@@ -36,6 +36,7 @@ from services.segmentation.learnt import ActorColours, Learnt
 from services.segmentation.lenses import Lenses
 from services.segmentation.pixels import Levels
 from services.segmentation.plate import Plate
+from services.segmentation.side_by_side import side_by_side
 from services.segmentation.static_objects import StaticObjects
 from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, VoxelGrid
 
@@ -94,7 +95,8 @@ class JointMatte:
         there = self._compare(images_bgr)
         shadow_priors = self._shadow_priors(there)
         classes = self._classes(shadow_priors, there)
-        trimaps = {c: self._cut(c, shadow_priors[c], classes[c]) for c in shadow_priors}
+        cut = side_by_side(lambda c: self._cut(c, shadow_priors[c], classes[c]), shadow_priors)
+        trimaps = dict(zip(shadow_priors, cut, strict=True))
         for c, trimap in trimaps.items():
             trimap[self._learnt[c].moved] = UNSURE
         return trimaps
@@ -109,16 +111,19 @@ class JointMatte:
         there = self._compare(images_bgr)
         shadow_priors = self._shadow_priors(there)
         classes = self._classes(shadow_priors, there)
-        changed = dict[int, Mask]()
-        for c, shadow_prior in shadow_priors.items():
+
+        def add(c: int) -> Mask:
             compared = self._compared[c]
             in_shadow = compared.state == PERHAPS_SHADOW
             if self._floor is not None:
-                in_shadow &= shadow_prior >= SUPPORTED
-            changed[c] = (compared.change > _SURELY_CHANGED) & ~in_shadow
-            self._learnt[c].add(images_bgr[c], classes[c], changed[c], compared.change < _SURELY_SAME)
+                in_shadow &= shadow_priors[c] >= SUPPORTED
+            changed: Mask = (compared.change > _SURELY_CHANGED) & ~in_shadow
+            self._learnt[c].add(images_bgr[c], classes[c], changed, compared.change < _SURELY_SAME)
+            return changed
+
+        changed = side_by_side(add, shadow_priors)
         if self._objects is not None:
-            self._objects.add(changed)
+            self._objects.add(dict(zip(shadow_priors, changed, strict=True)))
 
     def learn_all(self, moments: Callable[[], Iterable[Mapping[int, Bytes]]]) -> None:
         """Learn from all moments, and conclude; where objects were moved, once more without them, since their
@@ -161,25 +166,29 @@ class JointMatte:
     def _compare(self, images_bgr: Mapping[int, Bytes]) -> Ints:
         """Compare pictures with their plates; returns the cameras that have one."""
         self._states[:] = UNSEEN
-        for c, image in images_bgr.items():
+
+        def look(c: int) -> None:
             compared = self._compared[c]
-            compared.look(image)
+            compared.look(images_bgr[c])
             height, width = compared.plate.shape
             self._ratios[c, :height, :width] = compared.ratio
             self._states[c, :height, :width] = compared.state
+
+        side_by_side(look, images_bgr)
         return np.array(sorted(images_bgr), np.int32)
 
     def _shadow_priors(self, there: Ints) -> dict[int, Levels]:
         """By camera (H, W): logarithm of the odds of shadow to light, by what the others see on the floor."""
-        priors = {}
-        for c in map(int, there):
+
+        def prior(c: int) -> Levels:
             if self._floor is None:
                 unknown = UNKNOWN if self._has_others else ON_ITS_OWN
-                priors[c] = np.full(self._compared[c].plate.shape, unknown, np.float32)
-            else:
-                part = self._compared[c].part
-                priors[c] = self._floor.shadow_prior(c, part, self._lenses, self._ratios, self._states, there)
-        return priors
+                return np.full(self._compared[c].plate.shape, unknown, np.float32)
+            part = self._compared[c].part
+            return self._floor.shadow_prior(c, part, self._lenses, self._ratios, self._states, there)
+
+        cameras = there.tolist()
+        return dict(zip(cameras, side_by_side(prior, cameras), strict=True))
 
     def _classes(self, shadow_priors: Mapping[int, Levels], there: Ints) -> dict[int, Bytes]:
         """By camera (H, W): what the others say of each pixel, INSIDE to ALONE."""

@@ -22,6 +22,7 @@ from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
 from services.segmentation.colour_classes import classes_of
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.lenses import Lenses
+from services.segmentation.side_by_side import side_by_side
 from services.segmentation.voxels import MISS, MORE_MISS, VoxelGrid
 
 _LEAST_OTHERS = 3
@@ -220,9 +221,9 @@ def pictures_of(take: Take, cameras: Sequence[Camera], start: int, stop: int) ->
     """Raw pictures (H, W, 3) of some cameras by their position, frame by frame, from start up to but not
     including stop."""
     with ExitStack() as closing:
-        videos = [closing.enter_context(take.video(camera, start, stop)) for camera in cameras]
-        for images in zip(*videos, strict=True):
-            yield dict(enumerate(images))
+        videos = [iter(closing.enter_context(take.video(camera, start, stop))) for camera in cameras]
+        for _ in range(start, stop):
+            yield dict(enumerate(side_by_side(next, videos)))
 
 
 def packed(

@@ -6,6 +6,7 @@ fewer of the others miss what a pixel's ray meets, the likelier the pixel is the
 each camera is left out of in turn; Laurentini, PAMI 16(2), 1994).
 """
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Floats, Ints, Mask
 from services.segmentation.lenses import Lenses, Pixels, raw_of, raw_pixel
 from services.segmentation.pixels import Levels
+from services.segmentation.side_by_side import side_by_side
 
 COARSE_M, _FINE_M = 0.12, 0.04
 """Sizes of voxels."""
@@ -31,6 +33,8 @@ middle."""
 _HEIGHT_M = 2.9
 _OVER_FLOOR_M = 0.04
 """Voxels start this far above the floor: on the floor there is shadow."""
+_SHARES = min(os.cpu_count() or 1, 4)
+"""So many cores look into voxels at the same time; each takes room for all pictures."""
 _OVERLAP = 1.2
 """A voxel is drawn so many times its size."""
 _LEAST_OTHERS, _MANY_OTHERS = 2, 4
@@ -101,12 +105,17 @@ class VoxelGrid:
         narrow = np.stack([np.asarray(cv2.dilate(of_camera, _square(3)), np.uint8) for of_camera in misses])
         reaches = self.reach_px.tolist()
         coarse = np.stack([_eroded(n, reach + 2) for n, reach in zip(narrow, reaches, strict=True)])
-        fewest = np.full((2, *misses.shape), _NEVER, np.uint8)  # by _WIDE and by _NARROW changes
         # A projection is linear before its division, so a fine voxel's is the sum of two terms.
         P, coarse_m = lenses.P_px_world, self.coarse_m[_promising(self.coarse_px, coarse, there)]
         of_coarse = np.einsum("crk,nk->ncr", P[..., :3], coarse_m) + P[..., 3]
         of_fine = np.einsum("crk,mk->mcr", P[..., :3], _FINE_OFFSETS_M)
-        _fewest_misses(of_coarse, of_fine, lenses.sizes_px, lenses.raw_px, there, wide, narrow, fewest)
+
+        def fewest_of(some: Floats) -> Bytes:
+            few = np.full((2, *misses.shape), _NEVER, np.uint8)  # by _WIDE and by _NARROW changes
+            _fewest_misses(some, of_fine, lenses.sizes_px, lenses.raw_px, there, wide, narrow, few)
+            return few
+
+        fewest = np.min(side_by_side(fewest_of, np.array_split(of_coarse, _SHARES)), axis=0)
         classes = []
         for c in there:
             width, height = lenses.sizes_px[c]
