@@ -76,7 +76,7 @@ def solve_limb(
     k, n = shard
     points = np.concatenate([points[:1], points[1:][k::n]])
     if by_contours:
-        begun = _best_apart(energy, points, 1.5 * _grid_steps(limb.main, settings))
+        begun = best_apart(energy, points, 1.5 * _grid_steps(limb.main, settings))
         return _align_limb(model, limb, seen, pose, settings, begun, len(points))
     main = descend_from(energy, best_of(energy, points, limb.main.dofs), box, settings)
     # Then the hand or foot, at the end of the limb's new pose (the paper, section 3).
@@ -132,7 +132,7 @@ def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
     return np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in stage.dofs])
 
 
-def _best_apart(energy: CostlyEnergy, points: Floats, steps: Floats) -> list[Floats]:
+def best_apart(energy: CostlyEnergy, points: Floats, steps: Floats) -> list[Floats]:
     """Some points (of N, d) of least energy, each farther than steps (d,) from those before in a parameter.
 
     Colours are looked at from the quickly known least energy on, as long as the points that follow may be

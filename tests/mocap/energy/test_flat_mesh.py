@@ -1,11 +1,14 @@
 """The flat mesh holds every edge once, in blocks whose bounds hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_RIGID
 from services.mocap.energy.cpu.mesh import BLOCK, FlatMesh
+from services.mocap.energy.cpu.outline import mesh_of
 from services.mocap.types import Ints
 
 
@@ -64,6 +67,12 @@ def test_spheres_hold_their_segments(real_body: Body) -> None:
     for vertices, sphere in zip(real_body.vertices_m, mesh.spheres_m, strict=False):
         distance = np.linalg.norm(vertices - sphere[:3], axis=1).max()
         assert distance <= sphere[3] <= distance * 1.001
+
+
+def test_everything_that_draws_a_body_shares_its_mesh(coarse_body: Body) -> None:
+    assert mesh_of(coarse_body, True) is mesh_of(coarse_body, True)
+    assert len(mesh_of(coarse_body, False).errors_m) == 1 < len(mesh_of(coarse_body, True).errors_m)
+    assert mesh_of(replace(coarse_body), True) is not mesh_of(coarse_body, True)
 
 
 def test_spheres_of_webs_hold_everything(skirted_body: Body) -> None:

@@ -114,6 +114,7 @@ def test_a_limb_that_the_first_way_lost_is_found(
     for frame, solution in solved:
         assert joint_errors_mm(solution.pose, truth[frame]).max() < 25
         assert solution.distrusted == []
+        assert solution.limb_seconds == {}, "the last step only aligns"
 
 
 def test_a_limb_that_was_lost_for_long_is_found_by_a_thorough_search(
