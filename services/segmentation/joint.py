@@ -28,7 +28,7 @@ from services.segmentation.cleanup import (
     drop_unconfirmed,
     opened,
 )
-from services.segmentation.comparison import LEAST_CHANGE, PERHAPS_SHADOW, UNSEEN, Comparison
+from services.segmentation.comparison import CHANGED, LEAST_CHANGE, PERHAPS_SHADOW, UNSEEN, Comparison
 from services.segmentation.decision import actor_evidence, beliefs, prices
 from services.segmentation.edges import EDGE_WIDTH_PERMILLE, settle_edges
 from services.segmentation.floor_shadow import ON_ITS_OWN, SUPPORTED, UNKNOWN, Floor, find_floor
@@ -210,7 +210,7 @@ class JointMatte:
         """The trimap (H, W) of one camera, by its own evidence, what the others say, and its neighbours."""
         compared, learnt, plate = self._compared[camera], self._learnt[camera], self._compared[camera].plate
         trimap: Trimap = np.zeros(plate.shape, np.uint8)
-        part = self._likely_part(compared.change, classes)
+        part = self._likely_part(compared, classes)
         if part is None:
             return trimap
         corner_px, shape = (part[0].start, part[1].start), trimap[part].shape
@@ -234,9 +234,12 @@ class JointMatte:
             trimap[part][inner] = self._settled(compared, actor, own[inner], prior[inner], corner_px)
         return trimap
 
-    def _likely_part(self, change: Levels, classes: Bytes) -> Part | None:
+    def _likely_part(self, compared: Comparison, classes: Bytes) -> Part | None:
         """The part of the picture that may show the actor; None if there is none."""
-        changed = ((change > LEAST_CHANGE) & (classes != MORE_MISS)).view(np.uint8)
+        is_likely = (compared.change > LEAST_CHANGE) & (classes != MORE_MISS)
+        # Legs that furniture hides from most of the others.
+        is_likely |= (compared.change > _SURELY_CHANGED) & (compared.state == CHANGED)
+        changed = is_likely.view(np.uint8)
         likely = opened(changed | (classes == INSIDE), 3)
         # With few cameras all others see a change along many rays of pixels that have not changed here.
         drop_unconfirmed(likely, changed, SPECK_AREA_PPM * 1e-6 * changed.size)
