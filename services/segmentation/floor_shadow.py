@@ -5,7 +5,7 @@ the floor behind it lit.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numba
 import numpy as np
@@ -16,6 +16,7 @@ from services.segmentation.cleanup import Part
 from services.segmentation.comparison import CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW, UNCHANGED
 from services.segmentation.lenses import Lenses, Pixels, raw_pixel, rays_of
 from services.segmentation.pixels import Levels
+from services.segmentation.plate import LEAST_RATIO, MOST_RATIO
 
 SUPPORTED = np.float32(1.0)
 """Log odds of shadow where another camera sees the same shadow on the floor."""
@@ -40,6 +41,12 @@ degree."""
 _HEIGHTS_M, _FINER_M = np.arange(-0.8, 0.81, 0.1), np.array([-0.05, -0.025, 0.025, 0.05])
 _BLOCKS_ACROSS = 160
 """Blocks across a picture's width; other cameras are asked once per block."""
+_DARKNESS_BINS = 32
+"""Of a histogram of ratios, the brightness in shadow over that in light."""
+_LEAST_CONFIRMED_PX = 1000
+"""So many confirmed pixels tell how dark shadows are."""
+_RATIOS = float(LEAST_RATIO), float(MOST_RATIO)
+_NOTHING_KNOWN: Levels = np.zeros(_DARKNESS_BINS, np.float32)
 _SAME_RATIO = np.float32(0.1)
 _FARTHEST_M = 30.0
 
@@ -52,6 +59,9 @@ class Floor:
     places_m: list[Levels]
     """Per camera (H, W, 2): the floor point that a raw pixel sees, x and y in the world; NaN off the
     floor."""
+    darkness_odds: Levels = field(default_factory=lambda: _NOTHING_KNOWN)
+    """(_DARKNESS_BINS,) what its ratio adds to the log odds of shadow of a pixel that no other camera
+    confirms: shadows of one lamp are about equally dark, so one as dark as confirmed ones is likelier."""
 
     @classmethod
     def at(cls, height_m: float, cameras: Sequence[Camera]) -> "Floor":
@@ -86,17 +96,28 @@ class Floor:
             there[there != camera], ratios[camera], states[camera], ratios, states, block_px,
             (rows.start, rows.stop, columns.start, columns.stop), prior,
         )  # fmt: skip
+        _add_darkness(prior[part], ratios[camera][part], states[camera][part], self.darkness_odds)
         return prior
 
 
 def find_floor(
     cameras: Sequence[Camera], lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
 ) -> Floor | None:
-    """The floor at the height at which cameras agree best on shadows; None if they do not agree.
+    """The floor at the height at which cameras agree best on shadows, and how dark these are; None if they do
+    not agree.
 
     moments: ratios (C, H, W), states (C, H, W) and cameras that have a picture. The world's origin is tried
     first.
     """
+    floor = _agreed_floor(cameras, lenses, moments)
+    if floor is None:
+        return None
+    return replace(floor, darkness_odds=_darkness_odds(floor, lenses, moments))
+
+
+def _agreed_floor(
+    cameras: Sequence[Camera], lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
+) -> Floor | None:
     origin = Floor.at(0.0, cameras)
     at_origin = _agreement(origin, lenses, moments)
     if at_origin >= _SURELY_AGREED:
@@ -125,6 +146,34 @@ def _agreement(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Byt
             supported += int((prior[shadowed] >= SUPPORTED).sum())
             candidates += int(shadowed.sum())
     return supported / max(candidates, 1)
+
+
+def _darkness_odds(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]) -> Levels:
+    """See Floor.darkness_odds; moments as in find_floor. Zeros if too few shadows are confirmed."""
+    counts = np.zeros(_DARKNESS_BINS)
+    for ratios, states, there in moments:
+        for c in map(int, there):
+            width, height = lenses.sizes_px[c]
+            whole = slice(0, int(height)), slice(0, int(width))
+            prior = floor.shadow_prior(c, whole, lenses, ratios, states, there)
+            confirmed = ratios[c][whole][(states[c][whole] == PERHAPS_SHADOW) & (prior >= SUPPORTED)]
+            counts += np.histogram(confirmed, _DARKNESS_BINS, _RATIOS)[0]
+    if counts.sum() < _LEAST_CONFIRMED_PX:
+        return _NOTHING_KNOWN
+    # The density of ratios over that of the model of shadow, in which all are equally likely.
+    density = _DARKNESS_BINS * np.convolve(counts / counts.sum(), (0.25, 0.5, 0.25), "same")
+    return np.asarray(np.log(np.maximum(density, 1.0)), np.float32)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_darkness(odds: Levels, ratio: Levels, state: Bytes, darkness_odds: Levels) -> None:
+    """Add to the log odds (h, w) of pixels with these ratios and states (h, w) what their darkness tells."""
+    bins_per_ratio = len(darkness_odds) / (MOST_RATIO - LEAST_RATIO)
+    for y in range(odds.shape[0]):
+        for x in range(odds.shape[1]):
+            if state[y, x] == PERHAPS_SHADOW and odds[y, x] < SUPPORTED:
+                place = int((ratio[y, x] - LEAST_RATIO) * bins_per_ratio)
+                odds[y, x] += darkness_odds[min(max(place, 0), len(darkness_odds) - 1)]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

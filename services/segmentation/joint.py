@@ -42,6 +42,8 @@ from services.segmentation.voxels import ALONE, INSIDE, MISS, MORE_MISS, VoxelGr
 
 _ROUNDS = 3
 """Rounds of messages; more change almost nothing."""
+_LIKELY_SHADOW = 0.0
+"""Log odds of shadow from which a pixel teaches nothing about the actor."""
 _SURELY_CHANGED, _SURELY_SAME = 1.0, -0.5
 """Evidence for a change above which a pixel is used to learn colours and the weight of the other cameras."""
 _BIAS = np.float32(-0.3)
@@ -116,7 +118,7 @@ class JointMatte:
             compared = self._compared[c]
             in_shadow = compared.state == PERHAPS_SHADOW
             if self._floor is not None:
-                in_shadow &= shadow_priors[c] >= SUPPORTED
+                in_shadow &= shadow_priors[c] >= _LIKELY_SHADOW
             changed: Mask = (compared.change > _SURELY_CHANGED) & ~in_shadow
             self._learnt[c].add(images_bgr[c], classes[c], changed, compared.change < _SURELY_SAME)
             return changed

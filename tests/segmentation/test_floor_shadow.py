@@ -124,3 +124,30 @@ def test_pixels_over_the_horizon_look_at_no_floor() -> None:
     assert np.isnan(places_m[:60]).all()
     assert np.isfinite(places_m[70:]).all()
     np.testing.assert_allclose(places_m[119, :, 1], 1.5 * 120 / 59.5, rtol=1e-5)
+
+
+def test_what_is_as_dark_as_confirmed_shadows_is_likelier_a_shadow() -> None:
+    """Also where another camera looks at furniture, and sees the place in light."""
+    ratios = np.full((4, 180, 240), 1.0, np.float32)
+    states = np.full((4, 180, 240), UNCHANGED, np.uint8)
+    floor = Floor.at(0.0, CAMERAS)
+    on_floor = [np.linalg.norm(places, axis=-1) < 0.7 for places in floor.places_m]
+    for c in range(4):
+        states[c][on_floor[c]], ratios[c][on_floor[c]] = PERHAPS_SHADOW, 0.6
+    there = np.arange(4, dtype=np.int32)
+    found = find_floor(CAMERAS, LENSES, [(ratios, states, there)])
+    assert found is not None
+
+    apart = np.linalg.norm(floor.places_m[0], axis=-1) < 0.3
+    seen = states.copy()
+    seen[1:] = UNCHANGED  # nobody confirms this one
+    unconfirmed, known = (
+        [f.shadow_prior(0, WHOLE, LENSES, r, seen, there) for r in (ratios, 0.8 * ratios)]
+        for f in (floor, found)
+    )
+    assert np.all(known[0][apart] > unconfirmed[0][apart] + 1.5)
+    np.testing.assert_array_equal(known[1], unconfirmed[1])  # cloth that is darker than these shadows
+    is_lit = states[0] == UNCHANGED
+    np.testing.assert_array_equal(known[0][is_lit], unconfirmed[0][is_lit])
+    confirmed = found.shadow_prior(0, WHOLE, LENSES, ratios, states, there)
+    np.testing.assert_array_equal(confirmed[apart], np.full(apart.sum(), SUPPORTED))
