@@ -239,8 +239,8 @@ class JointMatte:
     def _likely_part(self, compared: Comparison, classes: Bytes) -> Part | None:
         """The part of the picture that may show the actor; None if there is none."""
         is_likely = (compared.change > LEAST_CHANGE) & (classes != MORE_MISS)
-        # Legs that furniture hides from most of the others.
-        is_likely |= (compared.change > _SURELY_CHANGED) & (compared.state == CHANGED)
+        if not self._finds_furniture:  # it may hide legs from most of the others
+            is_likely |= (compared.change > _SURELY_CHANGED) & (compared.state == CHANGED)
         changed = is_likely.view(np.uint8)
         likely = opened(changed | (classes == INSIDE), 3)
         # With few cameras all others see a change along many rays of pixels that have not changed here.
