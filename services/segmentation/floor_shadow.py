@@ -4,7 +4,7 @@ A floor point in shadow is dark in all cameras; a shin in front of the floor is 
 the floor behind it lit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numba
@@ -46,6 +46,7 @@ _DARKNESS_BINS = 32
 _LEAST_CONFIRMED_PX = 1000
 """So many confirmed pixels tell how dark shadows are."""
 _RATIOS = float(LEAST_RATIO), float(MOST_RATIO)
+"""Of a possible shadow, at least and at most."""
 _NOTHING_KNOWN: Levels = np.zeros(_DARKNESS_BINS, np.float32)
 _SAME_RATIO = np.float32(0.1)
 _FARTHEST_M = 30.0
@@ -136,33 +137,33 @@ def _agreed_floor(
 
 def _agreement(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]) -> float:
     """The share of all possible shadow pixels that another camera supports."""
-    supported = candidates = 0
-    for ratios, states, there in moments:
-        for c in map(int, there):
-            width, height = lenses.sizes_px[c]
-            shadowed = states[c, :height, :width] == PERHAPS_SHADOW
-            whole = slice(0, int(height)), slice(0, int(width))
-            prior = floor.shadow_prior(c, whole, lenses, ratios, states, there)
-            supported += int((prior[shadowed] >= SUPPORTED).sum())
-            candidates += int(shadowed.sum())
-    return supported / max(candidates, 1)
+    is_supported = [odds >= SUPPORTED for odds, _ in _possible_shadows(floor, lenses, moments)]
+    return sum(map(np.count_nonzero, is_supported)) / max(sum(map(len, is_supported)), 1)
 
 
 def _darkness_odds(floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]) -> Levels:
     """See Floor.darkness_odds; moments as in find_floor. Zeros if too few shadows are confirmed."""
     counts = np.zeros(_DARKNESS_BINS)
-    for ratios, states, there in moments:
-        for c in map(int, there):
-            width, height = lenses.sizes_px[c]
-            whole = slice(0, int(height)), slice(0, int(width))
-            prior = floor.shadow_prior(c, whole, lenses, ratios, states, there)
-            confirmed = ratios[c][whole][(states[c][whole] == PERHAPS_SHADOW) & (prior >= SUPPORTED)]
-            counts += np.histogram(confirmed, _DARKNESS_BINS, _RATIOS)[0]
+    for odds, ratios in _possible_shadows(floor, lenses, moments):
+        counts += np.histogram(ratios[odds >= SUPPORTED], _DARKNESS_BINS, _RATIOS)[0]
     if counts.sum() < _LEAST_CONFIRMED_PX:
         return _NOTHING_KNOWN
     # The density of ratios over that of the model of shadow, in which all are equally likely.
     density = _DARKNESS_BINS * np.convolve(counts / counts.sum(), (0.25, 0.5, 0.25), "same")
     return np.asarray(np.log(np.maximum(density, 1.0)), np.float32)
+
+
+def _possible_shadows(
+    floor: Floor, lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
+) -> Iterator[tuple[Levels, Levels]]:
+    """Of each picture the log odds of shadow (N,) and the ratios (N,) of pixels that may show shadow."""
+    for ratios, states, there in moments:
+        for c in map(int, there):
+            width, height = lenses.sizes_px[c]
+            whole = slice(0, int(height)), slice(0, int(width))
+            shadowed = states[c][whole] == PERHAPS_SHADOW
+            odds = floor.shadow_prior(c, whole, lenses, ratios, states, there)
+            yield odds[shadowed], ratios[c][whole][shadowed]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -45,7 +45,8 @@ _ROUNDS = 3
 _LIKELY_SHADOW = 0.0
 """Log odds of shadow from which a pixel teaches nothing about the actor."""
 _SURELY_CHANGED, _SURELY_SAME = 1.0, -0.5
-"""Evidence for a change above which a pixel is used to learn colours and the weight of the other cameras."""
+"""Evidence for a change above which a pixel has surely changed, and below which it surely has not: only such
+pixels are used to learn colours and the weight of the other cameras."""
 _BIAS = np.float32(-0.3)
 """Bias against the actor: rims mix both and are better cut off here, because the edges are settled
 afterwards."""

@@ -22,7 +22,7 @@ from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.silhouette_spool import SilhouetteSpool
-from services.mocap.search.tracker import Tracker, near_or, whole_person
+from services.mocap.search.tracker import Tracker, unless_far, whole_person
 from services.mocap.types import Floats
 
 _THOROUGH_EVERY_S = 1 / 3
@@ -78,7 +78,7 @@ def solve_both_ways(
         whole = Picture.of_frame(model.rig, seen[frame])
         solution = solve_frame(model, whole, chosen.pose[None], aligned_only, limbs, trust)
         if "torso" in solution.distrusted:
-            solution = near_or(chosen.pose, solution, seen[frame])
+            solution = unless_far(solution, chosen.pose, seen[frame])
         doubt_rivals(solution, rival_probabilities(chosen.apart_m, chosen.margin_px))
         yield Step("settling", frame, solution)
 

@@ -16,7 +16,7 @@ from services.mocap.search.descent import Box, Solution, best_of
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.stages import (
-    CostlyEnergy,
+    ColouredEnergy,
     descend_from,
     descend_stage,
     prepare,
@@ -132,7 +132,7 @@ def _grid_steps(stage: Stage, settings: SearchSettings) -> Floats:
     return np.array([settings.grid_step_rad * (2.0 if DOFS[d].role == "twist" else 1.0) for d in stage.dofs])
 
 
-def best_apart(energy: CostlyEnergy, points: Floats, steps: Floats) -> list[Floats]:
+def best_apart(energy: ColouredEnergy, points: Floats, steps: Floats) -> list[Floats]:
     """Some points (of N, d) of least energy, each farther than steps (d,) from those before in a parameter.
 
     Colours are looked at from the quickly known least energy on, as long as the points that follow may be

@@ -27,8 +27,8 @@ def whole_body_problem(picture: Picture, settings: SearchSettings) -> Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class CostlyEnergy:
-    """An energy in two parts: one that is quickly known, and the rest, which takes several times as long."""
+class ColouredEnergy:
+    """An energy in two parts, since what wrong colours cost takes several times as long to compute."""
 
     quick: Energy
     """What silhouettes, and poses beside their pixels, cost: never more than the whole energy."""
@@ -40,13 +40,13 @@ class CostlyEnergy:
         return self.quick(values) if self.colours is None else self.quick(values) + self.colours(values)
 
 
-def energy_of(model: Model, problem: Problem) -> CostlyEnergy:
+def energy_of(model: Model, problem: Problem) -> ColouredEnergy:
     """The energy of a problem, with what wrong colours cost if its picture has classes."""
     quick, price = model.backend.energy(problem), problem.cost.colour
     if not model.counts_colours(problem.picture, price):
-        return CostlyEnergy(quick)
+        return ColouredEnergy(quick)
     wrong_px = model.colours.wrong_px(problem)
-    return CostlyEnergy(quick, lambda values: price * wrong_px(values))
+    return ColouredEnergy(quick, lambda values: price * wrong_px(values))
 
 
 def stage_window(model: Model, stage: Stage, picture: Picture, pose: Floats, margin_px: int = 0) -> Picture:
@@ -67,7 +67,7 @@ def prepare(
     settings: SearchSettings,
     *,
     priced: bool = False,
-) -> tuple[CostlyEnergy, Floats, Box]:
+) -> tuple[ColouredEnergy, Floats, Box]:
     """The stage's energy with everything else pre-rendered, the pose's values (d,), and their limits.
 
     priced: with what poses cost beside their pixels (pose_prices).

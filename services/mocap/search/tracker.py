@@ -102,7 +102,7 @@ class Tracker:
 
     def _kept(self, solution: FrameSolution, seen: TriPlanes) -> FrameSolution:
         """What is known of a lost actor: the doubtful solution while it is near, else the last pose."""
-        kept = near_or(self._poses[-1], solution, seen)
+        kept = unless_far(solution, self._poses[-1], seen)
         self._poses = [*self._poses[-1:], kept.pose] if kept is solution else self._poses[-1:]
         return kept
 
@@ -122,9 +122,9 @@ class Tracker:
         return None if "torso" in first.solution.distrusted else first.solution
 
 
-def near_or(pose: Floats, solution: FrameSolution, seen: TriPlanes) -> FrameSolution:
-    """A doubtful solution if it is near silhouettes `seen` (P, H, W), else one of which nothing is sure, with
-    a pose (D,)."""
+def unless_far(solution: FrameSolution, pose: Floats, seen: TriPlanes) -> FrameSolution:
+    """A doubtful solution, unless it is far from the silhouettes `seen` (P, H, W): then one with a known pose
+    (D,), of which nothing is sure."""
     if solution.energy_px <= _MOST_FOLLOWED * count_bits(seen.silhouettes):
         return solution
     nothing = dict.fromkeys(PARTS, 0.0)

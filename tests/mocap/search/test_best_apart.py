@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.mocap.search.limb import best_apart
-from services.mocap.search.stages import CostlyEnergy
+from services.mocap.search.stages import ColouredEnergy
 from services.mocap.types import Floats
 
 STEPS = np.array([0.24, 0.24, 0.48, 0.24])
@@ -36,7 +36,7 @@ def test_the_points_are_those_of_a_search_that_looks_at_all_colours(seed: int, h
     def rows(values: Floats) -> list[int]:
         return [int(np.flatnonzero((points == value).all(axis=1))[0]) for value in values]
 
-    energy = CostlyEnergy(
+    energy = ColouredEnergy(
         lambda values: quick_px[rows(values)],
         (lambda values: colours_px[rows(values)]) if has_colours else None,
     )
@@ -54,5 +54,5 @@ def test_colours_are_looked_at_where_they_may_matter(dearest_px: float, most_loo
         looked_at.append(len(values))
         return np.minimum(colours_px[: len(values)], dearest_px)
 
-    best_apart(CostlyEnergy(lambda _: quick_px, colours), points, STEPS)
+    best_apart(ColouredEnergy(lambda _: quick_px, colours), points, STEPS)
     assert 32 <= sum(looked_at) <= most_looked_at
