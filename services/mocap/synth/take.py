@@ -129,12 +129,16 @@ def _write_videos(
     all cameras."""
     for c, (camera, view) in enumerate(views):
         plate_path = layout.background_video_path(folder, camera.name)
-        with video_writer(plate_path, *camera.size_px, fps) as video:
+        with video_writer(plate_path, *camera.size_px, fps, threads="1") as video:
             for frame in range(BACKGROUND_FRAMES):
                 video.write(expose(view.picture, np.random.default_rng((seed, 3, c, frame))))
     with ExitStack() as open_videos:
-        writers = (video_writer(layout.video_path(folder, one.name), *one.size_px, fps) for one, _ in views)
-        videos = [open_videos.enter_context(writer) for writer in writers]
+        videos = [
+            open_videos.enter_context(
+                video_writer(layout.video_path(folder, camera.name), *camera.size_px, fps, threads="1")
+            )
+            for camera, _ in views
+        ]
         for frame, pose in enumerate(poses):
             figure = model.pose(pose)
             for c, (camera, view) in enumerate(views):

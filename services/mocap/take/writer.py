@@ -21,6 +21,8 @@ from services.mocap.take.settings import TakeSettings, write_settings
 from services.mocap.types import Bytes, Mask, Trimap
 
 NEAR_LOSSLESS_CRF = 12
+_REPRODUCIBLE = {"mbtree": "0"}
+"""Options of x264: its macroblock tree makes another file of the same pictures each time."""
 _KEYFRAME_EVERY_S = 2  # for fast seeking in browsers and readers
 _BT601 = 6  # FFmpeg's number (SMPTE 170M) for the colours of its default conversion
 _LIMITED_RANGE = 1
@@ -80,7 +82,8 @@ def video_writer(
     """A writer of an mp4 that browsers play; the file appears when the block ends without an exception.
 
     crf: x264's quality, 0 to 51, smaller is better: 12 is nearly lossless, about 20 is good for viewing.
-    options: further ones of x264, such as its preset.
+    options: further ones of x264, such as its preset. The same pictures give the same file, on all machines
+    with threads="1".
     Raises TakeError for odd sizes, which the pixel format of browsers (yuv420p) does not support.
     """
     if width_px % 2 or height_px % 2:
@@ -91,7 +94,7 @@ def video_writer(
         atomic_file(path) as part,
         av.open(str(part), "w", format="mp4", options={"movflags": "+faststart"}) as container,
     ):
-        writer = VideoWriter(container, width_px, height_px, fps, {"crf": str(crf), **options})
+        writer = VideoWriter(container, width_px, height_px, fps, _REPRODUCIBLE | {"crf": str(crf), **options})
         yield writer
         writer.finish()
 
