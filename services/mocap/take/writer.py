@@ -94,7 +94,9 @@ def video_writer(
         atomic_file(path) as part,
         av.open(str(part), "w", format="mp4", options={"movflags": "+faststart"}) as container,
     ):
-        writer = VideoWriter(container, width_px, height_px, fps, _REPRODUCIBLE | {"crf": str(crf), **options})
+        writer = VideoWriter(
+            container, width_px, height_px, fps, _REPRODUCIBLE | {"crf": str(crf), **options}
+        )
         yield writer
         writer.finish()
 
