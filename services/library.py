@@ -38,8 +38,9 @@ from services.mocap.take.folder import open_take as open_take
 from services.mocap.take.tables import PoseTable
 from services.mocap.types import Floats
 from services.recorder.result_folder import results_into
-from services.runs.fit import TakeFit, fit_take, init_frames
+from services.runs.fit import fit_take, init_frames
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
+from services.runs.take_fit import TakeFit
 from services.runs.take_silhouettes import TakeSilhouettes
 from services.segmentation.segmenters import AUTO, make_segmenter
 from services.segmentation.silhouettes import Segmenter, packed

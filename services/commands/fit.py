@@ -27,10 +27,11 @@ from services.options import (
     SegmenterOption,
     engine_settings,
 )
-from services.runs.fit import TakeFit, fit_take, frames_in_words, init_frames
+from services.runs.fit import fit_take, init_frames
 from services.runs.fit_files import origin_of, uncertainty_of, write_fit
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.reporting import DRAWING_FROM, Show
+from services.runs.take_fit import TakeFit, frames_in_words
 from services.runs.take_silhouettes import TakeSilhouettes
 
 EVERY_CORE = 0

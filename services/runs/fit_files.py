@@ -35,7 +35,7 @@ from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import PoseTable, write_poses_csv
 from services.mocap.take.writer import write_picture
 from services.mocap.types import Bytes
-from services.runs.fit import TakeFit, frames_in_words
+from services.runs.take_fit import TakeFit, frames_in_words
 
 
 def write_fit(take: Take, found: TakeFit, folder: Path) -> None:

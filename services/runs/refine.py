@@ -27,8 +27,8 @@ from services.mocap.search.occlusion import PosedFrame, find_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.mocap.types import ACTOR, Floats, Ints, Mask
-from services.runs.fit import TakeFit, concluded
 from services.runs.reporting import Clock, Show, kept_warnings
+from services.runs.take_fit import TakeFit, concluded, occluded_by_camera, warn_of_occluded
 from services.runs.take_silhouettes import TakeSilhouettes, read_moments, seen_of
 from services.segmentation.colour_classes import PIECES, ColourClasses, ColourLearner
 from services.segmentation.silhouettes import Moment, Segmenter, packed
@@ -39,10 +39,6 @@ _MOST_READ, _LOOKED_AT = 120, 60
 """All frames of shorter takes are looked at for what furniture hides, and so many of longer ones."""
 _TAUGHT = 48
 """Of these so many at least teach what colours the actor has."""
-_OCCLUDED = (
-    "%s: something hides the actor from %s in %.1f%% of the picture, furniture perhaps: these pixels count "
-    "for nothing"
-)
 
 _TORSO = PARTS.index("torso")
 
@@ -129,12 +125,8 @@ def look_over(
     with model_on_cpu(found.actor, rig) as model:
         lesson = _ColourLesson(model, take.cameras)
         masks = find_occluded(model, posed())
-    occluded = {}
-    for camera, mask in zip(take.cameras, masks, strict=True):
-        of_camera = mask[: camera.height_px, : camera.width_px]
-        if of_camera.any():
-            log.warning(_OCCLUDED, take.folder, camera.name, 100.0 * of_camera.mean())
-            occluded[camera.name] = of_camera
+    occluded = occluded_by_camera(take.cameras, masks)
+    warn_of_occluded(take, occluded)
     return occluded, lesson.learner.conclude()
 
 

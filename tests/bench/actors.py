@@ -25,7 +25,7 @@ from services.mocap.search.settings import SearchSettings
 from services.mocap.synth.studio import studio_cameras
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats
-from services.runs.fit import guess_first_pose
+from services.runs.fit_frames import guess_first_pose
 from services.runs.refine import DEFAULT_REFINE_FRAMES, LEAST_FRAMES, spread
 
 BONES = (

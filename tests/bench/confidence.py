@@ -26,7 +26,7 @@ from services.mocap.take.folder import Take, open_take
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.take.tables import REFERENCE_JOINTS, from_take_world
 from services.mocap.types import Floats, Mask
-from services.runs.fit import TakeFit
+from services.runs.take_fit import TakeFit
 
 _JUDGED_BY: dict[Part, tuple[str, ...]] = {
     "torso": ("left_hip", "right_hip", "left_shoulder", "right_shoulder", "neck"),

@@ -17,7 +17,7 @@ from services.mocap.take.folder import Take
 
 
 def _quality(energy_px: float) -> FitQuality:
-    return FitQuality(np.full((4,), energy_px), np.full((4, 2), 0.9))
+    return FitQuality(np.full((4,), energy_px), np.zeros(4), np.full((4, 2), 0.9))
 
 
 def test_lenses_are_those_of_the_files_and_extrinsics_those_that_were_found(

@@ -22,7 +22,7 @@ from services.library import (
 from services.mocap.errors import UserError
 from services.mocap.result.result import load_result
 from services.mocap.take.folder import Take
-from services.runs.fit import TakeFit
+from services.runs.take_fit import TakeFit
 
 _ONE_WAY = SearchSettings(both_ways=False)
 ROOT = Path(__file__).resolve().parents[2]

@@ -32,7 +32,8 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
 from services.runs import Interrupted
-from services.runs.fit import TakeFit, fit_take, init_frames
+from services.runs.fit import fit_take, init_frames
+from services.runs.take_fit import TakeFit
 from services.runs.take_silhouettes import TakeSilhouettes
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take

@@ -36,9 +36,10 @@ from services.mocap.take.fit_record import OCCLUDED, fitted_pose, read_occluded,
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import UNSURE, Floats, Mask
-from services.runs import fit as fit_module
-from services.runs.fit import TakeFit, concluded, fit_take, init_frames
+from services.runs import fit_frames as fit_module
+from services.runs.fit import fit_take, init_frames
 from services.runs.fit_files import write_fit
+from services.runs.take_fit import TakeFit, concluded
 from services.runs.take_silhouettes import TakeSilhouettes, seen_of
 from services.runs.way_round import tracked_px
 from services.segmentation.segmenters import make_segmenter
@@ -80,7 +81,7 @@ def fit_by(
 ) -> TakeFit:
     """As fit_take, with this in place of the fit."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("services.runs.fit.fit_actor", fitter)
+        patch.setattr("services.runs.fit_frames.fit_actor", fitter)
         return fit_take(TakeSilhouettes(take), frames, CPU, search, show, **others)
 
 

@@ -41,7 +41,7 @@ def test_the_fit_decides_between_opposite_first_poses(
         tried.append(float(pose[0]))
         for share in (0.0, 1.0):
             told(share)
-        quality = FitQuality(np.array([fits_px[tried[-1]]]), np.ones((1, 3)))
+        quality = FitQuality(np.array([fits_px[tried[-1]]]), np.zeros(1), np.ones((1, 3)))
         return Fit(Actor(), pose[None], quality, quality)
 
     ones = np.ones(len(DOFS))

@@ -7,7 +7,7 @@ import numpy as np
 from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.body.body_mesh import Skirt
 from services.mocap.camera.rig import Rig
-from services.mocap.energy.bitplanes import TriPlanes, count_by_camera
+from services.mocap.energy.bitplanes import TriPlanes, count_bits, count_by_camera
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.picture import Region
 from services.mocap.search.chains import ALL_SURFACES
@@ -27,6 +27,8 @@ class FitQuality:
 
     energy_px: Floats
     """(F,) differing pixels of each frame, over all cameras."""
+    unexplained_px: Floats
+    """(F,) those of them that only the silhouettes have."""
     iou: Floats
     """(F, C) pixels in both silhouettes over pixels in either, unsure ones aside; 1 where both are empty."""
 
@@ -42,7 +44,8 @@ def quality_of(body: Body, poses: Floats, rig: Rig, seen: TriPlanes) -> FitQuali
         for frames in (drawn & seen.silhouettes & counted, (drawn | seen.silhouettes) & counted)
     )
     iou = np.where(either > 0, both / np.maximum(either, 1), 1.0)
-    return FitQuality((either - both).sum(axis=1).astype(np.float64), iou)
+    unexplained_px = [float(count_bits(planes)) for planes in seen.silhouettes & ~drawn & counted]
+    return FitQuality((either - both).sum(axis=1), np.array(unexplained_px), iou)
 
 
 def in_best_skirt(actor: Actor, poses: Floats, rig: Rig, seen: TriPlanes) -> Actor:

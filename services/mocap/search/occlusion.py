@@ -28,6 +28,9 @@ too wide; so far about such pixels others are taken for hidden, too."""
 _LEAST_PX = 60.0
 """Fewer such pixels side by side, in pictures 320 wide, are a hand or a shoe that the body has elsewhere."""
 
+_BEYOND_PX = 10
+"""So far beyond what a few poses show, in pictures 320 wide, furniture may go on."""
+
 _SEGMENTS = tuple(range(len(SEGMENT_NAMES)))
 """Without cloth, which hangs as it likes."""
 
@@ -47,7 +50,7 @@ class PosedFrame:
 def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
     """(C, H, W) the pixels in which something hides the actor from each camera."""
     rig, region = model.rig, Region.whole(model.rig)
-    inside = _disc(_INSIDE_PX, rig)
+    inside = disc(_INSIDE_PX, rig)
     n_covered, n_behind, n_seen = np.zeros((3, rig.n_cameras, *rig.shape_px), np.int32)
     n_frames = 0
     for frame in frames:
@@ -64,11 +67,17 @@ def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
     often = n_covered >= max(_LEAST_FRAMES, _LEAST_SHARE * n_frames)
     most_seen = _MOST_SEEN * n_covered
     hidden = often & (n_covered - n_behind <= most_seen) & (n_seen <= most_seen + 1)
-    around, least_px = _disc(_AROUND_PX, rig), _LEAST_PX * (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2
-    return np.stack([cv2.dilate(_large(of_camera, least_px), around) > 0 for of_camera in hidden])
+    around, least_px = disc(_AROUND_PX, rig), _LEAST_PX * (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2
+    return np.stack([cv2.dilate(large_pieces(of_camera, least_px), around) > 0 for of_camera in hidden])
 
 
-def _large(mask: Mask, least_px: float) -> Bytes:
+def grown(masks: Mask, rig: Rig) -> Mask:
+    """Masks (C, H, W) of what hides the actor in a few poses, and what may belong to it around."""
+    around = disc(_BEYOND_PX, rig)
+    return np.array([cv2.dilate(mask.view(np.uint8), around) > 0 for mask in masks])
+
+
+def large_pieces(mask: Mask, least_px: float) -> Bytes:
     """The connected pieces of a mask (H, W) that have so many pixels."""
     _, pieces, statistics, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8))
     is_large = statistics[:, cv2.CC_STAT_AREA] >= least_px
@@ -76,7 +85,7 @@ def _large(mask: Mask, least_px: float) -> Bytes:
     return np.asarray(is_large[pieces], np.uint8)
 
 
-def _disc(radius_px: float, rig: Rig) -> Bytes:
+def disc(radius_px: float, rig: Rig) -> Bytes:
     """A round kernel; its radius is given for pictures 320 wide."""
     size = 1 + 2 * max(1, round(radius_px * rig.shape_px[1] / REFERENCE_WIDTH_PX))
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))

@@ -1,0 +1,221 @@
+"""Fitting the actor of a take to some successive frames, from the pose that is found in the first of them."""
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.body_mesh import OwnMesh
+from services.mocap.body.kinematics import joint_positions
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes, unpack
+from services.mocap.energy.engine import Engine, open_engine
+from services.mocap.energy.picture import Picture
+from services.mocap.energy.settings import EngineSettings
+from services.mocap.errors import TakeError
+from services.mocap.fit.fitting import Fit, fit_actor
+from services.mocap.fit.quality import in_best_skirt, quality_of
+from services.mocap.search.both_ways import found_anew
+from services.mocap.search.first_frame import FirstFrame, first_guess
+from services.mocap.search.frame import solve_frame
+from services.mocap.search.hidden_space import hidden_space
+from services.mocap.search.hull import carve
+from services.mocap.search.jobs import LocalLimbs
+from services.mocap.search.model import model_on_cpu
+from services.mocap.search.occlusion import PosedFrame, find_occluded, grown
+from services.mocap.search.settings import SearchSettings
+from services.mocap.take.settings import TakeSettings
+from services.mocap.types import Floats, Mask
+from services.runs.reporting import Clock, Show, kept_warnings
+from services.runs.take_fit import TakeFit, concluded, occluded_by_camera, warn_of_occluded
+from services.runs.take_silhouettes import TakeSilhouettes, seen_of
+from services.runs.way_round import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
+
+log = logging.getLogger(__name__)
+
+_FIRST_FITS = 0.6
+"""Progress of the fits from the generic body's pose; one from the fitted body's follows."""
+_NEAR_M = 0.1
+"""Fits from two first poses end about alike if none of their joints is farther apart."""
+_ROUNDS = 2
+"""Fits past furniture: the first one only knows where some may be."""
+_CLEARLY_LESS = 0.75
+"""A body that goes on behind furniture leaves at most this share of what another leaves unexplained."""
+
+
+def fit_frames(
+    silhouettes: TakeSilhouettes,
+    engine: EngineSettings,
+    search: SearchSettings,
+    mesh: OwnMesh | None,
+    is_refined_next: bool,
+    frames: range,
+    show: Show,
+) -> TakeFit:
+    """Find the pose of the first of these frames, and fit the actor to all of them; as fit_take.
+
+    Where furniture may hide limbs that the body leaves unexplained, all is done once more without the pixels
+    in which it may, and again without those in which it then does. The results count if they explain clearly
+    more.
+    """
+    fit_to = partial(_fit_seen, silhouettes, engine, search, mesh, is_refined_next, frames, show)
+    found = best = fit_to({})
+    with model_on_cpu(found.fit.actor, Rig.of(found.cameras)) as model:
+        hidden = occluded_by_camera(found.cameras, hidden_space(model, found.seen, found.fit.poses))
+    seconds = Counter(found.seconds)
+    for _ in range(_ROUNDS):
+        if not hidden:
+            break
+        try:
+            again = fit_to(hidden)
+        except TakeError as error:
+            log.info("without what furniture may hide: %s", error)
+            break
+        seconds.update(again.seconds)
+        if again.cameras != found.cameras or not _explains_more(again, found):
+            break
+        hidden = _occluded(again.fit, found)
+        best = replace(again, occluded=hidden)
+    with kept_warnings() as warnings:
+        if not is_refined_next:  # which finds more exactly what hides the actor
+            warn_of_occluded(silhouettes.take, best.occluded)
+    return replace(best, seconds=dict(seconds), warnings=[*best.warnings, *warnings])
+
+
+def _occluded(fit: Fit, found: TakeFit) -> dict[str, Mask]:
+    """By camera the pixels (h, w) in which something hides the body of a fit from what another one saw."""
+    rig, ever_seen = Rig.of(found.cameras), np.bitwise_or.reduce(found.seen.possible, axis=0)
+    posed = (PosedFrame(found.seen[f], pose, is_lost=False) for f, pose in enumerate(fit.poses))
+    with model_on_cpu(fit.actor, rig) as model:
+        masks = grown(find_occluded(model, posed), rig)
+    return occluded_by_camera(found.cameras, masks & ~unpack(ever_seen, rig.n_cameras))
+
+
+def _explains_more(again: TakeFit, found: TakeFit) -> bool:
+    """Whether a fit without the pixels in which furniture may hide the actor is clearly better."""
+    body, rig = build_body(found.fit.actor), Rig.of(found.cameras)
+    there = quality_of(body, found.fit.poses, rig, again.seen)
+    left_px, left_before_px = (fit.fit.after.unexplained_px.sum() for fit in (again, found))
+    is_better = again.fit.after.energy_px.sum() < there.energy_px.sum()
+    return bool(is_better and left_px < _CLEARLY_LESS * left_before_px)
+
+
+def _fit_seen(
+    silhouettes: TakeSilhouettes,
+    engine: EngineSettings,
+    search: SearchSettings,
+    mesh: OwnMesh | None,
+    is_refined_next: bool,
+    frames: range,
+    show: Show,
+    unsure: Mapping[str, Mask],
+) -> TakeFit:
+    """As fit_frames; unsure: by camera further pixels (h, w) that count for nothing."""
+    take = silhouettes.take
+    clock, hints = Clock(show), take.settings.beginning_at(frames.start)
+    with kept_warnings() as warnings:
+        with clock.stage("looking at silhouettes") as progress:
+            warnings += silhouettes.remarks
+            made = silhouettes.segmenter.knowing(unsure)
+            cameras, seen = seen_of(take, frames, made, progress)
+        rig, names = Rig.of(cameras), [camera.name for camera in cameras]
+        with clock.stage("finding the first pose"), open_engine(engine) as opened:
+            told = search.for_cameras([take.cameras.index(camera) for camera in cameras])
+            guess = guess_first_pose(rig, seen[0], hints, opened, told, mesh, names)
+        with clock.stage("fitting the actor") as progress:
+
+            def fit_from(actor: Actor, pose: Floats, told: Callable[[float], None]) -> Fit:
+                return fit_actor(rig, seen, actor, pose, told, search.body, hints.actor_height)
+
+            @cache
+            def later() -> list[TriPlanes]:
+                """What is seen (P, H, W) in each of the frames that tell which way round the actor is."""
+                longer = range(frames.start, min(frames.stop + MOTION_FRAMES, take.settings.frames))
+                _, more = seen_of(take, longer, made, lambda _: None)
+                return [more[frame] for frame in range(len(frames), len(longer))]
+
+            way = fit_best_way_round(
+                guess.first,
+                partial(fit_from, guess.actor),
+                lambda fit: tracked_px(rig, later(), fit, told),
+                lambda share: progress(_FIRST_FITS * share),
+            )
+            again = None if hints.initial_pose else partial(_found_again, rig, seen[0], search=told)
+            way = _fitted_once_more(
+                way, guess.actor, rig, seen, fit_from, again, progress, is_refined_next=is_refined_next
+            )
+        start = (guess.actor, way.pose)
+        return concluded(frames, cameras, seen, start, way.fit, clock.seconds, warnings)
+
+
+def _fitted_once_more(
+    way: Way,
+    actor: Actor,
+    rig: Rig,
+    seen: TriPlanes,
+    fit_from: Callable[[Actor, Floats, Callable[[float], None]], Fit],
+    found_again: Callable[[Actor, Floats], Floats] | None,
+    progress: Callable[[float], None],
+    *,
+    is_refined_next: bool,
+) -> Way:
+    """The best of a way and of further fits: one in a skirt, if the actor seems to wear one, and one from the
+    first pose as found_again finds it with the fitted body (None: the pose was given).
+
+    is_refined_next: the last one is left out if that pose is near the way's.
+    """
+    ways = [way]
+    dressed = actor.wearing(in_best_skirt(way.fit.actor, way.fit.poses, rig, seen).skirt)
+    if dressed.skirt is not None:
+        ways.append(Way(way.pose, fit_from(dressed, way.pose, lambda _: None)))
+    fitted = ways[-1].fit
+    pose = fitted.poses[0] if found_again is None else found_again(fitted.actor, fitted.poses[0])
+    if not (is_refined_next and _is_near(fitted.actor, pose, fitted.poses[0])):
+        rest = 1.0 - _FIRST_FITS
+        ways.append(Way(pose, fit_from(dressed, pose, lambda share: progress(_FIRST_FITS + rest * share))))
+    return min(ways, key=lambda way: way.energy_px)
+
+
+def _found_again(rig: Rig, seen: TriPlanes, actor: Actor, pose: Floats, *, search: SearchSettings) -> Floats:
+    """The pose (D,) of the first frame (P, H, W) for a fitted actor: the fit's, or a better one.
+
+    The body by which the first pose was found had other limbs and no skirt.
+    """
+    with model_on_cpu(actor, rig) as model:
+        limbs, picture = LocalLimbs(model), Picture.of_frame(rig, seen)
+        starts = pose, found_anew(model, search, limbs, seen, pose)
+        fitted, anew = (solve_frame(model, picture, start[None], search, limbs) for start in starts)
+    return min(fitted, anew, key=lambda solution: solution.energy_px).pose
+
+
+def _is_near(actor: Actor, one: Floats, other: Floats) -> bool:
+    """Whether no joint is in quite another place in two poses (D,)."""
+    joints_m = joint_positions(np.stack([one, other]), build_body(actor).offsets_m)
+    return bool(np.linalg.norm(joints_m[1] - joints_m[0], axis=-1).max() < _NEAR_M)
+
+
+def guess_first_pose(
+    rig: Rig,
+    seen: TriPlanes,
+    hints: TakeSettings,
+    engine: Engine,
+    search: SearchSettings,
+    mesh: OwnMesh | None = None,
+    names: Sequence[str] = (),
+) -> FirstFrame:
+    """The generic body or the mesh, and its pose in the first frame, whose silhouettes are `seen` (P, H, W).
+
+    names: of the cameras. The model's backend is closed. Raises TakeError for an implausible height.
+    """
+    hull = carve(rig, unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras))
+    picture = Picture.of_frame(rig, seen)
+    pool = lambda model, _: LocalLimbs(model)  # noqa: E731
+    guess = first_guess(
+        hull, picture, rig, None, hints, pool, engine, search, mesh, names=names, is_fitted_next=True
+    )
+    guess.model.backend.close()
+    return guess

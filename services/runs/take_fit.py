@@ -1,0 +1,106 @@
+"""What a fit found: the actor of a take, and the poses of some of its frames."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.measures import Measure, measure, with_uncertainties
+from services.mocap.camera.camera import Camera
+from services.mocap.camera.rig import Rig
+from services.mocap.energy.bitplanes import TriPlanes
+from services.mocap.fit.fitting import Fit
+from services.mocap.search.model import model_on_cpu
+from services.mocap.search.unsure_parts import untold_parts
+from services.mocap.take.actor_file import rounded
+from services.mocap.take.folder import Take
+from services.mocap.types import Bytes, Floats, Mask
+
+log = logging.getLogger(__name__)
+
+_SKIRT = (
+    "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what the legs do in "
+    "it is estimated from what is visible of them"
+)
+_OCCLUDED = (
+    "%s: something hides the actor from %s in %.1f%% of the picture, furniture perhaps: these pixels count "
+    "for nothing"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class TakeFit:
+    """The actor of a take, and the poses of some of its frames, usually the first."""
+
+    frames: Sequence[int]
+    """In increasing order."""
+    cameras: tuple[Camera, ...]
+    """Cameras with usable silhouettes."""
+    seen: TriPlanes
+    """(F, P, H, W) of these cameras."""
+    start: Actor
+    """The body before the fit."""
+    start_pose: Floats
+    """The pose (D,) of the first frame from which the fit began."""
+    actor: Actor
+    """The fitted actor, as written to actor.toml."""
+    fit: Fit
+    measures: tuple[Measure, ...]
+    seconds: dict[str, float]
+    warnings: list[str]
+    occluded: Mapping[str, Mask] = field(default_factory=dict)
+    """By camera the pixels (h, w) in which something hides the actor, found by fitting or by tracking."""
+    colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
+    """By camera what the actor's colour classes look like there, as tracking told them."""
+
+    @property
+    def iou(self) -> float:
+        """Mean overlap of the fitted body and the silhouettes (intersection over union)."""
+        return float(self.fit.after.iou.mean())
+
+
+def frames_in_words(found: TakeFit) -> str:
+    """Which frames an actor was fitted to."""
+    ends = f"{found.frames[0]} to {found.frames[-1]}"
+    return f"frames {ends}" if isinstance(found.frames, range) else f"{len(found.frames)} frames from {ends}"
+
+
+def occluded_by_camera(cameras: Sequence[Camera], masks: Mask) -> dict[str, Mask]:
+    """By camera the pixels (h, w) in which something hides the actor, of masks (C, H, W); those of which it
+    hides nothing are left out."""
+    cut = {
+        camera.name: mask[: camera.height_px, : camera.width_px]
+        for camera, mask in zip(cameras, masks, strict=True)
+    }
+    return {name: mask for name, mask in cut.items() if mask.any()}
+
+
+def warn_of_occluded(take: Take, occluded: Mapping[str, Mask]) -> None:
+    """Say in which part of which pictures something hides the actor."""
+    for name, mask in occluded.items():
+        log.warning(_OCCLUDED, take.folder, name, 100.0 * mask.mean())
+
+
+def concluded(
+    frames: Sequence[int],
+    cameras: tuple[Camera, ...],
+    seen: TriPlanes,
+    start: tuple[Actor, Floats],
+    fit: Fit,
+    seconds: dict[str, float],
+    warnings: list[str],
+) -> TakeFit:
+    """A fit with its results: the actor to write, its measures, and the unsure parts."""
+    actor = rounded(fit.actor)
+    with model_on_cpu(actor, Rig.of(cameras)) as model:
+        names, when = [camera.name for camera in cameras], f"the {len(frames)} frames of the fit"
+        where = "its overlay.png shows where"
+        sentence = untold_parts(model, seen, fit.poses, names, when, where)
+    if sentence:
+        log.warning("%s", sentence)
+    if actor.skirt is not None:
+        log.warning(_SKIRT, 100.0 * actor.skirt.length * actor.height)
+    measures = measure(build_body(actor.wearing(None)))
+    if fit.shape_covariance is not None:
+        measures = with_uncertainties(measures, actor, fit.shape_covariance)
+    return TakeFit(frames, cameras, seen, *start, actor, fit, measures, seconds, warnings)
