@@ -120,7 +120,8 @@ def _fit_seen(
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
             warnings += silhouettes.remarks
-            made = silhouettes.segmenter.knowing(unsure)
+            known = silhouettes.segmenter
+            made = known.knowing(unsure) if unsure else known
             cameras, seen = seen_of(take, frames, made, progress)
         rig, names = Rig.of(cameras), [camera.name for camera in cameras]
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
