@@ -9,6 +9,7 @@ import numpy as np
 
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
+from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.picture import Region
 from services.mocap.energy.snapping import SUBPIXEL, project_snapped
@@ -25,14 +26,16 @@ _LEAST_PIECE = 0.04
 _RIM_PX, _AROUND_PX = 2, 2
 """In pictures 320 wide: what is no wider than twice the one is the rim of a body of another shape; so far
 about voxels others are."""
+_EXPLAINED = 0.8
+"""Share of the unexplained pieces that limbs behind furniture must explain."""
 
 
 def hidden_space(model: Model, seen: TriPlanes, poses: Floats) -> Mask:
     """(C, H, W) background pixels in which something may hide what a body in poses (F, D) leaves unexplained
     of silhouettes (F, P, H, W).
 
-    A limb may be where at least half of the cameras that look there see the actor, and one of them a large
-    piece that the body does not cover.
+    Limbs may be where one camera sees a large piece that the body does not cover, and as few others as
+    possible, at most half of those that look there, see background. There, something hides them.
     """
     rig = model.rig
     hidden, ever_seen = np.zeros((2, rig.n_cameras, *rig.shape_px), bool)
@@ -43,38 +46,47 @@ def hidden_space(model: Model, seen: TriPlanes, poses: Floats) -> Mask:
         ever_seen |= possible
         uncovered = unpack(seen.silhouettes[f] & ~planes, rig.n_cameras)
         pieces = np.array([
-            large_pieces(_without_rims(left, model), _LEAST_PIECE * of_camera.sum()) > 0
+            large_pieces(_without_rims(left, rig), _LEAST_PIECE * of_camera.sum()) > 0
             for left, of_camera in zip(uncovered, possible, strict=True)
         ])  # fmt: skip
         if pieces.any():
-            hidden |= _missed_by(model, possible, pieces, pelvis_world_m[f])
-    grown = np.array([cv2.dilate(mask.view(np.uint8), disc(_AROUND_PX, rig)) > 0 for mask in hidden])
-    return np.asarray(grown & ~ever_seen)
+            hidden |= _missed_by(rig, possible, pieces, pelvis_world_m[f])
+    return np.asarray(hidden & ~ever_seen)
 
 
-def _without_rims(mask: Mask, model: Model) -> Mask:
-    opened = cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, disc(_RIM_PX, model.rig))
-    return np.asarray(opened > 0)
+def _without_rims(mask: Mask, rig: Rig) -> Mask:
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, disc(_RIM_PX, rig)) > 0)
 
 
-def _missed_by(model: Model, possible: Mask, pieces: Mask, centre_world_m: Floats) -> Mask:
-    """(C, H, W) where each camera does not see points, near a centre (3,), that others see in some pieces
-    (C, H, W) of what may be the actor (C, H, W)."""
-    rig = model.rig
+def _missed_by(rig: Rig, possible: Mask, pieces: Mask, centre_world_m: Floats) -> Mask:
+    """(C, H, W) where limbs near a centre (3,) that explain some pieces (C, H, W) of what may be the actor
+    (C, H, W) are hidden from each camera."""
     points_world_m = cube_about(centre_world_m, _REACH_M, _VOXEL_M)
-    n_pictures, n_seen = np.zeros((2, len(points_world_m)), np.int32)
-    in_piece, missed = np.zeros(len(points_world_m), bool), list[Mask]()
+    in_piece, n_seen = np.zeros(len(points_world_m), bool), np.zeros(len(points_world_m), np.int32)
+    missed = np.zeros((rig.n_cameras, len(points_world_m)), bool)
     for c in range(rig.n_cameras):
         in_picture, on_actor = look_up(rig, possible[c], c, points_world_m)
-        n_pictures += in_picture
+        missed[c] = in_picture & ~on_actor
         n_seen += on_actor
-        missed.append(in_picture & ~on_actor)
         if pieces[c].any():
             in_piece |= look_up(rig, pieces[c], c, points_world_m)[1]
-    may_be_actor = in_piece & (n_seen >= MIN_CAMERAS) & (2 * n_seen >= n_pictures)
-    hidden: Mask = np.zeros_like(possible)
-    for c in range(rig.n_cameras):
-        steps, _ = project_snapped(points_world_m[may_be_actor & missed[c]], rig.P_px_world[c])
-        columns, rows = np.rint(steps.T / SUBPIXEL).astype(np.int32)
-        hidden[c, rows, columns] = True
-    return hidden
+    n_missed = missed.sum(axis=0)
+    may_be_actor = in_piece & (n_seen >= MIN_CAMERAS) & (n_missed <= n_seen)
+    for most_missed in range(rig.n_cameras // 2 + 1):
+        limbs = may_be_actor & (n_missed <= most_missed)
+        drawn = [_drawn(rig, c, points_world_m[limbs]) for c in range(rig.n_cameras)]
+        if np.count_nonzero(pieces & drawn) >= _EXPLAINED * np.count_nonzero(pieces):
+            hidden = [_drawn(rig, c, points_world_m[limbs & missed[c]]) for c in range(rig.n_cameras)]
+            return np.array(hidden)
+    return np.zeros_like(possible)
+
+
+def _drawn(rig: Rig, camera: int, points_world_m: Floats) -> Mask:
+    """The pixels (H, W) on and around points (N, 3) before a camera."""
+    picture = np.zeros(rig.shape_px, np.uint8)
+    steps, _ = project_snapped(points_world_m, rig.P_px_world[camera])
+    columns, rows = np.rint(steps.T / SUBPIXEL).astype(np.int32)
+    width, height = rig.sizes_px[camera]
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    picture[rows[inside], columns[inside]] = 1
+    return np.asarray(cv2.dilate(picture, disc(_AROUND_PX, rig)) > 0)
