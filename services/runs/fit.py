@@ -14,8 +14,9 @@ from services.mocap.search.model import model_on_cpu
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.runs.fit_frames import fit_frames
+from services.runs.past_furniture import fit_past_furniture
 from services.runs.reporting import Show, kept_warnings
-from services.runs.take_fit import TakeFit, frames_in_words
+from services.runs.take_fit import TakeFit, frames_in_words, warn_of_occluded
 from services.runs.take_silhouettes import TakeSilhouettes
 
 log = logging.getLogger(__name__)
@@ -65,7 +66,13 @@ def fit_take(
     Cameras with unusable silhouettes in the first frame are left out, with a warning. Raises TakeError if no
     person or more than one is visible, or too few cameras are left.
     """
-    take, fit_to = silhouettes.take, partial(fit_frames, silhouettes, engine, search, mesh, is_refined_next)
+    take = silhouettes.take
+
+    def fit_to(some: range, show: Show) -> TakeFit:
+        return fit_past_furniture(
+            partial(fit_frames, silhouettes, engine, search, mesh, is_refined_next, some, show)
+        )
+
     first = found = fit_to(frames, show)
     is_told = take.settings.actor_height is not None
     for start in _later_starts(frames, before or take.settings.frames) if first.iou < _POOR_IOU else ():
@@ -88,6 +95,8 @@ def fit_take(
         else:
             log.warning(_FITTED_LATER, frames_in_words(found), frames_in_words(first), first.iou, found.iou)
         _check_alone(found, is_told=is_told)
+        if not is_refined_next:  # which finds more exactly what hides the actor
+            warn_of_occluded(take, found.occluded)
     return replace(found, warnings=[*found.warnings, *warnings])
 
 

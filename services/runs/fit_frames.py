@@ -1,9 +1,7 @@
 """Fitting the actor of a take to some successive frames, from the pose that is found in the first of them."""
 
 import logging
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -16,22 +14,19 @@ from services.mocap.energy.bitplanes import TriPlanes, unpack
 from services.mocap.energy.engine import Engine, open_engine
 from services.mocap.energy.picture import Picture
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.errors import TakeError
 from services.mocap.fit.fitting import Fit, fit_actor
-from services.mocap.fit.quality import in_best_skirt, quality_of
+from services.mocap.fit.quality import in_best_skirt
 from services.mocap.search.both_ways import found_anew
 from services.mocap.search.first_frame import FirstFrame, first_guess
 from services.mocap.search.frame import solve_frame
-from services.mocap.search.hidden_space import hidden_space
 from services.mocap.search.hull import carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import model_on_cpu
-from services.mocap.search.occlusion import PosedFrame, find_occluded, grown
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.settings import TakeSettings
 from services.mocap.types import Floats, Mask
 from services.runs.reporting import Clock, Show, kept_warnings
-from services.runs.take_fit import TakeFit, concluded, occluded_by_camera, warn_of_occluded
+from services.runs.take_fit import TakeFit, concluded
 from services.runs.take_silhouettes import TakeSilhouettes, seen_of
 from services.runs.way_round import MOTION_FRAMES, Way, fit_best_way_round, tracked_px
 
@@ -41,10 +36,6 @@ _FIRST_FITS = 0.6
 """Progress of the fits from the generic body's pose; one from the fitted body's follows."""
 _NEAR_M = 0.1
 """Fits from two first poses end about alike if none of their joints is farther apart."""
-_ROUNDS = 2
-"""Fits past furniture: the first one only knows where some may be."""
-_CLEARLY_LESS = 0.75
-"""A body that goes on behind furniture leaves at most this share of what another leaves unexplained."""
 
 
 def fit_frames(
@@ -55,66 +46,12 @@ def fit_frames(
     is_refined_next: bool,
     frames: range,
     show: Show,
+    unsure: Mapping[str, Mask],
 ) -> TakeFit:
     """Find the pose of the first of these frames, and fit the actor to all of them; as fit_take.
 
-    Where furniture may hide limbs that the body leaves unexplained, all is done once more without the pixels
-    in which it may, and again without those in which it then does. The results count if they explain clearly
-    more.
+    unsure: by camera further pixels (h, w) that count for nothing.
     """
-    fit_to = partial(_fit_seen, silhouettes, engine, search, mesh, is_refined_next, frames, show)
-    found = best = fit_to({})
-    with model_on_cpu(found.fit.actor, Rig.of(found.cameras)) as model:
-        hidden = occluded_by_camera(found.cameras, hidden_space(model, found.seen, found.fit.poses))
-    seconds = Counter(found.seconds)
-    for _ in range(_ROUNDS):
-        if not hidden:
-            break
-        try:
-            again = fit_to(hidden)
-        except TakeError as error:
-            log.info("without what furniture may hide: %s", error)
-            break
-        seconds.update(again.seconds)
-        if again.cameras != found.cameras or not _explains_more(again, found):
-            break
-        hidden = _occluded(again.fit, found)
-        best = replace(again, occluded=hidden)
-    with kept_warnings() as warnings:
-        if not is_refined_next:  # which finds more exactly what hides the actor
-            warn_of_occluded(silhouettes.take, best.occluded)
-    return replace(best, seconds=dict(seconds), warnings=[*best.warnings, *warnings])
-
-
-def _occluded(fit: Fit, found: TakeFit) -> dict[str, Mask]:
-    """By camera the pixels (h, w) in which something hides the body of a fit from what another one saw."""
-    rig, ever_seen = Rig.of(found.cameras), np.bitwise_or.reduce(found.seen.possible, axis=0)
-    posed = (PosedFrame(found.seen[f], pose, is_lost=False) for f, pose in enumerate(fit.poses))
-    with model_on_cpu(fit.actor, rig) as model:
-        masks = grown(find_occluded(model, posed), rig)
-    return occluded_by_camera(found.cameras, masks & ~unpack(ever_seen, rig.n_cameras))
-
-
-def _explains_more(again: TakeFit, found: TakeFit) -> bool:
-    """Whether a fit without the pixels in which furniture may hide the actor is clearly better."""
-    body, rig = build_body(found.fit.actor), Rig.of(found.cameras)
-    there = quality_of(body, found.fit.poses, rig, again.seen)
-    left_px, left_before_px = (fit.fit.after.unexplained_px.sum() for fit in (again, found))
-    is_better = again.fit.after.energy_px.sum() < there.energy_px.sum()
-    return bool(is_better and left_px < _CLEARLY_LESS * left_before_px)
-
-
-def _fit_seen(
-    silhouettes: TakeSilhouettes,
-    engine: EngineSettings,
-    search: SearchSettings,
-    mesh: OwnMesh | None,
-    is_refined_next: bool,
-    frames: range,
-    show: Show,
-    unsure: Mapping[str, Mask],
-) -> TakeFit:
-    """As fit_frames; unsure: by camera further pixels (h, w) that count for nothing."""
     take = silhouettes.take
     clock, hints = Clock(show), take.settings.beginning_at(frames.start)
     with kept_warnings() as warnings:
