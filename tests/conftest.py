@@ -26,7 +26,7 @@ from services.mocap.take.folder import open_take
 from services.mocap.take.marks import Marks
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import PoseTable, write_poses_csv
-from services.mocap.take.writer import take_writer, video_writer, write_picture
+from services.mocap.take.writer import REPRODUCIBLE, take_writer, video_writer, write_picture
 from services.mocap.types import Bytes, Floats, Mask
 
 # Shared machines are too noisy for deadlines. Continuous integration tries the same examples every time,
@@ -131,12 +131,14 @@ def _background() -> Bytes:
 def _write_camera(folder: Path, camera: Camera, fps: float, frames: int, clean_plate: str) -> None:
     if clean_plate == "video":
         plate_path = layout.background_video_path(folder, camera.name)
-        with video_writer(plate_path, *camera.size_px, fps) as plate:
+        with video_writer(plate_path, *camera.size_px, fps, options=REPRODUCIBLE) as plate:
             plate.write(_background())
             plate.write(_background())
     else:
         write_picture(folder / layout.BACKGROUND / f"{camera.name}.png", _background())
-    with video_writer(layout.video_path(folder, camera.name), *camera.size_px, fps) as video:
+    with video_writer(
+        layout.video_path(folder, camera.name), *camera.size_px, fps, options=REPRODUCIBLE
+    ) as video:
         for frame in range(frames):
             picture = _background()
             picture[_ball_silhouette(camera, frame)] = (30, 60, 220)

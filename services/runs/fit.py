@@ -70,7 +70,7 @@ def fit_take(
 
     def fit_to(some: range, show: Show) -> TakeFit:
         return fit_past_furniture(
-            partial(fit_frames, silhouettes, engine, search, mesh, is_refined_next, some, show)
+            partial(fit_frames, silhouettes, engine, search, mesh, is_refined_next, some), show
         )
 
     first = found = fit_to(frames, show)
@@ -95,8 +95,7 @@ def fit_take(
         else:
             log.warning(_FITTED_LATER, frames_in_words(found), frames_in_words(first), first.iou, found.iou)
         _check_alone(found, is_told=is_told)
-        if not is_refined_next:  # which finds more exactly what hides the actor
-            warn_of_occluded(take, found.occluded)
+        warn_of_occluded(take, found.occluded)
     return replace(found, warnings=[*found.warnings, *warnings])
 
 

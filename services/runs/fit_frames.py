@@ -45,8 +45,8 @@ def fit_frames(
     mesh: OwnMesh | None,
     is_refined_next: bool,
     frames: range,
-    show: Show,
     unsure: Mapping[str, Mask],
+    show: Show,
 ) -> TakeFit:
     """Find the pose of the first of these frames, and fit the actor to all of them; as fit_take.
 
@@ -57,9 +57,9 @@ def fit_frames(
     with kept_warnings() as warnings:
         with clock.stage("looking at silhouettes") as progress:
             warnings += silhouettes.remarks
-            known = silhouettes.segmenter
-            made = known.knowing(unsure) if unsure else known
-            cameras, seen = seen_of(take, frames, made, progress)
+            made = silhouettes.segmenter
+            known = made.knowing(unsure) if unsure else made
+            cameras, seen = seen_of(take, frames, known, progress)
         rig, names = Rig.of(cameras), [camera.name for camera in cameras]
         with clock.stage("finding the first pose"), open_engine(engine) as opened:
             told = search.for_cameras([take.cameras.index(camera) for camera in cameras])
@@ -73,7 +73,7 @@ def fit_frames(
             def later() -> list[TriPlanes]:
                 """What is seen (P, H, W) in each of the frames that tell which way round the actor is."""
                 longer = range(frames.start, min(frames.stop + MOTION_FRAMES, take.settings.frames))
-                _, more = seen_of(take, longer, made, lambda _: None)
+                _, more = seen_of(take, longer, known, lambda _: None)
                 return [more[frame] for frame in range(len(frames), len(longer))]
 
             way = fit_best_way_round(

@@ -17,6 +17,7 @@ from services.mocap.search.hidden_space import hidden_space
 from services.mocap.search.model import model_on_cpu
 from services.mocap.search.occlusion import PosedFrame, find_occluded, grown
 from services.mocap.types import Mask
+from services.runs.reporting import Show
 from services.runs.take_fit import TakeFit, occluded_by_camera
 
 log = logging.getLogger(__name__)
@@ -27,14 +28,18 @@ _CLEARLY_LESS = 0.75
 """A body that goes on behind furniture leaves at most this share of what another leaves unexplained."""
 
 
-def fit_past_furniture(fit_to: Callable[[Mapping[str, Mask]], TakeFit]) -> TakeFit:
+def fit_past_furniture(fit_to: Callable[[Mapping[str, Mask], Show], TakeFit], show: Show) -> TakeFit:
     """A fit to silhouettes, or a better one in which something hides the actor from some cameras.
 
-    fit_to takes by camera further pixels (h, w) that count for nothing: first those in which something may
-    hide what the first fit leaves unexplained, then those in which it hides the body so found. The later fits
-    count if they explain clearly more.
+    fit_to takes by camera further pixels (h, w) that count for nothing: after none, those in which something
+    may hide what the first fit leaves unexplained, then those in which it hides the body so found. The later
+    fits count if they explain clearly more.
     """
-    found = best = fit_to({})
+
+    def show_again(stage: str, share: float) -> None:
+        show(f"{stage}, past furniture", share)
+
+    found = best = fit_to({}, show)
     with model_on_cpu(found.fit.actor, Rig.of(found.cameras)) as model:
         hidden = occluded_by_camera(found.cameras, hidden_space(model, found.seen, found.fit.poses))
     seconds = Counter(found.seconds)
@@ -42,12 +47,14 @@ def fit_past_furniture(fit_to: Callable[[Mapping[str, Mask]], TakeFit]) -> TakeF
         if not hidden:
             break
         try:
-            again = fit_to(hidden)
+            again = fit_to(hidden, show_again)
         except TakeError as error:
             log.info("without what furniture may hide: %s", error)
             break
         seconds.update(again.seconds)
         if again.cameras != found.cameras or not _explains_more(again, found):
+            break
+        if _unexplained_px(again) > _unexplained_px(best):
             break
         hidden = _occluded(again.fit, found)
         best = replace(again, occluded=hidden)
@@ -67,6 +74,9 @@ def _explains_more(again: TakeFit, found: TakeFit) -> bool:
     """Whether a fit without the pixels in which furniture may hide the actor is clearly better."""
     body, rig = build_body(found.fit.actor), Rig.of(found.cameras)
     there = quality_of(body, found.fit.poses, rig, again.seen)
-    left_px, left_before_px = (fit.fit.after.unexplained_px.sum() for fit in (again, found))
-    is_better = again.fit.after.energy_px.sum() < there.energy_px.sum()
-    return bool(is_better and left_px < _CLEARLY_LESS * left_before_px)
+    is_better = bool(again.fit.after.energy_px.sum() < there.energy_px.sum())
+    return is_better and _unexplained_px(again) < _CLEARLY_LESS * _unexplained_px(found)
+
+
+def _unexplained_px(found: TakeFit) -> float:
+    return float(found.fit.after.unexplained_px.sum())

@@ -1,10 +1,10 @@
 """Shadow on the floor: every camera that sees a place in shadow sees it dark.
 
 A floor point in shadow is dark in all cameras; a shin in front of the floor is not, because other cameras see
-the floor behind it lit.
+the floor behind it lit. Cameras from which something hides the point know nothing of it (floor_views).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numba
@@ -14,8 +14,9 @@ from services.mocap.camera.camera import Camera
 from services.mocap.types import Bytes, Floats, Ints
 from services.segmentation.cleanup import Part
 from services.segmentation.comparison import CHANGED, PERHAPS_EDGE, PERHAPS_SHADOW, UNCHANGED
+from services.segmentation.floor_views import hidden_floor, is_hidden, nothing_hidden
 from services.segmentation.lenses import Lenses, Pixels, raw_pixel, rays_of
-from services.segmentation.pixels import Levels
+from services.segmentation.pixels import Levels, Steps
 from services.segmentation.plate import LEAST_RATIO, MOST_RATIO
 
 SUPPORTED = np.float32(1.0)
@@ -60,13 +61,15 @@ class Floor:
     places_m: list[Levels]
     """Per camera (H, W, 2): the floor point that a raw pixel sees, x and y in the world; NaN off the
     floor."""
+    hidden: Bytes
+    """(C, N, N) places that something hides from each camera, as hidden_floor returns them."""
     darkness_odds: Levels = field(default_factory=lambda: _NOTHING_KNOWN)
     """(_DARKNESS_BINS,) what its ratio adds to the log odds of shadow of a pixel that no other camera
     confirms: shadows of one lamp are about equally dark, so one as dark as confirmed ones is likelier."""
 
     @classmethod
-    def at(cls, height_m: float, cameras: Sequence[Camera]) -> "Floor":
-        """The floor at a height over the world's origin."""
+    def at(cls, height_m: float, cameras: Sequence[Camera], hidden: Bytes | None = None) -> "Floor":
+        """The floor at a height over the world's origin; hidden: nothing by default."""
         places_m: list[Levels] = []
         for camera in cameras:
             centre_m, rays = rays_of(camera)
@@ -76,7 +79,7 @@ class Floor:
             is_far = np.linalg.norm(places - centre_m[:2], axis=-1) > _FARTHEST_M
             places[~(along > 0) | is_far] = np.nan
             places_m.append(places.astype(np.float32))
-        return cls(height_m, places_m)
+        return cls(height_m, places_m, nothing_hidden(len(cameras)) if hidden is None else hidden)
 
     def shadow_prior(
         self, camera: int, part: Part | None, lenses: Lenses, ratios: Levels, states: Bytes, there: Ints
@@ -94,7 +97,7 @@ class Floor:
         block_px, (rows, columns) = max(2, round(width / _BLOCKS_ACROSS)), part
         _vote(
             self.places_m[camera], self.height_m, lenses.P_px_world, lenses.sizes_px, lenses.raw_px,
-            there[there != camera], ratios[camera], states[camera], ratios, states, block_px,
+            there[there != camera], self.hidden, ratios[camera], states[camera], ratios, states, block_px,
             (rows.start, rows.stop, columns.start, columns.stop), prior,
         )  # fmt: skip
         _add_darkness(prior[part], ratios[camera][part], states[camera][part], self.darkness_odds)
@@ -102,31 +105,39 @@ class Floor:
 
 
 def find_floor(
-    cameras: Sequence[Camera], lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
+    cameras: Sequence[Camera],
+    lenses: Lenses,
+    moments: Sequence[tuple[Levels, Bytes, Ints]],
+    plate_means: Sequence[Steps] = (),
 ) -> Floor | None:
     """The floor at the height at which cameras agree best on shadows, and how dark these are; None if they do
     not agree.
 
-    moments: ratios (C, H, W), states (C, H, W) and cameras that have a picture. The world's origin is tried
-    first.
+    moments: ratios (C, H, W), states (C, H, W) and cameras that have a picture. plate_means: of each camera's
+    plate (3, H, W), in steps, which tell what hides the floor. The world's origin is tried first.
     """
-    floor = _agreed_floor(cameras, lenses, moments)
+
+    def floor_at(height_m: float) -> Floor:
+        hidden = hidden_floor(height_m, lenses, plate_means) if plate_means else None
+        return Floor.at(height_m, cameras, hidden)
+
+    floor = _agreed_floor(floor_at, lenses, moments)
     if floor is None:
         return None
     return replace(floor, darkness_odds=_darkness_odds(floor, lenses, moments))
 
 
 def _agreed_floor(
-    cameras: Sequence[Camera], lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
+    floor_at: Callable[[float], Floor], lenses: Lenses, moments: Sequence[tuple[Levels, Bytes, Ints]]
 ) -> Floor | None:
-    origin = Floor.at(0.0, cameras)
+    origin = floor_at(0.0)
     at_origin = _agreement(origin, lenses, moments)
     if at_origin >= _SURELY_AGREED:
         return origin
     best, agreed = origin, _BETTER * at_origin
     for steps_m in (_HEIGHTS_M, _FINER_M):
         for height_m in best.height_m + steps_m:
-            floor = Floor.at(float(height_m), cameras)
+            floor = floor_at(float(height_m))
             agreement = _agreement(floor, lenses, moments)
             if agreement > agreed:
                 best, agreed = floor, agreement
@@ -180,7 +191,7 @@ def _add_darkness(odds: Levels, ratio: Levels, state: Bytes, darkness_odds: Leve
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _vote(
     places_m: Levels, height_m: float, P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, others: Ints,
-    ratio: Levels, state: Bytes, ratios: Levels, states: Bytes, block_px: int,
+    hidden: Bytes, ratio: Levels, state: Bytes, ratios: Levels, states: Bytes, block_px: int,
     within: tuple[int, int, int, int], prior: Levels,
 ) -> None:  # fmt: skip
     """Write the prior of pixels within rows and columns, block by block, because shadow has no finer
@@ -194,7 +205,7 @@ def _vote(
             if y >= 0:
                 prior[top:bottom, left:right] = _odds(
                     places_m[y, x, 0], places_m[y, x, 1], height_m, P_px_world, sizes_px, raw_px, others,
-                    ratio[y, x], ratios, states,
+                    hidden, ratio[y, x], ratios, states,
                 )  # fmt: skip
 
 
@@ -214,7 +225,7 @@ def _most_like_shadow(
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _odds(
     x_m: float, y_m: float, height_m: float, P_px_world: Floats, sizes_px: Ints, raw_px: Pixels, others: Ints,
-    ratio: np.float32, ratios: Levels, states: Bytes,
+    hidden: Bytes, ratio: np.float32, ratios: Levels, states: Bytes,
 ) -> np.float32:  # fmt: skip
     """Log odds of shadow at a place on the floor with this darkness, from the other cameras."""
     seeing = lit = alike = 0
@@ -223,15 +234,17 @@ def _odds(
         column, row = raw_pixel(P_px_world[j], sizes_px[j], raw_px[j], x_m, y_m, height_m)
         if column < 0:
             continue
-        seeing += 1
         found = _look(states[j], ratios[j], sizes_px[j], column, row, ratio)
+        if found < PERHAPS_EDGE and is_hidden(hidden, j, x_m, y_m):
+            continue
+        seeing += 1
         lit += found == UNCHANGED
         alike += found >= PERHAPS_EDGE
         best = max(best, found)
     if seeing == 0:
         return UNKNOWN
-    # Furniture may hide a place from some cameras, which then see no change; several cameras that see the
-    # shadow outweigh them.
+    # Furniture of the floor's colour may hide a place from some cameras, which then see no change; several
+    # cameras that see the shadow outweigh them.
     refuted = np.float32(max(lit - max(alike - 1, 0), 0)) * REFUTED
     if best == PERHAPS_SHADOW:
         return refuted + SUPPORTED

@@ -160,7 +160,8 @@ class JointMatte:
         for images in moments:
             there = self._compare(images)
             seen.append((self._ratios.copy(), self._states.copy(), there))
-        self._floor = find_floor(self._cameras, self._lenses, seen)
+        plate_means = [compared.plate.mean for compared in self._compared]
+        self._floor = find_floor(self._cameras, self._lenses, seen, plate_means)
         if self._voxels is not None:
             height_m = self._floor.height_m if self._floor is not None else 0.0
             self._voxels = VoxelGrid.of(self._cameras, self._lenses, height_m)

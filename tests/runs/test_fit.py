@@ -430,7 +430,7 @@ def test_legs_are_fitted_past_what_may_hide_them(behind_table: Take, is_better: 
 
     def fitter(rig: Rig, seen: TriPlanes, actor: Actor, _poses: Floats, *_: Any) -> Fit:
         unsure_px.append(np.count_nonzero(seen.unsure))
-        poses = truth if seen.unsure.any() and is_better else bent
+        poses = (truth if seen.unsure.any() and is_better else bent)[: len(seen)]
         quality = quality_of(build_body(actor), poses, rig, seen)
         return Fit(actor, poses, quality, quality)
 
@@ -438,12 +438,11 @@ def test_legs_are_fitted_past_what_may_hide_them(behind_table: Take, is_better: 
     assert unsure_px[0] == 0
     assert any(unsure_px)
     np.testing.assert_array_equal(found.fit.poses, truth if is_better else bent)
-    assert bool(found.occluded) == is_better
+    assert sorted(found.occluded) == (["cam01", "cam02"] if is_better else [])
     said = [sentence for sentence in found.warnings if "something hides the actor" in sentence]
     assert len(said) == len(found.occluded)
     for name, mask in found.occluded.items():
-        assert name in ("cam01", "cam02")
+        assert any(name in sentence for sentence in said)
         assert mask[_TABLE].sum() > 0.8 * mask.sum()
-    refined_next = fit_by(fitter, behind_table, range(3), is_refined_next=True)
-    assert refined_next.occluded.keys() == found.occluded.keys()
-    assert not any("something hides the actor" in sentence for sentence in refined_next.warnings)
+    one = fit_by(fitter, behind_table, range(1))
+    assert one.occluded.keys() == found.occluded.keys(), "one frame tells as much"

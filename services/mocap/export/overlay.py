@@ -121,7 +121,7 @@ def overlay_writer(
     header_px = HEADER_PX + (CAUSE_PX if verdict is not None and verdict.causes else 0)
     size_px = (grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px + header_px)  # both even
     with (
-        video_writer(path, *size_px, fps, _CRF, preset=_PRESET) as video,
+        video_writer(path, *size_px, fps, _CRF, {"preset": _PRESET}) as video,
         ThreadPoolExecutor(os.cpu_count()) as pool,
     ):
         yield OverlayWriter(cameras, verdict, grid, header_px, size_px, video, pool)

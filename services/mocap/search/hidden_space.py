@@ -19,13 +19,16 @@ from services.mocap.search.model import Model
 from services.mocap.search.occlusion import disc, large_pieces
 from services.mocap.types import Floats, Mask
 
-_REACH_M, _VOXEL_M = 1.2, 0.03
+_REACH_M = 1.2
 """Half the side of the cube about the pelvis in which limbs are looked for."""
+_VOXEL_M = 0.03
+"""Distance of the points that are looked at in it."""
 _LEAST_PIECE = 0.04
 """Share of a silhouette; less is a hand, a shoe, or a body of another shape."""
-_RIM_PX, _AROUND_PX = 2, 2
-"""In pictures 320 wide: what is no wider than twice the one is the rim of a body of another shape; so far
-about voxels others are."""
+_RIM_PX = 2
+"""In pictures 320 wide; an unexplained piece that is at most twice as wide is the rim of a wider body."""
+_AROUND_PX = 2
+"""In pictures 320 wide; each point stands for the pixels this near to it."""
 _EXPLAINED = 0.8
 """Share of the unexplained pieces that limbs behind furniture must explain."""
 
@@ -44,18 +47,18 @@ def hidden_space(model: Model, seen: TriPlanes, poses: Floats) -> Mask:
     for f, planes in enumerate(drawn):
         possible = unpack(seen.possible[f], rig.n_cameras)
         ever_seen |= possible
-        uncovered = unpack(seen.silhouettes[f] & ~planes, rig.n_cameras)
+        silhouettes, covered = unpack(seen.silhouettes[f], rig.n_cameras), unpack(planes, rig.n_cameras)
         pieces = np.array([
-            large_pieces(_without_rims(left, rig), _LEAST_PIECE * of_camera.sum()) > 0
-            for left, of_camera in zip(uncovered, possible, strict=True)
+            large_pieces(_without_rims(of_camera & ~covered[c], rig, c), _LEAST_PIECE * of_camera.sum()) > 0
+            for c, of_camera in enumerate(silhouettes)
         ])  # fmt: skip
         if pieces.any():
             hidden |= _missed_by(rig, possible, pieces, pelvis_world_m[f])
     return np.asarray(hidden & ~ever_seen)
 
 
-def _without_rims(mask: Mask, rig: Rig) -> Mask:
-    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, disc(_RIM_PX, rig)) > 0)
+def _without_rims(mask: Mask, rig: Rig, camera: int) -> Mask:
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, disc(_RIM_PX, rig, camera)) > 0)
 
 
 def _missed_by(rig: Rig, possible: Mask, pieces: Mask, centre_world_m: Floats) -> Mask:
@@ -63,10 +66,10 @@ def _missed_by(rig: Rig, possible: Mask, pieces: Mask, centre_world_m: Floats) -
     (C, H, W) are hidden from each camera."""
     points_world_m = cube_about(centre_world_m, _REACH_M, _VOXEL_M)
     in_piece, n_seen = np.zeros(len(points_world_m), bool), np.zeros(len(points_world_m), np.int32)
-    missed = np.zeros((rig.n_cameras, len(points_world_m)), bool)
+    in_picture, missed = np.zeros((2, rig.n_cameras, len(points_world_m)), bool)
     for c in range(rig.n_cameras):
-        in_picture, on_actor = look_up(rig, possible[c], c, points_world_m)
-        missed[c] = in_picture & ~on_actor
+        in_picture[c], on_actor = look_up(rig, possible[c], c, points_world_m)
+        missed[c] = in_picture[c] & ~on_actor
         n_seen += on_actor
         if pieces[c].any():
             in_piece |= look_up(rig, pieces[c], c, points_world_m)[1]
@@ -74,7 +77,7 @@ def _missed_by(rig: Rig, possible: Mask, pieces: Mask, centre_world_m: Floats) -
     may_be_actor = in_piece & (n_seen >= MIN_CAMERAS) & (n_missed <= n_seen)
     for most_missed in range(rig.n_cameras // 2 + 1):
         limbs = may_be_actor & (n_missed <= most_missed)
-        drawn = [_drawn(rig, c, points_world_m[limbs]) for c in range(rig.n_cameras)]
+        drawn = [_drawn(rig, c, points_world_m[limbs & in_picture[c]]) for c in range(rig.n_cameras)]
         if np.count_nonzero(pieces & drawn) >= _EXPLAINED * np.count_nonzero(pieces):
             hidden = [_drawn(rig, c, points_world_m[limbs & missed[c]]) for c in range(rig.n_cameras)]
             return np.array(hidden)
@@ -82,11 +85,9 @@ def _missed_by(rig: Rig, possible: Mask, pieces: Mask, centre_world_m: Floats) -
 
 
 def _drawn(rig: Rig, camera: int, points_world_m: Floats) -> Mask:
-    """The pixels (H, W) on and around points (N, 3) before a camera."""
+    """The pixels (H, W) on and around points (N, 3) in a camera's picture."""
     picture = np.zeros(rig.shape_px, np.uint8)
     steps, _ = project_snapped(points_world_m, rig.P_px_world[camera])
     columns, rows = np.rint(steps.T / SUBPIXEL).astype(np.int32)
-    width, height = rig.sizes_px[camera]
-    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-    picture[rows[inside], columns[inside]] = 1
-    return np.asarray(cv2.dilate(picture, disc(_AROUND_PX, rig)) > 0)
+    picture[rows, columns] = 1
+    return np.asarray(cv2.dilate(picture, disc(_AROUND_PX, rig, camera)) > 0)

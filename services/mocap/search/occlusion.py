@@ -50,7 +50,6 @@ class PosedFrame:
 def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
     """(C, H, W) the pixels in which something hides the actor from each camera."""
     rig, region = model.rig, Region.whole(model.rig)
-    inside = disc(_INSIDE_PX, rig)
     n_covered, n_behind, n_seen = np.zeros((3, rig.n_cameras, *rig.shape_px), np.int32)
     n_frames = 0
     for frame in frames:
@@ -61,20 +60,25 @@ def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
             continue
         planes = model.backend.coverage(frame.pose[None], _SEGMENTS, region)[0]
         for c, covered in enumerate(unpack(planes, rig.n_cameras)):
-            deep = cv2.erode(covered.view(np.uint8), inside) > 0
+            deep = cv2.erode(covered.view(np.uint8), disc(_INSIDE_PX, rig, c)) > 0
             n_covered[c] += deep
             n_behind[c] += deep & ~possible[c]
-    often = n_covered >= max(_LEAST_FRAMES, _LEAST_SHARE * n_frames)
+    often = n_covered >= max(min(_LEAST_FRAMES, n_frames), _LEAST_SHARE * n_frames)
     most_seen = _MOST_SEEN * n_covered
     hidden = often & (n_covered - n_behind <= most_seen) & (n_seen <= most_seen + 1)
-    around, least_px = disc(_AROUND_PX, rig), _LEAST_PX * (rig.shape_px[1] / REFERENCE_WIDTH_PX) ** 2
-    return np.stack([cv2.dilate(large_pieces(of_camera, least_px), around) > 0 for of_camera in hidden])
+    scales = rig.sizes_px[:, 0] / REFERENCE_WIDTH_PX
+    large = [large_pieces(mask, _LEAST_PX * scale**2) for mask, scale in zip(hidden, scales, strict=True)]
+    return widened(np.array(large), _AROUND_PX, rig)
 
 
 def grown(masks: Mask, rig: Rig) -> Mask:
     """Masks (C, H, W) of what hides the actor in a few poses, and what may belong to it around."""
-    around = disc(_BEYOND_PX, rig)
-    return np.array([cv2.dilate(mask.view(np.uint8), around) > 0 for mask in masks])
+    return widened(masks.view(np.uint8), _BEYOND_PX, rig)
+
+
+def widened(masks: Bytes, radius_px: float, rig: Rig) -> Mask:
+    """Masks (C, H, W) wider by a radius, which is given for pictures 320 wide."""
+    return np.array([cv2.dilate(mask, disc(radius_px, rig, c)) > 0 for c, mask in enumerate(masks)])
 
 
 def large_pieces(mask: Mask, least_px: float) -> Bytes:
@@ -85,7 +89,7 @@ def large_pieces(mask: Mask, least_px: float) -> Bytes:
     return np.asarray(is_large[pieces], np.uint8)
 
 
-def disc(radius_px: float, rig: Rig) -> Bytes:
-    """A round kernel; its radius is given for pictures 320 wide."""
-    size = 1 + 2 * max(1, round(radius_px * rig.shape_px[1] / REFERENCE_WIDTH_PX))
+def disc(radius_px: float, rig: Rig, camera: int) -> Bytes:
+    """A round kernel for a camera's picture; its radius is given for pictures 320 wide."""
+    size = 1 + 2 * max(1, round(radius_px * rig.sizes_px[camera, 0] / REFERENCE_WIDTH_PX))
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))

@@ -21,7 +21,7 @@ from services.mocap.synth.walk import STAND_S
 from services.mocap.take import layout
 from services.mocap.take.settings import TakeSettings
 from services.mocap.take.tables import PoseTable, reference_joints, write_joints_csv, write_poses_csv
-from services.mocap.take.writer import take_writer, video_writer, write_picture
+from services.mocap.take.writer import REPRODUCIBLE, take_writer, video_writer, write_picture
 from services.mocap.types import Floats
 
 HEIGHTS_M = (1.0, 1.9)
@@ -129,16 +129,15 @@ def _write_videos(
     all cameras."""
     for c, (camera, view) in enumerate(views):
         plate_path = layout.background_video_path(folder, camera.name)
-        with video_writer(plate_path, *camera.size_px, fps, threads="1") as video:
+        with video_writer(plate_path, *camera.size_px, fps, options=REPRODUCIBLE) as video:
             for frame in range(BACKGROUND_FRAMES):
                 video.write(expose(view.picture, np.random.default_rng((seed, 3, c, frame))))
     with ExitStack() as open_videos:
-        videos = [
-            open_videos.enter_context(
-                video_writer(layout.video_path(folder, camera.name), *camera.size_px, fps, threads="1")
-            )
-            for camera, _ in views
-        ]
+        videos = []
+        for camera, _ in views:
+            path = layout.video_path(folder, camera.name)
+            writer = video_writer(path, *camera.size_px, fps, options=REPRODUCIBLE)
+            videos.append(open_videos.enter_context(writer))
         for frame, pose in enumerate(poses):
             figure = model.pose(pose)
             for c, (camera, view) in enumerate(views):

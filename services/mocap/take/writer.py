@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
+from types import MappingProxyType
 
 import av
 import cv2
@@ -21,8 +22,9 @@ from services.mocap.take.settings import TakeSettings, write_settings
 from services.mocap.types import Bytes, Mask, Trimap
 
 NEAR_LOSSLESS_CRF = 12
-_REPRODUCIBLE = {"mbtree": "0"}
-"""Options of x264: its macroblock tree makes another file of the same pictures each time."""
+REPRODUCIBLE = {"mbtree": "0", "threads": "1", "x264-params": "cpu-independent=1"}
+"""Options of x264 for the same file from the same pictures, on all machines. Its macroblock tree makes
+another one each time, but saves a third of the bytes."""
 _KEYFRAME_EVERY_S = 2  # for fast seeking in browsers and readers
 _BT601 = 6  # FFmpeg's number (SMPTE 170M) for the colours of its default conversion
 _LIMITED_RANGE = 1
@@ -77,13 +79,17 @@ class VideoWriter:
 
 @contextmanager
 def video_writer(
-    path: Path, width_px: int, height_px: int, fps: float, crf: int = NEAR_LOSSLESS_CRF, **options: str
+    path: Path,
+    width_px: int,
+    height_px: int,
+    fps: float,
+    crf: int = NEAR_LOSSLESS_CRF,
+    options: Mapping[str, str] = MappingProxyType({}),
 ) -> Iterator[VideoWriter]:
     """A writer of an mp4 that browsers play; the file appears when the block ends without an exception.
 
     crf: x264's quality, 0 to 51, smaller is better: 12 is nearly lossless, about 20 is good for viewing.
-    options: further ones of x264, such as its preset. The same pictures give the same file, on all machines
-    with threads="1".
+    options: further ones of x264, such as its preset, or REPRODUCIBLE.
     Raises TakeError for odd sizes, which the pixel format of browsers (yuv420p) does not support.
     """
     if width_px % 2 or height_px % 2:
@@ -94,9 +100,7 @@ def video_writer(
         atomic_file(path) as part,
         av.open(str(part), "w", format="mp4", options={"movflags": "+faststart"}) as container,
     ):
-        writer = VideoWriter(
-            container, width_px, height_px, fps, _REPRODUCIBLE | {"crf": str(crf), **options}
-        )
+        writer = VideoWriter(container, width_px, height_px, fps, {"crf": str(crf), **options})
         yield writer
         writer.finish()
 

@@ -93,7 +93,7 @@ class CameraRecording:
         came = self._next()  # first: a run that fails before its first picture leaves no file
         size_px = self._camera.size_px
         # A quarter of the encoder's usual time, for a larger file.
-        with video_writer(path, *size_px, self._fps, _CRF, preset="superfast", threads="1") as writer:
+        with video_writer(path, *size_px, self._fps, _CRF, {"preset": "superfast", "threads": "1"}) as writer:
             while True:
                 shot, image, time_s = came
                 if image is not None and not self._times_s:

@@ -14,7 +14,7 @@ from services.mocap.types import Bytes, Floats, Mask
 
 RIGHT_SHANK = (SEGMENT_INDEX["right_shank"],)
 BEHIND = (0, 3)
-"""Cameras whose pictures end above the knees."""
+"""Cameras from which furniture hides the shanks."""
 
 
 @pytest.fixture(scope="module")
