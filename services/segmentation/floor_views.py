@@ -23,6 +23,8 @@ surfaces: texture, noise and light from the side make up for less."""
 _PATCH = 0.006
 """Half the side of what is looked at, as a share of a picture's width; texture is finer."""
 _GAIN_ROUNDS = 3
+_FEW = 0.05
+"""Share of the places; if fewer have about the usual colour, the camera's gain is another."""
 
 
 def hidden_floor(height_m: float, lenses: Lenses, plate_means: Sequence[Steps]) -> Bytes:
@@ -58,9 +60,11 @@ def _gains(logs: Floats) -> Floats:
     for _ in range(_GAIN_ROUNDS):
         usual = np.nanmedian(flat - gains[:, None], axis=0)
         for c, of_camera in enumerate(flat):
-            sees = ~np.isnan(of_camera[:, 0])
-            if sees.any():
-                gains[c] = np.median(of_camera[sees] - usual[sees], axis=0)
+            off = (of_camera - usual)[~np.isnan(of_camera[:, 0])]
+            # Most of what one camera sees of the floor may be furniture, which is no gain of the camera's.
+            is_near = np.abs(off - gains[c]).max(axis=1, initial=0.0) < _UNALIKE
+            if len(off):
+                gains[c] = np.median(off[is_near] if is_near.mean() > _FEW else off, axis=0)
     return gains
 
 

@@ -52,6 +52,14 @@ def test_furniture_hides_the_floor_behind_it_from_its_camera(hidden: Bytes) -> N
     assert hidden[:, row, column].tolist() == [1, 0, 0]
 
 
+def test_furniture_that_fills_most_of_a_picture_is_no_gain_of_the_camera(hidden: Bytes) -> None:
+    means = _means((1.0, 1.0, 1.0), [])
+    means[0][:, 75:, :200] = np.array(PURPLE)[:, None, None] * MEAN_STEPS
+    wide, (row, column) = hidden_floor(0.0, LENSES, means), _cell(0.0, 0.0)
+    assert wide[:, row, column].tolist() == [1, 0, 0]
+    assert wide[0].sum() > hidden[0].sum()
+
+
 def test_a_camera_that_sees_furniture_refutes_no_shadow_behind_it(hidden: Bytes) -> None:
     ratios = np.full((3, 180, 240), 0.6, np.float32)
     states = np.full((3, 180, 240), PERHAPS_SHADOW, np.uint8)
