@@ -33,7 +33,7 @@ def fit_past_furniture(fit_to: Callable[[Mapping[str, Mask], Show], TakeFit], sh
 
     fit_to takes by camera further pixels (h, w) that count for nothing: after none, those in which something
     may hide what the first fit leaves unexplained, then those in which it hides the body so found. The later
-    fits count if they explain clearly more.
+    fits count if they explain clearly more than the first, and not less than each other.
     """
 
     def show_again(stage: str, share: float) -> None:
@@ -52,9 +52,8 @@ def fit_past_furniture(fit_to: Callable[[Mapping[str, Mask], Show], TakeFit], sh
             log.info("without what furniture may hide: %s", error)
             break
         seconds.update(again.seconds)
-        if again.cameras != found.cameras or not _explains_more(again, found):
-            break
-        if _unexplained_px(again) > _unexplained_px(best):
+        is_comparable = again.cameras == found.cameras and _unexplained_px(again) <= _unexplained_px(best)
+        if not (is_comparable and _explains_more(again, found)):
             break
         hidden = _occluded(again.fit, found)
         best = replace(again, occluded=hidden)

@@ -19,7 +19,7 @@ N_CELLS = round(2 * REACH_M / CELL_M)
 """Along a side."""
 _UNALIKE = 0.3
 """Difference of the logarithms of two colours, in one of blue, green and red, from which they are of two
-surfaces: texture, noise and light from the side make up for less."""
+surfaces: with texture, noise and light from the side, colours of one differ by less."""
 _PATCH = 0.006
 """Half the side of what is looked at, as a share of a picture's width; texture is finer."""
 _GAIN_ROUNDS = 3
@@ -30,33 +30,33 @@ _FEW = 0.05
 def hidden_floor(height_m: float, lenses: Lenses, plate_means: Sequence[Steps]) -> Bytes:
     """(C, N_CELLS, N_CELLS) 1 where something stands before a place on the floor, seen from each camera.
 
-    Rows go along y, columns along x. plate_means: per camera (3, H, W), in steps. A place counts as hidden
-    from both of two cameras that alone have it in view and differ.
+    Rows go along y, columns along x. plate_means: per camera (3, H, W), in steps. The floor is what most
+    cameras that have a place in view agree on; where no two agree, nothing is known to be hidden.
     """
     middles_m: Floats = np.linspace(-REACH_M, REACH_M, N_CELLS, endpoint=False, dtype=np.float64) + CELL_M / 2
-    colours: Floats = np.full((len(plate_means), N_CELLS, N_CELLS, 3), np.nan)
+    colours = np.full((3, len(plate_means), N_CELLS, N_CELLS), np.nan)
     for c, mean in enumerate(plate_means):
         radius_px = max(1, round(_PATCH * mean.shape[2]))
         _sample(middles_m, height_m, lenses.P_px_world[c], lenses.sizes_px[c], lenses.raw_px[c], mean,
-                radius_px, colours[c])  # fmt: skip
+                radius_px, colours[:, c])  # fmt: skip
     logs = np.log(np.maximum(colours / MEAN_STEPS, 1.0))
-    logs -= _gains(logs)[:, None, None, :]
-    n_alike, n_unalike = np.zeros((2, *logs.shape[:3]), np.int32)
-    for other in logs:
-        with np.errstate(invalid="ignore"):
-            apart = np.abs(logs - other).max(axis=-1)
+    logs -= _gains(logs)[..., None, None]
+    n_alike, n_unalike = np.zeros((2, *logs.shape[1:]), np.int32)
+    with np.errstate(invalid="ignore"):
+        for c in range(len(plate_means)):
+            apart = np.maximum.reduce([np.abs(channel - channel[c]) for channel in logs])
             n_alike += apart < _UNALIKE
             n_unalike += apart >= _UNALIKE
-    n_alike -= ~np.isnan(logs[..., 0])  # each with itself
-    hidden: Bytes = (n_unalike > n_alike).astype(np.uint8)
+    n_alike -= ~np.isnan(logs[0])  # each with itself
+    hidden: Bytes = ((n_unalike > n_alike) & (n_alike < n_alike.max(axis=0))).astype(np.uint8)
     return hidden
 
 
 def _gains(logs: Floats) -> Floats:
-    """(C, 3) the logarithms of each camera's gains, of colours (C, N, N, 3), NaN where a camera sees none."""
-    flat = logs.reshape(len(logs), -1, 3)
+    """(3, C) the logarithms of each camera's gains, of colours (3, C, N, N), NaN where a camera sees none."""
+    flat = np.moveaxis(logs.reshape(3, logs.shape[1], -1), 0, -1)
     flat = flat[:, np.count_nonzero(~np.isnan(flat[..., 0]), axis=0) >= 2]
-    gains: Floats = np.zeros((len(logs), 3))
+    gains: Floats = np.zeros((len(flat), 3))
     for _ in range(_GAIN_ROUNDS):
         usual = np.nanmedian(flat - gains[:, None], axis=0)
         for c, of_camera in enumerate(flat):
@@ -65,7 +65,7 @@ def _gains(logs: Floats) -> Floats:
             is_near = np.abs(off - gains[c]).max(axis=1, initial=0.0) < _UNALIKE
             if len(off):
                 gains[c] = np.median(off[is_near] if is_near.mean() > _FEW else off, axis=0)
-    return gains
+    return gains.T
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -73,7 +73,7 @@ def _sample(
     middles_m: Floats, height_m: float, P_px_world: Floats, size_px: Ints, raw_px: Pixels, mean: Steps,
     radius_px: int, colours: Floats,
 ) -> None:  # fmt: skip
-    """Write the mean colours (N, N, 3) of the patches that one camera shows of cells; NaN stays elsewhere."""
+    """Write the mean colours (3, N, N) of the patches that one camera shows of cells; NaN stays elsewhere."""
     for i, y_m in enumerate(middles_m):
         for j, x_m in enumerate(middles_m):
             column, row = raw_pixel(P_px_world, size_px, raw_px, x_m, y_m, height_m)
@@ -86,13 +86,13 @@ def _sample(
                 for v in range(top, bottom):
                     for u in range(left, right):
                         total += mean[channel, v, u]
-                colours[i, j, channel] = total / ((bottom - top) * (right - left))
+                colours[channel, i, j] = total / ((bottom - top) * (right - left))
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def is_hidden(hidden: Bytes, camera: int, x_m: float, y_m: float) -> bool:
     """Whether something stands before a place on the floor, seen from a camera; not so outside the square."""
-    column, row = int((x_m + REACH_M) / CELL_M), int((y_m + REACH_M) / CELL_M)
+    column, row = int(np.floor((x_m + REACH_M) / CELL_M)), int(np.floor((y_m + REACH_M) / CELL_M))
     inside = 0 <= column < N_CELLS and 0 <= row < N_CELLS
     return inside and hidden[camera, row, column] != 0
 

@@ -32,9 +32,10 @@ from services.segmentation.comparison import CHANGED, LEAST_CHANGE, PERHAPS_SHAD
 from services.segmentation.decision import actor_evidence, beliefs, prices
 from services.segmentation.edges import EDGE_WIDTH_PERMILLE, settle_edges
 from services.segmentation.floor_shadow import ON_ITS_OWN, SUPPORTED, UNKNOWN, Floor, find_floor
+from services.segmentation.floor_views import hidden_floor
 from services.segmentation.learnt import ActorColours, Learnt
 from services.segmentation.lenses import Lenses
-from services.segmentation.pixels import Levels
+from services.segmentation.pixels import Levels, Steps
 from services.segmentation.plate import Plate
 from services.segmentation.side_by_side import side_by_side
 from services.segmentation.static_objects import StaticObjects
@@ -80,7 +81,10 @@ class JointMatte:
         self._learnt = [Learnt(plate) for plate in plates]
         self._lenses = Lenses.of(cameras)
         self._has_others = len(cameras) > 1
-        self._floor = Floor.at(0.0, cameras) if self._has_others else None
+        self._floor: Floor | None = None
+        if self._has_others:
+            hidden = hidden_floor(0.0, self._lenses, self._plate_means)
+            self._floor = Floor.at(0.0, cameras, hidden)
         self._voxels = VoxelGrid.of(cameras, self._lenses, 0.0) if len(cameras) > 2 else None
         self._objects = StaticObjects(self._voxels) if self._voxels is not None else None
         self._finds_furniture = len(cameras) >= _CAMERAS_FOR_FURNITURE
@@ -160,12 +164,16 @@ class JointMatte:
         for images in moments:
             there = self._compare(images)
             seen.append((self._ratios.copy(), self._states.copy(), there))
-        plate_means = [compared.plate.mean for compared in self._compared]
-        self._floor = find_floor(self._cameras, self._lenses, seen, plate_means)
+        self._floor = find_floor(self._cameras, self._lenses, seen, self._plate_means)
         if self._voxels is not None:
             height_m = self._floor.height_m if self._floor is not None else 0.0
             self._voxels = VoxelGrid.of(self._cameras, self._lenses, height_m)
             self._objects = StaticObjects(self._voxels)
+
+    @property
+    def _plate_means(self) -> list[Steps]:
+        """Per camera (3, H, W), in steps."""
+        return [compared.plate.mean for compared in self._compared]
 
     def _compare(self, images_bgr: Mapping[int, Bytes]) -> Ints:
         """Compare pictures with their plates; returns the cameras that have one."""

@@ -2,15 +2,17 @@
 
 import numpy as np
 import pytest
-from rig_scene import Blob, render, ring
+from rig_scene import Blob, noisy, person, render, ring
 
 from services.mocap.camera.camera import Camera
-from services.mocap.types import Bytes
+from services.mocap.types import ACTOR, Bytes
 from services.segmentation.comparison import PERHAPS_SHADOW, UNCHANGED
 from services.segmentation.floor_shadow import SUPPORTED, UNSUPPORTED, Floor
 from services.segmentation.floor_views import CELL_M, N_CELLS, REACH_M, hidden_floor
+from services.segmentation.joint import JointMatte
 from services.segmentation.lenses import Lenses
 from services.segmentation.pixels import MEAN_STEPS, Steps
+from services.segmentation.plate import Plate
 
 CAMERAS = ring(3)
 LENSES = Lenses.of(CAMERAS)
@@ -74,3 +76,27 @@ def test_a_camera_that_sees_furniture_refutes_no_shadow_behind_it(hidden: Bytes)
     states[2] = UNCHANGED
     odds = known.shadow_prior(1, whole, LENSES, ratios, states, everybody)[behind]
     assert (odds < UNSUPPORTED).all(), "the third camera sees the place in light"
+
+
+def test_cameras_that_agree_on_the_floor_see_it_though_as_many_see_furniture() -> None:
+    """Two of four cameras, before furniture of two colours."""
+    cameras = ring(4)
+    means = [np.rint(render(c).colours * MEAN_STEPS).transpose(2, 0, 1).astype(np.int16) for c in cameras]
+    for c, colour in ((0, PURPLE), (2, (60.0, 130.0, 50.0))):
+        means[c][:, 75:, :200] = np.array(colour)[:, None, None] * MEAN_STEPS
+    row, column = _cell(0.0, 0.0)
+    assert hidden_floor(0.0, Lenses.of(cameras), means)[:, row, column].tolist() == [1, 0, 1, 0]
+
+
+def test_the_shadow_of_somebody_whose_feet_furniture_hides_from_a_camera_is_no_actor() -> None:
+    rng, furniture, body = np.random.default_rng(5), _furniture(CAMERAS), person()
+    empty = [render(camera, furniture) for camera in CAMERAS]
+    plates = [Plate.learn([noisy(view.colours, rng) for _ in range(8)]) for view in empty]
+    matte, views = JointMatte(CAMERAS, plates), [render(camera, [*body, *furniture]) for camera in CAMERAS]
+    images = {c: noisy(view.colours, rng) for c, view in enumerate(views)}
+    matte.settle_floor([images])
+    trimaps = matte.trimaps(images)
+    for c in (1, 2):
+        cast = views[c].shadow & ~empty[c].shadow
+        assert cast.sum() > 100
+        assert (trimaps[c][cast] == ACTOR).mean() < 0.05

@@ -89,5 +89,6 @@ def _drawn(rig: Rig, camera: int, points_world_m: Floats) -> Mask:
     picture = np.zeros(rig.shape_px, np.uint8)
     steps, _ = project_snapped(points_world_m, rig.P_px_world[camera])
     columns, rows = np.rint(steps.T / SUBPIXEL).astype(np.int32)
-    picture[rows, columns] = 1
+    width, height = rig.sizes_px[camera]
+    picture[rows.clip(0, height - 1), columns.clip(0, width - 1)] = 1  # snapping may cross the border
     return np.asarray(cv2.dilate(picture, disc(_AROUND_PX, rig, camera)) > 0)

@@ -19,7 +19,8 @@ from services.mocap.search.model import Model
 from services.mocap.types import Bytes, Floats, Mask
 
 _LEAST_FRAMES, _LEAST_SHARE = 3, 0.03
-"""A pixel counts if the body covers it in so many frames, and in this share of all."""
+"""A pixel counts if the body covers it in so many frames, or in all if there are fewer, and in this share of
+all."""
 _MOST_SEEN = 0.15
 """… and silhouettes have it in at most this share of as many frames."""
 _INSIDE_PX, _AROUND_PX = 1, 2
@@ -63,7 +64,7 @@ def find_occluded(model: Model, frames: Iterable[PosedFrame]) -> Mask:
             deep = cv2.erode(covered.view(np.uint8), disc(_INSIDE_PX, rig, c)) > 0
             n_covered[c] += deep
             n_behind[c] += deep & ~possible[c]
-    often = n_covered >= max(min(_LEAST_FRAMES, n_frames), _LEAST_SHARE * n_frames)
+    often = n_covered >= max(min(_LEAST_FRAMES, n_frames), 1, _LEAST_SHARE * n_frames)
     most_seen = _MOST_SEEN * n_covered
     hidden = often & (n_covered - n_behind <= most_seen) & (n_seen <= most_seen + 1)
     scales = rig.sizes_px[:, 0] / REFERENCE_WIDTH_PX

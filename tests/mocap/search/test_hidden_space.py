@@ -69,3 +69,9 @@ def test_nothing_may_be_hidden_where_the_body_explains_all_or_all_cameras_show_t
 ) -> None:
     assert not _of(_cut(masks), model, standing_pose).any()
     assert not _of(masks, model, bent_pose).any()
+
+
+def test_silhouettes_that_reach_the_edges_of_pictures_are_looked_at(model: Model, bent_pose: Floats) -> None:
+    rig = model.rig
+    whole = np.ones((rig.n_cameras, *rig.shape_px), bool)
+    assert not _of(whole, model, bent_pose).any()
