@@ -31,7 +31,7 @@ def hidden_floor(height_m: float, lenses: Lenses, plate_means: Sequence[Steps]) 
     """(C, N_CELLS, N_CELLS) 1 where something stands before a place on the floor, seen from each camera.
 
     Rows go along y, columns along x. plate_means: per camera (3, H, W), in steps. The floor is what most
-    cameras that have a place in view agree on; where no two agree, nothing is known to be hidden.
+    cameras that have a place in view agree on. Where no two agree, it counts as hidden from all of them.
     """
     middles_m: Floats = np.linspace(-REACH_M, REACH_M, N_CELLS, endpoint=False, dtype=np.float64) + CELL_M / 2
     colours = np.full((3, len(plate_means), N_CELLS, N_CELLS), np.nan)
@@ -48,7 +48,9 @@ def hidden_floor(height_m: float, lenses: Lenses, plate_means: Sequence[Steps]) 
             n_alike += apart < _UNALIKE
             n_unalike += apart >= _UNALIKE
     n_alike -= ~np.isnan(logs[0])  # each with itself
-    hidden: Bytes = ((n_unalike > n_alike) & (n_alike < n_alike.max(axis=0))).astype(np.uint8)
+    most_alike = n_alike.max(axis=0)
+    is_odd = (n_alike < most_alike) | (most_alike == 0)
+    hidden: Bytes = (is_odd & (n_unalike > n_alike)).astype(np.uint8)
     return hidden
 
 
