@@ -151,9 +151,9 @@ def guess_first_pose(
     """
     hull = carve(rig, unpack(seen.silhouettes, rig.n_cameras), unpack(seen.possible, rig.n_cameras))
     picture = Picture.of_frame(rig, seen)
-    pool = lambda model, _: LocalLimbs(model)  # noqa: E731
     guess = first_guess(
-        hull, picture, rig, None, hints, pool, engine, search, mesh, names=names, is_fitted_next=True
-    )
+        hull, picture, rig, None, hints, lambda model, _: LocalLimbs(model), engine, search, mesh,
+        names=names, is_fitted_next=True,
+    )  # fmt: skip
     guess.model.backend.close()
     return guess
