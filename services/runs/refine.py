@@ -27,6 +27,7 @@ from services.mocap.search.occlusion import PosedFrame, find_occluded
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.mocap.types import ACTOR, Floats, Ints, Mask
+from services.runs.motion_blur import cut_motion_blur
 from services.runs.reporting import Clock, Show, kept_warnings
 from services.runs.take_fit import TakeFit, concluded, occluded_by_camera, warn_of_occluded
 from services.runs.take_silhouettes import TakeSilhouettes, read_moments, seen_of
@@ -70,6 +71,8 @@ def refine_take(
         with clock.stage("looking at silhouettes") as progress:
             warnings += silhouettes.remarks
             made = silhouettes.segmenter
+            if silhouettes.kept is not None:
+                cut_motion_blur(made, silhouettes.kept, take.cameras, found)
             occluded, colours = look_over(
                 take, found, made, lambda share: progress(0.7 * share), learns_colours=learns_colours
             )

@@ -14,6 +14,7 @@ from services.mocap.search.plausibility import look_first
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, Trimap
 from services.runs.reporting import kept_warnings
+from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.segmenters import AUTO, READY, PlateCheck, chosen_segmenter, make_segmenter
 from services.segmentation.silhouettes import Moment, Segmenter
 
@@ -46,6 +47,13 @@ class TakeSilhouettes:
             )
         self.said = said
         return made
+
+    @property
+    def kept(self) -> KeptTrimaps | None:
+        """The silhouettes that are kept; None if none are, or they are the take's own."""
+        if self._kept is None or chosen_segmenter(self.take, self.name) == READY:
+            return None
+        return KeptTrimaps(self._kept, self.take.cameras)
 
     @cached_property
     def remarks(self) -> list[str]:
