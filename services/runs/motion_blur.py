@@ -16,14 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from services.mocap.body.actor import build_body
+from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import undistorted_px
 from services.mocap.fit.contours import features_of, outline_of
 from services.mocap.fit.rim import PosedSurface
-from services.mocap.result.result import Result
 from services.mocap.search.chains import REFERENCE_WIDTH_PX
+from services.mocap.take.tables import PoseTable
 from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.side_by_side import side_by_side
@@ -63,16 +63,18 @@ class MovingOutline:
 
 
 def cut_motion_blur(
-    segmenter: Segmenter, kept: KeptTrimaps, cameras: tuple[Camera, ...], found: Result
+    segmenter: Segmenter, kept: KeptTrimaps, cameras: tuple[Camera, ...], actor: Actor, tracked: PoseTable
 ) -> float:
-    """Cut the smears of fast limbs off the kept silhouettes of a result's frames, if there is blur.
+    """Cut the smears of fast limbs off the kept silhouettes of consecutive frames, if there is blur.
 
-    segmenter: makes what is not kept yet. Returns blur_of some frames without marks.
+    segmenter: makes what is not kept yet. tracked: the frames, with the actor's poses. Returns blur_of some
+    frames without marks.
     """
-    moving = _MovingBody(found, cameras)
-    rows = np.flatnonzero(~found.distrusted.any(axis=1))
+    moving, numbers = _MovingBody(build_body(actor), tracked.poses, cameras), tracked.frames.tolist()
+    rows = np.arange(len(numbers))
+    if tracked.marks is not None:
+        rows = rows[~tracked.marks.distrusted.any(axis=1)]
     looked_at = rows[:: max(1, len(rows) // _LOOKED_AT)].tolist()
-    numbers = found.tracked.frames.tolist()
 
     def trimaps_of(row: int) -> list[Trimap]:
         return next(segmenter.raw_moments(numbers[row], numbers[row] + 1, with_pictures=False)).trimaps
@@ -124,11 +126,10 @@ def without_smear(trimap: Trimap, outline: MovingOutline, blur: float) -> Trimap
 
 
 class _MovingBody:
-    """The tracked body of a result, and how its outlines move."""
+    """A body in the poses (N, D) of consecutive frames, and how its outlines move."""
 
-    def __init__(self, found: Result, cameras: tuple[Camera, ...]) -> None:
-        self._poses, self._body = found.tracked.poses, build_body(found.actor)
-        self._cameras, self._rig = cameras, Rig.of(cameras)
+    def __init__(self, body: Body, poses: Floats, cameras: tuple[Camera, ...]) -> None:
+        self._body, self._poses, self._cameras, self._rig = body, poses, cameras, Rig.of(cameras)
 
     def outlines(self, row: int, trimaps: list[Trimap]) -> list[MovingOutline]:
         """Those of raw trimaps (h, w) of the cameras, in the frame of a row."""

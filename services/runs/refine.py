@@ -72,7 +72,7 @@ def refine_take(
             warnings += silhouettes.remarks
             made = silhouettes.segmenter
             if silhouettes.kept is not None:
-                cut_motion_blur(made, silhouettes.kept, take.cameras, found)
+                cut_motion_blur(made, silhouettes.kept, take.cameras, found.actor, found.tracked)
             occluded, colours = look_over(
                 take, found, made, lambda share: progress(0.7 * share), learns_colours=learns_colours
             )
