@@ -39,7 +39,7 @@ _FEWEST = 300
 """Fast outline points, before the actor and behind, of which blur is measured."""
 _LEAST_BLUR = 0.04
 """Half an exposure of 3/8 of a frame shows as 0.1; less than this is no blur."""
-_ABSORBED = 1.5
+_ABSORBED = 1.25
 """How much farther silhouettes reach beyond the actor than beyond the tracked body, which follows them."""
 _LOOKED_AT = 24
 """So many frames tell whether there is blur."""
