@@ -6,13 +6,17 @@ far by up to e v / 2, before the actor and behind; of a slow outline `segmentati
 
 The poses of an earlier run tell v. How far silhouettes then reach beyond the tracked body tells how much has
 to be cut off; without blur that does not depend on v. Where the body's outline is counts for nothing after
-that, only its speed: a wrong pose cannot confirm itself.
+that, only its speed, and of the steps before and after a frame only the shorter one: a limb that is lost in a
+frame jumps there and back.
 """
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -20,11 +24,12 @@ from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import undistorted_px
-from services.mocap.fit.contours import features_of, outline_of
+from services.mocap.fit.contours import Contour, features_of
 from services.mocap.fit.rim import PosedSurface
 from services.mocap.search.chains import REFERENCE_WIDTH_PX
 from services.mocap.take.tables import PoseTable
-from services.mocap.types import ACTOR, BACKGROUND, Floats, Trimap
+from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Floats, Trimap
+from services.segmentation.cleanup import SPECK_AREA_PPM, drop_specks
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.side_by_side import side_by_side
 from services.segmentation.silhouettes import Segmenter
@@ -42,7 +47,13 @@ _LEAST_BLUR = 0.04
 _ABSORBED = 1.25
 """How much farther silhouettes reach beyond the actor than beyond the tracked body, which follows them."""
 _LOOKED_AT = 24
-"""So many frames tell whether there is blur."""
+"""At most so many frames tell whether there is blur."""
+_LEAST_STRETCH = 0.3
+"""Pinhole pixels in a raw one: less is where a lens folds."""
+_BLURRED = (
+    "the actor is blurred where it moves fast: silhouettes were cut there before the second run; shorter "
+    "exposures give better results"
+)
 _SMOOTHED_POINTS = 7
 """Outline points whose speeds are averaged."""
 
@@ -56,72 +67,79 @@ class MovingOutline:
     points_px: Floats
     """(N, 2) in the raw picture."""
     speeds_px: Floats
-    """(N,) of the body's outline nearby, across itself and away from the body, in working pixels a frame; nan
-    where none is near."""
+    """(N,) of the body's outline nearby, across itself, in working pixels a frame: positive before the actor,
+    negative behind; nan where none is near."""
     excess_px: Floats
     """(N,) how far the silhouette reaches beyond it, in working pixels; nan where none is near."""
 
 
 def cut_motion_blur(
-    segmenter: Segmenter, kept: KeptTrimaps, cameras: tuple[Camera, ...], actor: Actor, tracked: PoseTable
+    segmenter: Segmenter,
+    kept: KeptTrimaps,
+    cameras: tuple[Camera, ...],
+    actor: Actor,
+    tracked: PoseTable,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> float:
     """Cut the smears of fast limbs off the kept silhouettes of consecutive frames, if there is blur.
 
-    segmenter: makes what is not kept yet. tracked: the frames, with the actor's poses. Returns blur_of some
-    frames without marks.
+    segmenter: makes what is not kept yet. tracked: the frames, with the actor's poses. progress: called with
+    0 to 1. Returns the blur (blur_of) of some frames that are not marked.
     """
-    moving, numbers = _MovingBody(build_body(actor), tracked.poses, cameras), tracked.frames.tolist()
-    rows = np.arange(len(numbers))
+    moving, frames = _MovingBody(build_body(actor), tracked.poses, cameras), tracked.frames.tolist()
+    unmarked = np.arange(len(frames))
     if tracked.marks is not None:
-        rows = rows[~tracked.marks.distrusted.any(axis=1)]
-    looked_at = rows[:: max(1, len(rows) // _LOOKED_AT)].tolist()
-
-    def trimaps_of(row: int) -> list[Trimap]:
-        return next(segmenter.raw_moments(numbers[row], numbers[row] + 1, with_pictures=False)).trimaps
-
-    blur = blur_of(outline for row in looked_at for outline in moving.outlines(row, trimaps_of(row)))
+        unmarked = unmarked[~tracked.marks.distrusted.any(axis=1)]
+    outlines = list[MovingOutline]()
+    for row in unmarked[:: ceil(len(unmarked) / _LOOKED_AT) or 1].tolist():
+        (moment,) = segmenter.raw_moments(frames[row], frames[row] + 1, with_pictures=False)
+        outlines += moving.outlines(row, moment.trimaps)
+    blur = blur_of(outlines)
     if blur > 0.0:
-        log.info("motion blur: silhouettes reach %.2f px too far for every px that they move a frame", blur)
-        for row, frame in enumerate(numbers):
-            trimaps = trimaps_of(row)
-            outlines = moving.outlines(row, trimaps)
-            cut = side_by_side(lambda pair: without_smear(*pair, blur), zip(trimaps, outlines, strict=True))
-            kept.keep(frame, cut)
+        log.warning("%s", _BLURRED)
+        moments = segmenter.raw_moments(frames[0], frames[-1] + 1, with_pictures=False)
+        for row, moment in enumerate(moments):
+            of_cameras = zip(moment.trimaps, moving.outlines(row, moment.trimaps), strict=True)
+            kept.keep(frames[row], side_by_side(lambda pair: without_smear(*pair, blur), of_cameras))
+            progress((row + 1) / len(frames))
     return blur
 
 
 def blur_of(outlines: Iterable[MovingOutline]) -> float:
     """How far silhouettes reach beyond a tracked body where they are fast, over their speed; 0 if that is no
     blur, which is alike before the actor and behind: what trails behind is cloth."""
-    speeds_px, excess_px = np.hstack(
-        [np.stack([o.speeds_px, o.excess_px]) for o in outlines] or [np.zeros((2, 0))]
-    )
+    both = [np.stack([outline.speeds_px, outline.excess_px]) for outline in outlines]
+    speeds_px, excess_px = np.hstack(both or [np.zeros((2, 0))])
     speeds_px, excess_px = speeds_px[~np.isnan(speeds_px)], excess_px[~np.isnan(speeds_px)]
     slow = np.abs(speeds_px) < _SLOW_PX
     if not slow.any():
         return 0.0
     excess_px = excess_px - np.median(excess_px[slow])
     shares = []
-    for before in (speeds_px > _FAST_PX, speeds_px < -_FAST_PX):
-        if np.count_nonzero(before) < _FEWEST:
+    for side in (speeds_px > _FAST_PX, speeds_px < -_FAST_PX):
+        if np.count_nonzero(side) < _FEWEST:
             return 0.0
-        shares.append(float(np.median(excess_px[before] / (np.abs(speeds_px[before]) - _SETTLED_PX))))
+        shares.append(float(np.median(excess_px[side] / (np.abs(speeds_px[side]) - _SETTLED_PX))))
     return min(shares) if min(shares) >= _LEAST_BLUR else 0.0
 
 
 def without_smear(trimap: Trimap, outline: MovingOutline, blur: float) -> Trimap:
     """A trimap (h, w) without the actor's pixels that are nearer to the outline than it reaches too far."""
-    ys, xs = np.nonzero(trimap == ACTOR)
-    n_points = min(_SMOOTHED_POINTS, len(outline.points_px))
-    if n_points == 0:
-        return trimap
-    distances_px, nearest = cKDTree(outline.points_px).query(np.stack([xs, ys], axis=1), n_points)
-    distances_px, nearest = distances_px.reshape(-1, n_points), nearest.reshape(-1, n_points)
     scale = trimap.shape[1] / REFERENCE_WIDTH_PX
-    speeds_px = np.nan_to_num(np.abs(outline.speeds_px))[nearest].mean(axis=1)
-    smeared = distances_px[:, 0] < _ABSORBED * blur * np.maximum(speeds_px - _SETTLED_PX, 0.0) * scale
+    fast_px = np.maximum(np.nan_to_num(np.abs(outline.speeds_px)) - _SETTLED_PX, 0.0)
+    too_far_px = _ABSORBED * blur * scale * fast_px
+    if not too_far_px.any():
+        return trimap
+    actor = (trimap == ACTOR).view(np.uint8)
+    depths_px = cv2.distanceTransform(actor, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    ys, xs = np.nonzero((depths_px > 0) & (depths_px <= too_far_px.max() + 1))
+    neighbours = list(range(1, min(_SMOOTHED_POINTS, len(too_far_px)) + 1))
+    distances_px, nearest = cKDTree(outline.points_px).query(np.stack([xs, ys], axis=1), neighbours)
+    smeared = distances_px[:, 0] < too_far_px[nearest].mean(axis=1)
+    actor[ys[smeared], xs[smeared]] = 0
+    drop_specks(actor, SPECK_AREA_PPM * 1e-6 * actor.size)
     cut = trimap.copy()
-    cut[ys[smeared], xs[smeared]] = BACKGROUND
+    cut[(trimap == ACTOR) & (actor == 0)] = BACKGROUND
     return cut
 
 
@@ -129,29 +147,43 @@ class _MovingBody:
     """A body in the poses (N, D) of consecutive frames, and how its outlines move."""
 
     def __init__(self, body: Body, poses: Floats, cameras: tuple[Camera, ...]) -> None:
-        self._body, self._poses, self._cameras, self._rig = body, poses, cameras, Rig.of(cameras)
+        self._cameras, self._rig, self._last = cameras, Rig.of(cameras), len(poses) - 1
+        self._surface = lru_cache(maxsize=3)(lambda row: PosedSurface.of(body, poses[row]))
 
     def outlines(self, row: int, trimaps: list[Trimap]) -> list[MovingOutline]:
-        """Those of raw trimaps (h, w) of the cameras, in the frame of a row."""
-        earlier, later = max(row - 1, 0), min(row + 1, len(self._poses) - 1)
-        surfaces = [PosedSurface.of(self._body, self._poses[n]) for n in (earlier, row, later)]
+        """Those of raw trimaps (h, w) of the cameras, in the frame of a row; unsure pixels have none."""
+        here = self._surface(row)
+        earlier, later = self._surface(max(row - 1, 0)), self._surface(min(row + 1, self._last))
+        is_end = row in {0, self._last}
 
         def outline(c: int) -> MovingOutline:
             camera, scale = self._cameras[c], self._cameras[c].width_px / REFERENCE_WIDTH_PX
-            points_px, normals = outline_of(trimaps[c] == ACTOR)
-            rim = surfaces[1].rim(self._rig, c)
+            contour = Contour.of(trimaps[c] == ACTOR, scale, 0, trimaps[c] == UNSURE)
+            points_px, normals, rim = contour.points_px, contour.normals, here.rim(self._rig, c)
             if len(points_px) == 0 or len(rim.edges) == 0:
                 unknown = np.full(len(points_px), np.nan)
                 return MovingOutline(points_px, unknown, unknown)
             pinhole_px = undistorted_px(camera, points_px)
+            beside_px = undistorted_px(camera, points_px + normals)
+            stretch = np.einsum("ni,ni->n", beside_px - pinhole_px, normals)  # pinhole pixels in a raw one
             tree = cKDTree(features_of(rim.middles_px, rim.facing, scale))
             distances, edges = tree.query(features_of(pinhole_px, normals, scale))
             ends = rim.edges[edges]
-            was_px, is_px, will_be_px = (
-                camera.project_px(s.vertices_world_m[ends].mean(axis=1)) for s in surfaces
-            )
-            step_px = (will_be_px - was_px) / max(later - earlier, 1)
-            of_both = np.einsum("kni,ni->kn", [step_px, pinhole_px - is_px], normals) / scale
-            return MovingOutline(points_px, *np.where(distances < _FAR, of_both, np.nan))
+            stretch[(distances >= _FAR) | (stretch < _LEAST_STRETCH)] = np.nan
+
+            def beyond_px(surface: PosedSurface) -> Floats:
+                """(N,) how far the outline lies beyond the body's, in working pixels."""
+                middles_px = camera.project_px(surface.vertices_world_m[ends].mean(axis=1))
+                across_px = np.einsum("ni,ni->n", pinhole_px - middles_px, normals)
+                return np.asarray(across_px / (stretch * scale), np.float64)
+
+            excess_px = beyond_px(here)
+            steps_px = beyond_px(earlier) - excess_px, excess_px - beyond_px(later)
+            if is_end:
+                speeds_px = steps_px[0] + steps_px[1]  # one of them is 0
+            else:
+                shorter_px = np.minimum(*np.abs(steps_px)) * np.sign(steps_px[0])
+                speeds_px = np.where(steps_px[0] * steps_px[1] < 0, 0.0, shorter_px)
+            return MovingOutline(points_px, speeds_px, excess_px)
 
         return side_by_side(outline, range(len(trimaps)))

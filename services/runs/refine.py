@@ -72,9 +72,12 @@ def refine_take(
             warnings += silhouettes.remarks
             made = silhouettes.segmenter
             if silhouettes.kept is not None:
-                cut_motion_blur(made, silhouettes.kept, take.cameras, found.actor, found.tracked)
+                cut_motion_blur(
+                    made, silhouettes.kept, take.cameras, found.actor, found.tracked,
+                    lambda share: progress(0.3 * share),
+                )  # fmt: skip
             occluded, colours = look_over(
-                take, found, made, lambda share: progress(0.7 * share), learns_colours=learns_colours
+                take, found, made, lambda share: progress(0.3 + 0.4 * share), learns_colours=learns_colours
             )
             marked: Mask = np.asarray(found.distrusted.any(axis=1), bool)
             if occluded and np.count_nonzero(~marked) < n_frames:

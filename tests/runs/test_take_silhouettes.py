@@ -32,6 +32,9 @@ def test_a_take_is_learnt_once_and_its_remarks_stay(
     (remark,) = silhouettes.remarks
     assert "the empty scene was estimated from the videos" in remark
     list(silhouettes.segmenter.trimaps(0, 4))
+    assert silhouettes.kept is not None
+    assert silhouettes.kept.has_all(4)
+    assert TakeSilhouettes(open_take(folder)).kept is None
     assert silhouettes.remarks == silhouettes.said == [remark]
     assert made == [silhouettes.segmenter]
     assert not TakeSilhouettes(open_take(folder), kept=tmp_path).remarks, "all is kept, so nothing is learnt"
