@@ -4,17 +4,16 @@ While a shutter is open, an outline that moves by v pixels a frame across itself
 with the exposure e in frames. A segmenter takes in nearly all of the smear, so that a silhouette reaches too
 far by up to e v / 2, before the actor and behind; of a slow outline `segmentation.edges` finds the middle.
 
-The poses of an earlier run tell v. How far silhouettes then reach beyond the tracked body tells how much has
-to be cut off; without blur that does not depend on v. Where the body's outline is counts for nothing after
-that, only its speed, and of the steps before and after a frame only the shorter one: a limb that is lost in a
-frame jumps there and back.
+The poses of an earlier run tell v. How far silhouettes reach beyond the tracked body, compared with v, tells
+how much must be cut off; without blur there is no relation. The cut depends on the speed of the body's
+outline, not on its position. The speed is the shorter of the steps to the frames before and after: a limb
+that is lost in one frame jumps there and back, and the shorter step stays small.
 """
 
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil
 
 import cv2
 import numpy as np
@@ -24,7 +23,7 @@ from services.mocap.body.actor import Actor, Body, build_body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import undistorted_px
-from services.mocap.fit.contours import Contour, features_of
+from services.mocap.fit.contours import Contour, evenly, features_of
 from services.mocap.fit.rim import PosedSurface
 from services.mocap.search.chains import REFERENCE_WIDTH_PX
 from services.mocap.take.tables import PoseTable
@@ -35,7 +34,7 @@ from services.segmentation.side_by_side import side_by_side
 from services.segmentation.silhouettes import Segmenter
 
 _FAR = 12.0
-"""From the body's outline, as features (features_of): what is farther belongs to something else."""
+"""Distance of features (features_of) from which an outline does not belong to the body's nearest one."""
 _SLOW_PX, _FAST_PX = 2.0, 8.0
 """Speeds, in working pixels a frame, below which nothing is smeared, and above which smears are measured."""
 _SETTLED_PX = 4.0
@@ -43,9 +42,10 @@ _SETTLED_PX = 4.0
 _FEWEST = 300
 """Fast outline points, before the actor and behind, of which blur is measured."""
 _LEAST_BLUR = 0.04
-"""Half an exposure of 3/8 of a frame shows as 0.1; less than this is no blur."""
+"""An exposure of 3/8 of a frame gives 0.10 to 0.16, sharp takes less than 0.01; below this is no blur."""
 _ABSORBED = 1.25
-"""How much farther silhouettes reach beyond the actor than beyond the tracked body, which follows them."""
+"""Silhouettes reach this many times farther beyond the actor than beyond the tracked body, which was fitted
+to them."""
 _LOOKED_AT = 24
 """At most so many frames tell whether there is blur."""
 _LEAST_STRETCH = 0.3
@@ -91,7 +91,7 @@ def cut_motion_blur(
     if tracked.marks is not None:
         unmarked = unmarked[~tracked.marks.distrusted.any(axis=1)]
     outlines = list[MovingOutline]()
-    for row in unmarked[:: ceil(len(unmarked) / _LOOKED_AT) or 1].tolist():
+    for row in unmarked[evenly(len(unmarked), _LOOKED_AT)].tolist():
         (moment,) = segmenter.raw_moments(frames[row], frames[row] + 1, with_pictures=False)
         outlines += moving.outlines(row, moment.trimaps)
     blur = blur_of(outlines)
@@ -106,8 +106,10 @@ def cut_motion_blur(
 
 
 def blur_of(outlines: Iterable[MovingOutline]) -> float:
-    """How far silhouettes reach beyond a tracked body where they are fast, over their speed; 0 if that is no
-    blur, which is alike before the actor and behind: what trails behind is cloth."""
+    """How far silhouettes reach beyond a fast part of the tracked body, over its speed; 0 without blur.
+
+    The lesser of what is measured before the actor and behind: loose cloth trails behind only.
+    """
     both = [np.stack([outline.speeds_px, outline.excess_px]) for outline in outlines]
     speeds_px, excess_px = np.hstack(both or [np.zeros((2, 0))])
     speeds_px, excess_px = speeds_px[~np.isnan(speeds_px)], excess_px[~np.isnan(speeds_px)]

@@ -18,6 +18,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.energy.picture import Region
 from services.mocap.errors import UserError
+from services.mocap.fit.contours import evenly
 from services.mocap.fit.fitting import fit_actor
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.result.result import Result, load_result
@@ -180,5 +181,4 @@ def reliable_rows(found: Result, marked: Mask, n_frames: int, least_frames: int)
 def spread(left_out: Mask, n_frames: int) -> Ints:
     """At most n rows of (N,) frames, evenly spread over those that are not left out."""
     kept = np.flatnonzero(~left_out)
-    picked = np.linspace(0, max(len(kept) - 1, 0), min(n_frames, len(kept)))
-    return np.asarray(kept[np.unique(picked.round().astype(int))], np.int64)
+    return np.asarray(kept[evenly(len(kept), n_frames)], np.int32)
