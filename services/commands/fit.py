@@ -14,8 +14,8 @@ from services.mocap.body.own_mesh.mesh_import import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
 from services.mocap.search.overrides import search_settings
-from services.mocap.take.actor_file import check_place, write_actor
-from services.mocap.take.fit_record import FIT_FOLDER, OVERLAY, TURNTABLE
+from services.mocap.take.actor_file import check_place, take_actor, write_actor
+from services.mocap.take.fit_record import FIT_FOLDER, OVERLAY, TURNTABLE, was_refined
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import ACTOR
 from services.mocap.verdict.verdict import Cause
@@ -61,7 +61,9 @@ def fit(
             metavar="RESULT", help="Start from the poses of this result, and use frames of the whole take."
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an actor.toml made by hand.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace an actor.toml made by hand, or fitted to the whole take.")
+    ] = False,
     mesh: MeshOption = None,
     body: BodyOption = None,
     backend: BackendOption = DEFAULT_ENGINE.backend,
@@ -75,6 +77,8 @@ def fit(
     warn(opened.remarks)
     actor_toml = (out or take) / ACTOR
     check_place(actor_toml, force)
+    if out is None and refine is None and not force:
+        _check_not_refined(opened)
     folder = out or take / FIT_FOLDER
     search = search_settings([], None, len(opened.cameras), body=body)
     own = None if mesh is None else import_mesh(mesh)
@@ -103,6 +107,16 @@ def fit(
         write_actor(actor_toml, found.actor, origin_of(opened, found))
     warn(not_told([*(() if own is None else own.remarks), *found.warnings], checks))
     show_fit(found, opened, folder)
+
+
+def _check_not_refined(take: Take) -> None:
+    """Raise UserError if the take's body was fitted to frames of the whole take, which is better."""
+    actor = take_actor(take)
+    if actor is not None and was_refined(take.folder / FIT_FOLDER, actor):
+        raise UserError(
+            f"{take.folder / ACTOR}: was fitted to frames of the whole take, and is better than a fit to the "
+            "first ones: keep it and give --out, or replace it with --force"
+        )
 
 
 def fit_with_bar(take: Take, folder: Path, work: Callable[[Show], TakeFit]) -> TakeFit:

@@ -19,7 +19,7 @@ from services.mocap.errors import UserError
 from services.mocap.export.formats import FormatName, write_defaults
 from services.mocap.result.layout import CORRECTED_FRAMES, journal_of
 from services.mocap.result.result import load_result
-from services.mocap.take.actor_file import read_actor
+from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.layout import ACTOR
 from services.runs.fit import DEFAULT_INIT_FRAMES, ROUGH_INIT_FRAMES, fit_take, init_frames
@@ -71,14 +71,13 @@ def fit_and_track(
     only, unless the first pose was found later in the take, and it is not repeated if its results are there
     because the next one was interrupted.
     """
-    take, own = job.take, None
-    command = f"xormocap fit {take.folder}"
-    if mesh is None:
-        warnings = [f"{take.folder}: has no actor.toml: fitted one for this run; {command} puts one there"]
-    else:
+    take, own, warnings = job.take, None, list[str]()
+    if mesh is not None:
         imported = import_mesh(mesh)
-        own, kept = imported.mesh, f"{command} --mesh {mesh} keeps it in the take"
-        warnings = [*imported.remarks, f"{mesh}: was fitted for this run; {kept}"]
+        own, warnings = imported.mesh, imported.remarks
+    if not goes_on:
+        command = f"xormocap fit {take.folder}{'' if mesh is None else f' --mesh {mesh}'}"
+        say(f"the body is fitted for this run; {command} stores one in the take")
     engine = job.engine.model_copy(update={"threads": EVERY_CORE})
     usual = ROUGH_INIT_FRAMES if goes_on else DEFAULT_INIT_FRAMES
     first = init_frames(take, start=job.frames.start, usual=usual)
@@ -94,6 +93,17 @@ def fit_and_track(
         if goes_on and (report := _tracked_before(job, found.actor)):
             return report
         return track_with_bar(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
+
+
+def track_given(job: TakeJob, *, goes_on: bool) -> dict[str, Any]:
+    """Track with the body and first poses of job.fitted, or else of the take; goes_on: as in
+    fit_and_track."""
+    if not goes_on:
+        return track_with_bar(job, [])
+    job, actor = forwards(job), take_actor(job.take)
+    if job.fitted is None and actor is not None and (report := _tracked_before(job, actor)):
+        return report
+    return track_with_bar(job, [])
 
 
 def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
@@ -148,7 +158,8 @@ def track_again(
     rows = zip(*(measure(build_body(actor.wearing(None))) for actor in (before, found.actor)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
     changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
-    say(f"the body was fitted again, to frames of the whole take; {changed}")
+    stored = f"xormocap fit {job.take.folder} --refine {job.out} stores such a body in the take"
+    say(f"the body was fitted again, to frames of the whole take; {changed}; {stored}")
     return report
 
 

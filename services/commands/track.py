@@ -13,7 +13,7 @@ from services import options
 from services.commands.checks import CheckOption, in_view, look_before
 from services.commands.consoles import TakeFolder, say, stderr, stdout, warn
 from services.commands.fit import MeshOption
-from services.commands.fitted_runs import fit_and_track, forwards, track_again, track_with_bar
+from services.commands.fitted_runs import fit_and_track, track_again, track_given
 from services.commands.short_help import HelpAllOption
 from services.commands.view import DEFAULT_PORT, PortOption, StrictOption, ViewOption, conclude, tell_page
 from services.mocap.energy.engine import check_cost
@@ -22,6 +22,7 @@ from services.mocap.result.layout import CORRECTED_FRAMES
 from services.mocap.result.words import ENERGY_IN_WORDS, rate_in_words
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import take_actor
+from services.mocap.take.fit_record import FIT_FOLDER, was_refined
 from services.mocap.take.folder import open_take
 from services.recorder.result_folder import check_out
 from services.runs.fit import init_frames
@@ -66,7 +67,7 @@ def track(
         typer.Option(
             "--refine/--no-refine",
             help="First track forwards only, and fit the body again to frames of the whole take; by default "
-            "if this run fits it and the take is long enough.",
+            "if it was fitted to the first frames only and the take is long enough.",
         ),
     ] = None,
     smooth: options.SmoothOption = options.DEFAULT_OUTPUT.smooth,
@@ -112,9 +113,11 @@ def track(
         if check:
             job = replace(job, frames=in_view(silhouettes, job.frames))
             job = replace(job, checks=look_before(silhouettes, job.frames))
-        fits = mesh is not None or (fitted is None and fit_first and take_actor(opened) is None)
+        actor = take_actor(opened) if fitted is None else None
+        fits = mesh is not None or (fitted is None and fit_first and actor is None)
+        is_rough = fit_first and actor is not None and was_refined(take / FIT_FOLDER, actor) is False
         enough = _WORTH_REFINING * len(init_frames(opened))
-        again = refine if refine is not None else fits and len(job.frames) >= enough
+        again = refine if refine is not None else (fits or is_rough) and len(job.frames) >= enough
         say(ENERGY_IN_WORDS, stderr)  # which the bars show
         if again:
             _ = silhouettes.remarks  # once all silhouettes are kept, nothing is learnt and nothing remarked
@@ -123,7 +126,7 @@ def track(
         if fits:
             report = fit_and_track(first, silhouettes, mesh, goes_on=again)
         else:
-            report = track_with_bar(forwards(first) if again else first, [])
+            report = track_given(first, goes_on=again)
         if again:
             report = track_again(job, silhouettes, report, is_asked_for=refine is True)
     _summarise(report, job.out)

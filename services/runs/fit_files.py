@@ -69,7 +69,7 @@ def origin_of(take: Take, found: TakeFit) -> str:
 def _overlay(take: Take, found: TakeFit) -> Bytes:
     """The first frame of all cameras, before and after."""
     start = "generic body" if found.start.mesh is None else "own mesh"
-    if not isinstance(found.frames, range):
+    if found.is_refined:
         start = "body of the run"
     states = []
     for title, actor, pose, quality in (
@@ -112,6 +112,7 @@ def _record(take: Take, found: TakeFit) -> FitRecord:
         actor=found.actor.content_hash,
         first_frame=found.frames[0],
         end_frame=found.frames[-1] + 1,
+        is_refined=found.is_refined,
         hints=hints_of(take.settings),
         energy_before_px=found.fit.before.energy_px.tolist(),
         energy_after_px=found.fit.after.energy_px.tolist(),

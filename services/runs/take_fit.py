@@ -54,6 +54,11 @@ class TakeFit:
     """By camera what the actor's colour classes look like there, as tracking told them."""
 
     @property
+    def is_refined(self) -> bool:
+        """Whether it was fitted to frames of the whole take, by the poses of a result."""
+        return not isinstance(self.frames, range)
+
+    @property
     def iou(self) -> float:
         """Mean overlap of the fitted body and the silhouettes (intersection over union)."""
         return float(self.fit.after.iou.mean())
@@ -62,7 +67,7 @@ class TakeFit:
 def frames_in_words(found: TakeFit) -> str:
     """Which frames an actor was fitted to."""
     ends = f"{found.frames[0]} to {found.frames[-1]}"
-    return f"frames {ends}" if isinstance(found.frames, range) else f"{len(found.frames)} frames from {ends}"
+    return f"{len(found.frames)} frames from {ends}" if found.is_refined else f"frames {ends}"
 
 
 def occluded_by_camera(cameras: Sequence[Camera], masks: Mask) -> dict[str, Mask]:

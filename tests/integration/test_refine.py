@@ -28,11 +28,13 @@ from services.mocap.result.layout import CORRECTED_FRAMES, journal_of, partial_o
 from services.mocap.result.result import load_result
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.actor_file import read_actor, write_actor
+from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.folder import open_take
 from services.mocap.take.layout import ACTOR
 from services.mocap.take.tables import read_poses_csv
 from services.runs import Interrupted
 from services.runs.fit import fit_take, init_frames
+from services.runs.fit_files import write_fit
 from services.runs.take_fit import TakeFit
 from services.runs.take_silhouettes import TakeSilhouettes
 from services.runs.track import TakeJob
@@ -102,12 +104,12 @@ def test_results_of_another_take_are_refused(
     run_json = result / "run.json"
     run_json.write_text(run_json.read_text().replace('"name": "walk"', '"name": "another"'))
     said = refused("fit", known_take, "--refine", result)
-    assert "is of 'another', not of 'walk'" in " ".join(said.split())
+    assert "is of 'another', not of 'walk'" in said
 
 
 def test_one_frame_is_too_few(known_take: Path, tracked: Path, refused: Callable[..., str]) -> None:
     said = refused("fit", known_take, "--refine", tracked, "--frames", 1, "--force")
-    assert "--frames 1: expected at least 2 with --refine" in " ".join(said.split())
+    assert "--frames 1: expected at least 2 with --refine" in said
 
 
 def test_a_take_is_tracked_fitted_again_and_tracked_once_more(
@@ -176,12 +178,14 @@ def first_fit(strange_take: Path) -> TakeFit:
         )
 
 
-def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupted_second_run_goes_on(
+@pytest.mark.parametrize("is_stored", [False, True], ids=["for this run", "in the take"])
+def test_a_body_that_was_fitted_to_first_frames_is_fitted_again_and_an_interrupted_second_run_goes_on(
     strange_take: Path,
     first_fit: TakeFit,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
+    is_stored: bool,
 ) -> None:
     """The second fit gives the same body again; the first run is not repeated."""
     out, jobs, runs = tmp_path / "out", list[TakeJob](), iter([track_take, _interrupted, track_take])
@@ -196,7 +200,12 @@ def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupte
     bones_m = first_fit.actor.bone_lengths | wrong_m
     badly = replace(first_fit, actor=first_fit.actor.model_copy(update={"bone_lengths": bones_m}))
     monkeypatch.setattr("services.commands.fitted_runs.track_take", counted)
-    monkeypatch.setattr("services.commands.fitted_runs.fit_take", lambda *_, **__: badly)
+    if is_stored:
+        shutil.copytree(strange_take, strange_take := tmp_path / "walk")
+        write_actor(strange_take / ACTOR, badly.actor, "its first frames")
+        write_fit(open_take(strange_take), badly, strange_take / FIT_FOLDER)
+    else:
+        monkeypatch.setattr("services.commands.fitted_runs.fit_take", lambda *_, **__: badly)
     with pytest.raises(Interrupted):
         track(strange_take, out, workers=1, frames="0:3", check=False, overlay=False)
     first = read_actor(out / ACTOR)
@@ -204,7 +213,11 @@ def test_a_body_that_was_fitted_for_a_long_run_is_fitted_again_and_an_interrupte
     assert [job.search.both_ways for job in jobs] == [False, True, True]
     assert read_actor(out / ACTOR) != first
     assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == 3
-    assert "the body was fitted again, to frames of the whole take; most changed: " in capfd.readouterr().out
+    said = " ".join(capfd.readouterr().out.split())
+    assert "the body was fitted again, to frames of the whole take; most changed: " in said
+    assert f"xormocap fit {strange_take} --refine {out} stores such a body in the take" in " ".join(
+        said.split()
+    )
 
 
 def _interrupted(job: TakeJob, **_: Any) -> dict[str, Any]:

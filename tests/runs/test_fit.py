@@ -31,7 +31,7 @@ from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
 from services.mocap.search.first_pose import FirstPose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.settings import SearchSettings
-from services.mocap.take.actor_file import read_actor, take_actor
+from services.mocap.take.actor_file import read_actor, take_actor, write_actor
 from services.mocap.take.fit_record import OCCLUDED, fitted_pose, read_occluded, read_record
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.tables import read_poses_csv
@@ -392,6 +392,21 @@ def test_the_command_keeps_what_a_person_wrote(folder: Path, command: Callable[.
     assert (folder / "actor.toml").read_text() == mine
     command(folder, "--force")
     assert (folder / "actor.toml").read_text() != mine
+
+
+def test_the_command_keeps_a_body_that_was_fitted_to_the_whole_take(
+    folder: Path, found: TakeFit, command: Callable[..., str], tmp_path: Path
+) -> None:
+    refined = replace(found, frames=tuple(found.frames))
+    write_fit(open_take(folder), refined, folder / "fit")
+    write_actor(folder / "actor.toml", refined.actor, "frames of the whole take")
+    before = (folder / "actor.toml").read_text()
+    assert "was fitted to frames of the whole take" in command(folder)
+    assert (folder / "actor.toml").read_text() == before
+    assert "IoU, all cameras" in command(folder, "--out", tmp_path / "out")
+    assert "IoU, all cameras" in command(folder, "--force")
+    assert (folder / "actor.toml").read_text() != before
+    assert "IoU, all cameras" in command(folder), "that was a fit to the first frames"
 
 
 def test_out_leaves_the_take_alone(folder: Path, command: Callable[..., str], tmp_path: Path) -> None:

@@ -42,6 +42,8 @@ class FitRecord(FrozenModel):
     first_frame: int = Field(ge=0)
     end_frame: int = Field(ge=1)
     """The frame after the last."""
+    is_refined: bool = False
+    """Whether it was a fit to frames of the whole take, by the poses of a result."""
     hints: dict[str, Any]
     """The hints about the first pose in take.toml (hints_of)."""
     energy_before_px: list[float]
@@ -76,6 +78,13 @@ def read_record(folder: Path) -> FitRecord | None:
         return FitRecord.model_validate_json(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValidationError):
         raise TakeError(f"{path}: is not a file of xormocap fit: remove it or fit again") from None
+
+
+def was_refined(folder: Path, actor: Actor) -> bool | None:
+    """Whether the fit in a folder that found this very actor was one to frames of the whole take; None if no
+    fit there found it. Raises TakeError if its record cannot be used."""
+    record = read_record(folder)
+    return record.is_refined if record is not None and record.actor == actor.content_hash else None
 
 
 def fitted_pose(folder: Path, actor: Actor, settings: TakeSettings, frame: int) -> Floats | None:

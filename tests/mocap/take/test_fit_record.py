@@ -18,6 +18,8 @@ from services.mocap.take.fit_record import (
     fitted_pose,
     hints_of,
     read_colour_tables,
+    read_record,
+    was_refined,
     write_colour_tables,
     write_record,
 )
@@ -59,6 +61,16 @@ def test_a_frames_pose_is_found(folder: Path, frame: int) -> None:
     pose = fitted_pose(folder, ACTOR, _settings(facing=30.0), frame)
     assert pose is not None
     assert np.allclose(pose, POSE_TABLE.poses[frame], atol=1e-6)
+
+
+def test_it_is_known_whether_a_body_was_fitted_to_the_whole_take(folder: Path) -> None:
+    assert was_refined(folder, ACTOR) is False
+    assert was_refined(folder, Actor(height=1.81)) is None
+    assert was_refined(folder / "nowhere", ACTOR) is None
+    record = read_record(folder)
+    assert record is not None
+    write_record(folder, record.model_copy(update={"is_refined": True}))
+    assert was_refined(folder, ACTOR) is True
 
 
 def test_none_for_other_frames_actors_and_hints(folder: Path, tmp_path: Path) -> None:
