@@ -157,6 +157,21 @@ def test_a_wrong_board_is_noticed(
     assert said in complaint(few_clips, tmp_path, SAID | changed)
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"squares": "7x5"}, "and not of 7x5: give --squares 5x7, columns before rows"),
+        ({"dictionary": None}, "and not of 5x5_100: give --dictionary 4x4_"),
+    ],
+)
+def test_a_wrong_board_is_noticed_as_well_if_it_is_white_on_black(
+    few_clips: Path, tmp_path: Path, changed: dict[str, object], said: str
+) -> None:
+    shutil.copytree(few_clips, tmp_path / "clips")
+    change(tmp_path / "clips", lambda picture: 255 - picture)
+    assert said in complaint(tmp_path / "clips", tmp_path, SAID | changed)
+
+
 def test_a_chessboard_of_a_wrong_size_is_noticed(tmp_path: Path) -> None:
     write_pictures(
         tmp_path / "clips", scene(CHESS, moments=3, n_cameras=2, width_px=480), np.random.default_rng(14)

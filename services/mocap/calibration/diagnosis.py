@@ -106,20 +106,32 @@ def _n_found(pictures: list[Bytes], board: Board) -> int:
 
 
 def wrong_markers(pictures: list[Bytes], board: Board) -> str | None:
-    """What grey pictures show instead of the given board with markers; None if that cannot be told."""
-    views = _views(pictures, board.dictionary)
+    """What grey pictures (H, W) show instead of the given board with markers; None if that cannot be told.
+
+    Their negatives are looked at as well, unless the board says whether it is printed white on black.
+    """
+    prints = [pictures]
+    if board.inverted is None:
+        prints.append([255 - picture for picture in pictures])
+    views = _most_views(prints, board.dictionary)
     if views:
         return _wrong_layout(views, board)
-    if _views([np.ascontiguousarray(picture[:, ::-1]) for picture in pictures], board.dictionary):
+    mirrored = [[np.ascontiguousarray(picture[:, ::-1]) for picture in print_] for print_ in prints]
+    if _most_views(mirrored, board.dictionary):
         return (
             "is mirrored, its markers read only in the mirror: switch mirroring off in the camera, or flip it"
         )
-    some = pictures[:: max(1, len(pictures) // _FEW_SAMPLES)]
-    others = {name: len(_views(some, name)) for name in DICTIONARIES}
+    some = [print_[:: max(1, len(print_) // _FEW_SAMPLES)] for print_ in prints]
+    others = {name: len(_most_views(some, name)) for name in DICTIONARIES}
     best = max(others, key=lambda name: others[name])
     if not others[best]:
         return None
     return f"shows markers of the dictionary {best} and not of {board.dictionary}: give --dictionary {best}"
+
+
+def _most_views(prints: list[list[Bytes]], dictionary: str) -> list[_View]:
+    """The views of those pictures, as they are or their negatives, of which more show markers."""
+    return max((_views(pictures, dictionary) for pictures in prints), key=len)
 
 
 def _views(pictures: list[Bytes], dictionary: str) -> list[_View]:

@@ -101,14 +101,13 @@ def calibrate_clips(
 
 
 def _with_polarity(board: Board, clips: list[Clip]) -> Board:
-    """The board, inverted if only its negative is found in samples of all clips."""
-    inverted = board.model_copy(update={"inverted": True})
+    """The board, inverted or not as it is found in samples of the clips; unchanged if it is in none."""
+    plain, inverted = (board.model_copy(update={"inverted": value}) for value in (False, True))
     for clip in clips if board.has_markers else ():
         samples = [picture for _, picture in clip.pictures(-(-clip.n_frames() // _POLARITY_SAMPLES))]
-        if any(Detector(board).find(picture) for picture in samples):
-            break
-        if any(Detector(inverted).find(picture) for picture in samples):
-            return inverted
+        for other in (plain, inverted):
+            if any(Detector(other).find(picture) for picture in samples):
+                return other
     return board
 
 

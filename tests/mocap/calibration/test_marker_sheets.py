@@ -122,6 +122,8 @@ def test_what_is_shown_instead_of_the_sheet_is_said(
 ) -> None:
     found = wrong_markers([shown[..., 0]], changed(**given))
     assert found is None if said is None else said in str(found)
+    assert wrong_markers([255 - shown[..., 0]], changed(**given)) == found  # printed white on black
+    assert wrong_markers([255 - shown[..., 0]], changed(**given, inverted=False)) is None
 
 
 def test_a_charuco_board_is_told_from_a_sheet() -> None:
