@@ -8,6 +8,7 @@ import numpy as np
 from services.mocap.calibration.coverage import covered_share
 from services.mocap.calibration.rig_solving import Solution
 from services.mocap.camera.camera import Camera
+from services.mocap.take.settings import LONGEST_SIDE
 
 _UPSIDE_DOWN, _LEVEL = -0.5, 0.5
 """Of the cosine between a picture's upward direction and the world's."""
@@ -20,17 +21,21 @@ _LARGE_ERROR_PX, _LARGE_RATIO = 1.0, 3.0
 _LITTLE_COVERED = 0.4
 
 
-def remarks_on(cameras: Sequence[Camera]) -> list[str]:
-    """One sentence for each implausible property of cameras in a z-up world with its origin on the stage's
-    floor."""
+def remarks_on(cameras: Sequence[Camera], *, is_floor_known: bool = True) -> list[str]:
+    """One sentence for each implausible property of cameras in a z-up world.
+
+    is_floor_known: whether its origin lies on the stage's floor.
+    """
     remarks = [
         f"{camera.name}: stands {-camera.centre_world_m[2]:.2f} m under the floor: check that the board at "
         "the origin lay on the floor, print up"
         for camera in cameras
-        if camera.centre_world_m[2] < _UNDERGROUND_M
+        if is_floor_known and camera.centre_world_m[2] < _UNDERGROUND_M
     ]
     upward = np.array([-camera.R_camera_world[1, 2] for camera in cameras])
-    if np.median(upward) < _LEVEL:  # all of them: then rather the origin's board is not on the floor
+    if (
+        is_floor_known and np.median(upward) < _LEVEL
+    ):  # all of them: then rather the origin's board is not on the floor
         remarks.append(
             "most cameras are tilted by more than 60 degrees against the floor: check that the board at "
             "the origin lay flat on the floor, print up, and that the pictures are upright"
@@ -59,27 +64,55 @@ def remarks_on(cameras: Sequence[Camera]) -> list[str]:
 
 
 def remarks_on_views(solution: Solution) -> list[str]:
-    """One sentence for each camera with too few useful views, or that does not fit the others."""
-    remarks = []
-    errors_px = [solution.error_px(c) for c in range(len(solution.cameras))]
-    for c, camera in enumerate(solution.cameras):
-        if solution.n_bad_views[c] > _MANY_BAD * (solution.n_views[c] + solution.n_bad_views[c]):
-            remarks.append(
-                f"{camera.name}: {solution.n_bad_views[c]} views do not fit those of the other cameras "
-                "and were left out: check that its clip shows the same moments as theirs, and that the "
-                "board is flat"
-            )
-        if errors_px[c] > max(_LARGE_ERROR_PX, _LARGE_RATIO * float(np.median(errors_px))):
-            remarks.append(
-                f"{camera.name}: corners are off by {errors_px[c]:.1f} px on average: check its focus, "
-                "motion blur, and whether another --lens suits it"
-            )
-        share, lens = covered_share(solution, c), solution.lenses[c]
-        if share < _LITTLE_COVERED and not lens.is_held:
-            simple = " (a simple lens model was chosen)" if lens.is_simple else ""
-            remarks.append(
-                f"{camera.name}: the board was seen in {100 * share:.0f}% of the picture only: its lens is "
-                f"not known elsewhere{simple}: move the board through the whole picture, record it close up "
-                "(intrinsics/), or give a known lens (--lens FILE)"
-            )
-    return remarks
+    """Sentences about cameras with too few useful views, or that do not fit the others."""
+    remarks = [
+        f"{camera.name}: {n_bad} views do not fit those of the other cameras and were left out: check that "
+        "its clip shows the same moments as theirs, and that the board is flat"
+        for camera, n_good, n_bad in zip(
+            solution.cameras, solution.n_views, solution.n_bad_views, strict=True
+        )
+        if n_bad > _MANY_BAD * (n_good + n_bad)
+    ]
+    return [*remarks, *_on_errors(solution), *_on_coverage(solution)]
+
+
+def _on_errors(solution: Solution) -> list[str]:
+    """A sentence on all cameras whose corners are far off."""
+    cameras = solution.cameras
+    errors_px = [solution.error_px(c) for c in range(len(cameras))]
+    unlike_others_px = max(_LARGE_ERROR_PX, _LARGE_RATIO * float(np.median(errors_px)))
+    limits_px = [min(_large_error_px(camera), unlike_others_px) for camera in cameras]
+    large = [c for c in range(len(cameras)) if errors_px[c] > limits_px[c]]
+    if not large:
+        return []
+    named = ", ".join(f"{cameras[c].name} ({errors_px[c]:.2f} px)" for c in large)
+    return [
+        f"{named}: corners are off by too much on average, expected {min(limits_px[c] for c in large):.2g} "
+        "px at most: lock the focus, glue the board on something flat, and record it again: near, all over "
+        "the picture, moved slowly so that it is not blurred; or try another --lens"
+    ]
+
+
+def _large_error_px(camera: Camera) -> float:
+    """The largest usual error, which grows with pictures beyond the size to which takes reduce theirs."""
+    return _LARGE_ERROR_PX * max(1.0, max(camera.size_px) / LONGEST_SIDE)
+
+
+def _on_coverage(solution: Solution) -> list[str]:
+    """A sentence on all cameras whose lens was estimated from a small part of the picture."""
+    shares = {
+        c: share
+        for c, lens in enumerate(solution.lenses)
+        if not lens.is_held and (share := covered_share(solution, c)) < _LITTLE_COVERED
+    }
+    if not shares:
+        return []
+    named = ", ".join(f"{solution.cameras[c].name} ({100 * share:.0f}%)" for c, share in shares.items())
+    simple = [solution.cameras[c].name for c in shares if solution.lenses[c].is_simple]
+    which = "" if len(simple) == len(shares) else f" for {', '.join(simple)}"
+    chosen = f" (a simple lens model was chosen{which})" if simple else ""
+    return [
+        f"{named}: the board was seen in this share of the picture only: the lens is not known elsewhere"
+        f"{chosen}: move the board through the whole picture, record it close up (intrinsics/), or give a "
+        "known lens (--lens FILE)"
+    ]
