@@ -22,7 +22,7 @@ from board_stage import (
     write_clips,
     write_pictures,
 )
-from services.commands.calibrate.board import COVERAGE, RECORD, calibrate_by_board, draw_board
+from services.commands.calibrate.board import calibrate_by_board, coverage_path, draw_board
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.detection import Detector
 from services.mocap.calibration.lens import Lens
@@ -94,9 +94,12 @@ def test_cameras_are_found_by_pictures_of_a_charuco_board(
     assert "cam02" in printed
     assert "error, px" in printed
     assert "upside" not in warned
-    record = json.loads((tmp_path / RECORD).read_text())
+    away_m = [np.hypot(*camera.centre_world_m[:2]) for camera in found]
+    for row, away, camera in zip(printed.splitlines()[1:], away_m, found, strict=False):
+        assert row.split()[-2:] == [f"{away:.2f}", f"{camera.centre_world_m[2]:.2f}"]
+    record = json.loads((tmp_path / "calibration.json").read_text())
     assert record["cameras"]["cam02"]["error_px"] < 0.4
-    sheet = cv2.imread(str(tmp_path / COVERAGE))
+    sheet = cv2.imread(str(tmp_path / "coverage.png"))
     assert sheet.shape[1] > 1000
     assert (sheet.max(axis=2) > 150).mean() > 0.005  # dots
 
@@ -123,7 +126,7 @@ def test_cameras_are_found_by_videos_of_a_board(tmp_path: Path, lens: Lens) -> N
     assert centres_apart_m(found, cameras).max() < 0.04  # few views in small pictures
     for one, true in zip(found, cameras, strict=True):
         assert one.K[0, 0] == pytest.approx(true.K[0, 0], rel=0.015)
-    record = json.loads((tmp_path / RECORD).read_text())
+    record = json.loads((tmp_path / "calibration.json").read_text())
     for figures in record["cameras"].values():
         assert figures["error_px"] < 0.4
         assert figures["rms_per_axis_px"] < 0.4
@@ -213,7 +216,9 @@ def test_without_an_origin_the_cameras_are_right_to_each_other_and_it_is_said(
 ) -> None:
     shutil.rmtree(own_clips / "origin")
     calibrate(own_clips, tmp_path / "calibration.toml", SAID)
-    assert "up is up in the pictures of all cameras on average" in capsys.readouterr().err
+    printed, warned = capsys.readouterr()
+    assert "up is up in the pictures of all cameras on average" in warned
+    assert [row.split()[-2:] for row in printed.splitlines()[1:4]] == [["-", "-"]] * 3
     centres_m, true_m = (
         np.array([camera.centre_world_m for camera in cameras])
         for cameras in (read_calibration(tmp_path / "calibration.toml", "z"), charuco.cameras)
@@ -261,6 +266,20 @@ def test_cameras_upside_down_or_behind_a_board_of_two_sides_are_calibrated_and_s
     assert "cam01: saw the back" not in said
     found = read_calibration(tmp_path / "calibration.toml", "z")
     assert centres_apart_m(found, charuco.cameras).max() < 0.02
+
+
+def test_each_calibration_of_a_folder_has_files_of_its_own(few_clips: Path, tmp_path: Path) -> None:
+    assert coverage_path(tmp_path / "calibration.toml") == tmp_path / "coverage.png"
+    assert coverage_path(tmp_path / "left.toml") == tmp_path / "left-coverage.png"
+    with pytest.raises(UserError, match=r"left\.json: .*: expected one that ends in \.toml"):
+        calibrate(few_clips, tmp_path / "left.json", SAID)
+
+
+def test_a_level_camera_that_does_not_exist_is_refused_with_those_that_do(
+    few_clips: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(UserError, match=r"--level cam_9: is no camera of .*: expected one of cam01, cam02$"):
+        calibrate_by_board(few_clips, SAID, "normal", tmp_path / "calibration.toml", "z", level="cam_9")
 
 
 def test_a_board_is_drawn_as_it_is_detected(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from services.commands.calibrate.points import in_world_of
 from services.commands.consoles import progress_bar, say, stdout, table_of, warn
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.board import Board, drawn
-from services.mocap.calibration.clips import find_clips
+from services.mocap.calibration.clips import ORIGIN, find_clips
 from services.mocap.calibration.coverage import covered_share, draw_coverage
 from services.mocap.calibration.from_clips import calibrate_clips, check_clips
 from services.mocap.calibration.known_lenses import known_lenses
@@ -26,7 +26,6 @@ from services.mocap.errors import CalibrationError, UserError, load_toml, valida
 from services.mocap.take.writer import write_picture
 
 BOARD_FILE = "board.toml"
-COVERAGE, RECORD = "coverage.png", "calibration.json"
 _PRINT_DOTS_PER_M = 300 / 0.0254
 _LARGEST_PRINT_PX = 20000
 
@@ -41,7 +40,7 @@ def calibrate_by_board(
     level: str | None = None,
     points_file: Path | None = None,
 ) -> None:
-    """Calibrate a folder of clips, write calibration.toml and, beside it, coverage.png and calibration.json.
+    """Calibrate a folder of clips, write the calibration and, beside it, its coverage and its record.
 
     said: the options about the board (see board_of). lens_file: a calibration whose lenses are held.
     level: the camera whose pictures are level, if there is no picture of the origin. points_file: measured
@@ -51,6 +50,9 @@ def calibrate_by_board(
         raise CalibrationError(
             f"{clips}: is not a folder: expected a folder with a clip <camera>.mp4 for each camera"
         )
+    coverage, record = coverage_path(out), out.with_suffix(".json")
+    if record == out:
+        raise UserError(f"--out {out}: is the name of the record beside it: expected one that ends in .toml")
     board = board_of(said, clips)
     before = check_clips(clips, level, needs_origin=points_file is None)
     warn(before)
@@ -65,13 +67,23 @@ def calibrate_by_board(
     if points is not None:
         cameras, more = in_world_of(solution.cameras, points)
         solution, remarks = replace(solution, cameras=cameras), remarks + more
-    remarks += [*remarks_on_views(solution), *remarks_on(solution.cameras)]
+    is_floor_known = points is not None or bool(find_clips(clips / ORIGIN))
+    remarks += [
+        *remarks_on_views(solution),
+        *remarks_on(solution.cameras, is_floor_known=is_floor_known),
+    ]
     write_calibration(out, solution.cameras, up)
-    write_picture(out.with_name(COVERAGE), draw_coverage(solution))
-    _write_record(out.with_name(RECORD), solution, board, [*before, *remarks])
+    write_picture(coverage, draw_coverage(solution))
+    _write_record(record, solution, board, [*before, *remarks])
     warn(remarks)
-    stdout.print(_table(solution))
-    say(f"{out}; look at {out.with_name(COVERAGE)}")
+    stdout.print(_table(solution, is_floor_known=is_floor_known))
+    say(f"{out}; look at {coverage}")
+
+
+def coverage_path(calibration: Path) -> Path:
+    """The picture beside a calibration: coverage.png of calibration.toml, left-coverage.png of left.toml."""
+    prefix = "" if calibration.stem == "calibration" else f"{calibration.stem}-"
+    return calibration.with_name(f"{prefix}coverage.png")
 
 
 def board_of(said: dict[str, Any], clips: Path | None) -> Board:
@@ -133,7 +145,8 @@ def draw_board(path: Path, said: dict[str, Any], clips: Path | None) -> None:
     )
 
 
-def _table(solution: Solution) -> Table:
+def _table(solution: Solution, *, is_floor_known: bool) -> Table:
+    """A row for each camera; is_floor_known: whether the world has a floor and an origin on it."""
     titles = ("pixels", "focal, px", "error, px", "RMS an axis", "views", "left out", "covered")
     table = table_of("camera", *titles, "from origin, m", "height, m")
     for c, camera in enumerate(solution.cameras):
@@ -147,8 +160,8 @@ def _table(solution: Solution) -> Table:
             f"{solution.n_views[c]}",
             f"{solution.n_bad_views[c]}",
             f"{100 * covered_share(solution, c):.0f}%",
-            f"{np.hypot(x_m, y_m):.2f}",
-            f"{z_m:.2f}",
+            f"{np.hypot(x_m, y_m):.2f}" if is_floor_known else "-",
+            f"{z_m:.2f}" if is_floor_known else "-",
         )
     return table
 

@@ -13,7 +13,7 @@ from services.mocap.calibration.diagnosis import check_prints, check_same_pictur
 from services.mocap.calibration.lens import Intrinsics, Lens
 from services.mocap.calibration.rig_solving import ORIGIN_FRAME, Show, Solution, solve_rig
 from services.mocap.calibration.sightings import Sighting, Sightings, is_usable
-from services.mocap.errors import CalibrationError, nearest
+from services.mocap.errors import CalibrationError
 
 _MOST_LOOKED_AT = 300
 """Number of pictures in which the board is searched; of longer clips every second, third and so on."""
@@ -38,7 +38,9 @@ def check_clips(folder: Path, level: str | None, *, needs_origin: bool) -> list[
             "pictures, for two cameras or more"
         )
     if level is not None and level not in names:
-        raise CalibrationError(f"--level {level}: is no camera of {folder}: {nearest(level, names)}")
+        raise CalibrationError(
+            f"--level {level}: is no camera of {folder}: expected one of {', '.join(names)}"
+        )
     check_sizes(folder)
     if not needs_origin:
         return []
