@@ -14,6 +14,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 Model = TypeVar("Model", bound=BaseModel)
 _LONGEST_VALUE = 60
+_TOO_LARGE = ("less_than", "less_than_equal")
+"""Pydantic's types of errors."""
 
 
 class FrozenModel(BaseModel):
@@ -100,4 +102,26 @@ def _complaint(model: type[BaseModel], data: dict[str, Any], first: Any) -> str:
         return f"{field}: is missing: expected {expected}"
     if first["type"] == "value_error":
         return f"{field}: {first['ctx']['error']}"
-    return f"{field}: expected {expected}, found {in_short(data[field])}"
+    readings = _in_metres(model, data, field) if first["type"] in _TOO_LARGE else []
+    hint = f": {', '.join(readings)}" if readings else ""
+    return f"{field}: expected {expected}, found {in_short(data[field])}{hint}"
+
+
+def _in_metres(model: type[BaseModel], data: dict[str, Any], field: str) -> list[str]:
+    """What a length too large in metres would be if another unit was meant, where that is valid."""
+    if "metres" not in (model.model_fields[field].description or ""):
+        return []
+    meant = [(unit, data[field] / per_m) for unit, per_m in (("mm", 1000), ("cm", 100))]
+    return [
+        f"{data[field]:g} {unit} is {length_m:g}"
+        for unit, length_m in meant
+        if _is_accepted(model, data, field, length_m)
+    ]
+
+
+def _is_accepted(model: type[BaseModel], data: dict[str, Any], field: str, value: float) -> bool:
+    try:
+        model.model_validate(data | {field: value})
+    except ValidationError as problem:
+        return all(error["loc"][:1] != (field,) for error in problem.errors())
+    return True

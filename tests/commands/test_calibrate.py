@@ -147,7 +147,11 @@ def complaint(clips: Path, tmp_path: Path, said: dict[str, object]) -> str:
         ({"squares": "4x7"}, "shows a ChArUco board of 5x7 squares"),
         ({"dictionary": "5x5_50"}, "give --dictionary 4x4_"),
         ({"squares": "5 by 7"}, "--squares 5 by 7: expected"),
-        ({"square_m": 12.0}, "square_m: expected the side of a square in metres"),
+        (
+            {"square_m": 54.0},
+            "square_m: expected the side of a square in metres, 0.002 to 2, found 54.0: 54 mm is 0.054, "
+            "54 cm is 0.54",
+        ),
         (
             {"kind": "chessboard", "marker_m": None, "dictionary": None},
             "look the same when the board is rotated",

@@ -67,7 +67,19 @@ def test_missing_settings_and_calibration(small_take: SmallTake, refusal: Refusa
         (
             "frames = 4",
             "frames = 4\nactor_height = 178",
-            "take.toml: actor_height: expected the actor's height in metres, 0.5 to 2.5, found 178",
+            "take.toml: actor_height: expected the actor's height in metres, 0.5 to 2.5, found 178: "
+            "178 cm is 1.78",
+        ),
+        (
+            "frames = 4",
+            "frames = 4\nactor_height = 1780",
+            "take.toml: actor_height: expected the actor's height in metres, 0.5 to 2.5, found 1780: "
+            "1780 mm is 1.78",
+        ),
+        (
+            "frames = 4",
+            "frames = 4\nactor_height = 30000",
+            "take.toml: actor_height: expected the actor's height in metres, 0.5 to 2.5, found 30000",
         ),
         (
             "frames = 4",
