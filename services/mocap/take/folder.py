@@ -171,7 +171,7 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
             _check_silhouettes(take, camera)
         if camera.name in indices:
             check_video(indices[camera.name], camera, settings, said)
-    remark = cut_remark(indices, settings) if in_step else None
+    remark = cut_remark(indices, settings, is_stated=said.frames is not None) if in_step else None
     for name, index in indices.items() if decoded else ():
         check_decodes(index, settings.frames + settings.offset(name))
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():

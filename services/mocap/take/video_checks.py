@@ -78,21 +78,29 @@ def check_video(index: VideoIndex, camera: Camera, settings: TakeSettings, said:
         )
 
 
-def cut_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings) -> str | None:
-    """A remark if videos have different lengths, by camera; raises TakeError if the difference is large."""
-    lengths = {name: index.n_frames for name, index in indices.items()}
-    if settings.offsets or len(set(lengths.values())) < 2:
+def cut_remark(indices: Mapping[str, VideoIndex], settings: TakeSettings, *, is_stated: bool) -> str | None:
+    """A remark if videos have different lengths, by camera; raises TakeError if the difference is large.
+
+    is_stated: whether take.toml states how many frames are used; then videos may be longer by any number.
+    """
+    ordered = sorted(indices.values(), key=lambda index: index.n_frames)
+    if settings.offsets or not ordered or ordered[0].n_frames == ordered[-1].n_frames:
         return None
-    shortest, longest = min(lengths, key=lambda n: lengths[n]), max(lengths, key=lambda n: lengths[n])
-    short, long = indices[shortest], indices[longest]
-    if long.n_frames - short.n_frames > max(_FEWEST_CUT, _FEW_S * settings.fps):
+    short, long = ordered[0], ordered[-1]
+    lacking = f"{short.path}: has {short.n_frames} frames"
+    limit = long.n_frames - max(_FEWEST_CUT, _FEW_S * settings.fps)
+    if not is_stated and short.n_frames < limit:
+        also = "".join(
+            f", {index.path.name} {index.n_frames}" for index in ordered[1:] if index.n_frames < limit
+        )
         raise TakeError(
-            f"{long.path}: has {long.n_frames} frames, but {short.path.name} has {short.n_frames}: cut all "
-            "videos to the same moments, or run xormocap sync"
+            f"{lacking}{also}, but {long.path.name} has {long.n_frames}: cut all videos to the same moments, "
+            "run xormocap sync, or, if they begin at the same moment, use the frames that all have by "
+            f"frames = {short.n_frames} in {layout.SETTINGS}"
         )
     return (
-        f"{short.path}: has {short.n_frames} frames, but {long.path.name} has {long.n_frames}: the longer "
-        "videos are cut at their ends; if the cameras did not start together, run xormocap sync"
+        f"{lacking}, but {long.path.name} has {long.n_frames}: the first {settings.frames} frames of each "
+        "are used; if the cameras did not start together, run xormocap sync"
     )
 
 

@@ -49,18 +49,39 @@ def rewrite_video(path: Path, n_frames: int, fps: float = 10.0, size_px: tuple[i
             writer.write(np.zeros((*size_px[::-1], 3), np.uint8))
 
 
+def leave_frames_to_videos(folder: Path) -> None:
+    text = (folder / "take.toml").read_text()
+    assert "frames = 4\n" in text
+    (folder / "take.toml").write_text(text.replace("frames = 4\n", ""))
+
+
 def test_videos_of_different_lengths(small_take: SmallTake, refusal: Refusal) -> None:
-    folder = small_take()
-    rewrite_video(folder / "videos/cam02.mp4", 7)
+    folder = small_take(n_cameras=4)
+    leave_frames_to_videos(folder)
+    for camera, frames in ("cam01", 9), ("cam02", 9), ("cam03", 5):
+        rewrite_video(folder / f"videos/{camera}.mp4", frames)
     assert refusal(folder) == (
-        "videos/cam02.mp4: has 7 frames, but cam01.mp4 has 4: cut all videos to the same moments, "
-        "or run xormocap sync"
+        "videos/cam04.mp4: has 4 frames, cam03.mp4 5, but cam02.mp4 has 9: cut all videos to the same "
+        "moments, run xormocap sync, or, if they begin at the same moment, use the frames that all have by "
+        "frames = 4 in take.toml"
     )
     assert open_take(folder, in_step=False).settings.frames == 4
-    rewrite_video(folder / "videos/cam02.mp4", 6)  # cameras that were stopped one after the other
-    (remark,) = open_take(folder).remarks
-    assert "cam01.mp4: has 4 frames, but cam02.mp4 has 6" in remark
-    assert "xormocap sync" in remark
+
+
+@pytest.mark.parametrize(("is_stated", "frames"), [(False, 6), (True, 6), (True, 40)])
+def test_videos_that_are_cut_are_remarked(small_take: SmallTake, is_stated: bool, frames: int) -> None:
+    """As of cameras that were stopped one after the other, or as take.toml wants it."""
+    folder = small_take()
+    if not is_stated:
+        leave_frames_to_videos(folder)
+    rewrite_video(folder / "videos/cam02.mp4", frames)
+    take = open_take(folder)
+    assert take.settings.frames == 4
+    assert take.remarks == (
+        f"{folder}/videos/cam01.mp4: has 4 frames, but cam02.mp4 has {frames}: the first 4 frames of each "
+        "are used; if the cameras did not start together, run xormocap sync",
+    )
+    assert [len(list(take.video(camera))) for camera in take.cameras] == [4, 4]
 
 
 def test_a_video_shorter_than_the_take(small_take: SmallTake, refusal: Refusal) -> None:
