@@ -9,15 +9,16 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of
+from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.atomic import atomic_file
 from services.mocap.calibration.epipolar_tangents import touches_of
-from services.mocap.calibration.time_offsets import TimeOffsets, find_offsets
+from services.mocap.calibration.time_offsets import STEP, TimeOffsets, find_offsets
 from services.mocap.errors import TakeError, UserError
 from services.mocap.take import layout
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.settings import read_take_file
 from services.mocap.take.video_index import index_video
+from services.mocap.types import Mask
 from services.runs.outlines import outlines_of
 
 _MOST_FRAMES = 900
@@ -38,7 +39,8 @@ def sync(
     For takes whose cameras have no common trigger. The cameras must be calibrated and have the same frame
     rate.
     """
-    opened = open_take(take, in_step=False).without_offsets()
+    stated = open_take(take, in_step=False)
+    opened = stated.without_offsets()
     frames = range(min(opened.settings.frames, _MOST_FRAMES))
     with progress_bar() as show:
         cameras, outlines, _ = outlines_of(
@@ -46,20 +48,36 @@ def sync(
         )
     width_px = float(np.median([camera.width_px for camera in cameras]))
     found = find_offsets(touches_of(cameras, outlines), len(cameras), reach, width_px)
-    stdout.print(_table(opened, found))
-    unsure = [
-        camera.name
-        for camera, sure in zip(cameras, found.confidence, strict=True)
-        if sure < _LEAST_CONFIDENCE
-    ]
-    if unsure:
-        raise UserError(
-            f"{take}: silhouettes do not determine the offsets of {', '.join(unsure)}: expected somebody who "
-            "moves, whole in the pictures, cameras that agree (xormocap calibrate --check), and offsets "
-            "within --reach: nothing is written"
-        )
-    if write:
+    is_sure = found.confidence >= _LEAST_CONFIDENCE
+    stdout.print(_table(opened, found, is_sure))
+    _report(stated, found, is_sure)
+    if write and is_sure.all():
         _write(opened, found)
+
+
+def _report(take: Take, found: TimeOffsets, is_sure: Mask) -> None:
+    """Say which cameras are in step with the take's present offsets, and which are undetermined.
+
+    is_sure: (C,) whether a camera's offset is determined. Raises UserError if some are not, and the others
+    are not in step.
+    """
+    names = np.array([camera.name for camera in take.cameras])
+    wrong = (found.offsets - [take.settings.offset(name) for name in names])[is_sure]
+    is_in_step = len(wrong) > 1 and bool(np.ptp(wrong) <= STEP)
+    if not is_sure.all():
+        undetermined = (
+            f"{take.folder}: silhouettes do not determine the offsets of {', '.join(names[~is_sure])}: "
+            "expected somebody who moves, whole in the pictures, cameras that agree (xormocap calibrate "
+            "--check), and offsets within --reach: nothing is written"
+        )
+        if not is_in_step:
+            raise UserError(undetermined)
+        warn([undetermined])
+    if is_in_step:
+        say(
+            f"{take.folder}: {len(wrong)} cameras are in step, to half a frame: nothing needs to be done for "
+            "them"
+        )
 
 
 def _write(take: Take, found: TimeOffsets) -> None:
@@ -89,12 +107,14 @@ def _write(take: Take, found: TimeOffsets) -> None:
     say(f"{path}: offsets of {len(names)} cameras{told}")
 
 
-def _table(take: Take, found: TimeOffsets) -> Table:
+def _table(take: Take, found: TimeOffsets, is_sure: Mask) -> Table:
+    """A row for each camera; is_sure: (C,) whether its offset is determined."""
     table = table_of("camera", "ahead, frames", "confidence", "error now, px", "error after, px")
+    ahead = found.offsets - min(found.offsets[is_sure], default=0.0)
     for c, camera in enumerate(take.cameras):
         table.add_row(
             escape(camera.name),
-            f"{found.offsets[c]:g}",
+            f"{ahead[c]:g}" if is_sure[c] else "-",
             f"{found.confidence[c]:.2f}",
             f"{found.off_before_px[c]:.1f}",
             f"{found.off_px[c]:.1f}",

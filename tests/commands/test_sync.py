@@ -69,11 +69,47 @@ def test_offsets_of_up_to_ten_frames_are_found_and_read(take: Path, recorded: Pa
     assert read_take_file(take / "take.toml") == settings
 
 
-def test_a_take_in_step_stays_as_it_is(take: Path) -> None:
+def test_a_take_in_step_stays_as_it_is(take: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sync(take, reach=10, write=True)
+    assert "walk: 5 cameras are in step, to half a frame: nothing needs to be done" in capsys.readouterr().out
     settings = read_take_file(take / "take.toml")
     assert set(settings.offsets.values()) == {0}
     assert settings.frames == FRAMES
+
+
+def hide_the_actor_from(take: Path, camera: str) -> None:
+    for path in (take / "silhouettes" / camera).iterdir():
+        cv2.imwrite(str(path), np.zeros_like(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)))
+
+
+def test_cameras_in_step_beside_one_that_tells_nothing_need_nothing(
+    take: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hide_the_actor_from(take, "cam03")
+    before = (take / "take.toml").read_text()
+    sync(take, reach=10, write=True)
+    printed, warned = capsys.readouterr()
+    ahead = dict(row.split()[:2] for row in printed.splitlines()[1:6])
+    assert ahead == {"cam01": "0", "cam02": "0", "cam03": "-", "cam04": "0", "cam05": "0"}
+    assert "walk: 4 cameras are in step, to half a frame: nothing needs to be done for them" in printed
+    assert "warning: " in warned
+    assert "silhouettes do not determine the offsets of cam03: expected" in warned
+    assert (take / "take.toml").read_text() == before
+
+
+def test_in_step_means_with_the_offsets_that_the_take_has(
+    take: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    delay(take, AHEAD)
+    hide_the_actor_from(take, "cam03")
+    with pytest.raises(UserError, match="do not determine the offsets of cam03: expected"):
+        sync(take, reach=12, write=True)
+    assert "in step" not in capsys.readouterr().out
+    text = (take / "take.toml").read_text() + "\n[offsets]\n"
+    (take / "take.toml").write_text(text + "".join(f"{name} = {n}\n" for name, n in AHEAD.items()))
+    sync(take, reach=12, write=True)
+    assert "4 cameras are in step" in capsys.readouterr().out
+    assert read_take_file(take / "take.toml").offsets == AHEAD
 
 
 def test_somebody_who_stands_still_tells_nothing(take: Path) -> None:
