@@ -109,13 +109,13 @@ def _complaint(model: type[BaseModel], data: dict[str, Any], first: Any) -> str:
 
 def _in_metres(model: type[BaseModel], data: dict[str, Any], field: str) -> list[str]:
     """What a length too large in metres would be if another unit was meant, where that is valid."""
-    if "metres" not in (model.model_fields[field].description or ""):
+    length = data[field]
+    if not isinstance(length, (int, float)) or "metres" not in (model.model_fields[field].description or ""):
         return []
-    meant = [(unit, data[field] / per_m) for unit, per_m in (("mm", 1000), ("cm", 100))]
     return [
-        f"{data[field]:g} {unit} is {length_m:g}"
-        for unit, length_m in meant
-        if _is_accepted(model, data, field, length_m)
+        f"{length:g} {unit} is {length / per_m:g}"
+        for unit, per_m in (("mm", 1000), ("cm", 100))
+        if _is_accepted(model, data, field, length / per_m)
     ]
 
 
