@@ -9,7 +9,7 @@ from services.commands.consoles import say, warn
 from services.mocap.calibration.placing import read_points
 from services.mocap.calibration.remarks import remarks_on
 from services.mocap.camera.calibration import Up, write_opencv, write_pose2sim
-from services.mocap.camera.formats import Axis, Format, Units, read_any
+from services.mocap.camera.formats import Axis, Format, Units, UnknownFormatError, read_any
 from services.mocap.errors import UserError
 
 _SIZE = re.compile(r"(\d{1,5})[xX](\d{1,5})")
@@ -39,9 +39,10 @@ def import_calibration(
     if size is not None and match is None:
         raise UserError(f"--size {size}: expected width and height in pixels, such as 1920x1080")
     size_px = None if match is None else (int(match[1]), int(match[2]))
-    if not source.exists():
-        raise UserError(f"{source}: is missing: expected a calibration to import")
-    cameras, remarks = read_any(source, kind, size_px, units, scale, its_up)
+    try:
+        cameras, remarks = read_any(source, kind, size_px, units, scale, its_up)
+    except UnknownFormatError as problem:
+        raise UserError(f"{problem}; or give its format with --from") from None
     if points is not None:
         measured = read_points(points, [camera.name for camera in cameras])
         cameras, more = in_world_of(cameras, measured)

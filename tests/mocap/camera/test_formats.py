@@ -253,6 +253,14 @@ def _broken(folder: Path, name: str, text: str) -> Path:
     return path
 
 
+def _xcp(attributes: str) -> str:
+    return f"<C><Camera {attributes}><KeyFrames><KeyFrame/></KeyFrames></Camera></C>"
+
+
+def _qca(left: str) -> str:
+    return f'<c><camera><intrinsic/><fov_video left="{left}" top="0" right="9" bottom="9"/></camera></c>'
+
+
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
@@ -267,6 +275,11 @@ def _broken(folder: Path, name: str, text: str) -> Path:
         ("c.xcp", "<Cameras/>", "contains no camera"),
         ("c.xcp", '<C><Camera DEVICEID="7"><KeyFrames><KeyFrame/></KeyFrames></Camera></C>', "SENSOR_SIZE"),
         ("c.calib", "1920 1080 1 0", "has 4 numbers"),
+        ("c.xcp", _xcp('SENSOR_SIZE="1920"'), "SENSOR_SIZE: expected numbers of shape (2,), found ['1920']"),
+        ("c.xcp", _xcp('SENSOR_SIZE="1920 nan"'), "SENSOR_SIZE: expected finite numbers"),
+        ("c.qca.txt", _qca("1,5"), "fov_video left: expected a number, found '1,5'"),
+        ("c.qca.txt", _qca("inf"), "fov_video left: expected finite numbers"),
+        ("c.toml", "[a]\nmatrix = [1, 2]\ndistortions = []\nrotation = 0\ntranslation = 0\n", "found [1, 2]"),
         ("c.doc", "", "is not a known calibration format"),
     ],
 )
@@ -274,6 +287,38 @@ def test_what_cannot_be_read_is_said(tmp_path: Path, name: str, text: str, said:
     with pytest.raises(CalibrationError) as refused:
         read(_broken(tmp_path, name, text))
     assert said in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("camera", "said"),
+    [
+        ("1 OPENCV", "model OPENCV: expected 8 parameters, found 0"),
+        ("1 PINHOLE 1920 1080 1400 1400 950", "model PINHOLE: expected 4 parameters, found 3"),
+        ("1 PINHOLE 1920 1080 1400 1400 950 wide", "left: expected numbers, found ['1920', '1080'"),
+        ("1", "model ?: cannot be used"),
+    ],
+)
+def test_a_damaged_colmap_model_is_said(tmp_path: Path, camera: str, said: str) -> None:
+    path = as_colmap(tmp_path)
+    (path / "cameras.txt").write_text(f"{camera}\n2 {camera[2:]}\n3 {camera[2:]}\n")
+    with pytest.raises(CalibrationError) as refused:
+        read(path)
+    assert str(refused.value).startswith(f"{path}/cameras.txt: {said}")
+
+
+def test_a_missing_file_is_said_and_an_unknown_one_gets_the_names_of_all_formats(tmp_path: Path) -> None:
+    for kind in (None, "toml", "biocv"):
+        with pytest.raises(CalibrationError) as refused:
+            read(tmp_path / "nowhere.doc", kind=kind)
+        assert str(refused.value) == (
+            f"{tmp_path}/nowhere.doc: is missing: expected a calibration, a file or a folder"
+        )
+    with pytest.raises(CalibrationError) as refused:
+        read(_broken(tmp_path, "c.doc", ""))
+    assert str(refused.value).endswith(
+        ": .toml, .qca.txt, .qca, .xcp, intri.yml with extri.yml, cameras.txt with images.txt, .pickle, "
+        ".calib, .xml, .yml, .yaml"
+    )
 
 
 def test_a_size_is_asked_for(tmp_path: Path) -> None:

@@ -14,8 +14,20 @@ import numpy as np
 import pytest
 import tomli_w
 from scipy.spatial.transform import Rotation
-from test_formats import CAMERAS, as_caliscope, as_freemocap, read, same
+from test_formats import (
+    CAMERAS,
+    as_caliscope,
+    as_colmap,
+    as_easymocap,
+    as_freemocap,
+    as_opencv,
+    as_pose2sim,
+    as_qualisys,
+    read,
+    same,
+)
 
+from services.mocap.camera.formats.reading import read_loose
 from services.mocap.errors import CalibrationError
 
 
@@ -132,6 +144,56 @@ def test_cameras_of_more_tools_see_what_they_saw(tmp_path: Path, write: Callable
     for one, true in zip(found, CAMERAS, strict=True):
         same(one, replace(true, distortion=true.distortion * lens))
     assert not any("look away" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize("write", [as_qualisys, as_vicon, as_opencap, as_biocv])
+def test_a_unit_that_the_format_defines_is_the_only_one(
+    tmp_path: Path, write: Callable[[Path], Path]
+) -> None:
+    path = write(tmp_path)
+    for one, true in zip(read_loose(path).cameras, CAMERAS, strict=True):
+        np.testing.assert_allclose(one.t, 1000 * true.t_camera_world_m, atol=1e-9)
+    for units in ("auto", "mm"):
+        for one, true in zip(read(path, units=units)[0], CAMERAS, strict=True):
+            np.testing.assert_allclose(one.t_camera_world_m, true.t_camera_world_m, atol=1e-12)
+    for units in ("m", "cm"):
+        with pytest.raises(CalibrationError) as refused:
+            read(path, units=units)
+        assert str(refused.value).startswith(
+            f"{path}: --units {units}: its format defines mm as its unit: leave out --units"
+        )
+    halved, _ = read(path, scale=0.5)
+    np.testing.assert_allclose(halved[0].t_camera_world_m, CAMERAS[0].t_camera_world_m / 2, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        *(as_pose2sim, as_freemocap, as_caliscope, as_opencv, as_openpose, as_opencv_tutorial),
+        *(as_easymocap, as_easymocap_by_pose2sim, as_colmap),
+    ],
+)
+def test_a_unit_that_the_format_leaves_open_is_the_users(
+    tmp_path: Path, write: Callable[[Path], Path]
+) -> None:
+    path = write(tmp_path)
+    raw = read_loose(path).cameras
+    for units, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
+        found, remarks = read(path, units=units, size_px=(1920, 1080))
+        assert not any("millimetres" in remark for remark in remarks)
+        for one, its in zip(found, raw, strict=True):
+            np.testing.assert_allclose(one.t_camera_world_m, its.t * metres, rtol=1e-12)
+
+
+def test_the_size_of_a_colmap_model_says_nothing_about_its_unit(tmp_path: Path) -> None:
+    path = as_colmap(tmp_path)
+    images = path / "images.txt"
+    rows = [line.split() for line in images.read_text().splitlines()]
+    far = [[*r[:5], *(str(1000 * float(x)) for x in r[5:8]), *r[8:]] if len(r) == 10 else r for r in rows]
+    images.write_text("\n".join(map(" ".join, far)))
+    found, remarks = read(path)
+    np.testing.assert_allclose(found[0].t_camera_world_m, 1000 * CAMERAS[0].t_camera_world_m)
+    assert not any("millimetres" in remark for remark in remarks)
 
 
 @pytest.mark.parametrize("protocol", [0, 2, 5])

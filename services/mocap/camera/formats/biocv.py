@@ -5,21 +5,20 @@ Width, height, the 3x3 camera matrix, the 4x4 transform from the world to the ca
 
 from pathlib import Path
 
-from services.mocap.camera.formats.loose import Loose, LooseCamera, array_of, rotation_of, text_of
+from services.mocap.camera.formats.loose import Loose, LooseCamera, Reader
+from services.mocap.camera.formats.parsing import array_of, files_in, has_files, rotation_of, text_of
 from services.mocap.errors import CalibrationError
 
-_MM = 1e-3
+_SUFFIXES = (".calib",)
 _BEFORE_LENS = 2 + 9 + 16
-
-
-def biocv_files(path: Path) -> list[Path]:
-    """A file, or those in a folder."""
-    return [path] if path.is_file() else sorted(path.glob("*.calib"))
 
 
 def read_biocv(path: Path) -> Loose:
     """One camera per file, named like the file (`00.mp4.calib` is camera 00)."""
-    return Loose([_camera(file) for file in biocv_files(path)], 1.0)
+    return Loose([_camera(file) for file in files_in(path, _SUFFIXES)], metres=1e-3)
+
+
+BIOCV = Reader(read_biocv, lambda path: has_files(path, _SUFFIXES), _SUFFIXES)
 
 
 def _camera(path: Path) -> LooseCamera:
@@ -36,6 +35,6 @@ def _camera(path: Path) -> LooseCamera:
         K=values[2:11].reshape(3, 3),
         distortion=values[_BEFORE_LENS:],
         R=rotation_of(transform[:3, :3], f"{path}: rotation"),
-        t=transform[:3, 3] * _MM,
+        t=transform[:3, 3],
         size_px=(round(values[0]), round(values[1])),
     )

@@ -8,11 +8,12 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from services.mocap.camera.formats.loose import Loose, LooseCamera, text_of
+from services.mocap.camera.formats.loose import Loose, LooseCamera, Reader
+from services.mocap.camera.formats.parsing import array_of, text_of
 from services.mocap.errors import CalibrationError, nearest
 from services.mocap.types import Floats
 
-CAMERAS, IMAGES = "cameras.txt", "images.txt"
+_CAMERAS, _IMAGES = "cameras.txt", "images.txt"
 _HALF_PX = 0.5
 # The parameters of each model in their order; f is both fx and fy.
 _MODELS: dict[str, tuple[str, ...]] = {
@@ -30,32 +31,37 @@ _MODELS: dict[str, tuple[str, ...]] = {
 
 def read_colmap(folder: Path) -> Loose:
     """A camera for every image, named after its folder if each image has its own folder."""
-    lenses = {row[0]: row[1:] for row in _rows(folder / CAMERAS)}
-    images = _rows(folder / IMAGES, every=2)
+    lenses = {row[0]: row[1:] for row in _rows(folder / _CAMERAS)}
+    images = _rows(folder / _IMAGES, every=2)
     files = [PurePosixPath(" ".join(row[9:])) for row in images]
     folders = [file.parent.name for file in files]
     has_folders = all(folders) and len(set(folders)) == len(folders)  # cam01/000.png, cam02/000.png, …
     names = folders if has_folders else [file.stem for file in files]
-    path = folder / IMAGES
+    path = folder / _IMAGES
     cameras = []
     for name, row in zip(names, images, strict=True):
         if len(row) < 10 or row[8] not in lenses:
             raise CalibrationError(
                 f"{path}: image {row[0]}: expected ten values (ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, "
-                f"NAME) with a camera of {CAMERAS}"
+                f"NAME) with a camera of {_CAMERAS}"
             )
-        w, x, y, z, *t = _floats(row[1:8], f"{path}: image {row[0]}")
+        w, x, y, z, *t = array_of(row[1:8], (7,), f"{path}: image {row[0]}")
         R = Rotation.from_quat([x, y, z, w]).as_matrix()
-        cameras.append(_camera(folder / CAMERAS, name, lenses[row[8]], R, np.array(t)))
+        cameras.append(_camera(folder / _CAMERAS, name, lenses[row[8]], R, np.array(t)))
     remark = (
         f"{folder}: COLMAP's unit of length and axes are arbitrary: give --scale (metres per unit) and "
-        "--its-up, and compare with something measured"
+        "--its-up to xormocap calibrate --import, and compare with something measured"
     )
-    return Loose(cameras, 1.0, (remark,))
+    return Loose(cameras, None, is_scale_arbitrary=True, remarks=(remark,))
+
+
+COLMAP = Reader(read_colmap, lambda path: (path / _IMAGES).exists(), (f"{_CAMERAS} with {_IMAGES}",))
 
 
 def _camera(path: Path, name: str, lens: list[str], R: Floats, t: Floats) -> LooseCamera:
-    model, (width, height), given = lens[0], lens[1:3], _floats(lens[3:], f"{path}: {name}")
+    model, *words = lens or ["?"]
+    values = array_of(words, (-1,), f"{path}: {name}")
+    size, given = values[:2], values[2:]
     if model not in _MODELS:
         raise CalibrationError(f"{path}: model {model}: cannot be used: {nearest(model, _MODELS)}")
     if len(given) != len(_MODELS[model]):
@@ -72,7 +78,7 @@ def _camera(path: Path, name: str, lens: list[str], R: Floats, t: Floats) -> Loo
         distortion=np.array([value.get(name, 0.0) for name in coefficients]),
         R=R,
         t=t,
-        size_px=(int(width), int(height)),
+        size_px=(round(size[0]), round(size[1])),
         fisheye=fisheye,
     )
 
@@ -86,10 +92,3 @@ def _rows(path: Path, every: int = 1) -> list[list[str]]:
     if not rows:
         raise CalibrationError(f"{path}: is empty: expected a COLMAP model, exported as text")
     return rows
-
-
-def _floats(words: list[str], where: str) -> list[float]:
-    try:
-        return [float(word) for word in words]
-    except ValueError:
-        raise CalibrationError(f"{where}: expected numbers, found {' '.join(words)[:60]!r}") from None

@@ -10,27 +10,31 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from services.mocap.camera.formats.loose import Loose, LooseCamera, array_of, rotation_of
+from services.mocap.camera.formats.loose import Loose, LooseCamera, Reader
+from services.mocap.camera.formats.parsing import array_of, files_in, has_suffix, rotation_of
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
-_MM = 1e-3
+_SUFFIXES = (".pickle",)
 _NUMBERS = "fiu"
 _COMMON_NAME = "cameraIntrinsicsExtrinsics"
 """OpenCap's name of every file, each in the folder of its camera."""
 
 
-def opencap_files(path: Path) -> list[Path]:
-    """The files of a session: a file, those in a folder, or those in the folders in it."""
-    if path.is_file():
-        return [path]
-    return sorted(path.glob("*.pickle")) or sorted(path.rglob(f"{_COMMON_NAME}.pickle"))
-
-
 def read_opencap(path: Path) -> Loose:
     """One camera per file, named like the file, or like its folder."""
     remark = f"{path}: OpenCap's world is that of its board, whose y axis points down: --its-up -y is assumed"
-    return Loose([_camera(file) for file in opencap_files(path)], 1.0, (remark,), up="-y")
+    return Loose([_camera(file) for file in _files(path)], metres=1e-3, remarks=(remark,), up="-y")
+
+
+OPENCAP = Reader(
+    read_opencap, lambda path: any(has_suffix(file, _SUFFIXES) for file in _files(path)), _SUFFIXES
+)
+
+
+def _files(path: Path) -> list[Path]:
+    """The files of a session: a file, those in a folder, or those in the folders in it."""
+    return files_in(path, _SUFFIXES) or sorted(path.rglob(f"{_COMMON_NAME}.pickle"))
 
 
 def _camera(path: Path) -> LooseCamera:
@@ -47,7 +51,7 @@ def _camera(path: Path) -> LooseCamera:
         K=numbers("intrinsicMat", (3, 3)),
         distortion=numbers("distortion", (-1,)),
         R=rotation_of(numbers("rotation", (3, 3)), f"{path}: rotation"),
-        t=numbers("translation", (3,)) * _MM,
+        t=numbers("translation", (3,)),
         size_px=(round(width), round(height)),
     )
 

@@ -10,11 +10,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from services.mocap.camera.formats.loose import Loose, LooseCamera, rotation_of, xml_root
+from services.mocap.camera.formats.loose import Loose, LooseCamera, Reader
+from services.mocap.camera.formats.parsing import array_of, has_suffix, rotation_of, xml_root
 from services.mocap.errors import CalibrationError
+from services.mocap.types import Floats
 
 _PER_PIXEL = 64.0
-_MM = 1e-3
+_SUFFIXES = (".qca.txt", ".qca")
 _R_OPENCV_QUALISYS = np.diag([1.0, -1.0, -1.0])
 
 
@@ -33,9 +35,11 @@ def read_qualisys(path: Path) -> Loose:
             f"{path}: pictures of {', '.join(turned)} are rotated in Qualisys (viewrotation): the "
             "calibration is for videos without rotation: check with xormocap calibrate --check"
         )
-    return Loose(
-        [_camera(path, number, tag) for number, tag in enumerate(video or cameras)], 1.0, tuple(remarks)
-    )
+    found = [_camera(path, number, tag) for number, tag in enumerate(video or cameras)]
+    return Loose(found, metres=1e-3, remarks=tuple(remarks))
+
+
+QUALISYS = Reader(read_qualisys, lambda path: has_suffix(path, _SUFFIXES), _SUFFIXES)
 
 
 def _camera(path: Path, number: int, tag: Element) -> LooseCamera:
@@ -47,7 +51,7 @@ def _camera(path: Path, number: int, tag: Element) -> LooseCamera:
     )
     k1, k2, k3 = _numbers(tag, where, "intrinsic", tuple(f"radialDistortion{i}" for i in (1, 2, 3)))
     p1, p2 = _numbers(tag, where, "intrinsic", ("tangentalDistortion1", "tangentalDistortion2"))
-    place_mm = np.array(_numbers(tag, where, "transform", ("x", "y", "z")))
+    centre_world_mm = _numbers(tag, where, "transform", ("x", "y", "z"))
     names = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
     R = _R_OPENCV_QUALISYS @ rotation_of(_numbers(tag, where, "transform", names), where)
     K = np.array([[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, _PER_PIXEL]]) / _PER_PIXEL
@@ -57,22 +61,15 @@ def _camera(path: Path, number: int, tag: Element) -> LooseCamera:
         K=K,
         distortion=np.array([k1, k2, p1, p2, k3]),
         R=R,
-        t=-R @ place_mm * _MM,
+        t=-R @ centre_world_mm,
         size_px=(round(right - left + 1), round(bottom - top + 1)),
     )
 
 
-def _numbers(camera: Element, where: str, name: str, attributes: tuple[str, ...]) -> list[float]:
+def _numbers(camera: Element, where: str, name: str, attributes: tuple[str, ...]) -> Floats:
+    """(n,) values of attributes of a camera's element; raises CalibrationError."""
     tag = camera.find(name)
     if tag is None:
         raise CalibrationError(f"{where}: {name}: is missing: expected it in every camera")
-    found = []
-    for attribute in attributes:
-        text = tag.get(attribute, "0" if attribute == "skew" else "")
-        try:
-            found.append(float(text))
-        except ValueError:
-            raise CalibrationError(
-                f"{where}: {name} {attribute}: expected a number, found {text!r}"
-            ) from None
-    return found
+    texts = {each: tag.get(each, "0" if each == "skew" else "") for each in attributes}
+    return np.array([array_of(text, (), f"{where}: {name} {each}") for each, text in texts.items()])

@@ -1,26 +1,19 @@
 """Reads calibrations of all known formats, and converts their unit and world."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
-from services.mocap.camera.formats import colmap
-from services.mocap.camera.formats.biocv import biocv_files, read_biocv
-from services.mocap.camera.formats.colmap import read_colmap
-from services.mocap.camera.formats.loose import Axis, Loose, LooseCamera
-from services.mocap.camera.formats.opencap import opencap_files, read_opencap
-from services.mocap.camera.formats.qualisys import read_qualisys
-from services.mocap.camera.formats.storage import (
-    STORAGE_SUFFIXES,
-    easymocap_pair,
-    read_easymocap,
-    read_opencv,
-)
-from services.mocap.camera.formats.toml_tables import read_toml
-from services.mocap.camera.formats.vicon import read_vicon
+from services.mocap.camera.formats.biocv import BIOCV
+from services.mocap.camera.formats.colmap import COLMAP
+from services.mocap.camera.formats.loose import Axis, Loose, LooseCamera, Reader
+from services.mocap.camera.formats.opencap import OPENCAP
+from services.mocap.camera.formats.qualisys import QUALISYS
+from services.mocap.camera.formats.storage import EASYMOCAP, OPENCV
+from services.mocap.camera.formats.toml_tables import TOML, read_toml
+from services.mocap.camera.formats.vicon import VICON
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
@@ -28,17 +21,17 @@ Format: TypeAlias = Literal["toml", "opencv", "qualisys", "vicon", "easymocap", 
 """toml: Pose2Sim, anipose, FreeMoCap, caliscope."""
 Units: TypeAlias = Literal["auto", "m", "cm", "mm"]
 
-_FORMATS: dict[Format, tuple[Callable[[Path], Loose], Callable[[Path], bool]]] = {
-    "toml": (read_toml, lambda path: path.suffix.lower() == ".toml"),
-    "qualisys": (read_qualisys, lambda path: path.name.lower().endswith((".qca.txt", ".qca"))),
-    "vicon": (read_vicon, lambda path: path.suffix.lower() == ".xcp"),
-    "easymocap": (read_easymocap, lambda path: easymocap_pair(path) is not None),
-    "colmap": (read_colmap, lambda path: (path / colmap.IMAGES).exists()),
-    "opencap": (read_opencap, lambda path: any(f.suffix == ".pickle" for f in opencap_files(path))),
-    "biocv": (read_biocv, lambda path: any(f.suffix == ".calib" for f in biocv_files(path))),
-    "opencv": (read_opencv, lambda path: any(f.suffix.lower() in STORAGE_SUFFIXES for f in files_in(path))),
+_FORMATS: dict[Format, Reader] = {
+    "toml": TOML,
+    "qualisys": QUALISYS,
+    "vicon": VICON,
+    "easymocap": EASYMOCAP,
+    "colmap": COLMAP,
+    "opencap": OPENCAP,
+    "biocv": BIOCV,
+    "opencv": OPENCV,
 }
-"""Each format's reader, and how a file or a folder of it is recognised, in this order."""
+"""A file or a folder is of the first format that recognises it."""
 _METRES: dict[Units, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _SURELY_MM = 50.0
 """Cameras farther apart than this, in the file's unit, are in millimetres: no studio is 50 m wide."""
@@ -52,6 +45,10 @@ _R_ZUP: dict[Axis, Floats] = {
 _LENGTHS = (4, 5, 8)
 
 
+class UnknownFormatError(CalibrationError):
+    """The file is of none of the known formats."""
+
+
 def read_any(
     path: Path,
     kind: Format | None,
@@ -63,20 +60,12 @@ def read_any(
     """Cameras in the internal z-up world, and remarks for the user.
 
     kind: None to detect it. size_px: picture size, if the file does not contain it. units: of its lengths,
-    which are also multiplied by scale. up: the axis that points up in it; None for that of the
-    format. Raises CalibrationError.
+    if the format does not define it. scale: multiplies its lengths. up: the axis that points up in it; None
+    for that of the format. Raises CalibrationError.
     """
     loose = read_loose(path, kind)
-    remarks = list(loose.remarks)
-    metres = _METRES[units] if units != "auto" else loose.metres
-    if metres is None:
-        centres = np.array([-camera.R.T @ camera.t for camera in loose.cameras])
-        metres = _METRES["m"]
-        if np.ptp(centres, axis=0).max() > _SURELY_MM:
-            metres = _METRES["mm"]
-            remarks.append(
-                f"{path}: its lengths are assumed to be millimetres, by their size: --units overrides this"
-            )
+    metres, more = _metres_per_unit(path, loose, units)
+    remarks = [*loose.remarks, *more]
     cameras = tuple(
         _camera(path, camera, size_px, metres * scale).with_world_turned(_R_ZUP[up or loose.up])
         for camera in loose.cameras
@@ -94,35 +83,61 @@ def read_loose(path: Path, kind: Format | None = None, *, needs_pose: bool = Tru
 
     kind: None to detect it. needs_pose: False to read lenses whose cameras have no pose, of TOML files.
     """
+    if not path.exists():
+        raise CalibrationError(f"{path}: is missing: expected a calibration, a file or a folder")
     kind = kind or format_of(path)
     lenses_only = kind == "toml" and not needs_pose
-    loose = read_toml(path, needs_pose=False) if lenses_only else _FORMATS[kind][0](path)
+    loose = read_toml(path, needs_pose=False) if lenses_only else _FORMATS[kind].read(path)
     if not loose.cameras:
         raise CalibrationError(f"{path}: contains no camera that is calibrated: expected one or more")
     return loose
 
 
 def format_of(path: Path) -> Format:
-    """Detect the format by name and content; raises CalibrationError for an unknown one."""
-    for kind, (_, is_of_it) in _FORMATS.items():
-        if is_of_it(path):
+    """Detect the format by name and content; raises UnknownFormatError."""
+    for kind, reader in _FORMATS.items():
+        if reader.recognises(path):
             return kind
-    raise CalibrationError(
-        f"{path}: is not a known calibration format: expected a .toml, .qca.txt, .xcp, .calib, .pickle, .xml "
-        "or .yml file, or a folder with such files of all cameras, with EasyMocap's intri.yml and extri.yml, "
-        f"or with COLMAP's {colmap.CAMERAS} and {colmap.IMAGES}; or give its format with --from"
+    known = ", ".join(name for reader in _FORMATS.values() for name in reader.files)
+    raise UnknownFormatError(
+        f"{path}: is not a known calibration format: expected a file of one of these, or a folder with those "
+        f"of all cameras: {known}"
     )
 
 
-def files_in(path: Path) -> list[Path]:
-    """The path itself, or what is in the folder."""
-    return sorted(path.iterdir()) if path.is_dir() else [path]
+def _metres_per_unit(path: Path, loose: Loose, units: Units) -> tuple[float, list[str]]:
+    """The unit of the file's lengths, and a remark where it is guessed.
+
+    Raises CalibrationError if units differs from what the format defines.
+    """
+    said = _METRES.get(units)
+    if loose.metres is not None:
+        if said not in (None, loose.metres):
+            defined = next(unit for unit, metres in _METRES.items() if metres == loose.metres)
+            raise CalibrationError(
+                f"{path}: --units {units}: its format defines {defined} as its unit: leave out --units, or "
+                "give --scale if the file's lengths are wrong"
+            )
+        return loose.metres, []
+    if said is not None:
+        return said, []
+    centres = np.array([-camera.R.T @ camera.t for camera in loose.cameras])
+    if loose.is_scale_arbitrary or np.ptp(centres, axis=0).max() <= _SURELY_MM:
+        return _METRES["m"], []
+    remark = (
+        f"{path}: its lengths are assumed to be millimetres, by their size: --units of xormocap calibrate "
+        "--import overrides this"
+    )
+    return _METRES["mm"], [remark]
 
 
 def _camera(path: Path, camera: LooseCamera, size_px: tuple[int, int] | None, metres: float) -> Camera:
     size_px = camera.size_px or size_px
     if size_px is None:
-        raise CalibrationError(f"{path}: does not contain the picture size of {camera.name}: give --size WxH")
+        raise CalibrationError(
+            f"{path}: does not contain the picture size of {camera.name}: give --size WxH to xormocap "
+            "calibrate --import"
+        )
     # As many coefficients as calibration.toml allows: zeros are added, and zeros at the end are left out.
     lengths = (4,) if camera.fisheye else _LENGTHS
     used = int(np.flatnonzero(camera.distortion).max(initial=-1)) + 1

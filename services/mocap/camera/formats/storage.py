@@ -6,11 +6,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from services.mocap.camera.formats.loose import Loose, LooseCamera, array_of, rotation_of, text_of
+from services.mocap.camera.formats.loose import Loose, LooseCamera, Reader
+from services.mocap.camera.formats.parsing import array_of, files_in, has_files, rotation_of, text_of
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
-STORAGE_SUFFIXES = (".xml", ".yml", ".yaml")
+_SUFFIXES = (".xml", ".yml", ".yaml")
 # Names that tools give to values, without capitals and underscores.
 _MATRIX = ("cameramatrix", "k", "m", "mtx", "intrinsics", "intrinsicmatrix", "intrinsic", "matrix")
 _DISTORTION = (
@@ -24,18 +25,15 @@ _SIZE = ("imagesize", "size", "resolution", "framesize")
 
 def read_opencv(path: Path) -> Loose:
     """One camera per file, named like the file: a file, or a folder of them."""
-    files = (
-        sorted(f for f in path.iterdir() if f.suffix.lower() in STORAGE_SUFFIXES) if path.is_dir() else [path]
-    )
-    return Loose([_camera(file) for file in files], None)
+    return Loose([_camera(file) for file in files_in(path, _SUFFIXES)], metres=None)
 
 
-def easymocap_pair(path: Path) -> tuple[Path, Path] | None:
+def _easymocap_pair(path: Path) -> tuple[Path, Path] | None:
     """intri.yml and extri.yml of a folder, or of either file's; also Intrinsic.yml and Extrinsic.yml."""
     folder = path if path.is_dir() else path.parent
     if path.is_file() and not path.name.lower().startswith(("intri", "extri")):
         return None
-    files = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in STORAGE_SUFFIXES]
+    files = files_in(folder, _SUFFIXES)
     pair = [
         next((f for f in files if f.name.lower().startswith(begin)), None) for begin in ("intri", "extri")
     ]
@@ -47,14 +45,20 @@ def read_easymocap(path: Path) -> Loose:
 
     Pose2Sim writes other names into `names` than into the fields, where it counts from 1.
     """
-    pair = easymocap_pair(path)
+    pair = _easymocap_pair(path)
     if pair is None:
         raise CalibrationError(f"{path}: expected a folder with EasyMocap's intri.yml and extri.yml")
     intri, extri = map(_Storage, pair)
     names = intri.strings("names")
     fields = [name if intri.first((f"K_{name}",)) is not None else str(i + 1) for i, name in enumerate(names)]
     cameras = [_easymocap_camera(intri, extri, *each) for each in zip(names, fields, strict=True)]
-    return Loose(cameras, 1.0)
+    return Loose(cameras, metres=None)
+
+
+OPENCV = Reader(read_opencv, lambda path: has_files(path, _SUFFIXES), _SUFFIXES)
+EASYMOCAP = Reader(
+    read_easymocap, lambda path: _easymocap_pair(path) is not None, ("intri.yml with extri.yml",)
+)
 
 
 def _camera(path: Path) -> LooseCamera:

@@ -4,9 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from services.mocap.camera.formats.loose import Loose, LooseCamera, array_of, rotation_of
+from services.mocap.camera.formats.loose import Loose, LooseCamera, Reader
+from services.mocap.camera.formats.parsing import array_of, has_suffix, rotation_of
 from services.mocap.errors import CalibrationError, load_toml
 
+_SUFFIXES = (".toml",)
 _LENS = {"matrix", "distortions"}
 _NAMES = ("name", "port", "cam_id")
 
@@ -35,7 +37,10 @@ def read_toml(path: Path, *, needs_pose: bool = True) -> Loose:
             "their extrinsics there"
         )
     remarks += [f"{path}: [{key}]: has no pose (rotation, translation) and is left out" for key in unposed]
-    return Loose(cameras, None, tuple(remarks))
+    return Loose(cameras, metres=None, remarks=tuple(remarks))
+
+
+TOML = Reader(read_toml, lambda path: has_suffix(path, _SUFFIXES), _SUFFIXES)
 
 
 def _tables(tables: dict[str, Any], before: str) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -10,11 +10,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from services.mocap.camera.formats.loose import Loose, LooseCamera, array_of, xml_root
+from services.mocap.camera.formats.loose import Loose, LooseCamera, Reader
+from services.mocap.camera.formats.parsing import array_of, has_suffix, xml_root
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
-_MM = 1e-3
+_SUFFIXES = (".xcp",)
 
 
 def read_vicon(path: Path) -> Loose:
@@ -30,23 +31,24 @@ def read_vicon(path: Path) -> Loose:
     if 0 < len(video) < len(calibrated):
         ignored = len(calibrated) - len(video)
         remarks.append(f"{path}: {ignored} cameras are not video cameras and are ignored")
-    return Loose([_camera(path, *each) for each in video or calibrated], 1.0, tuple(remarks))
+    cameras = [_camera(path, *each) for each in video or calibrated]
+    return Loose(cameras, metres=1e-3, remarks=tuple(remarks))
+
+
+VICON = Reader(read_vicon, lambda path: has_suffix(path, _SUFFIXES), _SUFFIXES)
 
 
 def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera:
     where = f"{path}: camera {tag.get('DEVICEID')}"
 
-    def numbers(of: Element, name: str, count: int) -> list[float]:
-        words = of.get(name, "").split()
-        if len(words) != count:
-            raise CalibrationError(f"{where}: {name}: expected {count} numbers, found {' '.join(words)!r}")
-        return list(array_of(words, (count,), f"{where}: {name}"))
+    def numbers(of: Element, name: str, count: int) -> Floats:
+        return array_of(of.get(name, "").split(), (count,), f"{where}: {name}")
 
     width, height = numbers(tag, "SENSOR_SIZE", 2)
     (focal_px,) = numbers(frame, "FOCAL_LENGTH", 1)
     (aspect,) = numbers(tag, "PIXEL_ASPECT_RATIO", 1) if tag.get("PIXEL_ASPECT_RATIO") else (1.0,)
     cx, cy = numbers(frame, "PRINCIPAL_POINT", 2)
-    quaternion = np.array(numbers(frame, "ORIENTATION", 4))
+    quaternion = numbers(frame, "ORIENTATION", 4)
     if not np.any(quaternion):
         raise CalibrationError(f"{where}: ORIENTATION: is zero: expected a camera that Vicon has calibrated")
     R = np.asarray(Rotation.from_quat(quaternion).as_matrix(), np.float64)
@@ -55,7 +57,7 @@ def _camera(path: Path, tag: Element, frame: Element) -> LooseCamera:
         K=np.array([[focal_px, 0.0, cx], [0.0, focal_px / aspect, cy], [0.0, 0.0, 1.0]]),
         distortion=_distortion(where, frame),
         R=R,
-        t=-R @ np.array(numbers(frame, "POSITION", 3)) * _MM,
+        t=-R @ numbers(frame, "POSITION", 3),
         size_px=(round(width), round(height)),
     )
 
