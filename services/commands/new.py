@@ -15,7 +15,8 @@ from services.mocap.camera.camera import Camera
 from services.mocap.camera.formats import read_any
 from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.take import layout
-from services.mocap.take.recordings import VIDEO_SUFFIXES, files_of, match_by_name
+from services.mocap.take.recordings import VIDEO_SUFFIXES, files_of, match_by_name, unused, unused_remarks
+from services.mocap.take.settings import TakeFile
 from services.mocap.take.video_checks import check_video_size
 from services.mocap.take.video_index import VideoIndex, index_video
 
@@ -47,8 +48,8 @@ def new(
         if len(found) < len(files):
             raise UserError(f"{folder}: two videos have one name: expected a different name for each camera")
     missing = [camera.name for camera in cameras if camera.name not in found]
-    left = [str(path) for path in files if path not in found.values()]
     if missing:
+        left = [str(path) for path in unused(files, found)]
         raise UserError(
             f"{folder}: no video could be told to be that of {', '.join(missing)}"
             f"{' among ' + ', '.join(left) if left else ''}: name the videos like the cameras"
@@ -60,10 +61,8 @@ def new(
     if cameras and not (folder / layout.CALIBRATION).exists():
         write_calibration(folder / layout.CALIBRATION, cameras, up)
     relative = {name: os.path.relpath(path, folder) for name, path in found.items()}
-    fields = {"name": folder.absolute().name, "units": "m", "up": up, "videos": relative}
-    with atomic_file(settings) as part:  # frames and fps are left to the videos
-        part.write_text(tomli_w.dumps(fields), encoding="utf-8")
-    warn([*remarks, *(f"{path}: belongs to no camera and is not used" for path in left)])
+    _write_settings(settings, folder.absolute().name, up, relative)
+    warn([*remarks, *unused_remarks(files, found)])
     _tell(settings, indices, has_cameras=bool(cameras))
 
 
@@ -86,6 +85,23 @@ def _cameras(folder: Path, file: Path | None, up: Up) -> tuple[tuple[Camera, ...
     if inside.exists():
         raise CalibrationError(f"{inside}: exists already: leave out --calibration, or remove it")
     return read_any(file, None, size_px=None, units="auto", scale=1.0, up=up)
+
+
+def _write_settings(path: Path, name: str, up: Up, videos: dict[str, str]) -> None:
+    """Write take.toml without frames and fps, which are left to the videos.
+
+    Fields that may be added are comments above [videos]: at the end, they would be in that table.
+    """
+    fields, table = tomli_w.dumps({"name": name, "units": "m", "up": up}), tomli_w.dumps({"videos": videos})
+    comments = "".join(
+        f"# {field} = {info.examples[0]}  # {info.description}\n"
+        for field, info in TakeFile.model_fields.items()
+        if info.examples
+    )
+    with atomic_file(path) as part:
+        part.write_text(
+            f"{fields}\n# Other fields belong here, above [videos]:\n{comments}\n{table}", encoding="utf-8"
+        )
 
 
 def _tell(settings: Path, indices: dict[str, VideoIndex], *, has_cameras: bool) -> None:

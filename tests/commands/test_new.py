@@ -1,5 +1,7 @@
 """`xormocap new`, from videos as they lie about to a take that opens."""
 
+import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from services.cli import app
 from services.mocap.errors import UserError
 from services.mocap.result.result import load_result
 from services.mocap.take.folder import open_take
+from services.mocap.take.settings import read_take_file
 
 
 def run(*words: object) -> str:
@@ -39,6 +42,64 @@ def test_videos_and_a_calibration_become_a_take(shoot: Path, tmp_path: Path) -> 
     assert (take.settings.name, take.settings.fps, take.settings.frames) == ("take", 10.0, 4)
     for number, camera in enumerate(take.cameras, start=1):
         assert take.videos[camera.name].samefile(shoot / f"walk7-Camera{number}.mp4")
+
+
+def test_cameras_are_in_the_calibrations_order(shoot: Path, tmp_path: Path) -> None:
+    calibration = shoot / "calibration.toml"
+    by_number = calibration.read_text()
+    for first, second in (("1", "2"), ("2", "1")):
+        text = (
+            by_number if first == "1" else re.sub("cam0([12])", lambda m: f"cam0{3 - int(m[1])}", by_number)
+        )
+        calibration.write_text(text)
+        for stem in ("walk7-Camera{}.mp4", "cam0{}.mp4"):  # matched by words, then named like the cameras
+            for number, path in zip("12", sorted(shoot.glob("*.mp4")), strict=True):
+                path.rename(shoot / stem.format(number))
+            out = tmp_path / f"take{first}{stem[0]}"
+            printed = run(out, shoot, "--calibration", calibration)
+            names = [f"cam0{first}", f"cam0{second}"]
+            assert list(read_take_file(out / "take.toml").videos) == names
+            assert printed.index(names[0]) < printed.index(names[1])
+
+
+def test_fields_to_add_are_comments_above_the_videos(shoot: Path, tmp_path: Path) -> None:
+    out = tmp_path / "take"
+    run(out, shoot, "--calibration", shoot / "calibration.toml")
+    text = (out / "take.toml").read_text()
+    (out / "take.toml").write_text(re.sub("^# (?=[a-z_]+ = )", "", text, flags=re.MULTILINE))
+    said = read_take_file(out / "take.toml")
+    assert (said.fps, said.frames, said.actor_height, said.init_frames, said.facing) == (
+        50,
+        500,
+        1.75,
+        10,
+        90,
+    )
+    (out / "take.toml").write_text(f"{text}actor_height = 1.75\n")
+    with pytest.raises(UserError, match=r"videos: actor_height: is a field .* move it above \[videos\]$"):
+        open_take(out)
+
+
+def test_a_calibration_that_is_missing_or_unknown_is_said_without_an_option_that_new_lacks(
+    shoot: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "notes.doc").write_text("")
+    for name, said in (
+        ("missing.toml", "is missing: expected a calibration"),
+        ("notes.doc", "is not a known"),
+    ):
+        with pytest.raises(UserError) as refused:
+            run(tmp_path / "take", shoot, "--calibration", tmp_path / name)
+        assert str(refused.value).startswith(f"{tmp_path / name}: {said}")
+        assert "--from" not in str(refused.value)
+
+
+def test_a_video_of_no_camera_is_said_now_and_later(shoot: Path, tmp_path: Path) -> None:
+    shutil.copy(shoot / "walk7-Camera1.mp4", shoot / "walk7-Camera5.mp4")
+    printed = run(tmp_path / "take", shoot, "--calibration", shoot / "calibration.toml")
+    said = f"{shoot}/walk7-Camera5.mp4: belongs to no camera of calibration.toml and is not used"
+    assert said in printed.replace("\n", " ")
+    assert open_take(tmp_path / "take").remarks == ()
 
 
 def test_without_a_calibration_it_says_what_is_next(shoot: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from services.mocap.camera.undistort import reduce_picture
 from services.mocap.errors import CalibrationError, TakeError, UserError, validated
 from services.mocap.take import layout
 from services.mocap.take.pictures import check_png, read_picture, read_trimap, read_trimaps
-from services.mocap.take.recordings import check_names, files_of, find_videos, match_by_name
+from services.mocap.take.recordings import check_names, files_of, find_videos, match_by_name, unused_remarks
 from services.mocap.take.settings import TakeFile, TakeSettings, read_take_file
 from services.mocap.take.tables import read_joints_csv
 from services.mocap.take.video import PicturePicker, VideoReader
@@ -171,12 +171,13 @@ def open_take(folder: Path, *, in_step: bool = True, decoded: bool = True) -> Ta
             _check_silhouettes(take, camera)
         if camera.name in indices:
             check_video(indices[camera.name], camera, settings, said)
-    remark = cut_remark(indices, settings, is_stated=said.frames is not None) if in_step else None
+    cut = cut_remark(indices, settings, is_stated=said.frames is not None) if in_step else None
     for name, index in indices.items() if decoded else ():
         check_decodes(index, settings.frames + settings.offset(name))
     if (folder / layout.REFERENCE_JOINTS_CSV).exists():
         read_joints_csv(folder / layout.REFERENCE_JOINTS_CSV)
-    return replace(take, remarks=() if remark is None else (remark,))
+    remarks = unused_remarks(files_of(folder / layout.VIDEOS), videos)
+    return replace(take, remarks=(*([] if cut is None else [cut]), *remarks))
 
 
 def _cameras(path: Path, up: Up) -> tuple[Camera, ...]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from services.mocap.errors import TakeError, nearest
 from services.mocap.take import layout
+from services.mocap.take.settings import TakeFile, misplaced
 
 VIDEO_SUFFIXES = (
     ".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".m2ts", ".ts", ".webm", ".wmv",
@@ -37,19 +38,34 @@ def find_videos(folder: Path, cameras: Sequence[str], stated: Mapping[str, str])
                 f"{folder} to a video"
             )
     left = [camera for camera in cameras if camera not in found]
-    in_folder = files_of(folder / layout.VIDEOS)
+    return found | match_by_name(left, unused(files_of(folder / layout.VIDEOS), found))
+
+
+def unused(files: Iterable[Path], found: Mapping[str, Path]) -> list[Path]:
+    """The files that are not among those found."""
     used = {path.resolve() for path in found.values()}
-    return found | match_by_name(left, [path for path in in_folder if path.resolve() not in used])
+    return [path for path in files if path.resolve() not in used]
+
+
+def unused_remarks(files: Iterable[Path], found: Mapping[str, Path]) -> list[str]:
+    """A sentence for each file that is not among those found for the cameras."""
+    return [
+        f"{path}: belongs to no camera of {layout.CALIBRATION} and is not used"
+        for path in unused(files, found)
+    ]
 
 
 def check_names(folder: Path, table: str, stated: Iterable[str], cameras: Sequence[str]) -> None:
     """Raise TakeError if a table of take.toml names a camera that is not calibrated."""
+    path = folder / layout.SETTINGS
     for camera in stated:
-        if camera not in cameras:
-            raise TakeError(
-                f"{folder / layout.SETTINGS}: {table}: {camera}: is no camera of {layout.CALIBRATION}: "
-                f"{nearest(camera, cameras)}"
-            )
+        if camera in cameras:
+            continue
+        if camera in TakeFile.model_fields:
+            raise misplaced(path, table, camera)
+        raise TakeError(
+            f"{path}: {table}: {camera}: is no camera of {layout.CALIBRATION}: {nearest(camera, cameras)}"
+        )
 
 
 def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Path]:
@@ -57,7 +73,7 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
 
     Words and numbers that all names of one kind share (`int_cam01_img`, `take3-cam01`) are ignored, and so
     are case and leading zeros. A file is matched if its remaining words hold those of just one camera, or
-    the other way round, and no other file is.
+    the other way round, and no other file is. The result is in the cameras' order.
     """
     exact = {camera: path for path in reversed(files) for camera in cameras if path.stem == camera}
     other_cameras = [camera for camera in cameras if camera not in exact]
@@ -75,7 +91,8 @@ def match_by_name(cameras: Sequence[str], files: Sequence[Path]) -> dict[str, Pa
         for camera, path in fits
         if sum(camera == c for c, _ in fits) == 1 and sum(path == p for _, p in fits) == 1
     }
-    return exact | by_words
+    found = exact | by_words
+    return {camera: found[camera] for camera in cameras if camera in found}
 
 
 def _own_words(names: Iterable[str], pattern: str) -> list[frozenset[str]]:

@@ -25,21 +25,28 @@ LongestSide: TypeAlias = Annotated[
 LONGEST_SIDE = 1280
 """Larger pictures hardly make poses more exact, and the time grows with the number of pixels."""
 
+_TABLES: dict[str, tuple[type, ...]] = {"videos": (str,), "offsets": (int,), "initial_pose": ()}
+"""The tables and the types of their values; none where no row can be named like a field of the take."""
 _DOF_OF_COLUMN = {dof.column: (i, dof) for i, dof in enumerate(DOFS)}
 
 
 class TakeFile(StrictModel):
-    """The fields of take.toml; a description states a field's valid values."""
+    """The fields of take.toml; a description states a field's valid values.
+
+    `xormocap new` writes those with an example as comments.
+    """
 
     name: str = Field(
         min_length=1, max_length=200, description="the take's name in quotes, 200 letters at most"
     )
     fps: float | None = Field(
-        default=None, gt=0, lt=10000, description="a positive number of frames per second"
+        default=None, gt=0, lt=10000, description="a positive number of frames per second", examples=[50.0]
     )
     units: Literal["m"] = Field(description='"m", since all lengths are in metres')
     up: Up = Field(description='"y" or "z", the axis of the calibrated world that points up')
-    frames: int | None = Field(default=None, ge=1, description="a whole number of frames, 1 or more")
+    frames: int | None = Field(
+        default=None, ge=1, description="a whole number of frames, 1 or more", examples=[500]
+    )
     videos: dict[str, str] = Field(
         default={},
         description="a table of video files by camera, as paths from the take folder, such as "
@@ -47,18 +54,20 @@ class TakeFile(StrictModel):
     )
     longest_side: LongestSide = LONGEST_SIDE
     actor_height: float | None = Field(
-        default=None, ge=0.5, le=2.5, description="the actor's height in metres, 0.5 to 2.5"
+        default=None, ge=0.5, le=2.5, description="the actor's height in metres, 0.5 to 2.5", examples=[1.75]
     )
     init_frames: int | None = Field(
         default=None,
         ge=1,
         description="a number of frames where the work begins, 1 or more, in which the actor stands still; "
         "for fitting the actor's shape, tracking does not need it",
+        examples=[10],
     )
     facing: float | None = Field(
         default=None,
         description="where the actor faces in the first frame, in degrees about up, counterclockwise "
         "seen from above, from the world's x axis (up = z) or z axis (up = y)",
+        examples=[90.0],
     )
     offsets: dict[str, int] = Field(
         default={},
@@ -147,7 +156,21 @@ class TakeSettings(TakeFile):
 
 def read_take_file(path: Path) -> TakeFile:
     """Raises TakeError, which names the file and the field."""
-    return validated(TakeFile, load_toml(path, TakeError), f"{path}: ", TakeError)
+    data = load_toml(path, TakeError)
+    for table, types in _TABLES.items():
+        rows = data[table] if isinstance(data.get(table), dict) else {}
+        for name, field in TakeFile.model_fields.items():  # a camera may be named like one
+            is_missing = field.is_required() and name not in data
+            if name in rows and (is_missing or not isinstance(rows[name], types)):
+                raise misplaced(path, table, name)
+    return validated(TakeFile, data, f"{path}: ", TakeError)
+
+
+def misplaced(path: Path, table: str, field: str) -> TakeError:
+    """The error that a field of take.toml is in one of its tables."""
+    return TakeError(
+        f"{path}: {table}: {field}: is a field of the take, not of this table: move it above [{table}]"
+    )
 
 
 def write_settings(path: Path, settings: TakeSettings) -> None:
@@ -157,7 +180,7 @@ def write_settings(path: Path, settings: TakeSettings) -> None:
         del fields["unsure"]
     if settings.longest_side == LONGEST_SIDE:
         del fields["longest_side"]
-    for table in ("videos", "offsets", "initial_pose"):
+    for table in _TABLES:
         if not fields[table]:
             del fields[table]
     with atomic_file(path) as part:

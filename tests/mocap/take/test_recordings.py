@@ -1,5 +1,6 @@
 """Videos as people have them: their names, containers, lengths, and what take.toml need not say."""
 
+import shutil
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -46,7 +47,7 @@ def test_files_are_matched_to_cameras_by_what_tells_them_apart(
     cameras: list[str], stems: list[str], matched: dict[str, str]
 ) -> None:
     found = match_by_name(cameras, [Path(f"{stem}.mov") for stem in stems])
-    assert {camera: path.stem for camera, path in found.items()} == matched
+    assert [(camera, path.stem) for camera, path in found.items()] == list(matched.items())
 
 
 def convert(source: Path, target: Path, codec: str) -> None:
@@ -98,6 +99,68 @@ def test_videos_that_take_toml_names(small_take: SmallTake, refusal: Refusal, tm
     assert "take.toml: videos: cam1: is no camera of calibration.toml: did you mean cam01" in refusal(folder)
     settings.write_text(f'{text}\n[videos]\ncam01 = "videos/c.mp4"\n')
     assert "take.toml: videos: cam01: " in refusal(folder)
+
+
+def test_a_video_of_no_camera_is_a_remark(small_take: SmallTake) -> None:
+    folder = small_take()
+    assert open_take(folder).remarks == ()
+    shutil.copy(folder / "videos/cam02.mp4", folder / "videos/cam05.mp4")
+    said = f"{folder}/videos/cam05.mp4: belongs to no camera of calibration.toml and is not used"
+    assert open_take(folder).remarks == (said,)
+    assert open_take(folder, in_step=False).remarks == (said,)
+    settings = folder / "take.toml"
+    settings.write_text(f'{settings.read_text()}\n[videos]\ncam02 = "videos/../videos/cam05.mp4"\n')
+    (remark,) = open_take(folder).remarks
+    assert remark.startswith(f"{folder}/videos/cam02.mp4: belongs to no camera")
+
+
+@pytest.mark.parametrize(
+    ("rows", "field"),
+    [
+        ("[videos]\nactor_height = 1.75", "videos: actor_height"),
+        ("[videos]\nfacing = 90", "videos: facing"),
+        ('[videos]\ncam01 = "videos/cam01.mp4"\nunsure = []', "videos: unsure"),
+        ('[videos]\nup = "y"', "videos: up"),
+        ('[videos]\nname = "walk"', "videos: name"),
+        ("[offsets]\nactor_height = 1.75", "offsets: actor_height"),
+        ("[offsets]\ninit_frames = 3", "offsets: init_frames"),
+        ("[initial_pose]\nfps = 25", "initial_pose: fps"),
+    ],
+)
+def test_a_field_of_the_take_inside_a_table_is_named(
+    small_take: SmallTake, refusal: Refusal, rows: str, field: str
+) -> None:
+    folder = small_take()
+    with (folder / "take.toml").open("a") as file:
+        file.write(f"\n{rows}\n")
+    table = field.partition(":")[0]
+    assert refusal(folder) == (
+        f"take.toml: {field}: is a field of the take, not of this table: move it above [{table}]"
+    )
+
+
+def test_a_required_field_inside_videos_is_misplaced_rather_than_missing(
+    small_take: SmallTake, refusal: Refusal
+) -> None:
+    folder = small_take()
+    settings = folder / "take.toml"
+    settings.write_text(settings.read_text().replace('units = "m"\n', "") + '\n[videos]\nunits = "m"\n')
+    assert refusal(folder).startswith("take.toml: videos: units: is a field of the take")
+
+
+def test_a_camera_may_be_named_like_a_field(small_take: SmallTake) -> None:
+    folder = small_take()
+    calibration = folder / "calibration.toml"
+    calibration.write_text(calibration.read_text().replace("cam01", "up").replace("cam02", "facing"))
+    shutil.rmtree(folder / "background")
+    with (folder / "take.toml").open("a") as file:
+        file.write('\n[videos]\nup = "videos/cam01.mp4"\nfacing = "videos/cam02.mp4"\n')
+        file.write("\n[offsets]\nfacing = 0\n")
+    take = open_take(folder)
+    assert {name: path.name for name, path in take.videos.items()} == {
+        "up": "cam01.mp4",
+        "facing": "cam02.mp4",
+    }
 
 
 def test_silhouettes_do_not_know_their_rate_but_their_number(small_take: SmallTake) -> None:
