@@ -232,6 +232,8 @@ def videos(synthetic_take: Path, tmp_path: Path) -> Path:
     take = Path(shutil.copytree(synthetic_take, tmp_path / "videos"))
     (take / "actor.toml").unlink()
     write_calibration(take / "calibration.toml", read_calibration(take / "calibration.toml", "z")[:3], "z")
+    for video in sorted((take / "videos").iterdir())[3:]:
+        video.unlink()
     return take
 
 
