@@ -12,6 +12,7 @@ from services.mocap.errors import UserError, validated
 from services.mocap.motion.settings import OutputSettings, Smoother
 from services.mocap.search.overrides import as_assignments
 from services.mocap.search.settings import Preset, SearchSettings
+from services.mocap.take.segmenter_name import AUTO, meanings
 
 DEFAULT_ENGINE = EngineSettings()
 DEFAULT_OUTPUT = OutputSettings()
@@ -69,16 +70,15 @@ CutoffOption: TypeAlias = Annotated[
         metavar="HZ", help="Cutoff frequency of the smoothing, in hertz; default: rts finds it, one-euro 4."
     ),
 ]
-DEFAULT_SEGMENTER = "auto"
+DEFAULT_SEGMENTER = AUTO
 SegmenterOption: TypeAlias = Annotated[
     str,
     typer.Option(
         "--segmenter",
         envvar="XORMOCAP_SEGMENTER",
         metavar="NAME",
-        help="Segmenter: clean-plate, paper, mog2, bgsegm, chroma or chroma:RRGGBB, onnx:FILE, "
-        "silhouettes (the take's own) or a plug-in's name; auto: silhouettes if the take has some, else "
-        "clean-plate.",
+        help=" ".join(f"{' or '.join(names)}: {meaning};" for names, meaning in meanings().items())
+        + " or a plug-in's name.",
     ),
 ]
 

@@ -12,11 +12,12 @@ from services.mocap.calibration.silhouette_faults import silhouette_faults
 from services.mocap.errors import NotInViewError, TakeError
 from services.mocap.take.folder import Take
 from services.mocap.take.layout import BACKGROUND
+from services.mocap.take.segmenter_name import KINDS, READY
 from services.mocap.verdict.verdict import Cause
 from services.runs.outlines import outlines_of
 from services.runs.reporting import kept_warnings
 from services.runs.take_silhouettes import TakeSilhouettes, seen_of
-from services.segmentation.segmenters import KINDS, READY, chosen_segmenter
+from services.segmentation.segmenters import chosen_segmenter
 from services.segmentation.silhouettes import Segmenter
 
 CheckOption: TypeAlias = Annotated[

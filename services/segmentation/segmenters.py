@@ -1,25 +1,21 @@
-"""The table of segmenters: the names for `--segmenter NAME`, and how each is made.
+"""How each segmenter of the table `KINDS` (services/mocap/take/segmenter_name.py) is made.
 
-To add one, add a class with the method of a Matte and a row to `KINDS`; a test tells which lists of names in
-the documentation are to have it.
-
-Other packages add segmenters as entry points of the group `xormocap.segmenters`.
+To add one, add a row there, a class with the method of a Matte, and a line to `_MATTES`. Other packages add
+segmenters as entry points of the group `xormocap.segmenters`.
 """
 
-import re
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from importlib.metadata import entry_points
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import cv2
 
 from services.mocap.camera.camera import Camera
-from services.mocap.errors import UserError, nearest
+from services.mocap.errors import UserError
 from services.mocap.take.folder import Take
 from services.mocap.take.segmenter_name import AUTO as AUTO
-from services.mocap.take.segmenter_name import GROUP as GROUP
+from services.mocap.take.segmenter_name import GROUP, KINDS, USUAL, Kind, check_segmenter
 from services.mocap.take.segmenter_name import READY as READY
 from services.segmentation.background import CameraBackground, spread_pictures, warn_of_guesses
 from services.segmentation.baselines import PaperTest, TrainedModel
@@ -30,25 +26,11 @@ from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.learning import learn_from_take
 from services.segmentation.silhouettes import GroupMatte, Matte, Segmenter, SeparateMattes
 
-USUAL = "clean-plate"
 _KEY_PICTURES = 8
 """Number of pictures from which a screen's colour is estimated."""
 
 PlateCheck: TypeAlias = Callable[[], None]
 """Warns if a recorded clean plate is not clean."""
-
-
-class Kind(NamedTuple):
-    """A row of the table."""
-
-    make: Callable[[CameraBackground, str], Matte] | None
-    """Takes the background and what stands after the colon of `NAME:ARGUMENT`, "" for nothing; None: made of
-    all cameras' plates together."""
-    argument: str = ""
-    """The expected argument, for messages; "" for none."""
-    needs_argument: bool = False
-    needs_plate: bool = False
-    """Whether it needs the empty scene."""
 
 
 def _chroma(background: CameraBackground, colour: str) -> Matte:
@@ -59,47 +41,21 @@ def _chroma(background: CameraBackground, colour: str) -> Matte:
     return ChromaKey.of_pictures(pictures)
 
 
-KINDS: dict[str, Kind] = {
-    USUAL: Kind(None, needs_plate=True),
-    "paper": Kind(lambda background, _: PaperTest.learn(background.pictures()), needs_plate=True),
-    # Gaussian mixtures with a shadow test (Zivkovic 2004).
-    "mog2": Kind(
-        lambda background, _: TrainedModel(
-            cv2.createBackgroundSubtractorMOG2(detectShadows=True), background.pictures()
-        ),
-        needs_plate=True,
+_MATTES: dict[str, Callable[[CameraBackground, str], Matte]] = {
+    "paper": lambda background, _: PaperTest.learn(background.pictures()),
+    # Zivkovic 2004.
+    "mog2": lambda background, _: TrainedModel(
+        cv2.createBackgroundSubtractorMOG2(detectShadows=True), background.pictures()
     ),
-    # Gaussian mixtures without one (KaewTraKulPong 2001): the one of bgsegm that can stop learning.
-    "bgsegm": Kind(
-        lambda background, _: TrainedModel(cv2.bgsegm.createBackgroundSubtractorMOG(), background.pictures()),
-        needs_plate=True,
+    # KaewTraKulPong 2001: the one of bgsegm that can stop learning.
+    "bgsegm": lambda background, _: TrainedModel(
+        cv2.bgsegm.createBackgroundSubtractorMOG(), background.pictures()
     ),
-    "chroma": Kind(_chroma, "RRGGBB"),
-    "onnx": Kind(
-        lambda background, file: OnnxMatte(Path(file), background.mean_picture()), "FILE", needs_argument=True
-    ),
+    "chroma": _chroma,
+    "onnx": lambda background, file: OnnxMatte(Path(file), background.mean_picture()),
 }
-
-
-def known_segmenters() -> list[str]:
-    """The names for --segmenter on this machine, installed plug-ins last."""
-    return [AUTO, READY, *KINDS, *sorted(entry_points(group=GROUP).names)]
-
-
-def check_segmenter(name: str) -> None:
-    """Raise UserError for an invalid --segmenter."""
-    kind, colon, argument = name.partition(":")
-    if kind not in known_segmenters():
-        raise UserError(
-            f"--segmenter {name}: there is no such segmenter: {nearest(kind, known_segmenters())}"
-        )
-    row = KINDS.get(kind, Kind(None))
-    if colon and not row.argument:
-        raise UserError(f"--segmenter {name}: {kind} takes nothing after its name: leave out :{argument}")
-    if row.needs_argument and not argument:
-        raise UserError(f"--segmenter {name}: expected {kind}:{row.argument}")
-    if kind == "chroma" and colon and not re.fullmatch("[0-9a-fA-F]{6}", argument):
-        raise UserError(f"--segmenter {name}: expected chroma:RRGGBB in hexadecimal, such as chroma:00b140")
+"""From the background and the argument of each of KINDS; all but clean-plate, which is made of all cameras'
+plates together."""
 
 
 def chosen_segmenter(take: Take, name: str = AUTO) -> str:
@@ -188,16 +144,16 @@ def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> tuple[Ki
         try:
             if row is None:
                 mattes.append(PluginMatte(kind, background.camera, background.mean_picture(), GROUP))
-            elif row.make is None:
+            elif kind == USUAL:
                 plates.append(background.plate())
             else:
-                mattes.append(row.make(background, argument))
+                mattes.append(_MATTES[kind](background, argument))
         except UserError as error:
             if row is None or argument:  # says itself what it is about
                 raise
             what = "clean plate of " if row.needs_plate else ""
             where = f"{background.take.folder}: {what}{background.camera.name}"
             raise UserError(f"{where}: {error}") from None
-    if row is not None and row.make is None:
+    if row is not None and kind == USUAL:
         return row, JointMatte(cameras, plates)
-    return row or Kind(None), SeparateMattes(cameras, mattes)
+    return row or Kind(""), SeparateMattes(cameras, mattes)

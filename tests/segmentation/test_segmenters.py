@@ -1,7 +1,6 @@
 """The table of segmenters: what a name means, what each makes of a small take, and what is refused."""
 
 import logging
-import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -22,11 +21,12 @@ from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.pictures import read_silhouette
+from services.mocap.take.segmenter_name import GROUP, KINDS, USUAL, check_segmenter, meanings
 from services.mocap.take.writer import video_writer
 from services.mocap.types import ACTOR, UNSURE, Bytes, Mask
 from services.options import SegmenterOption
 from services.segmentation import segmenters
-from services.segmentation.segmenters import KINDS, check_segmenter, make_segmenter
+from services.segmentation.segmenters import make_segmenter
 
 SmallTake = Callable[..., Path]
 Ball = Callable[[Camera, int], Mask]
@@ -43,12 +43,16 @@ def overlap(take: Take, ball: Ball, name: str) -> float:
     )
 
 
-def test_the_help_and_the_documentation_name_every_segmenter() -> None:
+def test_every_segmenter_can_be_made_and_the_help_and_the_page_say_what_it_is() -> None:
+    assert {USUAL, *segmenters._MATTES} == set(KINDS)
     (option,) = SegmenterOption.__metadata__
+    rows = ["| name | method |", "| --- | --- |"]
+    for names, meaning in meanings().items():
+        assert f"{' or '.join(names)}: {meaning};" in option.help
+        rows.append(f"| {', '.join(f'`{name}`' for name in names)} | {meaning} |")
     page = (Path(segmenters.__file__).parent / "README.md").read_text()
-    for name in KINDS:
-        assert re.search(rf"\b{name}\b", option.help), name
-        assert re.search(rf"`{name}\b", page), name
+    table = "\n".join([*rows, ""])
+    assert table in page, f"the page should read:\n\n{table}"
 
 
 @pytest.mark.parametrize("name", ["auto", "clean-plate", "paper", "mog2", "bgsegm"])
@@ -157,13 +161,10 @@ class Wrong(Stencil):
 def plug_ins(monkeypatch: pytest.MonkeyPatch) -> None:
     """Entry points stencil, doubtful and wrong, as installed packages would have them."""
     installed = EntryPoints(
-        EntryPoint(name, f"{__name__}:{name.title()}", segmenters.GROUP)
-        for name in ("stencil", "doubtful", "wrong")
+        EntryPoint(name, f"{__name__}:{name.title()}", GROUP) for name in ("stencil", "doubtful", "wrong")
     )
-    for module in ("segmenters", "external"):
-        monkeypatch.setattr(
-            f"services.segmentation.{module}.entry_points", lambda **asked: installed.select(**asked)
-        )
+    for module in ("mocap.take.segmenter_name", "segmentation.external"):
+        monkeypatch.setattr(f"services.{module}.entry_points", lambda **asked: installed.select(**asked))
 
 
 @pytest.mark.usefixtures("plug_ins")
