@@ -11,6 +11,7 @@ from services.mocap.body.skeleton import BODY_DOFS
 from services.mocap.export.formats import FORMATS
 from services.mocap.motion.angles import ANGLES
 from services.mocap.search.settings import SearchSettings
+from services.mocap.take.quantities import QUANTITIES, Quantity
 
 _ROOT = Path(__file__).resolve().parents[1]
 _PAGES = sorted(
@@ -64,6 +65,13 @@ def test_every_format_is_told(readme: str) -> None:
         assert f"`{name}`" in readme
         for file in form.files:
             assert f"`{file}`" in readme, file
+
+
+@pytest.mark.parametrize("row", QUANTITIES, ids=lambda row: row.name)
+def test_every_column_is_told_with_its_file(row: Quantity) -> None:
+    page = (_ROOT / "README.md").read_text(encoding="utf-8")
+    (told,) = re.findall(rf"^\| `{row.file}` \| (.*) \|$", page, re.MULTILINE)
+    assert f"`{row.column.format('*')}`" in told
 
 
 @pytest.mark.parametrize("page", _PAGES, ids=lambda page: str(page.relative_to(_ROOT)))

@@ -3,8 +3,11 @@
 To add a quantity, add a row here and the line that puts its numbers into `FrameSolution.measured` under the
 row's name (usually in `FrameSolution.note_shares`, which every search calls). The pose message and the
 journal carry them; the results' files and the viewer's page list them; the tables of README.md and
-PROTOCOL.md are tested against these rows. A negative number counts as unknown, and poses.csv leaves out a
-column that any of its frames lacks.
+PROTOCOL.md are tested against these rows. What follows from neighbouring frames, such as a speed, no frame
+knows: it is a further column, which `PoseTable.of` (tables.py) adds.
+
+Numbers are not negative: the pose message refuses one that is, and without a message it counts as unknown.
+Give two magnitudes instead of a signed number. poses.csv leaves out a column that any of its frames lacks.
 """
 
 from collections.abc import Mapping, Sequence
