@@ -10,8 +10,11 @@ from field_docstrings import docstrings_of
 from services.mocap.body.skeleton import BODY_DOFS
 from services.mocap.export.formats import FORMATS
 from services.mocap.motion.angles import ANGLES
+from services.mocap.search.lost_probability import LOST_M
+from services.mocap.search.part_confidence import LEAST_CONFIDENCE
 from services.mocap.search.settings import SearchSettings
 from services.mocap.take.quantities import QUANTITIES, Quantity
+from services.recorder.run_report import LOST_LIMB_MM
 
 _ROOT = Path(__file__).resolve().parents[1]
 _PAGES = sorted(
@@ -65,6 +68,19 @@ def test_every_format_is_told(readme: str) -> None:
         assert f"`{name}`" in readme
         for file in form.files:
             assert f"`{file}`" in readme, file
+
+
+def test_what_is_lost_and_what_is_doubtful_is_told(readme: str) -> None:
+    told = " ".join(readme.split())
+    assert f"more than {LOST_LIMB_MM:g} mm from the reference" in told
+    assert f"(confidences count from {1000 * LOST_M:g} mm)" in told
+    assert told.count(f"none of its joints is more than {100 * LOST_M:g} cm off") == 3
+    for sentence in (
+        "A limb with a confidence below {} is marked as doubtful",
+        "Most of what is lost above {} comes from",
+        "Limbs and head with a confidence below {} are **doubtful**",
+    ):
+        assert sentence.format(f"{LEAST_CONFIDENCE:g}") in told, sentence
 
 
 @pytest.mark.parametrize("row", QUANTITIES, ids=lambda row: row.name)

@@ -31,7 +31,8 @@ _SMOOTHED = (POSES_SMOOTH, JOINTS, *_MOTION_FILES)
 """Files of the smoothed motion."""
 _LEAST_STEP_S = 1e-6
 LOST_LIMB_MM = 200.0
-"""A joint farther than this from the reference counts as lost: the search fitted something else."""
+"""A joint farther than this from the reference counts as lost: the search fitted something else. Confidences
+are stricter (lost_probability.LOST_M)."""
 
 
 def write_run_json(

@@ -18,7 +18,8 @@ from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Floats
 
 LOST_M = 0.15
-"""A joint farther off than this is lost."""
+"""A joint farther off than this is lost, as confidences count. Reports count from 20 cm
+(run_report.LOST_LIMB_MM), by a reference whose body differs."""
 EVIDENCE = ("outline_matched", "place_told", "pixels_near", "unusual", "is_limb", "is_leg", "is_head")
 """What is known of a part, in the order of its evidence.
 

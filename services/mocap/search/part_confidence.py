@@ -34,8 +34,8 @@ _LONGEST_REST = 8
 _LOST_SHARE, _LOST_OVER_USUAL, _MOST_LOST_SHARE = 0.1, 0.06, 0.25
 """The torso is in doubt when more pixels differ than the first share of the input's, and more than usual by
 the second; more than the third always. What the body lacks, a coat's tails say, differs in every frame."""
-_MARKED_FROM = 0.05
-"""A limb or the head that is lost with more than this probability is marked."""
+LEAST_CONFIDENCE = 0.95
+"""A limb or the head with a lower confidence is marked."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class PartConfidence:
 
     def distrusted(self, found: Differences, confidence: Mapping[Part, float]) -> list[Part]:
         """Limbs and head whose confidence is too low, and the torso if the whole body is doubtful."""
-        low: list[Part] = [part for part in PART_STAGES if confidence.get(part, 1.0) < 1.0 - _MARKED_FROM]
+        low: list[Part] = [part for part in PART_STAGES if confidence.get(part, 1.0) < LEAST_CONFIDENCE]
         return ["torso", *low] if found.share > self._allowed_share() else low
 
     def _allowed_px(self, part: Part) -> float:
@@ -160,7 +160,7 @@ def doubt_rivals(solution: FrameSolution, lost: Floats) -> None:
     for part, probability in zip(PARTS, lost, strict=True):
         if part in PART_STAGES and part in solution.confidence:
             solution.confidence[part] *= 1.0 - float(probability)
-            if solution.confidence[part] < 1.0 - _MARKED_FROM and part not in solution.distrusted:
+            if solution.confidence[part] < LEAST_CONFIDENCE and part not in solution.distrusted:
                 solution.distrusted.append(part)
 
 
