@@ -22,8 +22,6 @@ Identity: TypeAlias = bytes
 Key: TypeAlias = tuple[str | int, ...]
 """What a result is recognised by."""
 
-PROBE_S = TO_CLIENTS.every_s
-"""Interval of beats to workers, which check their connections; libzmq reports a lost connection at once."""
 FIRST_DEADLINE_S = 20.0
 """Deadline before any task was timed: a worker may have to build its meshes first."""
 DEADLINE_FLOOR_S = 0.5
@@ -239,8 +237,8 @@ class Dispatcher:
     def tick(self) -> None:
         """Handle lost and silent workers, and late tasks."""
         now = self._now()
-        if now - self._probed_s >= PROBE_S:
-            self._probed_s = now
+        if now - self._probed_s >= TO_CLIENTS.every_s:
+            self._probed_s = now  # a beat checks the connection: libzmq reports a lost one at once
             for identity, worker in list(self._workers.items()):
                 if not self._send(identity, Beat()):
                     self._forget(identity, "connection lost")

@@ -5,8 +5,8 @@ import pytest
 from floor import Floor, limb_task, limbs_of, pass_tasks, refusal_of, result_of
 
 from proto.messages import MAX_BACKENDS, LimbRefusal, LimbResult
-from proto.streams import FROM_CLIENTS
-from services.coordinator.dispatch import FIRST_DEADLINE_S, PROBE_S, key_of
+from proto.streams import FROM_CLIENTS, TO_CLIENTS
+from services.coordinator.dispatch import FIRST_DEADLINE_S, key_of
 from services.mocap.body.skeleton import UPPER
 from services.mocap.search.chains import LIMBS
 from services.mocap.take.marks import LIMB_NAMES, LimbName
@@ -162,7 +162,7 @@ def test_a_lost_workers_task_goes_to_another(floor: Floor) -> None:
     floor.dispatcher.submit([limb_task("left_arm"), limb_task("right_arm")])
     floor.solve(two)
     floor.gone.add(one)
-    floor.later(PROBE_S)
+    floor.later(TO_CLIENTS.every_s)
     assert floor.dispatcher.n_workers == 1
     assert floor.latest(two) == floor.inbox[one][0]
     floor.solve(two)
@@ -175,7 +175,7 @@ def test_a_lost_workers_task_waits_for_whoever_is_free(floor: Floor) -> None:
     one, two = floor.workers(2)
     floor.dispatcher.submit([limb_task("left_arm"), limb_task("right_arm")])
     floor.gone.add(one)
-    floor.later(PROBE_S)
+    floor.later(TO_CLIENTS.every_s)
     waiting = floor.dispatcher.take_waiting()
     assert waiting is not None
     assert waiting.limb == floor.inbox[one][0].limb
@@ -197,7 +197,7 @@ def test_the_last_word_of_a_lost_worker_still_counts(floor: Floor) -> None:
     (one,) = floor.workers(1)
     floor.dispatcher.submit([limb_task()])
     floor.gone.add(one)
-    floor.later(PROBE_S)
+    floor.later(TO_CLIENTS.every_s)
     assert floor.dispatcher.n_workers == 0
     floor.dispatcher.finished(one, result_of(limb_task()))
     assert not floor.dispatcher.pending

@@ -187,6 +187,7 @@ def numbers_table() -> str:
         _row("ZMTP ping, every", f"{sockets.PING_INTERVAL_MS} ms"),
         _row("ZMTP ping unanswered, connection closed after", f"{sockets.PING_TIMEOUT_MS} ms"),
         _row("`beat` from a client that has nothing else to say, every", f"{FROM_CLIENTS.every_s:g} s"),
+        _row("`beat` from the coordinator to every worker, every", f"{TO_CLIENTS.every_s:g} s"),
         _row("silence of the coordinator, a client registers anew after", f"{TO_CLIENTS.silence_s:g} s"),
         _row(
             "silence after which an idle worker gets no task until it is heard again",
