@@ -41,6 +41,7 @@ def test_without_a_format_it_writes_what_a_run_writes(folder: Path) -> None:
     names = {"motion.bvh", "motion.glb", "motion.trc", "motion.c3d", "angles.csv", "report.html"}
     assert names <= {path.name for path in folder.iterdir()} <= KNOWN
     assert {Path(path).name for path in said} >= names
+    assert {file for form in FORMATS.values() for file in form.files} <= KNOWN
 
 
 def test_chosen_formats_go_where_they_are_wanted(folder: Path, tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ from services.mocap.search.first_pose import find_first_pose
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import solve_frame
 from services.mocap.search.jobs import LimbPool
-from services.mocap.search.lost_probability import rival_probabilities
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
@@ -79,7 +78,7 @@ def solve_both_ways(
         solution = solve_frame(model, whole, chosen.pose[None], aligned_only, limbs, trust)
         if "torso" in solution.distrusted:
             solution = unless_far(solution, chosen.pose, seen[frame])
-        doubt_rivals(solution, rival_probabilities(chosen.apart_m, chosen.margin_px))
+        doubt_rivals(solution, chosen)
         yield Step("settling", frame, solution)
 
 

@@ -14,7 +14,6 @@ from services.mocap.search.both_ways import Step
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.frame import extrapolated, solve_frame
 from services.mocap.search.jobs import LimbPool
-from services.mocap.search.lost_probability import rival_probabilities
 from services.mocap.search.model import Model
 from services.mocap.search.part_confidence import PartConfidence, doubt_rivals
 from services.mocap.search.settings import SearchSettings
@@ -84,7 +83,7 @@ class FixedLag:
         for frame, chosen in zip(frames[:n_settled], path.best()[::-1][-len(frames) :], strict=False):
             yield Step("settling", self._first_frame)
             solution = self._solve(frame, chosen.pose[None], trust)
-            doubt_rivals(solution, rival_probabilities(chosen.apart_m, chosen.margin_px))
+            doubt_rivals(solution, chosen)
             first = frame.solution
             yield self._settled(replace(solution, seconds=first.seconds, limb_seconds=first.limb_seconds))
 

@@ -16,10 +16,11 @@ from services.mocap.energy.bitplanes import camera_bit, count_bits
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import SeenRim
 from services.mocap.search.alignment.matching import KNOWN, UNSURE
+from services.mocap.search.best_path import Chosen
 from services.mocap.search.chains import Stage, pixel_scale, window_origins_px, window_size_px
 from services.mocap.search.error_by_part import PART_STAGES, pixels_by_part
 from services.mocap.search.found import FrameSolution
-from services.mocap.search.lost_probability import JUDGED_SEGMENTS, lost_probabilities
+from services.mocap.search.lost_probability import JUDGED_SEGMENTS, lost_probabilities, rival_probabilities
 from services.mocap.search.model import Model
 from services.mocap.take.marks import PARTS, Part
 from services.mocap.types import Bytes, Floats
@@ -154,9 +155,10 @@ class PartConfidence:
                 self._usual.setdefault(part, deque(maxlen=_REMEMBERED)).append(found.px[part])
 
 
-def doubt_rivals(solution: FrameSolution, lost: Floats) -> None:
-    """Lower the confidence in limbs and head by the probability (6,) that each is elsewhere, and mark what is
-    then too low."""
+def doubt_rivals(solution: FrameSolution, chosen: Chosen) -> None:
+    """Lower the confidence in limbs and head by the probability that each is where the other track has it,
+    and mark what is then too low."""
+    lost = rival_probabilities(chosen.apart_m, chosen.margin_px)
     for part, probability in zip(PARTS, lost, strict=True):
         if part in PART_STAGES and part in solution.confidence:
             solution.confidence[part] *= 1.0 - float(probability)

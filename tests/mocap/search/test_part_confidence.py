@@ -9,6 +9,7 @@ from services.mocap.body.kinematics import N_DOF
 from services.mocap.body.skeleton import DOF_INDEX, SEGMENT_INDEX
 from services.mocap.energy.picture import Picture
 from services.mocap.search.alignment.aligner import SeenRim
+from services.mocap.search.best_path import Chosen
 from services.mocap.search.chains import ALL_SURFACES
 from services.mocap.search.found import FrameSolution
 from services.mocap.search.lost_probability import evidence_of, rival_probabilities
@@ -185,7 +186,7 @@ def test_a_limb_that_two_tracks_have_elsewhere_is_doubtful_unless_one_of_them_fi
     solution = FrameSolution(
         np.zeros(1), 0.0, confidence=dict.fromkeys(NOTHING, 0.98), distrusted=["left_arm"]
     )
-    doubt_rivals(solution, lost)
+    doubt_rivals(solution, Chosen(np.zeros(1), apart_m, margin_px))
     assert solution.distrusted == ["left_arm", "right_arm", "left_leg"]
     assert solution.confidence["torso"] == 0.98  # which is judged by the whole body's differences
     assert solution.confidence["right_leg"] > 0.97 > solution.confidence["left_leg"]
