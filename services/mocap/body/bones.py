@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.body.skeleton import JOINTS, bare
-from services.mocap.body.skeleton_table import ROWS, TORSO
+from services.mocap.body.skeleton_table import ROWS
 from services.mocap.types import Floats
 
 
@@ -51,12 +51,14 @@ _JOINTS_OF = {
     for name, bone in BONES.items()
 }
 """Bone -> the joints (their places in JOINTS) and the axes of their offsets that scale with it."""
-_SHOULDERS = 0.287
-"""Height of the shoulder joints over the hips', in body heights."""
 _HIPS_SHARE = 0.536
 """Share of the trunk's width at the hips between the hip joints."""
-_TRUNK_OFFSETS = {"pelvis": 0.0, "torso": TORSO.offset_heights[2]}
-"""The trunk's segments, and the height of their joints over the hips', in body heights."""
+_OVER_HIPS: dict[str | None, float] = {None: 0.0}
+for _row in ROWS:  # parents precede children; sums of the table's decimals, without the error of binary ones
+    _OVER_HIPS[_row.joint] = round(_OVER_HIPS[_row.parent] + _row.offset_heights[2], 6)
+"""Joint (without its side) -> its height over the hips' in the rest pose, in body heights."""
+_TRUNK_OFFSETS = {row.name: _OVER_HIPS[row.joint] for row in ROWS if row.part == "torso"}
+"""The trunk's segments, and the height of their joints over the hips'."""
 
 
 def scales_across(segment: str, ratios: dict[str, float]) -> Floats:
@@ -95,7 +97,7 @@ def trunk_widening(segment: str, z_heights: Floats, hips: float, shoulders: floa
     if segment not in _TRUNK_OFFSETS:
         return 1.0
     at_hips = 1.0 + _HIPS_SHARE * (hips - 1.0)
-    share = smoothstep((z_heights + _TRUNK_OFFSETS[segment]) / _SHOULDERS)
+    share = smoothstep((z_heights + _TRUNK_OFFSETS[segment]) / _OVER_HIPS["shoulder"])
     widening: Floats = at_hips + (shoulders - at_hips) * share
     return widening
 

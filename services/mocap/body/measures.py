@@ -74,7 +74,7 @@ def _extents(figure: "_Figure") -> tuple[_Row, ...]:
     floor_m, top_m = figure.extent_m(2)
     low_m, high_m = figure.extent_m(1)
     crotch_m = figure.extent_m(2, "pelvis")[0]
-    shoulders_m = figure.breadth_m(figure.joint_m("left_shoulder")[2], ("torso",))
+    shoulders_m = figure.breadth_m(figure.joint_m("left_shoulder")[2], TRUNK)
     hips_m = max(
         figure.breadth_m(z, _HIPS) for z in np.linspace(crotch_m, figure.up_the_trunk_m(0.25), _LEVELS)
     )

@@ -11,11 +11,20 @@ from pydantic import ValidationError
 from services.mocap.body import shape_space
 from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, Body, _shape, build_body
 from services.mocap.body.body_mesh import Skirt, generic_segments
-from services.mocap.body.bones import BONES
+from services.mocap.body.bones import BONES, trunk_widening
 from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
 from services.mocap.body.profiles import FACTOR_RANGE, MOST_CONTROLS, SECTIONS, Profile
-from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, LOWER, SEGMENT_INDEX, SEGMENT_NAMES, UPPER
+from services.mocap.body.skeleton import (
+    JOINT_INDEX,
+    JOINTS,
+    LOWER,
+    SEGMENT_INDEX,
+    SEGMENT_JOINT,
+    SEGMENT_NAMES,
+    TRUNK,
+    UPPER,
+)
 from services.mocap.types import Floats
 
 PELVIS_HEIGHT = 0.513  # of the hip centres over the soles, in body heights
@@ -330,3 +339,12 @@ def test_left_and_right_stay_mirror_images(actor: Actor) -> None:
     for name in ("upper_arm", "forearm", "hand", "thigh", "shank", "foot"):
         left, right = (body.vertices_m[SEGMENT_INDEX[f"{side}_{name}"]] for side in ("left", "right"))
         np.testing.assert_array_equal(right, left * MIRROR_Y)
+
+
+@pytest.mark.parametrize("segment", TRUNK)
+def test_the_trunk_reaches_the_shoulders_width_at_their_height(segment: str) -> None:
+    offsets_heights = np.array([joint.offset_heights for joint in JOINTS])
+    up = dict(zip(JOINT_INDEX, joint_positions(np.zeros((1, N_DOF)), offsets_heights)[0, :, 2], strict=True))
+    shoulders = up["left_shoulder"] - up[SEGMENT_JOINT[segment]]
+    below, at, above = trunk_widening(segment, shoulders + np.array([-0.05, 0.0, 0.05]), 1.0, 1.3)
+    assert below < at == above == pytest.approx(1.3)

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from services.mocap.body.actor import Body
-from services.mocap.body.kinematics import N_DOF, N_JOINTS, SEGMENT_JOINTS, place_frames
+from services.mocap.body.kinematics import N_DOF, N_JOINTS, PARENT, SEGMENT_JOINTS, place_frames
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SIDES, TRUNK
 from services.mocap.search.alignment.twists import DOF_JOINT, MOVED_BY, cross
 from services.mocap.take.marks import LIMB_NAMES
@@ -59,7 +59,7 @@ class Contacts(NamedTuple):
         points = list[tuple[int, Floats, int, int, list[bool]]]()
         for limb, name in enumerate(LIMB_NAMES):
             side, part = name.split("_")
-            carrier = int(SEGMENT_JOINTS[SEGMENT_INDEX["torso" if part == "arm" else "pelvis"]])
+            carrier = int(PARENT[JOINT_INDEX[f"{side}_{'shoulder' if part == 'arm' else 'hip'}"]])
             other = "right" if side == "left" else "left"
             counts = [s in _AROUND_ARMS if part == "arm" else s.startswith(other) for s in names]
             points += [(joint, at_m, limb, carrier, counts) for joint, at_m in _axis(body, side, part)]
