@@ -1,8 +1,11 @@
 """What a pose costs beside its pixels: limbs inside others, and limbs in poses that people seldom take.
 
 Each price is here twice: in pixels for the search, as a quadratic for the alignment. A new one needs a
-setting, a module that has both forms, and a line in each function here. If it is to make limbs be searched as
-well, add it to what contour_search counts as differences.
+setting, a module that has both forms, a line in each function here, and its setting in test_pose_prices.py.
+If it is to make limbs be searched as well, add it to what contour_search counts as differences.
+
+The normal equations are those of a sum of squares without ½, so a cost adds half its slope and half its
+curvature: k x² adds k x and k, and ½ k x² half of that.
 """
 
 from typing import NamedTuple
