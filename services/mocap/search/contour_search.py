@@ -237,7 +237,7 @@ def solve_by_contours(
     solution = search.found
     solution.pose = best.pose
     solution.note_shares(error_by_part(model, whole, best.pose))
-    solution.measured["prior"] = [float(best.aligned.prior_cost)]
+    solution.measured["prior"] = [float(best.aligned.anchor_cost)]
     solution.evaluations += 1
     solution.evidence = evidence_of(best.aligned.rim, left.nearest_px, best.pose)
     solution.confidence = confidences(solution.evidence, best.aligned.rim)

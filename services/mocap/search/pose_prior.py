@@ -64,7 +64,7 @@ def surprises(poses: Floats) -> Floats:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def add_prior(prior: PosePrior, weight: float, pose: Floats, hessian: Floats, slope: Floats) -> None:
+def add_pose_prior(prior: PosePrior, weight: float, pose: Floats, hessian: Floats, slope: Floats) -> None:
     """Add weight times the surprises at a pose (D,), with the curvature of a parabola that touches them, to
     the normal equations (D, D) and (D,)."""
     n_dofs = prior.dofs.shape[1]

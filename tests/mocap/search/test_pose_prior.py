@@ -10,7 +10,7 @@ from services.mocap.body.kinematics import N_DOF, clip_to_limits
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.search.chains import LIMBS
 from services.mocap.search.model import Model
-from services.mocap.search.pose_prior import PARAMETERS, TABLE, add_prior, pose_prior, surprises
+from services.mocap.search.pose_prior import PARAMETERS, TABLE, add_pose_prior, pose_prior, surprises
 from services.mocap.search.settings import SearchSettings
 from services.mocap.search.typical_poses import typical_poses
 from services.mocap.take.csv_columns import read_columns
@@ -48,10 +48,10 @@ def test_crossed_legs_and_arms_behind_the_back_are_less_likely_than_what_people_
 def test_the_slope_is_that_of_the_price() -> None:
     pose = typical_poses()[5].copy()
     hessian, slope, step = np.zeros((N_DOF, N_DOF)), np.zeros(N_DOF), 1e-6
-    add_prior(pose_prior(), 3.0, pose, hessian, slope)
+    add_pose_prior(pose_prior(), 3.0, pose, hessian, slope)
     moved = np.concatenate([pose + step * np.eye(N_DOF), pose - step * np.eye(N_DOF)])
     ahead, behind = np.split(3.0 * surprises(moved).sum(axis=1), 2)
-    # As for all priors here, a cost of k x² has the slope k x and the curvature k.
+    # As for all prices, a cost of k x² has the slope k x and the curvature k.
     np.testing.assert_allclose(slope, (ahead - behind) / (4 * step), atol=1e-6)
     assert np.linalg.eigvalsh(hessian).min() > -1e-9
 

@@ -79,8 +79,9 @@ class Aligned:
 
     pose: Floats
     """(D,)"""
-    prior_cost: float
-    """Prior cost: weighted squared deviation from the expected pose."""
+    anchor_cost: float
+    """Of the distance from the expected and the rest pose: weighted squares, by steadiness and rest. Files
+    and messages call it `prior`."""
     rim: SeenRim
 
 
@@ -143,7 +144,7 @@ class Aligner:
         """
         free = np.zeros(N_DOF)
         free[[d for d in dofs if d in BODY_DOFS[settings.body]]] = 1.0
-        prior, region, steps = _prior(pose, settings), picture.region, self._steps(settings)
+        anchor, region, steps = _anchor(pose, settings), picture.region, self._steps(settings)
         views = views_of(self._rig, region, settings.cost.weights(self._rig.n_cameras))
         cameras = (views[0], lenses_of(views[0], region.width_px, region.height_px))
         canvas = empty_canvas(region.height_px, region.width_px)
@@ -154,15 +155,15 @@ class Aligner:
         prices = PosePrices.of(self._contacts, self._rig, settings)
         pose, _, _, _ = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, settings.detail_px,
-            (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, prior, _LIMITS,
+            (pulling, coarse_rim, views, self._room), steps[:-_FINE_STEPS], free, anchor, _LIMITS,
             prices,
         )  # fmt: skip
-        pose, prior_cost, rim_px, places = follow(
+        pose, anchor_cost, rim_px, places = follow(
             pose, self._offsets_m, ALL_FRAMES, seen, drawing, _FINE * settings.detail_px,
-            (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, prior, _LIMITS,
+            (pulling, fine_rim, views, self._room), steps[-_FINE_STEPS:], free, anchor, _LIMITS,
             prices,
         )  # fmt: skip
-        return Aligned(pose, prior_cost, SeenRim(rim_px, places[SURFACE_FRAMES]))
+        return Aligned(pose, anchor_cost, SeenRim(rim_px, places[SURFACE_FRAMES]))
 
     def contact_px(self, poses: Floats, settings: SearchSettings) -> Floats:
         """(N, 4) what limbs (LIMB_NAMES) cost for being inside others in poses (N, D)."""
@@ -182,7 +183,7 @@ class Aligner:
         return np.column_stack([np.maximum(np.ceil(reach_px), OWN_REACH_PX), near_px, cap_px, damping])
 
 
-def _prior(expected: Floats, settings: SearchSettings) -> Floats:
+def _anchor(expected: Floats, settings: SearchSettings) -> Floats:
     """(3, D) as follow takes it: target pose between the expected and the rest pose, weights, largest
     steps."""
     rest = settings.rest * _REST_SHARES

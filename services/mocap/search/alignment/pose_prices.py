@@ -16,7 +16,7 @@ import numpy as np
 from services.mocap.camera.rig import Rig
 from services.mocap.search.alignment.contacts import Contacts, add_contacts, depths_m
 from services.mocap.search.chains import REFERENCE_WIDTH_PX
-from services.mocap.search.pose_prior import PosePrior, add_prior, pose_prior, surprises
+from services.mocap.search.pose_prior import PosePrior, add_pose_prior, pose_prior, surprises
 from services.mocap.search.settings import SearchSettings
 from services.mocap.types import Floats
 
@@ -29,8 +29,8 @@ class PosePrices(NamedTuple):
 
     contacts: Contacts
     contact_weight: float
-    prior: PosePrior
-    prior_weight: float
+    pose_prior: PosePrior
+    pose_prior_weight: float
 
     @classmethod
     def of(cls, contacts: Contacts, rig: Rig, settings: SearchSettings) -> "PosePrices":
@@ -46,7 +46,7 @@ def add_prices(
 ) -> None:
     """Add the prices at a pose (D,) to the normal equations (D, D) and (D,) of its alignment."""
     add_contacts(prices.contacts, prices.contact_weight, T_world_joint, twists, hessian, slope)
-    add_prior(prices.prior, prices.prior_weight, pose, hessian, slope)
+    add_pose_prior(prices.pose_prior, prices.pose_prior_weight, pose, hessian, slope)
 
 
 def contact_px(

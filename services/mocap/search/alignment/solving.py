@@ -49,21 +49,21 @@ def follow(
     rims: Rims,
     steps: Floats,
     free: Floats,
-    prior: Floats,
+    anchor: Floats,
     limits: Floats,
     prices: PosePrices,
 ) -> tuple[Floats, float, Floats, Floats]:
     """Move a pose (D,) so that the rim comes to lie on the contours.
 
     steps (K, 4): for every step, in pixels, the reach, the distance that counts as on the contour, and the
-    cap; and the damping as a share of the diagonal. free (D,): 1 for parameters that vary. prior (3, D):
+    cap; and the damping as a share of the diagonal. free (D,): 1 for parameters that vary. anchor (3, D):
     target, weight of its square, and the largest step. limits (2, D). Returns the pose, and of the last match
-    the prior's cost, the rim's shares (S + 5, SHARES), and the normal matrices of the places of the frames
+    the anchor's cost, the rim's shares (S + 5, SHARES), and the normal matrices of the places of the frames
     (J + 5, 3, 3), their lower halves.
     """
     still, moving, mesh, scratch, cameras, canvas = drawing
     pulling, rim, views, (rim_scratch, matches) = rims
-    pose, prior_cost, shares_px = start.copy(), 0.0, np.zeros((len(SURFACE_FRAMES), SHARES))
+    pose, anchor_cost, shares_px = start.copy(), 0.0, np.zeros((len(SURFACE_FRAMES), SHARES))
     T_world_frame = np.empty((1, N_FRAMES, 4, 4))
     place_frames(pose, offsets_m, frames, T_world_frame[0])
     still_planes = np.zeros((1, *seen[0].shape), np.uint8)
@@ -87,15 +87,15 @@ def follow(
         places = wrenches[:, 3:, 3:].copy()  # now: _normal_equations adds to a joint what its children carry
         hessian, slope = _normal_equations(twists, wrenches, pulls)
         add_prices(prices, pose, T_world_frame[0], twists, hessian, slope)
-        prior_cost = 0.0
+        anchor_cost = 0.0
         for d in range(N_DOF):
-            off = pose[d] - prior[0, d]
-            prior_cost += prior[1, d] * off * off
-            hessian[d, d] += prior[1, d]
-            slope[d] += prior[1, d] * off
+            off = pose[d] - anchor[0, d]
+            anchor_cost += anchor[1, d] * off * off
+            hessian[d, d] += anchor[1, d]
+            slope[d] += anchor[1, d] * off
             hessian[d, d] += damping * hessian[d, d] + _SINGULAR
-        _step(pose, hessian, slope, free, prior[2], limits)
-    return pose, prior_cost, shares_px, places
+        _step(pose, hessian, slope, free, anchor[2], limits)
+    return pose, anchor_cost, shares_px, places
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

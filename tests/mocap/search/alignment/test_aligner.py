@@ -166,7 +166,7 @@ def test_what_nothing_tells_stays_as_it_was(model: Model, standing: Maker) -> No
     start = standing(**BENT)
     found = _unseen(model, start, SearchSettings(rest=0.0, pose_prior=0.0))
     np.testing.assert_array_equal(found.pose, start)
-    assert found.prior_cost == 0.0
+    assert found.anchor_cost == 0.0
 
 
 def test_hands_feet_and_twists_that_nothing_tells_are_drawn_to_rest(model: Model, standing: Maker) -> None:
