@@ -23,12 +23,14 @@ from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER
 from services.mocap.take.layout import ACTOR
 from services.runs.fit import DEFAULT_INIT_FRAMES, ROUGH_INIT_FRAMES, fit_take, init_frames
+from services.runs.fit_files import write_fit
 from services.runs.progress import Progress as Run
-from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
+from services.runs.refine import DEFAULT_REFINE_FRAMES, fit_other_way_round, refine_take
 from services.runs.take_silhouettes import TakeSilhouettes
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 
+_TURNED = "the actor faces the other way, left was taken for right: tracked again"
 _AS_IT_IS = "a second fit, to frames of the whole take, left the body as it is"
 
 
@@ -120,6 +122,28 @@ def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
 
 
 def track_again(
+    job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any], *, is_asked_for: bool
+) -> dict[str, Any]:
+    """Fit and track again as _refined does, once more if the actor then faces the other way; returns
+    run.json."""
+    report = _right_way_round(job, silhouettes, report)
+    report = _refined(job, silhouettes, report, is_asked_for=is_asked_for)
+    right = _right_way_round(job, silhouettes, report)
+    return report if right is report else _refined(job, silhouettes, right, is_asked_for=is_asked_for)
+
+
+def _right_way_round(job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any]) -> dict[str, Any]:
+    """The report, or that of another run forwards if the actor faces the other way than in the results."""
+    found = fit_other_way_round(silhouettes, job.out, DEFAULT_REFINE_FRAMES, job.search.body)
+    if found is None:
+        return report
+    say(f"{job.out}: {_TURNED}")
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        write_fit(job.take, found, Path(temporary))
+        return track_with_bar(forwards(replace(job, fitted=Path(temporary), overlay=False)), [])
+
+
+def _refined(
     job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any], *, is_asked_for: bool
 ) -> dict[str, Any]:
     """Fit the actor to frames of the whole take, by the results in job.out, usually of a run forwards, and

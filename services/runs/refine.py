@@ -25,6 +25,7 @@ from services.mocap.result.result import Result, load_result
 from services.mocap.search.error_by_part import PART_SEGMENTS
 from services.mocap.search.model import Model, model_on_cpu
 from services.mocap.search.occlusion import PosedFrame, find_occluded
+from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take
 from services.mocap.take.marks import PARTS
 from services.mocap.types import ACTOR, Floats, Ints, Mask
@@ -32,6 +33,7 @@ from services.runs.motion_blur import cut_motion_blur
 from services.runs.reporting import Clock, Show, kept_warnings
 from services.runs.take_fit import TakeFit, concluded, occluded_by_camera, warn_of_occluded
 from services.runs.take_silhouettes import TakeSilhouettes, read_moments, seen_of
+from services.runs.way_round import faces_other_way, turned_poses
 from services.segmentation.colour_classes import PIECES, ColourClasses, ColourLearner
 from services.segmentation.silhouettes import Moment, Segmenter, packed
 
@@ -101,6 +103,30 @@ def refine_take(
         names = [camera.name for camera in take.cameras]
         tables = dict(zip(names, colours.tables, strict=True)) if colours else {}
         return replace(refined, occluded=occluded, colour_tables=tables)
+
+
+def fit_other_way_round(
+    silhouettes: TakeSilhouettes, result: Path, n_frames: int, body: BodyName
+) -> TakeFit | None:
+    """A fit to poses that face the other way than those of a result, in n frames of the whole take; None if
+    those of the result fit better. Raises UserError if the result belongs to another take."""
+    take, search, found = silhouettes.take, SearchSettings(body=body), result_of(silhouettes.take, result)
+    rows = spread(np.zeros(len(found.tracked.frames), bool), n_frames)
+    frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
+    actor = found.actor.model_copy(update={"colours": {}})  # which were learnt from the wrong side
+    with kept_warnings() as warnings:
+        cameras, seen = seen_of(take, frames, silhouettes.segmenter, lambda _: None)
+        rig = Rig.of(cameras)
+        with model_on_cpu(actor, rig) as model:
+            if not faces_other_way(model, seen, poses, search):
+                return None
+            poses = turned_poses(model, seen, poses, search)
+        clock = Clock(lambda _stage, _share: None)
+        with clock.stage("fitting the actor") as progress:
+            start = in_best_skirt(actor, poses, rig, seen)
+            height_m = take.settings.actor_height
+            fit = fit_actor(rig, seen, start, poses, progress, body, height_m, apart=True)
+        return concluded(frames, cameras, seen, (actor, poses[0]), fit, clock.seconds, warnings)
 
 
 def look_over(

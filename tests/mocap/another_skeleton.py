@@ -51,7 +51,7 @@ from services.mocap.export.formats import FORMATS  # noqa: E402
 from services.mocap.fit.fitting import fit_actor  # noqa: E402
 from services.mocap.motion.smoothing import rts  # noqa: E402
 from services.mocap.search.chains import ALL_SURFACES, HEAD, LIMBS, TORSO  # noqa: E402
-from services.mocap.search.first_pose import _turned_round  # noqa: E402
+from services.mocap.search.first_pose import turned_round  # noqa: E402
 from services.mocap.search.model import Model  # noqa: E402
 from services.mocap.search.settings import SearchSettings  # noqa: E402
 from services.mocap.search.stages import whole_body_energy  # noqa: E402
@@ -142,7 +142,7 @@ def test_kinematics_turn_what_is_above_the_neck() -> None:
 def test_who_faces_the_other_way_nods_and_leans_the_other_way() -> None:
     pose = TRUTH[0].copy()
     pose[[*SKULL[2:], *FEET]] = 0.1, 0.2, 0.3
-    turned = _turned_round(pose)
+    turned = turned_round(pose)
     np.testing.assert_allclose(turned[SKULL], [-1, -1, 1] * pose[SKULL])
     np.testing.assert_allclose(turned[FEET], pose[FEET[::-1]])
 

@@ -66,7 +66,7 @@ def find_first_pose(
     # The opposite direction is searched as thoroughly: from its best start, and from the mirror image of the
     # best pose.
     away = [other.pose for other in found if _turned_away(other.pose, best.pose)][:1]
-    opposites = np.array([*away, _turned_round(best.pose)])
+    opposites = np.array([*away, turned_round(best.pose)])
     opposite = solve_frame(model, picture, opposites, settings.widened(), limbs)
     if not _turned_away(opposite.pose, best.pose):
         return FirstPose(min(best, opposite, key=_energy_px))
@@ -94,7 +94,7 @@ def _first_look(
     return solve_frame(model, picture, np.stack([start, pose]), one_pass, limbs)
 
 
-def _turned_round(pose: Floats) -> Floats:
+def turned_round(pose: Floats) -> Floats:
     """The pose (D,) that looks most alike from far away, facing the other way: left is right."""
     turned = pose.copy()
     for name, d in DOF_INDEX.items():
