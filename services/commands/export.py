@@ -20,7 +20,8 @@ def export(
     to: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="|".join(FORMATS), help="Format to write; may be repeated; by default the files of a run."
+            metavar="|".join(FORMATS),
+            help="Formats to write, separated by commas; may be repeated; by default the files of a run.",
         ),
     ] = None,
     out: Annotated[
@@ -37,9 +38,10 @@ def export(
     folder = out or result
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: is a file: expected a folder to write to")
-    names = tuple(map(_format, dict.fromkeys(to or DEFAULT_FORMATS)))
+    asked = [name for names in to for name in names.split(",")] if to else DEFAULT_FORMATS
+    formats = tuple(map(_format, dict.fromkeys(asked)))
     options = Options(naming=naming, unit=unit, rest=rest, take=take)
-    for path in write_formats(folder, load_result(result), names, options):
+    for path in write_formats(folder, load_result(result), formats, options):
         say(str(path))
 
 

@@ -31,7 +31,7 @@ from services.runs.fit import fit_take, init_frames
 from services.runs.fit_files import origin_of, uncertainty_of, write_fit
 from services.runs.refine import DEFAULT_REFINE_FRAMES, refine_take
 from services.runs.reporting import DRAWING_FROM, Show
-from services.runs.take_fit import TakeFit, frames_in_words
+from services.runs.take_fit import LEAST_USUAL_IOU, TakeFit, frames_in_words
 from services.runs.take_silhouettes import TakeSilhouettes
 
 EVERY_CORE = 0
@@ -153,6 +153,13 @@ def show_fit(found: TakeFit, take: Take, folder: Path) -> None:
         stdout.print(
             f"take.toml has actor_height = {told_m:.2f} m, the silhouettes give {height_m:.2f} m: "
             "check that number, or the scale of the calibration",
+            style="yellow",
+            soft_wrap=True,
+        )
+    if found.iou < LEAST_USUAL_IOU:
+        stdout.print(
+            f"body and silhouettes overlap less than usual ({found.iou:.2f}): if a limb is wrong in "
+            f"{folder / OVERLAY}, track the take, and fit again with --refine",
             style="yellow",
             soft_wrap=True,
         )

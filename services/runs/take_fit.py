@@ -18,6 +18,10 @@ from services.mocap.types import Bytes, Floats, Mask
 
 log = logging.getLogger(__name__)
 
+LEAST_USUAL_IOU = 0.82
+"""Overlap with the silhouettes in wide clothes. A body that overlaps less likely has a wrong pose: how far
+its measures are off is not known."""
+
 _SKIRT = (
     "the actor seems to wear a skirt or a coat that hangs %.0f cm under the hip joints: what the legs do in "
     "it is estimated from what is visible of them"
@@ -106,6 +110,6 @@ def concluded(
     if actor.skirt is not None:
         log.warning(_SKIRT, 100.0 * actor.skirt.length * actor.height)
     measures = measure(build_body(actor.wearing(None)))
-    if fit.shape_covariance is not None:
+    if fit.shape_covariance is not None and fit.after.iou.mean() >= LEAST_USUAL_IOU:
         measures = with_uncertainties(measures, actor, fit.shape_covariance)
     return TakeFit(frames, cameras, seen, *start, actor, fit, measures, seconds, warnings)

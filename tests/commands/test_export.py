@@ -55,6 +55,12 @@ def test_chosen_formats_go_where_they_are_wanted(folder: Path, tmp_path: Path) -
     assert {path.name for path in folder.iterdir()} == {"poses.csv", "actor.toml"}
 
 
+def test_formats_may_be_separated_by_commas(folder: Path, tmp_path: Path) -> None:
+    export(folder, "--to", "bvh,trc", "--to", "angles,bvh", "--out", tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"motion.bvh", "motion.trc", "angles.csv"}
+    assert refusal(folder, "--to", "bvh,trk") == "--to 'trk': unknown format: did you mean trc"
+
+
 def test_angles_have_their_unit_in_the_header(folder: Path) -> None:
     export(folder, "--to", "angles")
     columns = read_columns(folder / "angles.csv", ["frame", "time_s"], allow_extra=True)

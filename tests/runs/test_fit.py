@@ -19,6 +19,7 @@ from first_pose import say_first_pose
 from services import cli
 from services.commands import fit as fit_command
 from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.shape_space import vector_of
 from services.mocap.body.skeleton import DOF_INDEX, BodyName, pose_of_body
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
@@ -282,6 +283,19 @@ def test_the_command_writes_into_the_take(folder: Path, found: TakeFit, command:
         assert word in said
     assert said.index("IoU, all cameras") < said.index(ENERGY_IN_WORDS) < said.index(IOU_IN_WORDS)
     assert "was made or changed by hand" not in command(folder)
+
+
+@pytest.mark.parametrize(("iou", "is_poor"), [(0.80, True), (0.85, False)])
+def test_a_poor_fit_is_said_and_its_measures_have_no_deviation(
+    folder: Path, found: TakeFit, capsys: pytest.CaptureFixture[str], iou: float, is_poor: bool
+) -> None:
+    after = replace(found.fit.after, iou=np.full_like(found.fit.after.iou, iou))
+    covariance = 1e-4 * np.eye(len(vector_of(found.actor)))
+    fit = replace(found.fit, after=after, shape_covariance=covariance)
+    again = concluded(found.frames, found.cameras, found.seen, (found.start, found.start_pose), fit, {}, [])
+    assert all((row.uncertainty_cm is None) is is_poor for row in again.measures)
+    fit_command.show_fit(again, open_take(folder), folder)
+    assert ("body and silhouettes overlap less than usual (0.80)" in capsys.readouterr().out) is is_poor
 
 
 @pytest.mark.parametrize("body", get_args(BodyName))

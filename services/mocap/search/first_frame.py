@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.mocap.body.actor import Actor
+from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor
 from services.mocap.body.body_mesh import OwnMesh
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
@@ -32,6 +32,10 @@ log = logging.getLogger(__name__)
 
 _HEIGHT_RANGE_M = (0.7, 2.4)
 """Range of heights, from children to the tallest adults."""
+_LIES = (
+    "the actor is only %.2f m high in the first frame, and seems to lie or crawl: a height of %.2f m is "
+    "assumed: give actor_height in take.toml"
+)
 _HEIGHT_STEP = 0.03
 """First change of the height, as a share of it."""
 _LARGEST_STEPS = 5.0
@@ -141,10 +145,10 @@ def first_guess(
     told, unsure = told_actor(actor, hints, mesh), _unsure_shares(picture, rig, names)
     with unsure.blamed_first():
         actor = told or Actor(height=round(_plausible_height_m(hull), 3), mesh=mesh)
-    if not hull.suits(actor.height):
+    if not (hull.suits(actor.height) or hull.lies(actor.height)):
         sentence = (
-            f"the visual hull of the first frame is {hull.height_m:.2f} m high for an actor of "
-            f"{actor.height:.2f} m: check the scale of the calibration"
+            f"the actor, {actor.height:.2f} m tall, is {hull.height_m:.2f} m high in the first frame: check "
+            "the scale of the calibration"
         )
         log.warning("%s", unsure.before(sentence))
     model = made or model_of(actor, rig, engine)
@@ -167,12 +171,15 @@ def _unsure_shares(picture: Picture, rig: Rig, names: Sequence[str]) -> UnsureSh
 
 def _plausible_height_m(hull: Hull) -> float:
     low_m, high_m = _HEIGHT_RANGE_M
-    if not hull.may_be(low_m, high_m):
-        raise TakeError(
-            f"calibration.toml: the visual hull of the first frame is {hull.height_m:.2f} m high: "
-            "check that translations are in metres, or give actor_height in take.toml"
-        )
-    return min(max(hull.height_m, low_m), high_m)
+    if hull.may_be(low_m, high_m):
+        return min(max(hull.height_m, low_m), high_m)
+    if hull.lies(DEFAULT_HEIGHT_M):
+        log.warning(_LIES, hull.height_m, DEFAULT_HEIGHT_M)
+        return DEFAULT_HEIGHT_M
+    raise TakeError(
+        f"calibration.toml: what cameras see of the actor in the first frame is {hull.height_m:.2f} m high: "
+        "check that translations are in metres, or give actor_height in take.toml"
+    )
 
 
 def _first_pose(

@@ -80,6 +80,13 @@ class Hull:
         """Whether it may belong to an actor of this height, from crouching to arms raised."""
         return self.may_be(_CROUCHING * height_m, _ARMS_RAISED * height_m)
 
+    def lies(self, height_m: float) -> bool:
+        """Whether it may belong to an actor of this height who lies or crawls: it is long, and low."""
+        apart_m = self._firm_m[:, :2] - self.axis_world_m
+        _, directions = np.linalg.eigh(apart_m.T @ apart_m)
+        length_m = float(np.ptp(apart_m @ directions[:, -1]))
+        return self.height_m < _CROUCHING * height_m < length_m < _ARMS_RAISED * height_m
+
     def may_be(self, low_m: float, high_m: float) -> bool:
         """Whether the height is within a range, or may be because of unsure pixels."""
         most_m = float(self.points_world_m[:, 2].max()) - _bottom_m(self.points_world_m)

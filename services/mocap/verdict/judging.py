@@ -44,6 +44,12 @@ _LEAST_APART = 1e-3
 """Of one minus the IoU, which has four digits."""
 _LOW_IOU = 0.75
 """All cameras' typical IoU below which the body or the silhouettes are wrong; people in coats have 0.82."""
+_UNEXPLAINED = Cause(
+    what="no camera, no moment and no measure of the body stands out",
+    remedy="look at overlay.mp4: if the body is wrong from the first frame on, begin with another one "
+    "(--frames A:B); if the outlines are wrong, look at the silhouettes (xormocap segment)",
+    level="not usable",
+)
 _HEIGHT_OFF_M = 0.05
 _TALLEST_M, _SMALLEST_M = 2.1, 1.2
 """One adult in a million is taller; smaller people are children, who are measured less well."""
@@ -55,6 +61,8 @@ def verdict_of(result: Result) -> Verdict:
     causes = _causes_of(result, iou)
     lost_limbs = lost_limbs_of(result.distrusted, result.confidence)
     levels = [level_of(result.distrusted, lost_limbs, iou), *(cause.level for cause in causes)]
+    if max(levels, key=LEVELS.index) == LEVELS[-1] and all(cause.kind == "remark" for cause in causes):
+        causes = (_UNEXPLAINED, *causes)
     whole = PARTS.index(WHOLE_BODY)
     named = result.distrusted & ~result.distrusted[:, [whole]]  # a limb is not named beside the whole body
     named[:, whole] = result.distrusted[:, whole]

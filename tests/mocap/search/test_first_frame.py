@@ -5,18 +5,19 @@ import logging
 import numpy as np
 import pytest
 
-from services.mocap.body.actor import Actor, build_body
+from services.mocap.body.actor import DEFAULT_HEIGHT_M, Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions
 from services.mocap.body.skeleton import DOF_INDEX, SIDES
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes, pack, unpack
 from services.mocap.energy.cpu.backend import CpuBackend
 from services.mocap.energy.engine import open_engine
-from services.mocap.energy.picture import Region
+from services.mocap.energy.picture import Picture, Region
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.errors import TakeError
 from services.mocap.search.chains import ALL_SURFACES
-from services.mocap.search.first_frame import solve_first_frame
+from services.mocap.search.first_frame import first_guess, solve_first_frame
+from services.mocap.search.hull import Hull, carve
 from services.mocap.search.jobs import LocalLimbs
 from services.mocap.search.model import Model
 from services.mocap.search.settings import SearchSettings
@@ -135,6 +136,29 @@ def test_much_that_is_unsure_is_blamed_before_a_second_person() -> None:
     said = r"^silhouettes: \d\d% of the possible actor in camera 4 of 5 cannot be told .* two people close"
     with pytest.raises(TakeError, match=said):
         solve_first_frame(seen, RIG, None, _hints(facing=np.degrees(2.0)), _pool, CPU, SearchSettings())
+
+
+def test_somebody_who_lies_is_no_dwarf(caplog: pytest.LogCaptureFixture) -> None:
+    lying = _pose()
+    lying[2], lying[DOF_INDEX["root_pitch"]] = 0.15, -np.pi / 2
+    seen, usual = _silhouettes(lying), SearchSettings(search_limbs="never", max_passes=1)
+    hull, picture = carve(RIG, unpack(seen, RIG.n_cameras)), Picture.of_frame(RIG, TriPlanes.sure(seen))
+    assert hull.lies(HEIGHT_M)
+    assert not hull.lies(0.7 * HEIGHT_M / 2)
+    assert not carve(RIG, unpack(_silhouettes(_pose()), RIG.n_cameras)).lies(HEIGHT_M)
+    guess = first_guess(hull, picture, RIG, None, _hints(), _pool, CPU, usual, is_fitted_next=True)
+    assert guess.actor.height == DEFAULT_HEIGHT_M
+    assert "seems to lie or crawl: a height of 1.72 m is assumed" in caplog.text
+    assert "check the scale" not in caplog.text
+
+
+def test_a_small_world_is_refused() -> None:
+    """Somebody who stands and is half a metre high."""
+    hull = carve(RIG, unpack(_silhouettes(_pose()), RIG.n_cameras))
+    shrunk = Hull(0.3 * hull.points_world_m, hull.firm)
+    picture = Picture.of_frame(RIG, _seen())
+    with pytest.raises(TakeError, match=r"is 0\.5\d m high: check that translations are in metres"):
+        first_guess(shrunk, picture, RIG, None, _hints(), _pool, CPU, SearchSettings())
 
 
 def test_an_empty_stage_is_said() -> None:

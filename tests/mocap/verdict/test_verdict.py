@@ -100,6 +100,18 @@ def test_the_level_follows_from_marks_and_overlap(
     assert level_of(marked(**doubtful), lost_limbs, {"cam01": np.full(20, iou)}) == level
 
 
+def test_results_that_are_not_usable_have_a_cause(folder: Path) -> None:
+    (cause,) = judged(folder, dict.fromkeys(CAMERAS, np.full(16, 0.59))).causes
+    assert "overlap little in most cameras" in cause.what, "a cause that is known stands alone"
+    tracked = read_poses_csv(folder / "poses.csv")
+    assert tracked.marks is not None
+    lost = replace(tracked.marks, distrusted=np.ones((16, len(PARTS)), bool))
+    write_poses_csv(folder / "poses.csv", replace(tracked, marks=lost))
+    (cause,) = judged(folder).causes
+    assert cause.level == judged(folder).level == "not usable"
+    assert "look at overlay.mp4" in cause.remedy
+
+
 def test_limbs_that_may_be_lost_are_in_the_headline(folder: Path) -> None:
     verdict = judged(folder).model_copy(update={"lost_limbs": 0.046})
     assert verdict.headline.endswith("1 of 16 frames has doubtful parts; 5 % of arms and legs may be lost")
