@@ -76,7 +76,7 @@ def fit_and_track(
     take, own, warnings = job.take, None, list[str]()
     if mesh is not None:
         imported = import_mesh(mesh)
-        own, warnings = imported.mesh, imported.remarks
+        own, warnings = imported.mesh, list(imported.remarks)
     if not goes_on:
         command = f"xormocap fit {take.folder}{'' if mesh is None else f' --mesh {mesh}'}"
         say(f"the body is fitted for this run; {command} stores one in the take")
