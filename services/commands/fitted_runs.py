@@ -133,8 +133,11 @@ def track_again(
 
 
 def _right_way_round(job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any]) -> dict[str, Any]:
-    """The report, or that of another run forwards if the actor faces the other way than in the results."""
-    found = fit_other_way_round(silhouettes, job.out, DEFAULT_REFINE_FRAMES, job.search.body)
+    """The report, or that of another run forwards if the actor faces the other way than in the results and
+    take.toml does not say which way."""
+    found = None
+    if job.take.settings.beginning_at(job.frames.start).facing is None:
+        found = fit_other_way_round(silhouettes, job.out, DEFAULT_REFINE_FRAMES, job.search.body)
     if found is None:
         return report
     say(f"{job.out}: {_TURNED}")

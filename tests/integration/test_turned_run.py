@@ -87,6 +87,10 @@ def test_the_run_is_repeated_forwards_with_that_fit(
     )  # fmt: skip
     assert fitted_runs.track_again(job, silhouettes, report, is_asked_for=False) is report
     assert not jobs
+    told = replace(take, settings=take.settings.model_copy(update={"facing": 90.0}))
+    told_job = replace(job, out=turned, take=told, frames=range(6))
+    fitted_runs.track_again(told_job, silhouettes, report, is_asked_for=False)
+    assert not jobs, "take.toml says which way the actor faces"
     job = replace(job, out=turned)
     assert fitted_runs.track_again(job, silhouettes, report, is_asked_for=False) == {"speed": {"fps": 2.0}}
     assert [one.search.both_ways for one in jobs] == [False, False], "before the second fit, and after it"
