@@ -38,7 +38,7 @@ def export(
     folder = out or result
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: is a file: expected a folder to write to")
-    asked = [name for names in to for name in names.split(",")] if to else DEFAULT_FORMATS
+    asked = [name.strip() for names in to for name in names.split(",")] if to else DEFAULT_FORMATS
     formats = tuple(map(_format, dict.fromkeys(asked)))
     options = Options(naming=naming, unit=unit, rest=rest, take=take)
     for path in write_formats(folder, load_result(result), formats, options):

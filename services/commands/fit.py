@@ -1,6 +1,7 @@
 """`xormocap fit`: the actor's shape and first poses, with a bar, and what came of it in numbers."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeAlias
@@ -11,7 +12,7 @@ from rich.markup import escape
 from services.commands.checks import CheckOption, blamed_first, in_view, look_before, not_told
 from services.commands.consoles import TakeFolder, progress_bar, say, stdout, table_of, warn
 from services.mocap.body.own_mesh.mesh_import import import_mesh
-from services.mocap.errors import UserError
+from services.mocap.errors import TakeError, UserError
 from services.mocap.result.words import ENERGY_IN_WORDS, IOU_IN_WORDS
 from services.mocap.search.overrides import search_settings
 from services.mocap.take.actor_file import check_place, take_actor, write_actor
@@ -111,8 +112,10 @@ def fit(
 
 def _check_not_refined(take: Take) -> None:
     """Raise UserError if the take's body was fitted to frames of the whole take, which is better."""
-    actor = take_actor(take)
-    if actor is not None and was_refined(take.folder / FIT_FOLDER, actor):
+    actor, is_refined = take_actor(take), None
+    with suppress(TakeError):  # a record that cannot be read is replaced
+        is_refined = None if actor is None else was_refined(take.folder / FIT_FOLDER, actor)
+    if is_refined:
         raise UserError(
             f"{take.folder / ACTOR}: was fitted to frames of the whole take, and is better than a fit to the "
             "first ones: keep it and give --out, or replace it with --force"

@@ -2,6 +2,7 @@
 
 import shutil
 import tempfile
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,11 +18,12 @@ from services.mocap.body.measures import measure
 from services.mocap.body.own_mesh.mesh_import import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.export.formats import FormatName, write_defaults
-from services.mocap.result.layout import CORRECTED_FRAMES, journal_of
+from services.mocap.result.layout import CORRECTED_FRAMES, RUN_JSON, journal_of
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor, take_actor
-from services.mocap.take.fit_record import FIT_FOLDER
-from services.mocap.take.layout import ACTOR
+from services.mocap.take.fit_record import FIT_FOLDER, read_record
+from services.mocap.take.layout import ACTOR, SETTINGS
+from services.mocap.take.segmenter_name import READY
 from services.runs.fit import DEFAULT_INIT_FRAMES, ROUGH_INIT_FRAMES, fit_take, init_frames
 from services.runs.fit_files import write_fit
 from services.runs.progress import Progress as Run
@@ -29,6 +31,7 @@ from services.runs.refine import DEFAULT_REFINE_FRAMES, fit_other_way_round, ref
 from services.runs.take_silhouettes import TakeSilhouettes
 from services.runs.track import TakeJob
 from services.runs.track import track as track_take
+from services.segmentation.segmenters import chosen_segmenter
 
 _TURNED = "the actor faces the other way, left was taken for right: tracked again"
 _AS_IT_IS = "a second fit, to frames of the whole take, left the body as it is"
@@ -100,25 +103,33 @@ def fit_and_track(
 def track_given(job: TakeJob, *, goes_on: bool) -> dict[str, Any]:
     """Track with the body and first poses of job.fitted, or else of the take; goes_on: as in
     fit_and_track."""
-    if not goes_on:
-        return track_with_bar(job, [])
-    job, actor = forwards(job), take_actor(job.take)
-    if job.fitted is None and actor is not None and (report := _tracked_before(job, actor)):
+    record = read_record(job.fitted or job.take.folder / FIT_FOLDER)
+    if goes_on and (record is None or record.first_frame <= job.frames.start):
+        job = forwards(job)
+    actor = take_actor(job.take) if goes_on and job.fitted is None else None
+    if actor is not None and (report := _tracked_before(job, actor)):
         return report
     return track_with_bar(job, [])
 
 
 def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
-    """The run.json of this job's first run, if its results are there and the second run's journal too."""
+    """The run.json of this job's first run, if its results are there and the second run's journal too, and
+    the take has not changed since."""
     if not journal_of(job.out).exists():
         return {}
+    segmenter = chosen_segmenter(job.take, job.segmenter)
+    inputs = (job.take.folder / SETTINGS, *job.take.inputs(from_videos=segmenter != READY))
     try:
         found = load_result(job.out)
     except UserError:
         return {}
-    asked = (actor, list(job.frames), job.search.model_dump(mode="json"))
+    written_ns = (job.out / RUN_JSON).stat().st_mtime_ns
+    if any(path.stat().st_mtime_ns > written_ns for path in inputs):
+        return {}
+    asked = (actor, list(job.frames), job.search.model_dump(mode="json"), segmenter)
     settings = found.run.get("settings", {}).get("search")
-    return found.run if asked == (found.actor, found.frames.tolist(), settings) else {}
+    was = (found.actor, found.frames.tolist(), settings, chosen_segmenter(job.take, found.segmenter))
+    return found.run if asked == was else {}
 
 
 def track_again(
@@ -134,10 +145,11 @@ def track_again(
 
 def _right_way_round(job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any]) -> dict[str, Any]:
     """The report, or that of another run forwards if the actor faces the other way than in the results and
-    take.toml does not say which way."""
-    found = None
-    if job.take.settings.beginning_at(job.frames.start).facing is None:
-        found = fit_other_way_round(silhouettes, job.out, DEFAULT_REFINE_FRAMES, job.search.body)
+    take.toml does not say which way, or what his first pose is."""
+    hints, found = job.take.settings.beginning_at(job.frames.start), None
+    if hints.facing is None and not hints.initial_pose:
+        with suppress(UserError):  # some frame shows nobody, or a mistake in the take
+            found = fit_other_way_round(silhouettes, job.out, DEFAULT_REFINE_FRAMES, job.search)
     if found is None:
         return report
     say(f"{job.out}: {_TURNED}")
@@ -185,7 +197,7 @@ def _refined(
     rows = zip(*(measure(build_body(actor.wearing(None))) for actor in (before, found.actor)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
     changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
-    stored = f"xormocap fit {job.take.folder} --refine {job.out} stores such a body in the take"
+    stored = f"xormocap fit {job.take.folder} --refine {job.out} stores this body in the take"
     say(f"the body was fitted again, to frames of the whole take; {changed}; {stored}")
     return report
 

@@ -50,20 +50,19 @@ def sync(
     found = find_offsets(touches_of(cameras, outlines), len(cameras), reach, width_px)
     is_sure = found.confidence >= _LEAST_CONFIDENCE
     stdout.print(_table(opened, found, is_sure))
-    _report(stated, found, is_sure)
-    if write and is_sure.all():
+    if not _in_step(stated, found, is_sure) and write:
         _write(opened, found)
 
 
-def _report(take: Take, found: TimeOffsets, is_sure: Mask) -> None:
-    """Say which cameras are in step with the take's present offsets, and which are undetermined.
+def _in_step(take: Take, found: TimeOffsets, is_sure: Mask) -> bool:
+    """Whether the cameras are in step with the take's present offsets; says so, and which are undetermined.
 
     is_sure: (C,) whether a camera's offset is determined. Raises UserError if some are not, and the others
     are not in step.
     """
     names = np.array([camera.name for camera in take.cameras])
-    wrong = (found.offsets - [take.settings.offset(name) for name in names])[is_sure]
-    is_in_step = len(wrong) > 1 and bool(np.ptp(wrong) <= STEP)
+    lead_frames = (found.offsets - [take.settings.offset(name) for name in names])[is_sure]
+    is_in_step = len(lead_frames) > 1 and bool(np.ptp(lead_frames) <= STEP)
     if not is_sure.all():
         undetermined = (
             f"{take.folder}: silhouettes do not determine the offsets of {', '.join(names[~is_sure])}: "
@@ -75,9 +74,10 @@ def _report(take: Take, found: TimeOffsets, is_sure: Mask) -> None:
         warn([undetermined])
     if is_in_step:
         say(
-            f"{take.folder}: {len(wrong)} cameras are in step, to half a frame: nothing needs to be done for "
-            "them"
+            f"{take.folder}: {len(lead_frames)} cameras are in step, to half a frame: nothing needs to be "
+            "done for them"
         )
+    return is_in_step
 
 
 def _write(take: Take, found: TimeOffsets) -> None:

@@ -54,7 +54,8 @@ def track(
         bool,
         typer.Option(
             "--fit/--no-fit",
-            help="If the take has no actor.toml: fit the actor, or only scale the generic body.",
+            help="If the take has no actor.toml: fit the actor, or only scale the generic body. With "
+            "--no-fit a stored body stays as it is.",
         ),
     ] = True,
     fitted: Annotated[
@@ -67,7 +68,7 @@ def track(
         typer.Option(
             "--refine/--no-refine",
             help="First track forwards only, and fit the body again to frames of the whole take; by default "
-            "if it was fitted to the first frames only and the take is long enough.",
+            "if this run or xormocap fit fitted it to the first frames only, and the take is long enough.",
         ),
     ] = None,
     smooth: options.SmoothOption = options.DEFAULT_OUTPUT.smooth,
@@ -115,7 +116,9 @@ def track(
             job = replace(job, checks=look_before(silhouettes, job.frames))
         actor = take_actor(opened) if fitted is None else None
         fits = mesh is not None or (fitted is None and fit_first and actor is None)
-        is_rough = fit_first and actor is not None and was_refined(take / FIT_FOLDER, actor) is False
+        is_rough = False
+        if fit_first and mesh is None and refine is None and actor is not None:
+            is_rough = was_refined(take / FIT_FOLDER, actor) is False
         enough = _WORTH_REFINING * len(init_frames(opened))
         again = refine if refine is not None else (fits or is_rough) and len(job.frames) >= enough
         say(ENERGY_IN_WORDS, stderr)  # which the bars show

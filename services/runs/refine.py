@@ -106,12 +106,18 @@ def refine_take(
 
 
 def fit_other_way_round(
-    silhouettes: TakeSilhouettes, result: Path, n_frames: int, body: BodyName
+    silhouettes: TakeSilhouettes, result: Path, n_frames: int, search: SearchSettings
 ) -> TakeFit | None:
-    """A fit to poses that face the other way than those of a result, in n frames of the whole take; None if
-    those of the result fit better. Raises UserError if the result belongs to another take."""
-    take, search, found = silhouettes.take, SearchSettings(body=body), result_of(silhouettes.take, result)
-    rows = spread(np.zeros(len(found.tracked.frames), bool), n_frames)
+    """A fit to poses that face the other way than those of a result, in n frames of the whole take in which
+    the body is not lost; None if those of the result fit better.
+
+    search: that of the result. Raises UserError if the result belongs to another take, or its silhouettes
+    make no sense.
+    """
+    take, found = silhouettes.take, result_of(silhouettes.take, result)
+    rows = spread(found.distrusted[:, _TORSO], n_frames)
+    if len(rows) < LEAST_FRAMES:
+        return None
     frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
     actor = found.actor.model_copy(update={"colours": {}})  # which were learnt from the wrong side
     with kept_warnings() as warnings:
@@ -125,7 +131,7 @@ def fit_other_way_round(
         with clock.stage("fitting the actor") as progress:
             start = in_best_skirt(actor, poses, rig, seen)
             height_m = take.settings.actor_height
-            fit = fit_actor(rig, seen, start, poses, progress, body, height_m, apart=True)
+            fit = fit_actor(rig, seen, start, poses, progress, search.body, height_m, apart=True)
         return concluded(frames, cameras, seen, (actor, poses[0]), fit, clock.seconds, warnings)
 
 

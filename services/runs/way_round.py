@@ -3,7 +3,7 @@
 A fit tries both ways by the first frames. After a first run, frames of the whole take tell it once more.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +34,6 @@ _TRIED = 5
 _PERHAPS = 1.8
 """Poses that are only aligned once they are turned round have at least 2.2 times the energy where the run
 faced the right way (eleven takes), and 1.3 times where it did not."""
-_ALIGNED = SearchSettings(search_limbs="never")
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +88,7 @@ def tracked_px(rig: Rig, seen: Sequence[TriPlanes], fit: Fit, search: SearchSett
 
 def turned_poses(model: Model, seen: TriPlanes, poses: Floats, search: SearchSettings) -> Floats:
     """Poses (F, D) of a body that faces the other way, searched in frames `seen` (F, P, H, W)."""
-    found = (_turned(model, seen[k], pose, search) for k, pose in enumerate(poses))
+    found = (_solved(model, seen[k], turned_round(pose), search) for k, pose in enumerate(poses))
     return np.array([solution.pose for solution in found])
 
 
@@ -99,19 +98,18 @@ def faces_other_way(model: Model, seen: TriPlanes, poses: Floats, search: Search
 
     In eleven right runs, the turned body had at least 1.5 times the energy; in a wrong one, 0.8 times.
     """
-    some = evenly(len(poses), _TRIED).tolist()
-    limbs = LocalLimbs(model)
-    given_px = sum(
-        solve_frame(model, Picture.of_frame(model.rig, seen[k]), poses[k][None], _ALIGNED, limbs).energy_px
-        for k in some
-    )
+    some, aligned = evenly(len(poses), _TRIED), search.model_copy(update={"search_limbs": "never"})
 
-    def turned_px(settings: SearchSettings) -> float:
-        return sum(_turned(model, seen[k], poses[k], settings).energy_px for k in some)
+    def sum_px(starts: Iterable[Floats], settings: SearchSettings) -> float:
+        return sum(
+            _solved(model, seen[k], start, settings).energy_px for k, start in zip(some, starts, strict=True)
+        )
 
-    return turned_px(_ALIGNED) < _PERHAPS * given_px and turned_px(search) < given_px
+    given, turned = poses[some], [turned_round(pose) for pose in poses[some]]
+    given_px = sum_px(given, aligned)
+    return sum_px(turned, aligned) < _PERHAPS * given_px and sum_px(turned, search) < given_px
 
 
-def _turned(model: Model, seen: TriPlanes, pose: Floats, settings: SearchSettings) -> FrameSolution:
+def _solved(model: Model, seen: TriPlanes, start: Floats, settings: SearchSettings) -> FrameSolution:
     picture = Picture.of_frame(model.rig, seen)
-    return solve_frame(model, picture, turned_round(pose)[None], settings, LocalLimbs(model))
+    return solve_frame(model, picture, start[None], settings, LocalLimbs(model))

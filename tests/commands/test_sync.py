@@ -70,11 +70,11 @@ def test_offsets_of_up_to_ten_frames_are_found_and_read(take: Path, recorded: Pa
 
 
 def test_a_take_in_step_stays_as_it_is(take: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (take / "take.toml").read_text().replace(f"frames = {FRAMES}", f"frames = {FRAMES - 3}")
+    (take / "take.toml").write_text(text)
     sync(take, reach=10, write=True)
     assert "walk: 5 cameras are in step, to half a frame: nothing needs to be done" in capsys.readouterr().out
-    settings = read_take_file(take / "take.toml")
-    assert set(settings.offsets.values()) == {0}
-    assert settings.frames == FRAMES
+    assert (take / "take.toml").read_text() == text
 
 
 def hide_the_actor_from(take: Path, camera: str) -> None:

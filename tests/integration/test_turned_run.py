@@ -1,9 +1,12 @@
 """A run in which the actor faces the other way than he does: it is noticed, and repeated."""
 
+import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -13,7 +16,8 @@ from services.commands import fitted_runs
 from services.mocap.body.actor import build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.energy.settings import EngineSettings
-from services.mocap.result.layout import POSES
+from services.mocap.errors import UserError
+from services.mocap.result.layout import POSES, RUN_JSON, journal_of, partial_of
 from services.mocap.result.result import load_result
 from services.mocap.search.first_pose import turned_round
 from services.mocap.search.settings import SearchSettings
@@ -52,11 +56,11 @@ def turned(right: Path, tmp_path: Path) -> Path:
 
 
 def test_results_that_face_the_right_way_stay(take: Take, right: Path) -> None:
-    assert fit_other_way_round(TakeSilhouettes(take), right, _N_FRAMES, "anatomical") is None
+    assert fit_other_way_round(TakeSilhouettes(take), right, _N_FRAMES, SearchSettings()) is None
 
 
 def test_others_are_fitted_the_right_way_round(take: Take, right: Path, turned: Path) -> None:
-    found = fit_other_way_round(TakeSilhouettes(take), turned, _N_FRAMES, "anatomical")
+    found = fit_other_way_round(TakeSilhouettes(take), turned, _N_FRAMES, SearchSettings())
     assert found is not None
     result = load_result(right)
     rows = np.searchsorted(result.frames, found.frames)
@@ -91,7 +95,35 @@ def test_the_run_is_repeated_forwards_with_that_fit(
     told_job = replace(job, out=turned, take=told, frames=range(6))
     fitted_runs.track_again(told_job, silhouettes, report, is_asked_for=False)
     assert not jobs, "take.toml says which way the actor faces"
+    nobody = Mock(side_effect=UserError("nobody is visible"))
+    with monkeypatch.context() as patched:
+        patched.setattr(fitted_runs, "fit_other_way_round", nobody)
+        assert fitted_runs.track_again(job, silhouettes, report, is_asked_for=False) is report
+        assert nobody.call_count == 2
     job = replace(job, out=turned)
     assert fitted_runs.track_again(job, silhouettes, report, is_asked_for=False) == {"speed": {"fps": 2.0}}
     assert [one.search.both_ways for one in jobs] == [False, False], "before the second fit, and after it"
     assert "the actor faces the other way" in " ".join(capfd.readouterr().out.split())
+
+
+def test_an_interrupted_second_run_repeats_the_first_one_only_if_the_take_has_changed(
+    exact_take: Path, right: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, out = tmp_path / "walk", tmp_path / "out"
+    shutil.copytree(exact_take, folder)
+    shutil.copytree(right, out)
+    partial_of(out).mkdir()
+    journal_of(out).touch()
+    search = SearchSettings(both_ways=False)
+    run = json.loads((out / RUN_JSON).read_text()) | {"settings": {"search": search.model_dump(mode="json")}}
+    (out / RUN_JSON).write_text(json.dumps(run))
+    monkeypatch.setattr(fitted_runs, "track_with_bar", lambda *_: {"speed": {"fps": 2.0}})
+    job = TakeJob(
+        out=out, workers=0, engine=EngineSettings(), search=search, take=open_take(folder),
+        frames=range(14, 20), overlay=False,
+    )  # fmt: skip
+    assert fitted_runs.track_given(job, goes_on=True) == run
+    picture = next((folder / "silhouettes").rglob("*.png"))
+    later_ns = (out / RUN_JSON).stat().st_mtime_ns + 1_000_000_000
+    os.utime(picture, ns=(later_ns, later_ns))
+    assert fitted_runs.track_given(job, goes_on=True) == {"speed": {"fps": 2.0}}

@@ -33,9 +33,7 @@ def remarks_on(cameras: Sequence[Camera], *, is_floor_known: bool = True) -> lis
         if is_floor_known and camera.centre_world_m[2] < _UNDERGROUND_M
     ]
     upward = np.array([-camera.R_camera_world[1, 2] for camera in cameras])
-    if (
-        is_floor_known and np.median(upward) < _LEVEL
-    ):  # all of them: then rather the origin's board is not on the floor
+    if is_floor_known and np.median(upward) < _LEVEL:  # rather the origin's board is not on the floor
         remarks.append(
             "most cameras are tilted by more than 60 degrees against the floor: check that the board at "
             "the origin lay flat on the floor, print up, and that the pictures are upright"
