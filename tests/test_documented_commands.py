@@ -227,8 +227,7 @@ def test_from_a_board_and_two_cameras_to_a_take(
     ]
     take = open_take(folder / "my-take")
     assert [camera.name for camera in take.cameras] == ["cam01", "cam02"]
-    assert set(take.settings.offsets) == {"cam01", "cam02"}
-    assert max(take.settings.offsets.values()) <= 1, "two cameras and three seconds determine no more"
+    assert max(take.settings.offsets.values(), default=0) <= 1, "none if sync found them in step"
     assert all((folder / f"my-take/background/{camera.name}.mp4").is_file() for camera in take.cameras)
     for file, words in (("calibration.toml", ran[1]), ("my-take/calibration.toml", ran[-1])):
         square_m = float(words.split("--square ")[1].split()[0])
