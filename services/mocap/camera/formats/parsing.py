@@ -20,7 +20,9 @@ def has_suffix(path: Path, suffixes: tuple[str, ...]) -> bool:
 
 def files_in(path: Path, suffixes: tuple[str, ...]) -> list[Path]:
     """A file, whatever its suffix, or those in a folder that have one of the suffixes."""
-    return sorted(file for file in path.iterdir() if has_suffix(file, suffixes)) if path.is_dir() else [path]
+    if not path.is_dir():
+        return [path]
+    return sorted(file for file in path.iterdir() if file.is_file() and has_suffix(file, suffixes))
 
 
 def has_files(path: Path, suffixes: tuple[str, ...]) -> bool:
