@@ -1,5 +1,6 @@
 """Takes that cannot be tracked end in one sentence, exit code 2, and nothing left behind."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -17,8 +18,11 @@ def _cut_tail(path: Path) -> None:
     path.write_bytes(data[: len(data) // 2])
 
 
-def _shorten(take: Path) -> None:
+def _lengthen(take: Path) -> None:
+    """One video; take.toml does not say how many frames are to be used."""
     shutil.copy(take / "background" / "cam02.mp4", take / "videos" / "cam02.mp4")
+    path = take / "take.toml"
+    path.write_text(re.sub(r"(?m)^frames = .*\n", "", path.read_text()))
 
 
 def _mirror(take: Path) -> None:
@@ -45,7 +49,7 @@ def _empty_png(take: Path) -> None:
     [
         (lambda take: (take / "videos" / "cam04.mp4").unlink(), "videos/cam04.mp4"),
         (_mirror, "[cam01] rotation"),
-        (_shorten, "videos/cam02.mp4"),
+        (_lengthen, "but cam02.mp4 has 30"),
         (lambda take: _cut_tail(take / "videos" / "cam05.mp4"), "videos/cam05.mp4"),
         (_empty_png, "silhouettes/cam03/000002.png"),
         (_add_field, "facign"),

@@ -215,7 +215,7 @@ def test_a_body_that_was_fitted_to_first_frames_is_fitted_again_and_an_interrupt
     assert len(read_poses_csv(out / "fit" / "poses.csv").frames) == 3
     said = " ".join(capfd.readouterr().out.split())
     assert "the body was fitted again, to frames of the whole take; most changed: " in said
-    assert f"xormocap fit {strange_take} --refine {out} stores such a body in the take" in " ".join(
+    assert f"xormocap fit {strange_take} --refine {out} stores this body in the take" in " ".join(
         said.split()
     )
 
