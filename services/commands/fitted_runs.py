@@ -18,7 +18,7 @@ from services.mocap.body.measures import measure
 from services.mocap.body.own_mesh.mesh_import import import_mesh
 from services.mocap.errors import UserError
 from services.mocap.export.formats import FormatName, write_defaults
-from services.mocap.result.layout import CORRECTED_FRAMES, RUN_JSON, journal_of
+from services.mocap.result.layout import CORRECTED_FRAMES, POSES, journal_of
 from services.mocap.result.result import load_result
 from services.mocap.take.actor_file import read_actor, take_actor
 from services.mocap.take.fit_record import FIT_FOLDER, read_record
@@ -33,7 +33,7 @@ from services.runs.track import TakeJob
 from services.runs.track import track as track_take
 from services.segmentation.segmenters import chosen_segmenter
 
-_TURNED = "the actor faces the other way, left was taken for right: tracked again"
+_TURNED = "the actor faces the other way, left was taken for right: tracking again"
 _AS_IT_IS = "a second fit, to frames of the whole take, left the body as it is"
 
 
@@ -121,15 +121,15 @@ def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
     inputs = (job.take.folder / SETTINGS, *job.take.inputs(from_videos=segmenter != READY))
     try:
         found = load_result(job.out)
+        made_by = chosen_segmenter(job.take, found.segmenter)
     except UserError:
         return {}
-    written_ns = (job.out / RUN_JSON).stat().st_mtime_ns
+    written_ns = (job.out / POSES).stat().st_mtime_ns
     if any(path.stat().st_mtime_ns > written_ns for path in inputs):
         return {}
     asked = (actor, list(job.frames), job.search.model_dump(mode="json"), segmenter)
     settings = found.run.get("settings", {}).get("search")
-    was = (found.actor, found.frames.tolist(), settings, chosen_segmenter(job.take, found.segmenter))
-    return found.run if asked == was else {}
+    return found.run if asked == (found.actor, found.frames.tolist(), settings, made_by) else {}
 
 
 def track_again(
@@ -145,7 +145,7 @@ def track_again(
 
 def _right_way_round(job: TakeJob, silhouettes: TakeSilhouettes, report: dict[str, Any]) -> dict[str, Any]:
     """The report, or that of another run forwards if the actor faces the other way than in the results and
-    take.toml does not say which way, or what his first pose is."""
+    take.toml says neither which way nor what the first pose is."""
     hints, found = job.take.settings.beginning_at(job.frames.start), None
     if hints.facing is None and not hints.initial_pose:
         with suppress(UserError):  # some frame shows nobody, or a mistake in the take

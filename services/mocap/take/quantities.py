@@ -3,8 +3,8 @@
 To add a quantity, add a row here and the line that puts its numbers into `FrameSolution.measured` under the
 row's name (usually in `FrameSolution.note_shares`, which every search calls). The pose message and the
 journal carry them; the results' files and the viewer's page list them; the tables of README.md and
-PROTOCOL.md are tested against these rows. What follows from neighbouring frames, such as a speed, no frame
-knows: it is a further column, which `PoseTable.of` (tables.py) adds.
+PROTOCOL.md are tested against these rows. What takes several frames to tell, such as a speed, is no row here,
+but a column that `PoseTable.of` (tables.py) adds.
 
 Numbers are not negative: the pose message refuses one that is, and without a message it counts as unknown.
 Give two magnitudes instead of a signed number. poses.csv leaves out a column that any of its frames lacks.
