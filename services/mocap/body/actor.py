@@ -19,6 +19,7 @@ from services.mocap.body.profiles import SECTIONS, SHAPED_BY, Profile, check_pro
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
 from services.mocap.body.skeleton_table import PELVIS, THIGH
 from services.mocap.body.surface import volume_m3
+from services.mocap.errors import FrozenModel
 from services.mocap.types import Bytes, Floats, Ints
 
 DEFAULT_HEIGHT_M = 1.72
@@ -33,10 +34,8 @@ _HIP_DEPTH_HEIGHTS = 0.056
 _NO_CLOTH: tuple[Floats, ...] = (np.zeros((0, 3)),) * len(CLOTH_FRAMES)
 
 
-class MeshName(BaseModel):
+class MeshName(FrozenModel):
     """The table in actor.toml that names an own mesh."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     file: str = Field(pattern=r"^[^/\\]{1,100}$", description="the name of a file next to actor.toml")
     sha256: str = Field(pattern="^[0-9a-f]{64}$", description="that file's SHA-256, 64 hexadecimal digits")

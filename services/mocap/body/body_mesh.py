@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from services.mocap.body import shape_profiles
 from services.mocap.body.bones import BONES
@@ -22,6 +22,7 @@ from services.mocap.body.kinematics import CLOTH_FRAMES
 from services.mocap.body.shape_loft import loft_mesh
 from services.mocap.body.skeleton import JOINTS, SEGMENT_NAMES, SEGMENTS
 from services.mocap.body.surface import is_closed
+from services.mocap.errors import FrozenModel
 from services.mocap.types import Floats, Ints
 
 # Gives about 21,400 triangles in all, as many as the model of Theobalt et al. 2003 has.
@@ -129,13 +130,11 @@ def generic_mesh() -> BodyMesh:
     return BodyMesh(generic_segments(), offsets_heights, lengths_heights)
 
 
-class Skirt(BaseModel):
+class Skirt(FrozenModel):
     """What of a skirt or a coat covers the legs: a cone that hangs about them, and webs between them.
 
     Without webs (cloth_frames.py), legs would be searched at the outline of the cloth.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     length: float = Field(
         ge=0.05, le=0.5, description="from the hip joints to the hem, 0.05 to 0.5 body heights"

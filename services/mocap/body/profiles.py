@@ -11,12 +11,12 @@ from functools import lru_cache
 from math import comb
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
 from services.mocap.body.body_mesh import SegmentMesh
 from services.mocap.body.bones import smoothstep
 from services.mocap.body.segment_row import Section
 from services.mocap.body.skeleton_table import ROWS
+from services.mocap.errors import FrozenModel
 from services.mocap.types import Floats, Ints
 
 FACTOR_RANGE = (0.3, 3.0)
@@ -26,10 +26,8 @@ _FORMS_KEPT = 128
 """Number of cached segment forms."""
 
 
-class Profile(BaseModel):
+class Profile(FrozenModel):
     """Factors on a segment's extent across its bone, 1 being the generic body at the actor's height."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     width: tuple[float, ...] = (1.0,)
     """At control points along the bone, from side to side of the body (see SECTIONS for arms and hands)."""

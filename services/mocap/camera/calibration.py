@@ -9,12 +9,12 @@ from typing import Annotated, Literal, TypeAlias
 import cv2
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
 from services.mocap.atomic import atomic_file, atomic_folder
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
-from services.mocap.errors import CalibrationError, in_short, load_toml, validated
+from services.mocap.errors import CalibrationError, StrictModel, in_short, load_toml, validated
 from services.mocap.types import Floats
 
 Up: TypeAlias = Literal["y", "z"]
@@ -29,10 +29,8 @@ _LARGEST_STUDIO_M = 100.0
 _EXPORT_AGAIN = "export it again from the calibration tool as a rotation from world to camera"
 
 
-class _CameraTable(BaseModel):
+class _CameraTable(StrictModel):
     """One camera's table; a description states a field's valid values."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
     name: str = Field(
         pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$", description="a name that can be a file's name"

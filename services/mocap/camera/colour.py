@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from services.mocap.atomic import atomic_file
-from services.mocap.errors import CalibrationError, in_short, load_toml, nearest, validated
+from services.mocap.errors import CalibrationError, StrictModel, in_short, load_toml, nearest, validated
 from services.mocap.types import Bytes, Floats
 
 _MOST = 65535
@@ -58,9 +58,7 @@ class ColourCorrection:
 _Four = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
+class _Table(StrictModel):
     matrix: list[_Four] = Field(
         min_length=3, max_length=3, description="3 rows of 4 finite numbers, to linear red, green and blue"
     )

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from services.mocap.camera.camera import Camera
+from services.mocap.errors import FrozenModel
 from services.mocap.types import Floats, Ints
 
 
@@ -61,10 +62,9 @@ _Row = tuple[_Number, _Number, _Number, _Number]
 _Pixels = Annotated[int, Field(ge=1, le=16384)]
 
 
-class _RigFields(BaseModel):
+class _RigFields(FrozenModel):
     """The rig's text, checked."""
 
-    model_config = ConfigDict(extra="forbid")
     P_px_world: list[tuple[_Row, _Row, _Row]]
     sizes_px: list[tuple[_Pixels, _Pixels]]
 

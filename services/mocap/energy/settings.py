@@ -2,16 +2,16 @@
 
 from typing import Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from services.mocap.errors import FrozenModel
 
 Choice: TypeAlias = Literal["auto", "gl", "cpu", "paper"]
 MOST_THREADS = 1024
 
 
-class EngineSettings(BaseModel):
+class EngineSettings(FrozenModel):
     """A choice of backend; the same for all processes of a run unless their own options say otherwise."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     backend: Choice = Field(default="auto", description="one of auto, gl, cpu, paper")
     """auto: gl where there is hardware OpenGL, else cpu; paper: the profile of the paper, for its tables."""
