@@ -14,11 +14,11 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_serial
 from services.mocap.body.body_mesh import BodyMesh, OwnMesh, SegmentMesh, Skirt, generic_mesh, with_skirt
 from services.mocap.body.bones import BONES, scales_across, stretched_offsets, trunk_ratios, trunk_widening
 from services.mocap.body.colours import check_colours, class_table
-from services.mocap.body.kinematics import CLOTH_FRAMES, N_DOF, segment_transforms
+from services.mocap.body.kinematics import CLOTH_FRAMES, N_DOF, segment_transforms, surface_transforms
 from services.mocap.body.profiles import SECTIONS, SHAPED_BY, Profile, check_profiles, factors_along
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, SEGMENTS
 from services.mocap.body.skeleton_table import PELVIS, THIGH
-from services.mocap.body.surface import volume_m3
+from services.mocap.body.surface import MIRROR, as_one, moved, volume_m3
 from services.mocap.errors import FrozenModel
 from services.mocap.types import Bytes, Floats, Ints
 
@@ -28,7 +28,6 @@ MESH_FILE = "actor_mesh.npz"
 """File name of an own mesh, next to actor.toml."""
 _SHAPES_KEPT = 64
 """Shapes of single segments that are kept: those of a body, and of its neighbours in the space of shapes."""
-_MIRROR = np.array([1.0, -1.0, 1.0])
 _HIP_DEPTH_HEIGHTS = 0.056
 """How deep the generic body's hip joints lie behind the front of the thighs."""
 _NO_CLOTH: tuple[Floats, ...] = (np.zeros((0, 3)),) * len(CLOTH_FRAMES)
@@ -154,11 +153,14 @@ class Body:
     def shown(self) -> tuple[tuple[Floats, Ints], ...]:
         """Vertices (V, 3) and faces (F, 3) of the segments, for what moves no cloth: a skirt's cone is part
         of the pelvis, the webs between the legs are left out."""
-        meshes, cone_m = list(zip(self.vertices_m, self.faces, strict=True)), self.cloth_m[0]
-        pelvis_m, faces = meshes[SEGMENT_INDEX["pelvis"]]
-        cone_faces = self.mesh.cloth[0].faces + len(pelvis_m)
-        meshes[SEGMENT_INDEX["pelvis"]] = np.vstack([pelvis_m, cone_m]), np.vstack([faces, cone_faces])
+        meshes, pelvis = list(zip(self.vertices_m, self.faces, strict=True)), SEGMENT_INDEX["pelvis"]
+        meshes[pelvis] = as_one([meshes[pelvis], (self.cloth_m[0], self.mesh.cloth[0].faces)])
         return tuple(meshes)
+
+    def posed_m(self, pose: Floats) -> Floats:
+        """(V, 3) the vertices of all surfaces, one after the other, in the world in a pose (D,)."""
+        T_world_surface = surface_transforms(pose[None], self.offsets_m)[0]
+        return np.concatenate([moved(v, T) for (v, _), T in zip(self.surfaces, T_world_surface, strict=True)])
 
     @cached_property
     def centres_m(self) -> Floats:
@@ -210,7 +212,7 @@ def build_body(actor: Actor) -> Body:
     for segment, form in zip(SEGMENTS, mesh.left_forms, strict=True):
         if form not in shaped_m:
             shaped_m[form] = _shaped(segment.row.name, form, actor, ratios)
-        vertices_m.append(shaped_m[form] * _MIRROR if segment.side == "right" else shaped_m[form])
+        vertices_m.append(shaped_m[form] * MIRROR if segment.side == "right" else shaped_m[form])
     offsets_m = stretched_offsets(mesh.offsets_heights * actor.height, ratios)
     offsets_m[JOINT_INDEX["waist"], 0] += _hips_setback_m(actor)  # the pelvis joint stays between the hips
     cloth_m = _NO_CLOTH

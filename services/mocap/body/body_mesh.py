@@ -21,7 +21,7 @@ from services.mocap.body.cloth_frames import WEBS
 from services.mocap.body.kinematics import CLOTH_FRAMES
 from services.mocap.body.shape_loft import loft_mesh
 from services.mocap.body.skeleton import JOINTS, SEGMENT_NAMES, SEGMENTS
-from services.mocap.body.surface import is_closed
+from services.mocap.body.surface import MIRROR, as_one, is_closed
 from services.mocap.errors import FrozenModel
 from services.mocap.types import Floats, Ints
 
@@ -32,7 +32,6 @@ _FORMAT = 1
 _MOST_BYTES = 48 * 1024 * 1024
 _RATIO_RANGE = (0.2, 5.0)
 """Plausible ranges of bone lengths over the generic ones, and of all sizes in body heights."""
-_MIRROR = np.array([1.0, -1.0, 1.0])
 
 
 class MeshContentError(ValueError):
@@ -48,6 +47,10 @@ class SegmentMesh:
     """(V, 3) in body heights in the segment's frame: origin at its carrying joint, rest-pose axes."""
     faces: Ints
     """(F, 3) vertex indices, counter-clockwise seen from outside."""
+
+    def mirrored(self, name: str) -> "SegmentMesh":
+        """The same on the other side of the body, by another name."""
+        return SegmentMesh(name, self.vertices_heights * MIRROR, self.faces[:, ::-1].copy())
 
 
 NOTHING = SegmentMesh("nothing", np.zeros((0, 3)), np.zeros((0, 3), np.int32))
@@ -90,10 +93,7 @@ class BodyMesh:
         forms = []
         for segment in self.segments:
             twin = left.get(segment.name.replace("right_", "left_", 1), segment)
-            mirrored = segment
-            if twin is not segment:
-                vertices_heights, faces = segment.vertices_heights * _MIRROR, segment.faces[:, ::-1]
-                mirrored = SegmentMesh(twin.name, vertices_heights, faces)
+            mirrored = segment if twin is segment else segment.mirrored(twin.name)
             alike = np.array_equal(mirrored.vertices_heights, twin.vertices_heights)
             forms.append(twin if alike else mirrored)
         return tuple(forms)
@@ -109,16 +109,12 @@ def generic_segments() -> tuple[SegmentMesh, ...]:
     built: dict[str, SegmentMesh] = {}
     for segment in SEGMENTS:  # left before right
         if segment.side == "right":
-            left = built[f"left_{segment.row.name}"]
-            vertices_heights, faces = left.vertices_heights * (1.0, -1.0, 1.0), left.faces[:, ::-1].copy()
+            mesh = built[f"left_{segment.row.name}"].mirrored(segment.name)
         else:
-            parts = [loft_mesh(loft, EDGE_HEIGHTS) for loft in segment.row.lofts]
-            first = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-            vertices_heights = np.vstack([vertices for vertices, _ in parts])
-            of_all = [own + start for (_, own), start in zip(parts, first[:-1], strict=True)]
-            faces = np.vstack(of_all).astype(np.int32)
-        vertices_heights.flags.writeable = faces.flags.writeable = False  # one copy is shared by all callers
-        built[segment.name] = SegmentMesh(segment.name, vertices_heights, faces)
+            lofts = [loft_mesh(loft, EDGE_HEIGHTS) for loft in segment.row.lofts]
+            mesh = SegmentMesh(segment.name, *as_one(lofts))
+        mesh.vertices_heights.flags.writeable = mesh.faces.flags.writeable = False  # all callers share them
+        built[segment.name] = mesh
     return tuple(built.values())
 
 

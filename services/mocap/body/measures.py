@@ -13,6 +13,7 @@ from services.mocap.body.actor import Actor, Body
 from services.mocap.body.kinematics import N_DOF, joint_positions, segment_transforms
 from services.mocap.body.shape_space import body_of, clip_to_bounds, vector_of
 from services.mocap.body.skeleton import JOINT_INDEX, SEGMENT_INDEX, TRUNK
+from services.mocap.body.surface import moved
 from services.mocap.types import Floats
 
 _LEVELS = 25
@@ -136,9 +137,7 @@ class _Figure:
         rest = np.zeros((1, N_DOF))
         T_world_segment = segment_transforms(rest, body.offsets_m)[0]
         self._joints_m = joint_positions(rest, body.offsets_m)[0]
-        self._vertices_m = [
-            v @ T[:3, :3].T + T[:3, 3] for v, T in zip(body.vertices_m, T_world_segment, strict=True)
-        ]
+        self._vertices_m = list(map(moved, body.vertices_m, T_world_segment))
         edges = [faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2) for faces in body.faces]
         self._edges = [e[e[:, 0] < e[:, 1]] for e in edges]  # one of the two directions of each edge
 

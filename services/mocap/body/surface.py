@@ -1,11 +1,14 @@
-"""Closed surfaces: one segment's mesh, as it is or thinned."""
+"""Surfaces of triangles: a segment's closed mesh, as it is or thinned; meshes moved, and several as one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from services.mocap.types import Floats, Ints, Longs
 
+MIRROR: Floats = np.array([1.0, -1.0, 1.0])
+"""Takes places to the other side of the body."""
 FEWEST_FACES = 4
 """A closed mesh has at least this many faces."""
 
@@ -20,6 +23,19 @@ class Level:
     """(F, 3) counter-clockwise seen from outside."""
     error_m: float
     """Largest distance of a point of its surface or of the segment's from the other surface."""
+
+
+def moved(vertices: Floats, T: Floats) -> Floats:
+    """Vertices (V, 3) where a transform (4, 4) takes them."""
+    there: Floats = vertices @ T[:3, :3].T + T[:3, 3]
+    return there
+
+
+def as_one(meshes: Sequence[tuple[Floats, Ints]]) -> tuple[Floats, Ints]:
+    """Vertices (V, 3) and faces (F, 3) of several meshes as those of one."""
+    vertices, faces = zip(*meshes, strict=True)
+    starts = np.cumsum([0, *map(len, vertices[:-1])], dtype=np.int32)
+    return np.concatenate(vertices), np.concatenate([f + s for f, s in zip(faces, starts, strict=True)])
 
 
 def closed_edges(faces: Ints) -> tuple[Longs, Longs]:

@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from services.mocap.body.actor import Body
+from services.mocap.body.bones import smoothstep
 from services.mocap.body.kinematics import segment_transforms
 from services.mocap.body.skeleton import (
     DOF_INDEX,
@@ -26,6 +27,7 @@ from services.mocap.body.skeleton import (
     SEGMENTS,
     SIDES,
 )
+from services.mocap.body.surface import moved
 from services.mocap.motion.motion import rest_pose
 from services.mocap.types import Floats, Ints, Mask
 
@@ -114,7 +116,7 @@ def _solids(
 
     Each vertex has its segment's number after its place.
     """
-    world_m = vertices_m @ T_world_segment[:3, :3].T + T_world_segment[:3, 3]
+    world_m = moved(vertices_m, T_world_segment)
     rows = np.column_stack([world_m, np.full(len(world_m), segment)]).astype(np.float32)
     solid = manifold3d.Manifold(manifold3d.Mesh(rows, faces.astype(np.uint32)))
     return list(solid.decompose())
@@ -148,6 +150,6 @@ def _weights(vertices_m: Floats, comes_from: Mask) -> Floats:
         to_seam = cKDTree(vertices_m[at_seam])
         for own, other in (pair, pair[::-1]):
             rows = np.flatnonzero(comes_from[:, own])
-            near = np.clip(1.0 - to_seam.query(vertices_m[rows])[0] / _BLEND_M, 0.0, 1.0)
-            weights[rows, other] = np.maximum(weights[rows, other], near**2 * (3.0 - 2.0 * near))
+            near = smoothstep(1.0 - to_seam.query(vertices_m[rows])[0] / _BLEND_M)
+            weights[rows, other] = np.maximum(weights[rows, other], near)
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))

@@ -12,7 +12,7 @@ import numpy as np
 
 from services.mocap.body.actor import Body
 from services.mocap.body.body_mesh import BodyMesh
-from services.mocap.body.kinematics import N_RIGID, surface_transforms
+from services.mocap.body.kinematics import N_RIGID
 from services.mocap.body.surface import closed_edges
 from services.mocap.camera.rig import Rig
 from services.mocap.fit.contours import outline_of
@@ -82,10 +82,7 @@ class PosedSurface:
     def of(cls, body: Body, pose: Floats) -> "PosedSurface":
         """That of a body in a pose (D,)."""
         mesh = topology(body.mesh)
-        T_world_surface = surface_transforms(pose[None], body.offsets_m)[0]
-        vertices_world_m = np.vstack(
-            [v @ T[:3, :3].T + T[:3, 3] for (v, _), T in zip(body.surfaces, T_world_surface, strict=True)]
-        )
+        vertices_world_m = body.posed_m(pose)
         return cls(vertices_world_m, _planes(vertices_world_m, mesh.faces), mesh)
 
     def rim(self, rig: Rig, camera: int) -> Rim:

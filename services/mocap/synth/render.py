@@ -9,6 +9,7 @@ import trimesh
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import N_RIGID, surface_transforms
 from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENTS
+from services.mocap.body.surface import as_one
 from services.mocap.camera.camera import Camera
 from services.mocap.synth.raster import draw
 from services.mocap.synth.room import LIGHT_WORLD, RoomView
@@ -56,30 +57,21 @@ class Model:
     def __init__(self, body: Body) -> None:
         """Find colours and normals in the rest pose, once."""
         self._body = body
-        pairs = body.surfaces
-        self._normals = [trimesh.Trimesh(v, f, process=False).vertex_normals for v, f in pairs]
+        self._normals = [trimesh.Trimesh(v, f, process=False).vertex_normals for v, f in body.surfaces]
         self._albedo_bgr = _dressed(body)
-        starts = np.cumsum([0] + [len(v) for v, _ in pairs[:-1]])
-        faces = [f + s for (_, f), s in zip(pairs, starts, strict=True)]
-        self.faces: Ints = np.concatenate(faces).astype(np.int32)
+        self.faces: Ints = as_one(body.surfaces)[1]
         """(F, 3)"""
 
     def posed(self, pose: Floats) -> tuple[Floats, Floats]:
         """Vertices in the world, in metres, and their normals, (V, 3) each, in a (D,) pose."""
         T_world_surface = surface_transforms(pose[None], self._body.offsets_m)[0]
-        vertices_world_m = np.concatenate(
-            [
-                v @ T[:3, :3].T + T[:3, 3]
-                for (v, _), T in zip(self._body.surfaces, T_world_surface, strict=True)
-            ]
-        )
         normals = np.concatenate(
             [
                 _turned(n, T[:3, :3]) if s >= N_RIGID else n @ T[:3, :3].T
                 for s, (n, T) in enumerate(zip(self._normals, T_world_surface, strict=True))
             ]
         )
-        return vertices_world_m, normals
+        return self._body.posed_m(pose), normals
 
     def pose(self, pose: Floats) -> Figure:
         """The figure in a (D,) pose."""

@@ -11,6 +11,7 @@ from services.mocap.body.humanoid_names import matched_joints
 from services.mocap.body.own_mesh.character import NEEDED_JOINTS, SEGMENT_AT, Character, Piece, welded
 from services.mocap.body.own_mesh.gltf import Gltf
 from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_JOINT, SEGMENT_NAMES, SEGMENTS
+from services.mocap.body.surface import as_one, moved
 from services.mocap.errors import UserError
 from services.mocap.types import Floats, Ints, Mask
 
@@ -91,7 +92,7 @@ def parts_of_gltf(gltf: Gltf) -> list[Part]:
             name = node.name if matched_joints([node.name]) else gltf.mesh_names[node.mesh or 0]
             T = node.T_world_node
             faces = primitive.faces if np.linalg.det(T[:3, :3]) > 0 else primitive.faces[:, ::-1]
-            parts.append(Part(name, primitive.vertices @ T[:3, :3].T + T[:3, 3], faces, T[:3, 3]))
+            parts.append(Part(name, moved(primitive.vertices, T), faces, T[:3, 3]))
     pivots = {tuple(np.round(part.pivot, 6)) for part in parts if part.pivot is not None}
     if len(pivots) < len(SEGMENT_NAMES):
         return [Part(part.name, part.vertices, part.faces) for part in parts]
@@ -129,10 +130,7 @@ def _by_segment(path: Path, parts: list[Part]) -> dict[str, Part]:
     found = {}
     for segment in SEGMENT_NAMES:
         own = [part for part in parts if part.name == named[SEGMENT_JOINT[segment]]]
-        starts = np.cumsum([0, *(len(part.vertices) for part in own)])
-        faces = [part.faces + np.int32(start) for part, start in zip(own, starts[:-1], strict=True)]
-        vertices = np.concatenate([part.vertices for part in own])
-        found[segment] = Part(segment, vertices, np.concatenate(faces), own[0].pivot)
+        found[segment] = Part(segment, *as_one([(p.vertices, p.faces) for p in own]), own[0].pivot)
     return found
 
 

@@ -18,6 +18,7 @@ from services.mocap.body.skeleton import (
     bare,
 )
 from services.mocap.body.skeleton_table import ROWS
+from services.mocap.body.surface import MIRROR
 from services.mocap.errors import UserError
 from services.mocap.types import Floats
 
@@ -140,8 +141,8 @@ def _symmetric(offsets: Floats) -> Floats:
     for j, joint in enumerate(JOINTS):
         if joint.name.startswith("left_"):
             other = JOINT_INDEX[joint.name.replace("left", "right", 1)]
-            both[j] = (offsets[j] + offsets[other] * (1.0, -1.0, 1.0)) / 2
-            both[other] = both[j] * (1.0, -1.0, 1.0)
+            both[j] = (offsets[j] + offsets[other] * MIRROR) / 2
+            both[other] = both[j] * MIRROR
     return both
 
 

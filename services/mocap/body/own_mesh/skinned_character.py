@@ -16,6 +16,7 @@ from services.mocap.body.own_mesh.character import (
 )
 from services.mocap.body.own_mesh.gltf import Gltf, Node, Primitive, Skin
 from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_NAMES
+from services.mocap.body.surface import as_one, moved
 from services.mocap.errors import UserError
 from services.mocap.types import Floats, Ints
 
@@ -105,18 +106,16 @@ def _into_first(skin: Skin, placed: dict[int, Floats]) -> Floats:
 def _surface(gltf: Gltf, placed: dict[int, Floats], segments: dict[int, str]) -> tuple[Floats, Ints, Floats]:
     """All that bones move, in one frame: vertices (V, 3), faces (F, 3), and how much of each vertex moves
     with each segment (V, S)."""
-    vertices, faces, weights, count = [], [], [], 0
+    meshes, weights = list[tuple[Floats, Ints]](), []
     for n, node in enumerate(gltf.nodes):
         for primitive in gltf.meshes[node.mesh] if node.mesh is not None else ():
-            moved = _moved(gltf, n, primitive, placed, segments)
-            if moved is not None:
-                vertices.append(moved[0])
-                weights.append(moved[1])
-                faces.append(primitive.faces + np.int32(count))
-                count += len(moved[0])
-    if not vertices:
+            moved_by = _moved(gltf, n, primitive, placed, segments)
+            if moved_by is not None:
+                meshes.append((moved_by[0], primitive.faces))
+                weights.append(moved_by[1])
+    if not meshes:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((0, len(SEGMENT_NAMES)))
-    joined, joined_faces, origin = welded(np.concatenate(vertices), np.concatenate(faces))
+    joined, joined_faces, origin = welded(*as_one(meshes))
     return joined, joined_faces, np.concatenate(weights)[origin]
 
 
@@ -138,7 +137,7 @@ def _moved(
         T = placed[bone] @ np.linalg.inv(gltf.nodes[bone].T_world_node) @ of_node.T_world_node
         weights[:, SEGMENT_INDEX[segments[bone]]] = 1.0
     total = weights.sum(axis=1, keepdims=True)
-    return primitive.vertices @ T[:3, :3].T + T[:3, 3], weights / np.maximum(total, 1e-9)
+    return moved(primitive.vertices, T), weights / np.maximum(total, 1e-9)
 
 
 def _pieces(path: Path, vertices: Floats, faces: Ints, weights: Floats) -> dict[str, Piece]:
