@@ -6,13 +6,12 @@ import cv2
 import numpy as np
 
 from services.mocap.calibration.rig_solving import Solution
+from services.mocap.calibration.sightings import CELLS, share_of_cells
 from services.mocap.export.tiles import grid_for
 from services.mocap.types import Bytes, Floats
 
 _SHEET_WIDTH_PX, _WIDEST_TILE_PX = 1920, 640
 _HEADER_PX, _LEGEND_PX, _GAP_PX = 30, 34, 6
-_CELLS = 8
-"""Cells per side of the picture in which coverage is counted."""
 _GROUND_BGR, _LINE_BGR, _TEXT_BGR = (30, 30, 30), (52, 52, 52), (235, 235, 235)
 _FULL_RED_PX = 1.5
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -22,8 +21,7 @@ def covered_share(solution: Solution, camera: int) -> float:
     """The share of a camera's picture, in cells of an eighth of its sides, in which corners were seen."""
     one = solution.cameras[camera]
     points_px = solution.corners.points_px[solution.corners.camera == camera]
-    cells = (points_px / one.size_px * _CELLS).astype(int).clip(0, _CELLS - 1)
-    return len(np.unique(cells, axis=0)) / _CELLS**2
+    return share_of_cells(points_px, one.size_px)
 
 
 def draw_coverage(solution: Solution) -> Bytes:
@@ -46,8 +44,8 @@ def _draw_tile(tile: Bytes, solution: Solution, c: int) -> None:
     zoom = min((width_px - _GAP_PX) / camera.width_px, (height_px - _HEADER_PX - _GAP_PX) / camera.height_px)
     shown_px = round(camera.width_px * zoom), round(camera.height_px * zoom)
     picture: Bytes = np.full((shown_px[1], shown_px[0], 3), _GROUND_BGR, np.uint8)
-    for i in range(1, _CELLS):
-        x, y = i * shown_px[0] // _CELLS, i * shown_px[1] // _CELLS
+    for i in range(1, CELLS):
+        x, y = i * shown_px[0] // CELLS, i * shown_px[1] // CELLS
         cv2.line(picture, (x, 0), (x, shown_px[1]), _LINE_BGR)
         cv2.line(picture, (0, y), (shown_px[0], y), _LINE_BGR)
     of_camera = solution.corners.camera == c

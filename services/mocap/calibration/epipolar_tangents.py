@@ -54,7 +54,7 @@ class Outline:
         """
         middle = np.array([camera.width_px - 1, camera.height_px - 1]) / 2
         pixels = (self.pixels(camera) - middle) * flip + middle
-        return Outline(rays_world(pixels, camera if other is None else other), self.cut_off)
+        return Outline((other or camera).rays_world(pixels), self.cut_off)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,15 +104,7 @@ def outline_of(trimap: Trimap, camera: Camera) -> Outline | None:
     hull_px, (height, width) = corners.astype(np.float64), trimap.shape
     cut_off = np.any((hull_px < 1) | (hull_px > (width - 2, height - 2)), axis=1)
     cut_off |= trimap[corners[:, 1], corners[:, 0]] == UNSURE
-    return Outline(rays_world(hull_px, camera), cut_off)
-
-
-def rays_world(points_px: Floats, camera: Camera) -> Floats:
-    """(n, 3) unit vectors from a camera's centre through points (n, 2) of its undistorted picture."""
-    homogeneous = np.column_stack([points_px, np.ones(len(points_px))])
-    rays: Floats = homogeneous @ np.linalg.inv(camera.K).T @ camera.R_camera_world
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return rays
+    return Outline(camera.rays_world(hull_px), cut_off)
 
 
 def _contours(mask: Mask) -> Sequence[MatLike]:

@@ -13,7 +13,6 @@ where twists has the velocity of the world for each parameter of the root in a c
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import repeat
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, joint_positions, joint_transforms
 from services.mocap.body.shape_space import vector_of
-from services.mocap.calibration.rigid_transform import IDENTITY, RigidTransform
+from services.mocap.calibration.rigid_transform import IDENTITY, RigidTransform, in_world
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
@@ -103,16 +102,11 @@ def refine_cameras(
         motions, _ = adjustment.solve(~held, quarter(2))
     # What moves all cameras together: nothing if some are held, else their mean motion back.
     gauge = IDENTITY if held.any() else _motion_of(motions.mean(axis=0)).inverse
-    found = tuple(map(_moved, cameras, motions, held, repeat(gauge)))
+    found = tuple(
+        camera if is_held else in_world(camera, _motion_of(motion) @ gauge)
+        for camera, motion, is_held in zip(cameras, motions, held, strict=True)
+    )
     return Refined(found, held, before, quality(found, 3))
-
-
-def _moved(camera: Camera, motion: Floats, is_held: bool, gauge: RigidTransform) -> Camera:
-    if is_held:
-        return camera
-    T_camera_world = RigidTransform(camera.R_camera_world, camera.t_camera_world_m)
-    T_camera_world = T_camera_world @ _motion_of(motion) @ gauge
-    return replace(camera, R_camera_world=T_camera_world.R, t_camera_world_m=T_camera_world.t_m)
 
 
 def moves_px(cameras: tuple[Camera, ...], motions: Floats, points_m: Floats) -> Floats:
@@ -163,7 +157,9 @@ class _BodyAdjustment:
         return motions, np.mean([state.poses for state in last], axis=0)
 
     def _linearised(self, state: State, stage: FitStage) -> System:
-        rig, n_frames, s = self._moved_rig(state.x), len(state.poses), len(stage.parameters)
+        motions = np.array([_motion_of(of_camera).matrix for of_camera in state.x.reshape(-1, TWIST_SIZE)])
+        rig = replace(self._rig, P_px_world=self._rig.P_px_world @ motions)
+        n_frames, s = len(state.poses), len(stage.parameters)
         of_poses, n_views = replace(stage, parameters=()), n_frames * rig.n_cameras
         system = replace(
             self._prior.system(State(self._shape, state.poses), of_poses, n_views),
@@ -190,7 +186,3 @@ class _BodyAdjustment:
         is_its = camera[:, None] == np.arange(len(views))
         of_cameras = (is_its[:, :, None] * by_motion[:, None, :]).reshape(len(by_pose), -1)
         return np.hstack([by_pose, of_cameras])
-
-    def _moved_rig(self, x: Floats) -> Rig:
-        motions = np.array([_motion_of(of_camera).matrix for of_camera in x.reshape(-1, TWIST_SIZE)])
-        return replace(self._rig, P_px_world=self._rig.P_px_world @ motions)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from services.mocap.calibration.board import Board
-from services.mocap.calibration.sightings import Sightings, spread_out
+from services.mocap.calibration.sightings import Sightings, share_of_cells, spread_out
 from services.mocap.errors import CalibrationError
 from services.mocap.types import Floats
 
@@ -23,8 +23,8 @@ _MOST_VIEWS = 40
 _SPOILED_PX, _SPOILED_RATIO = 1.0, 3.0
 """A view whose error is beyond both, in pixels and against the median view's, is left out."""
 _ROUNDS = 3
-_CELLS, _COVERED_SHARE = 8, 0.4
-"""Views that show corners in this share of a picture's cells, 8 each way, determine the full model."""
+_COVERED_SHARE = 0.4
+"""Views that show corners in this share of a picture's cells determine the full model."""
 _FLAGS: dict[Lens, int] = {
     "normal": cv2.CALIB_FIX_K3,
     "wide": 0,
@@ -147,8 +147,7 @@ def _simplest(
     """
     counts = np.array([len(sightings.by_frame[frame].corners) for frame in frames])
     points_px = np.concatenate([sightings.by_frame[frame].points_px for frame in frames])
-    cells = (points_px / sightings.size_px * _CELLS).astype(int)
-    is_covered = len(np.unique(cells, axis=0)) >= _COVERED_SHARE * _CELLS**2
+    is_covered = share_of_cells(points_px, sightings.size_px) >= _COVERED_SHARE
     if is_covered or len(errors_px) != len(frames):
         return full
 

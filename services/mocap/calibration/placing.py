@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from services.mocap.calibration.rigid_transform import RigidTransform
+from services.mocap.calibration.rigid_transform import RigidTransform, in_world
 from services.mocap.calibration.sightings import is_spread
-from services.mocap.camera.camera import Camera
+from services.mocap.camera.camera import Camera, nearest_to_rays_m
 from services.mocap.camera.undistort import undistorted_px
 from services.mocap.errors import CalibrationError, nearest
 from services.mocap.take.csv_columns import read_columns
@@ -111,10 +111,7 @@ def moved_to_points(cameras: Sequence[Camera], points: ScenePoints) -> Placed:
     T_world_old = RigidTransform(turn, centre_m - turn @ seen_centre_m)
     off_m = np.linalg.norm(T_world_old.apply(seen_m) - measured_m, axis=1)
     spread_m = [float(np.linalg.norm(of - of.mean(axis=0))) for of in (seen_m, measured_m)]
-    moved = []
-    for camera in cameras:
-        pose = RigidTransform(camera.R_camera_world, camera.t_camera_world_m) @ T_world_old.inverse
-        moved.append(replace(camera, R_camera_world=pose.R, t_camera_world_m=pose.t_m))
+    moved = [in_world(camera, T_world_old.inverse) for camera in cameras]
     rows = np.array([rows[0] for rows in shared])
     remarks = _wrong_row(points, rows, off_m, _WRONG_M, "m")
     return Placed(tuple(moved), 1e3 * off_m, spread_m[0] / spread_m[1], tuple(remarks))
@@ -137,14 +134,9 @@ def _pose_of(lens: Camera, points_m: Floats, pixels: Floats, path: Path) -> Came
 
 def _met(cameras: Mapping[str, Camera], points: ScenePoints, rows: Ints) -> Floats:
     """(3,) the point nearest to the rays of some rows."""
-    sums, pulls = np.zeros((3, 3)), np.zeros(3)
-    for row in rows:
-        camera = cameras[points.cameras[row]]
-        pixel = undistorted_px(camera, points.points_px[row : row + 1])[0]
-        ray = camera.R_camera_world.T @ np.linalg.solve(camera.K, np.array([*pixel, 1.0]))
-        off_ray = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
-        sums, pulls = sums + off_ray, pulls + off_ray @ camera.centre_world_m
-    return np.asarray(np.linalg.solve(sums, pulls), np.float64)
+    seeing, pixels = [cameras[points.cameras[row]] for row in rows], points.points_px[rows, None]
+    rays = [c.rays_world(undistorted_px(c, pixel))[0] for c, pixel in zip(seeing, pixels, strict=True)]
+    return nearest_to_rays_m(np.array([c.centre_world_m for c in seeing]), np.array(rays))
 
 
 def _wrong_row(points: ScenePoints, rows: Ints, off: Floats, least: float, unit: str) -> list[str]:

@@ -1,6 +1,6 @@
 """Rigid transforms of boards and cameras, and the board's pose from a single sighting."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from services.mocap.calibration.board import Board
 from services.mocap.calibration.lens import Intrinsics
 from services.mocap.calibration.sightings import Sighting
+from services.mocap.camera.camera import Camera
 from services.mocap.types import Floats
 
 
@@ -43,6 +44,12 @@ class RigidTransform:
 
 
 IDENTITY = RigidTransform(np.eye(3), np.zeros(3))
+
+
+def in_world(camera: Camera, T_old_new: RigidTransform) -> Camera:
+    """A camera in a new world, whose points are T_old_new @ x in the camera's present one."""
+    T_camera_new = RigidTransform(camera.R_camera_world, camera.t_camera_world_m) @ T_old_new
+    return replace(camera, R_camera_world=T_camera_new.R, t_camera_world_m=T_camera_new.t_m)
 
 
 def board_in_camera(sighting: Sighting, board: Board, intrinsics: Intrinsics) -> list[RigidTransform]:

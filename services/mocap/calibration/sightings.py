@@ -11,6 +11,8 @@ from services.mocap.types import Floats, Ints
 
 ENOUGH_CORNERS = 6
 """Fewer corners do not determine the board's pose."""
+CELLS = 8
+"""Cells per side of the picture in which coverage is counted."""
 _FLATTEST = 0.02
 """Least ratio of the spread across points to that along them: about one line, everything may turn."""
 _BENT_SHARE, _BENT_PX = 0.03, 3.0
@@ -72,6 +74,12 @@ def is_spread(points: Floats) -> bool:
     """Whether points (N, 2) or (N, 3) do not lie on one line."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(spread[1] > _FLATTEST * spread[0])
+
+
+def share_of_cells(points_px: Floats, size_px: tuple[int, int]) -> float:
+    """The share of a picture, in CELLS each way, in which points (N, 2) lie; size_px: width and height."""
+    cells = (points_px / size_px * CELLS).astype(int).clip(0, CELLS - 1)
+    return len(np.unique(cells, axis=0)) / CELLS**2
 
 
 def spread_out(sightings: Mapping[int, Sighting], frames: list[int], most: int) -> list[int]:

@@ -54,6 +54,13 @@ class Camera:
         depth = homogeneous[..., 2:]
         return np.where(depth > 0, homogeneous[..., :2] / np.where(depth > 0, depth, 1.0), np.nan)
 
+    def rays_world(self, points_px: Floats) -> Floats:
+        """(N, 3) unit vectors from its centre through pixels (N, 2) of its undistorted picture."""
+        homogeneous = np.column_stack([points_px, np.ones(len(points_px))])
+        rays: Floats = homogeneous @ np.linalg.inv(self.K).T @ self.R_camera_world
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        return rays
+
     def with_world_turned(self, R_new_old: Floats) -> "Camera":
         """The same camera in a world with rotated axes: x_new = R_new_old @ x_old."""
         return replace(self, R_camera_world=self.R_camera_world @ R_new_old.T)
@@ -76,3 +83,10 @@ class Camera:
         if share >= 1:
             return self
         return self.resized(max(1, round(share * self.width_px)), max(1, round(share * self.height_px)))
+
+
+def nearest_to_rays_m(starts_m: Floats, rays: Floats) -> Floats:
+    """(3,) the point nearest to the straight lines from starts (N, 3) along unit vectors (N, 3)."""
+    off_ray = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    pulls_m = np.einsum("nij,nj->i", off_ray, starts_m)
+    return np.asarray(np.linalg.lstsq(off_ray.sum(axis=0), pulls_m, rcond=None)[0], np.float64)

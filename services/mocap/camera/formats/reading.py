@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from services.mocap.camera.camera import R_ZUP_YUP, Camera
+from services.mocap.camera.camera import R_ZUP_YUP, Camera, nearest_to_rays_m
 from services.mocap.camera.formats.biocv import BIOCV
 from services.mocap.camera.formats.colmap import COLMAP
 from services.mocap.camera.formats.loose import Axis, Loose, LooseCamera, Reader
@@ -163,7 +163,5 @@ def _look_together(cameras: tuple[Camera, ...]) -> bool:
     """Whether the point nearest to all optical axes is in front of most cameras."""
     centres_m = np.array([camera.centre_world_m for camera in cameras])
     axes = np.array([camera.R_camera_world[2] for camera in cameras])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    meeting_m = np.linalg.lstsq(across.sum(axis=0), np.einsum("cij,cj->i", across, centres_m), rcond=None)[0]
-    ahead = np.einsum("ci,ci->c", meeting_m - centres_m, axes) > 0
+    ahead = np.einsum("ci,ci->c", nearest_to_rays_m(centres_m, axes) - centres_m, axes) > 0
     return bool(2 * ahead.sum() >= len(cameras))
