@@ -44,12 +44,14 @@ class Contour:
     """All points as features (N, 4)."""
     length_px: float
     """Length of the outline in working pixels."""
+    scale: float
+    """Pixels of the camera per working pixel."""
     near_unsure: Mask | None = None
     """(H, W) unsure pixels and those about them, where no outline is known; None: there are none."""
 
     @classmethod
     def of(cls, silhouette: Mask, scale: float, n_chosen: int, unsure: Mask | None = None) -> "Contour":
-        """The outline in a picture (H, W) with `scale` pixels per working pixel, without unsure pixels."""
+        """The outline in a picture (H, W), without unsure pixels; scale: see above."""
         points_px, normals = outline_of(silhouette)
         near_unsure = None
         if unsure is not None and unsure.any():
@@ -62,7 +64,7 @@ class Contour:
         chosen = evenly(len(points_px), n_chosen)
         features = features_of(points_px, normals, scale)
         length_px = outline_length_px(len(points_px), scale)
-        return cls(points_px, normals, chosen, cKDTree(features), length_px, near_unsure)
+        return cls(points_px, normals, chosen, cKDTree(features), length_px, scale, near_unsure)
 
 
 def look_up(mask: Mask, points_px: Floats) -> Mask:

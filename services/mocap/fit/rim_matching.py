@@ -10,14 +10,7 @@ from scipy.spatial import cKDTree
 
 from services.mocap.body.actor import Body
 from services.mocap.camera.rig import Rig
-from services.mocap.fit.contours import (
-    Contour,
-    evenly,
-    features_of,
-    look_up,
-    outline_length_px,
-    working_scales,
-)
+from services.mocap.fit.contours import Contour, evenly, features_of, look_up, outline_length_px
 from services.mocap.fit.rim import PosedSurface, Rim
 from services.mocap.types import Floats, Ints, Longs, Mask
 
@@ -54,21 +47,21 @@ class Matches:
 
 def match_frame(body: Body, pose: Floats, rig: Rig, contours: list[Contour]) -> list[Matches]:
     """Every camera's matches of a body in a pose (D,)."""
-    surface, scales = PosedSurface.of(body, pose), working_scales(rig)
+    surface = PosedSurface.of(body, pose)
 
     def of_camera(c: int) -> Matches:
-        return match_view(surface.rim(rig, c), contours[c], float(scales[c]))
+        return match_view(surface.rim(rig, c), contours[c])
 
     return list(_POOL.map(of_camera, range(rig.n_cameras)))
 
 
-def match_view(rim: Rim, contour: Contour, scale: float) -> Matches:
+def match_view(rim: Rim, contour: Contour) -> Matches:
     """Match some points of the model's outline with the nearest of the input's, and the other way round.
 
     The distance includes the difference of the normals. Points of the model that meet unsure pixels first are
-    not used. scale: pixels per working pixel.
+    not used.
     """
-    is_used = contour.length_px >= _SHORTEST_PX
+    scale, is_used = contour.scale, contour.length_px >= _SHORTEST_PX
     if len(rim.edges) == 0 or len(rim.points_px) == 0 or not is_used:
         unmatched_px, points = contour.length_px if is_used else 0.0, np.zeros((0, 2))
         return Matches(points.astype(np.int64), points, points, np.zeros(0), np.zeros(0), unmatched_px)

@@ -31,11 +31,14 @@ class FootTargets:
         return FootTargets(self.ankle_world_m[frames], self.R_world_foot[frames])
 
 
+def _bones_m(offsets_m: Floats, side: Side) -> Floats:
+    """(2,) how long thigh and shank are; offsets_m (J, 3)."""
+    return np.linalg.norm(offsets_m[[JOINT_INDEX[f"{side}_{joint}"] for joint in ("knee", "ankle")]], axis=1)
+
+
 def reach_m(offsets_m: Floats, side: Side) -> float:
     """The distance from hip to ankle with a straight knee; offsets_m (J, 3)."""
-    return float(
-        sum(np.linalg.norm(offsets_m[JOINT_INDEX[f"{side}_{joint}"]]) for joint in ("knee", "ankle"))
-    )
+    return float(_bones_m(offsets_m, side).sum())
 
 
 def hip_rises_m(
@@ -72,9 +75,7 @@ def put_feet(poses: Floats, offsets_m: Floats, targets: dict[Side, FootTargets])
         to_ankle_m = target.ankle_world_m - T_world_joint[:, hip, :3, 3]
         to_ankle_m = np.einsum("nij,nj->ni", R_pelvis_world, to_ankle_m)
         R_pelvis_foot = R_pelvis_world @ target.R_world_foot
-        thigh_m, shank_m = (
-            np.linalg.norm(offsets_m[JOINT_INDEX[f"{side}_{joint}"]]) for joint in ("knee", "ankle")
-        )
+        thigh_m, shank_m = _bones_m(offsets_m, side)
         distance_m = np.linalg.norm(to_ankle_m, axis=1)
         cosine = (distance_m**2 - thigh_m**2 - shank_m**2) / (2 * thigh_m * shank_m)
         flexion = np.arccos(np.clip(cosine, -1.0, 1.0))
