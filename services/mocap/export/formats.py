@@ -31,7 +31,7 @@ from services.mocap.result.layout import (
     TRC,
 )
 from services.mocap.result.result import Result
-from services.mocap.take.csv_columns import as_cells, write_columns
+from services.mocap.take.csv_columns import as_cells, frame_cells, write_columns
 from services.mocap.take.folder import open_take
 from services.mocap.verdict.judging import verdict_of
 
@@ -85,10 +85,7 @@ def _bvh(folder: Path, result: Result, options: Options) -> None:
 
 def _angles(folder: Path, result: Result, _: Options) -> None:
     """angles.csv: frame, time_s and every anatomical angle in degrees."""
-    columns = {
-        "frame": [str(frame) for frame in result.frames],
-        "time_s": as_cells("time_s", result.times_s, ".6f"),
-    }
+    columns = frame_cells(result.frames, "time_s", result.times_s)
     for name, angles_deg in result.angles_deg.items():
         columns[f"{name}_deg"] = as_cells(name, angles_deg, ".4f")
     write_columns(folder / ANGLES, columns)

@@ -3,13 +3,14 @@
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 
 import numpy as np
 
 from services.mocap.atomic import atomic_file
 from services.mocap.errors import TakeError, in_short, nearest
-from services.mocap.types import Floats
+from services.mocap.types import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +54,19 @@ class Columns:
         return value
 
 
-def as_cells(name: str, values: Floats, digits: str) -> list[str]:
-    """Numbers (N,) as cells in a format such as ".5f"; raises ValueError where one is not finite."""
-    if not np.all(np.isfinite(values)):
+def as_cells(name: str, values: Floats, digits: str, *, blanks: bool = False) -> list[str]:
+    """Numbers (N,) as cells in a format such as ".5f"; raises ValueError where one is not finite.
+
+    blanks: NaN is allowed and becomes an empty cell.
+    """
+    if not np.all(np.isfinite(values) | (np.isnan(values) & blanks)):
         raise ValueError(f"{name}: expected finite numbers")
-    return [format(value, digits) for value in values.tolist()]
+    return ["" if isnan(value) else format(value, digits) for value in values.tolist()]
+
+
+def frame_cells(frames: Ints, time_column: str, times_s: Floats) -> dict[str, list[str]]:
+    """The first two columns of a table of frames (N,)."""
+    return {"frame": [str(frame) for frame in frames], time_column: as_cells(time_column, times_s, ".6f")}
 
 
 def write_columns(path: Path, columns: Mapping[str, Sequence[str]]) -> None:

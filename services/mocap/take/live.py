@@ -6,7 +6,6 @@ Unlike a recorded take it has no videos and no number of frames.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from services.mocap.camera.calibration import read_calibration
 from services.mocap.camera.camera import Camera
@@ -144,15 +143,12 @@ def _sources(path: Path, settings: LiveSettings, cameras: tuple[Camera, ...]) ->
     for name in names:
         if name not in settings.cameras:
             raise TakeError(f"{path}: [cameras.{name}] is missing: expected a table with its source")
-    return tuple(_source(path, name, settings.cameras[name]) for name in names)
-
-
-def _source(path: Path, name: str, table: dict[str, Any]) -> LiveCamera:
-    source = validated(LiveCamera, table, f"{path}: [cameras.{name}] ", TakeError)
-    if not source.is_file:
-        return source
-    file = path.resolve().parent / str(source.source)
-    return source.model_copy(update={"source": str(file)})
+    folder, sources = path.resolve().parent, []
+    for name in names:
+        source = validated(LiveCamera, settings.cameras[name], f"{path}: [cameras.{name}] ", TakeError)
+        complete = {"source": str(folder / str(source.source))} if source.is_file else {}
+        sources.append(source.model_copy(update=complete))
+    return tuple(sources)
 
 
 def _check_plates(path: Path, take: LiveTake) -> None:

@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from services.mocap.take.csv_columns import Columns
+from services.mocap.take.csv_columns import Columns, as_cells
 from services.mocap.types import Floats, Mask
 
 LimbName: TypeAlias = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
@@ -19,6 +19,7 @@ PARTS: tuple[Part, ...] = get_args(Part)
 WHOLE_BODY: Part = "torso"
 """The part that stands for the whole body: where it is doubtful, all parts are."""
 DISTRUSTED = "distrusted"
+CONFIDENCE_DIGITS = ".3f"
 _CONFIDENCE_COLUMNS = tuple(f"confidence_{part}" for part in PARTS)
 MARK_COLUMNS = (DISTRUSTED, *_CONFIDENCE_COLUMNS)
 """The columns of poses.csv that hold marks."""
@@ -60,7 +61,7 @@ def mark_cells(marks: Marks) -> dict[str, list[str]]:
     """The columns (N,) of a table; a part that was not judged leaves its cell empty."""
     names = [_SEPARATOR.join(np.array(PARTS)[row]) for row in marks.distrusted]
     confidence = {
-        column: ["" if np.isnan(value) else f"{value:.3f}" for value in values]
+        column: as_cells(column, values, CONFIDENCE_DIGITS, blanks=True)
         for column, values in zip(_CONFIDENCE_COLUMNS, marks.confidence.T, strict=True)
     }
     return {DISTRUSTED: names, **confidence}
@@ -75,16 +76,11 @@ def read_marks(columns: Columns) -> Marks | None:
         columns.numbers(name, blanks=True, most=1.0) if name in columns.cells else unknown
         for name in _CONFIDENCE_COLUMNS
     ]
-    return Marks(np.column_stack(confidence), _distrusted(columns))
-
-
-def _distrusted(columns: Columns) -> Mask:
     distrusted: Mask = np.zeros((len(columns.lines), len(PARTS)), bool)
-    cells = columns.cells.get(DISTRUSTED, ())
-    for row, cell in enumerate(cells):
+    for row, cell in enumerate(columns.cells.get(DISTRUSTED, ())):
         for name in filter(None, cell.split(_SEPARATOR)):
             if name not in PARTS:
                 expected = f"some of {', '.join(PARTS)}, joined by {_SEPARATOR}"
                 raise columns.error(DISTRUSTED, columns.lines[row], expected, cell)
             distrusted[row, PARTS.index(name)] = True
-    return distrusted
+    return Marks(np.column_stack(confidence), distrusted)

@@ -77,21 +77,16 @@ def read_trimap(path: Path, unsure: Sequence[int] = (UNSURE, UNSURE)) -> Trimap:
     or seems to use other greys.
     """
     grey = _decoded(path, cv2.IMREAD_GRAYSCALE)
-    trimap = np.asarray(cv2.LUT(grey, _meanings(unsure)), np.uint8)
+    meanings: Trimap = np.where(np.arange(256) > _THRESHOLD, ACTOR, BACKGROUND).astype(np.uint8)
+    if unsure:
+        meanings[unsure[0] : unsure[1] + 1] = UNSURE
+    trimap = np.asarray(cv2.LUT(grey, meanings), np.uint8)
     brightest = int(grey.max())
     if brightest > 0 and not trimap.any():
         raise TakeError(
             f"{path}: its brightest grey is {brightest}: expected 0 outside the actor, 255 inside"
         )
     return trimap
-
-
-def _meanings(unsure: Sequence[int]) -> Trimap:
-    """(256,) the state of every grey."""
-    meanings: Trimap = np.where(np.arange(256) > _THRESHOLD, ACTOR, BACKGROUND).astype(np.uint8)
-    if unsure:
-        meanings[unsure[0] : unsure[1] + 1] = UNSURE
-    return meanings
 
 
 def read_silhouette(path: Path) -> Mask:

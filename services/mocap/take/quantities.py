@@ -17,7 +17,7 @@ from typing import Any, Literal, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from services.mocap.take.marks import DISTRUSTED, LIMB_NAMES, PARTS, Marks
+from services.mocap.take.marks import CONFIDENCE_DIGITS, DISTRUSTED, LIMB_NAMES, PARTS, Marks
 from services.mocap.types import Floats
 
 File: TypeAlias = Literal["poses.csv", "energies.csv", "timings.csv"]
@@ -71,8 +71,8 @@ QUANTITIES = (
     ),
     Quantity(DISTRUSTED, "1", "poses.csv", DISTRUSTED, "part", most=1.0, in_parquet=True),
     Quantity(
-        "confidence", "1", "poses.csv", "confidence_{}", "part", ".3f", most=1.0, in_parquet=True,
-        chart="Confidence",
+        "confidence", "1", "poses.csv", "confidence_{}", "part", CONFIDENCE_DIGITS, most=1.0,
+        in_parquet=True, chart="Confidence",
     ),
     Quantity("seconds", "s", "timings.csv", "{}_s", "stage", ".6f", chart="Milliseconds"),
     Quantity(

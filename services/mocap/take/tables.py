@@ -16,9 +16,9 @@ from services.mocap.body.skeleton import DOFS, JOINT_INDEX
 from services.mocap.camera.calibration import Up
 from services.mocap.camera.camera import R_ZUP_YUP
 from services.mocap.errors import TakeError
-from services.mocap.take.csv_columns import Columns, as_cells, read_columns, write_columns
+from services.mocap.take.csv_columns import Columns, as_cells, frame_cells, read_columns, write_columns
 from services.mocap.take.marks import MARK_COLUMNS, Marks, mark_cells, read_marks
-from services.mocap.take.quantities import FURTHER, Solved, further_columns, marks_of
+from services.mocap.take.quantities import QUANTITIES, Solved, further_columns, marks_of
 from services.mocap.types import Floats, Ints
 
 REFERENCE_JOINTS: tuple[str, ...] = (
@@ -36,7 +36,8 @@ REFERENCE_JOINTS: tuple[str, ...] = (
 _JOINT_COLUMNS = [f"{joint}_{axis}" for joint in REFERENCE_JOINTS for axis in "xyz"]
 _POSE_COLUMNS = [dof.column for dof in DOFS]
 _PUBLISHED_COLUMNS = [dof.column for dof in DOFS if dof.in_paper]
-_DIGITS = {row.column.format(label): row.digits for row in FURTHER for label in row.labels}
+_ROWS = [row for row in QUANTITIES if row.file == "poses.csv"]
+_DIGITS = {row.column.format(label): row.digits for row in _ROWS for label in row.labels}
 _LARGEST_FRAME = 2**31 - 1
 
 
@@ -109,7 +110,7 @@ def write_joints_csv(path: Path, frames: Ints, times_s: Floats, joints_take_m: F
     """joints_take_m: (N, 15, 3) in the world of the take's files; written to 0.01 mm."""
     coordinates = np.reshape(joints_take_m, (len(frames), len(_JOINT_COLUMNS)))
     columns = {name: as_cells(name, x, ".5f") for name, x in zip(_JOINT_COLUMNS, coordinates.T, strict=True)}
-    write_columns(path, {**_frame_cells(frames, "time", times_s), **columns})
+    write_columns(path, {**frame_cells(frames, "time", times_s), **columns})
 
 
 def read_joints_csv(path: Path) -> JointTable:
@@ -129,11 +130,11 @@ def write_poses_csv(path: Path, table: PoseTable) -> None:
     known = {"frame", "time_s", "energy_px", *_POSE_COLUMNS, *MARK_COLUMNS}
     if clash := known & table.extra.keys():
         raise ValueError(f"extra: {', '.join(sorted(clash))}: are columns of poses.csv already")
-    columns = _frame_cells(table.frames, "time_s", table.times_s)
+    columns = frame_cells(table.frames, "time_s", table.times_s)
     columns |= {
         name: as_cells(name, values, ".6f") for name, values in zip(_POSE_COLUMNS, table.poses.T, strict=True)
     }
-    columns["energy_px"] = as_cells("energy_px", table.energies_px, ".10g")
+    columns["energy_px"] = as_cells("energy_px", table.energies_px, _DIGITS["energy_px"])
     columns |= {} if table.marks is None else mark_cells(table.marks)
     columns |= {name: as_cells(name, x, _DIGITS.get(name, ".10g")) for name, x in table.extra.items()}
     write_columns(path, columns)
@@ -158,11 +159,6 @@ def read_poses_csv(path: Path) -> PoseTable:
         extra={name: columns.numbers(name) for name in columns.cells if name not in known},
         marks=read_marks(columns),
     )
-
-
-def _frame_cells(frames: Ints, time_column: str, times_s: Floats) -> dict[str, list[str]]:
-    """The first two columns."""
-    return {"frame": [str(frame) for frame in frames], time_column: as_cells(time_column, times_s, ".6f")}
 
 
 def _frames(columns: Columns) -> Ints:
