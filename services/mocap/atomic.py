@@ -39,6 +39,12 @@ def atomic_file(target: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def write_file(target: Path, content: str | bytes) -> None:
+    """Write a text, in UTF-8, or bytes as atomic_file does."""
+    with atomic_file(target) as part:
+        part.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 @contextmanager
 def atomic_folder(target: Path) -> Iterator[Path]:
     """Fill the empty folder it yields; it becomes `target` when the block ends well.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import write_file
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.types import Trimap
@@ -39,8 +39,7 @@ class KeptTrimaps:
             return
         content = b"".join(trimap.tobytes() for trimap in trimaps)
         try:
-            with atomic_file(self._path(frame)) as part:
-                part.write_bytes(zlib.compress(content, _FAST))
+            write_file(self._path(frame), zlib.compress(content, _FAST))
         except (OSError, UserError) as problem:
             self._has_room = False
             log.info("silhouettes are not kept from frame %d on: %s", frame, problem)

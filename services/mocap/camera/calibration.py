@@ -12,7 +12,7 @@ import tomli_w
 from pydantic import Field, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
-from services.mocap.atomic import atomic_file, atomic_folder
+from services.mocap.atomic import atomic_folder, write_file
 from services.mocap.camera.camera import R_ZUP_YUP, Camera
 from services.mocap.errors import CalibrationError, StrictModel, in_short, load_toml, validated
 from services.mocap.types import Floats
@@ -110,15 +110,13 @@ def read_calibration(path: Path, up: Up) -> tuple[Camera, ...]:
 
 def write_calibration(path: Path, cameras: tuple[Camera, ...], up: Up) -> None:
     """Writes cameras of the internal z-up world; up: the axis that points up in the file's world."""
-    with atomic_file(path) as part:
-        part.write_text(_text(cameras, up), encoding="utf-8")
+    write_file(path, _text(cameras, up))
 
 
 def write_pose2sim(path: Path, cameras: tuple[Camera, ...], up: Up) -> None:
     """The same, and the table of metadata that files of Pose2Sim and anipose have."""
     metadata = tomli_w.dumps({"metadata": {"adjusted": False, "error": 0.0}})
-    with atomic_file(path) as part:
-        part.write_text(f"{_text(cameras, up)}\n{metadata}", encoding="utf-8")
+    write_file(path, f"{_text(cameras, up)}\n{metadata}")
 
 
 def write_opencv(folder: Path, cameras: tuple[Camera, ...], up: Up) -> None:

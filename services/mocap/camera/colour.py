@@ -15,7 +15,7 @@ import tomli_w
 from numpy.typing import NDArray
 from pydantic import Field
 
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import write_file
 from services.mocap.errors import CalibrationError, StrictModel, in_short, load_toml, nearest, validated
 from services.mocap.types import Bytes, Floats
 
@@ -89,5 +89,4 @@ def write_colours(path: Path, found: Mapping[str, tuple[ColourCorrection, float,
         ).model_dump()
         for name, (correction, before, after) in found.items()
     }
-    with atomic_file(path) as part:
-        part.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    write_file(path, tomli_w.dumps(tables))

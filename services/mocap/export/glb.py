@@ -13,7 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import write_file
 from services.mocap.body.kinematics import joint_transforms
 from services.mocap.body.skeleton import (
     DOFS,
@@ -55,8 +55,7 @@ def write_glb(path: Path, motion: Motion) -> None:
     file.add_skin(joint_transforms(skin.pose[None], body.offsets_m)[0])
     file.add_nodes(offsets_m[nodes], quaternions[0])
     file.add_animation(motion.name, motion.fps, root_m, quaternions)
-    with atomic_file(path) as part:
-        part.write_bytes(file.content())
+    write_file(path, file.content())
 
 
 class _File:

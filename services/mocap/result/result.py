@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import write_file
 from services.mocap.body.actor import MESH_FILE, Actor, build_body
 from services.mocap.camera.calibration import Up
 from services.mocap.errors import TakeError, UserError
@@ -182,8 +182,7 @@ def edited_run(folder: Path) -> Iterator[dict[str, Any]]:
     path = folder / RUN_JSON
     run = _read_run(path)
     yield run
-    with atomic_file(path) as part:
-        part.write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
+    write_file(path, json.dumps(run, indent=2) + "\n")
 
 
 def _check_frames(path: Path, table: PoseTable) -> None:

@@ -5,7 +5,7 @@ import os
 import shutil
 from pathlib import Path
 
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import write_file
 from services.mocap.body.actor import MESH_FILE, Actor, MeshName
 from services.mocap.body.body_mesh import MeshContentError, OwnMesh
 from services.mocap.body.profiles import Profile
@@ -85,8 +85,7 @@ def write_actor(path: Path, actor: Actor, origin: str) -> None:
     """Write a fitted actor, completely or not at all, after its mesh; origin: what it was fitted to, in
     words."""
     if actor.mesh is not None:
-        with atomic_file(path.with_name(MESH_FILE)) as part:
-            part.write_bytes(actor.mesh.content)
+        write_file(path.with_name(MESH_FILE), actor.mesh.content)
     measured_by = "the generic body" if actor.mesh is None else MESH_FILE
     head = (
         f"# The actor, fitted by xormocap to {origin}.",
@@ -96,8 +95,7 @@ def write_actor(path: Path, actor: Actor, origin: str) -> None:
         "# The hash is that of the numbers: while it is right, xormocap fit may replace this file.",
         f"{_HASH}{actor.content_hash}",
     )
-    with atomic_file(path) as part:
-        part.write_text("\n".join(head) + "\n\n" + actor.to_toml(), encoding="utf-8")
+    write_file(path, "\n".join(head) + "\n\n" + actor.to_toml())
 
 
 def check_place(path: Path, force: bool) -> None:

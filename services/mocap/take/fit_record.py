@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from pydantic import Field, ValidationError
 
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import atomic_file, write_file
 from services.mocap.body.actor import Actor
 from services.mocap.body.colours import MOST_CLASSES
 from services.mocap.camera.camera import Camera
@@ -65,8 +65,7 @@ def hints_of(settings: TakeSettings) -> dict[str, Any]:
 
 def write_record(folder: Path, record: FitRecord) -> None:
     """Write fit.json, completely or not at all."""
-    with atomic_file(folder / RECORD) as part:
-        part.write_text(record.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    write_file(folder / RECORD, record.model_dump_json(indent=2) + "\n")
 
 
 def read_record(folder: Path) -> FitRecord | None:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, TypeAlias
 import tomli_w
 from pydantic import Field, field_validator, model_validator
 
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import write_file
 from services.mocap.body.skeleton import DOFS, LOWER, UPPER
 from services.mocap.camera.calibration import Up
 from services.mocap.errors import StrictModel, TakeError, load_toml, nearest, validated
@@ -183,5 +183,4 @@ def write_settings(path: Path, settings: TakeSettings) -> None:
     for table in _TABLES:
         if not fields[table]:
             del fields[table]
-    with atomic_file(path) as part:
-        part.write_text(tomli_w.dumps(fields), encoding="utf-8")
+    write_file(path, tomli_w.dumps(fields))

@@ -13,7 +13,7 @@ from av.container import OutputContainer
 from av.video.frame import VideoFrame
 from av.video.reformatter import Interpolation, VideoReformatter
 
-from services.mocap.atomic import atomic_file, atomic_folder
+from services.mocap.atomic import atomic_file, atomic_folder, write_file
 from services.mocap.camera.calibration import write_calibration
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import TakeError
@@ -111,8 +111,7 @@ def write_picture(path: Path, picture: Bytes | Trimap | Mask) -> None:
     Creates the folder if it is missing.
     """
     pixels = picture.astype(np.uint8) * (255 if picture.dtype == np.bool_ else 1)
-    with atomic_file(path) as part:
-        part.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+    write_file(path, cv2.imencode(".png", pixels)[1].tobytes())
 
 
 @contextmanager

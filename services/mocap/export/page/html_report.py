@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
-from services.mocap.atomic import atomic_file
+from services.mocap.atomic import write_file
 from services.mocap.errors import TakeError
 from services.mocap.export.page import charts
 from services.mocap.export.page.charts import svg_of
@@ -91,8 +91,7 @@ def write_report(path: Path, result: Result) -> None:
         ],
         tables=[(title, rows) for title, rows in _tables(result) if rows],
     )
-    with atomic_file(path) as part:
-        part.write_text(page, encoding="utf-8")
+    write_file(path, page)
 
 
 def _fit_picture(folder: Path) -> str:
