@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter
 from services.mocap.body.colours import COLOURED, MOST_CLASSES, QUARTERS
 from services.mocap.take.fit_record import COLOUR_BINS
 from services.mocap.types import Bytes, Floats, Ints, Mask, Singles
+from services.segmentation.cleanup import box_of
 
 _SMOOTH_BINS = (1.2, 0.8, 0.8)
 """Standard deviation by which histograms are smoothed."""
@@ -69,10 +70,9 @@ class ColourLearner:
         """Add a picture (H, W, 3) without lens distortion; pieces (H, W): which of PIECES the body shows, 0
         for none; actor (H, W): what is surely actor. Pixels near another segment or the outline are left
         out."""
-        left, top, width, height = cv2.boundingRect((actor & (pieces > 0)).view(np.uint8))
-        if not width:
+        box = box_of(actor & (pieces > 0), 0)
+        if box is None:
             return
-        box = slice(top, top + height), slice(left, left + width)
         image_bgr, pieces, actor = image_bgr[box], pieces[box], actor[box]
         segments = np.where(actor & (pieces > 0), 1 + (pieces.astype(np.int32) - 1) // QUARTERS, 0)
         kernel, numbers = np.ones((3, 3), np.uint8), segments.astype(np.uint8)

@@ -10,15 +10,10 @@ import numpy as np
 
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import Undistorter
-from services.mocap.energy.bitplanes import (
-    CAMERAS_PER_PLANE,
-    TriPlanes,
-    in_common_size,
-    n_planes,
-    pack_classes,
-)
+from services.mocap.energy.bitplanes import TriPlanes, in_common_size, pack_classes, pack_trimaps
 from services.mocap.take.folder import Take
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Mask, Trimap
+from services.segmentation.cleanup import box_of
 from services.segmentation.colour_classes import classes_of
 from services.segmentation.kept_trimaps import KeptTrimaps
 from services.segmentation.lenses import Lenses
@@ -207,9 +202,8 @@ class Segmenter:
             return None
         classes = [np.zeros_like(trimap) for trimap in trimaps]
         for c, (camera, trimap) in enumerate(zip(self._cameras, trimaps, strict=True)):
-            left, top, width, height = cv2.boundingRect((raw.trimaps[c] == ACTOR).view(np.uint8))
-            if camera.name in self._tables and width:
-                box = slice(top, top + height), slice(left, left + width)
+            box = box_of(raw.trimaps[c] == ACTOR, 0)
+            if camera.name in self._tables and box is not None:
                 of_raw = np.zeros_like(raw.trimaps[c])
                 of_raw[box] = classes_of(raw.images_bgr[c][box], self._tables[camera.name])
                 is_actor = trimap == ACTOR
@@ -230,18 +224,8 @@ def packed(
     trimaps: Sequence[Trimap], width_px: int, height_px: int, classes: Sequence[Bytes] | None = None
 ) -> TriPlanes:
     """Planes (P, height_px, width_px) of trimaps and colour classes (h, w); smaller ones lie in the upper
-    left.
-
-    One trimap after the other: `pack_trimaps` would first have to stack them.
-    """
-    shape = (n_planes(len(trimaps)), height_px, width_px)
-    planes = TriPlanes(np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
-    for c, trimap in enumerate(trimaps):
-        height, width = trimap.shape
-        for state, whole in ((ACTOR, planes.silhouettes), (UNSURE, planes.unsure)):
-            plane = whole[c // CAMERAS_PER_PLANE, :height, :width]
-            bit = np.left_shift((trimap == state).view(np.uint8), c % CAMERAS_PER_PLANE)
-            np.bitwise_or(plane, bit, out=plane)
+    left."""
+    planes = pack_trimaps([in_common_size(trimap, width_px, height_px) for trimap in trimaps])
     if classes is None:
         return planes
     whole = np.array([in_common_size(of_camera, width_px, height_px) for of_camera in classes])

@@ -25,11 +25,11 @@ def n_planes(n_cameras: int) -> int:
     return -(-n_cameras // CAMERAS_PER_PLANE)
 
 
-def pack(masks: Mask) -> Bytes:
+def pack(masks: Mask | Sequence[Mask]) -> Bytes:
     """Pack masks (C, H, W) into planes (P, H, W)."""
-    planes: Bytes = np.zeros((n_planes(len(masks)), *masks.shape[1:]), np.uint8)
+    planes: Bytes = np.zeros((n_planes(len(masks)), *masks[0].shape), np.uint8)
     for c, mask in enumerate(masks):
-        planes[c // CAMERAS_PER_PLANE] |= mask.astype(np.uint8) << c % CAMERAS_PER_PLANE
+        planes[c // CAMERAS_PER_PLANE] |= mask.view(np.uint8) << c % CAMERAS_PER_PLANE
     return planes
 
 
@@ -108,8 +108,7 @@ class TriPlanes:
 
 def pack_trimaps(trimaps: Sequence[Trimap] | Trimap) -> TriPlanes:
     """Pack trimaps (C, H, W)."""
-    stacked = np.asarray(trimaps)
-    return TriPlanes(pack(stacked == ACTOR), pack(stacked == UNSURE))
+    return TriPlanes(pack([one == ACTOR for one in trimaps]), pack([one == UNSURE for one in trimaps]))
 
 
 def unpack_trimaps(planes: TriPlanes, n_cameras: int) -> Trimap:
@@ -121,15 +120,15 @@ def unpack_trimaps(planes: TriPlanes, n_cameras: int) -> Trimap:
 
 def joined(sources: Sequence[tuple[TriPlanes, int]]) -> TriPlanes:
     """Planes of cameras that stand in different ones: in which, and at which place there, for each camera."""
-    silhouettes = pack(np.array([camera_bit(planes.silhouettes, place) for planes, place in sources]))
+    silhouettes = pack([camera_bit(planes.silhouettes, place) for planes, place in sources])
     unsure = np.zeros_like(silhouettes)
     if any(planes.unsure.any() for planes in {id(planes): planes for planes, _ in sources}.values()):
-        unsure = pack(np.array([camera_bit(planes.unsure, place) for planes, place in sources]))
+        unsure = pack([camera_bit(planes.unsure, place) for planes, place in sources])
     if all(planes.classes is None for planes, _ in sources):
         return TriPlanes(silhouettes, unsure)
     nothing = np.zeros(silhouettes.shape[1:], bool)
     classes = [
-        pack(np.array([nothing if p.classes is None else camera_bit(p.classes[k], at) for p, at in sources]))
+        pack([nothing if p.classes is None else camera_bit(p.classes[k], at) for p, at in sources])
         for k in range(CLASS_BITS)
     ]
     return TriPlanes(silhouettes, unsure, np.array(classes))
