@@ -7,13 +7,13 @@ import viser
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import SEGMENT_JOINTS, joint_positions
-from services.mocap.body.skeleton import DOFS, JOINT_INDEX, SEGMENT_JOINT, SEGMENT_NAMES
+from services.mocap.body.skeleton import DOFS, JOINT_INDEX, SEGMENT_JOINT, SEGMENT_NAMES, SEGMENT_PARENTS
 from services.mocap.export.tiles import CENTRE_BGR, LEFT_BGR, RIGHT_BGR
 from services.mocap.search.error_by_part import SEGMENT_PARTS
 from services.mocap.take.marks import doubtful_parts
 from services.mocap.types import Bytes, Floats, Mask
 from services.viewer.frame_history import SolvedFrame
-from services.viewer.show import SEGMENT_PARENTS, Show, lenses_of, placed_segments
+from services.viewer.show import Show, lenses_of, placed_segments
 
 DISTRUSTED_RGB = (214, 69, 69)
 _FRUSTUM_M = 0.2
@@ -67,7 +67,7 @@ class Scene3D:
         offsets_m, paths = body.offsets_m[SEGMENT_JOINTS], dict[str | None, str]({None: "/body"})
         segments = []
         for s, name in enumerate(SEGMENT_NAMES):
-            paths[name] = f"{paths[SEGMENT_PARENTS[s]]}/{name}"
+            paths[name] = f"{paths[SEGMENT_PARENTS[name]]}/{name}"
             segments.append(
                 scene.add_mesh_simple(
                     paths[name], *body.shown[s], color=rgb_of(name),

@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import SEGMENT_JOINTS, joint_transforms
-from services.mocap.body.skeleton import JOINTS, SEGMENT_JOINT
 from services.mocap.camera.rig import Rig
 from services.mocap.motion.motion import rest_rotations, turns_from_rest
 from services.mocap.types import Floats
@@ -41,11 +40,6 @@ class Show:
     """On finished results; None while there are none."""
 
 
-SEGMENT_PARENTS: tuple[str | None, ...] = tuple(
-    next((name for name, carrier in SEGMENT_JOINT.items() if carrier == JOINTS[joint].parent), None)
-    for joint in SEGMENT_JOINTS.tolist()
-)
-"""(S,) the segment that carries each segment; None for the pelvis."""
 _R_T_POSE = rest_rotations("T")
 
 

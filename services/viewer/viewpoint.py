@@ -14,9 +14,8 @@ FOV_RAD = 0.9
 _BESIDE_RAD, _ABOVE_RAD = 0.6, 0.35
 """The viewpoint is beside the direction that the actor faces, and above."""
 _MARGIN = 1.1
-_FLESH_M = 0.15
-"""From a joint to the skin, or the crown of the head."""
-_FRUSTUM_M = 0.25
+_REACH_M = 0.25
+"""From a camera to the far end of its frustum; from a joint to the skin it is less."""
 _WAYPOINTS = 17
 _SETTLING_S, _OTHER_SHAPE = 3.0, 0.02
 
@@ -73,9 +72,9 @@ class ViewpointControl:
         return joint_positions(np.array(poses), self._show.body.offsets_m).reshape(-1, 3)
 
     def _go(self, points_m: Floats, solved: SolvedFrame) -> None:
-        reach_m, heading_rad = max(_FLESH_M, _FRUSTUM_M), float(solved.pose[3]) + _BESIDE_RAD
+        heading_rad = float(solved.pose[3]) + _BESIDE_RAD
         aspect = float(self._camera.aspect)
-        eye_m, look_at_m = viewpoint_of(points_m, reach_m, heading_rad, aspect)
+        eye_m, look_at_m = viewpoint_of(points_m, _REACH_M, heading_rad, aspect)
         self._camera.position, self._camera.look_at = eye_m, look_at_m
         self._camera.fov = FOV_RAD
         self._framed = points_m, solved, aspect, time.monotonic()

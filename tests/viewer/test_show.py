@@ -8,14 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import N_DOF, SEGMENT_JOINTS, segment_transforms
-from services.mocap.body.skeleton import SEGMENT_NAMES
+from services.mocap.body.skeleton import SEGMENT_PARENTS
 from services.mocap.camera.rig import Rig
 from services.mocap.take.folder import Take
 from services.mocap.types import Floats
 from services.viewer.controls import Controls
 from services.viewer.frame_history import FrameHistory
 from services.viewer.page_words import show_words
-from services.viewer.show import SEGMENT_PARENTS, Show, lenses_of, placed_segments
+from services.viewer.show import Show, lenses_of, placed_segments
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_segments_stand_where_kinematics_has_them() -> None:
     T_world_segment = segment_transforms(pose[None], body.offsets_m)[0]
     turns = Rotation.from_quat(np.roll(wxyz, -1, axis=1)).as_matrix()
     T_world: dict[str | None, Floats] = {None: np.eye(4)}
-    for s, (name, parent) in enumerate(zip(SEGMENT_NAMES, SEGMENT_PARENTS, strict=True)):
+    for s, (name, parent) in enumerate(SEGMENT_PARENTS.items()):
         T = np.eye(4)
         T[:3, :3] = turns[s]
         T[:3, 3] = root_m if parent is None else body.offsets_m[SEGMENT_JOINTS[s]]

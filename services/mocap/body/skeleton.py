@@ -106,7 +106,13 @@ TRUNK: tuple[str, ...] = tuple(segment.name for segment in SEGMENTS if segment.p
 JOINTS: tuple[Joint, ...] = tuple(_joints())
 JOINT_NAMES: tuple[str, ...] = tuple(joint.name for joint in JOINTS)
 JOINT_INDEX: dict[str, int] = {name: i for i, name in enumerate(JOINT_NAMES)}
-TIP_JOINTS: tuple[str, ...] = tuple(name for name in JOINT_NAMES if name not in SEGMENT_JOINT.values())
+SEGMENT_AT: dict[str, str] = {joint: name for name, joint in SEGMENT_JOINT.items()}
+"""Joint -> the segment that it carries."""
+SEGMENT_PARENTS: dict[str, str | None] = {
+    name: SEGMENT_AT.get(JOINTS[JOINT_INDEX[joint]].parent or "") for name, joint in SEGMENT_JOINT.items()
+}
+"""Segment -> the segment that carries it; None for the pelvis."""
+TIP_JOINTS: tuple[str, ...] = tuple(name for name in JOINT_NAMES if name not in SEGMENT_AT)
 """Joints that carry no segment but end one: they never turn."""
 
 DOFS: tuple[Dof, ...] = tuple(

@@ -21,9 +21,8 @@ from services.mocap.body.kinematics import segment_transforms
 from services.mocap.body.skeleton import (
     DOF_INDEX,
     JOINT_INDEX,
-    JOINTS,
     SEGMENT_INDEX,
-    SEGMENT_JOINT,
+    SEGMENT_PARENTS,
     SEGMENTS,
     SIDES,
 )
@@ -39,12 +38,7 @@ _INSET_PER_M, _MOST_INSET_M = 0.2, 0.004
 drawn in a little, so that the seam is one line and not a ragged band."""
 _CLOTH = len(SEGMENTS)
 """The number of the cloth's vertices."""
-_CARRIED = {joint: s for s, joint in enumerate(SEGMENT_JOINT.values())}
-_NEIGHBOURS = [
-    (_CARRIED[parent], s)
-    for s, segment in enumerate(SEGMENTS)
-    if (parent := JOINTS[JOINT_INDEX[segment.joint]].parent) is not None
-]
+_NEIGHBOURS = [(SEGMENT_INDEX[parent], SEGMENT_INDEX[s]) for s, parent in SEGMENT_PARENTS.items() if parent]
 """Segments that a joint connects, the parent first."""
 _CONTINUED = [(p, c) for p, c in _NEIGHBOURS if SEGMENTS[p].row.continued_by == SEGMENTS[c].row.name]
 """Those of which the second one's surface continues the first one's."""

@@ -33,8 +33,6 @@ class Character:
     """By segment."""
 
 
-SEGMENT_AT = {segment.joint: segment.name for segment in SEGMENTS}
-"""Joint -> the segment that it carries."""
 NEEDED_JOINTS = tuple(segment.joint for segment in SEGMENTS if segment.part != "torso")
 
 

@@ -8,9 +8,9 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from services.mocap.body.humanoid_names import matched_joints
-from services.mocap.body.own_mesh.character import NEEDED_JOINTS, SEGMENT_AT, Character, Piece, welded
+from services.mocap.body.own_mesh.character import NEEDED_JOINTS, Character, Piece, welded
 from services.mocap.body.own_mesh.gltf import Gltf
-from services.mocap.body.skeleton import JOINT_INDEX, JOINTS, SEGMENT_JOINT, SEGMENT_NAMES, SEGMENTS
+from services.mocap.body.skeleton import SEGMENT_JOINT, SEGMENT_NAMES, SEGMENT_PARENTS
 from services.mocap.body.surface import as_one, moved
 from services.mocap.errors import UserError
 from services.mocap.types import Floats, Ints, Mask
@@ -21,9 +21,9 @@ distance."""
 _FARTHEST = 0.06
 """Parts that are farther apart than this do not belong to one body."""
 _MEETINGS = {
-    segment.joint: (SEGMENT_AT[parent], segment.name)
-    for segment in SEGMENTS
-    if segment.joint in NEEDED_JOINTS and (parent := JOINTS[JOINT_INDEX[segment.joint]].parent)
+    joint: (parent, name)
+    for name, joint in SEGMENT_JOINT.items()
+    if joint in NEEDED_JOINTS and (parent := SEGMENT_PARENTS[name])
 }
 """Joint -> the parts that meet there."""
 

@@ -6,16 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from services.mocap.body.humanoid_names import matched_joints
-from services.mocap.body.own_mesh.character import (
-    NEEDED_JOINTS,
-    SEGMENT_AT,
-    Character,
-    Piece,
-    cut_where,
-    welded,
-)
+from services.mocap.body.own_mesh.character import NEEDED_JOINTS, Character, Piece, cut_where, welded
 from services.mocap.body.own_mesh.gltf import Gltf, Node, Primitive, Skin
-from services.mocap.body.skeleton import SEGMENT_INDEX, SEGMENT_NAMES
+from services.mocap.body.skeleton import SEGMENT_AT, SEGMENT_INDEX, SEGMENT_NAMES
 from services.mocap.body.surface import as_one, moved
 from services.mocap.errors import UserError
 from services.mocap.types import Floats, Ints
