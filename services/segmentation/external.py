@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from services.mocap.camera.camera import Camera
 from services.mocap.energy.bitplanes import trimap_of
 from services.mocap.errors import UserError
+from services.mocap.take.segmenter_name import GROUP
 from services.mocap.types import ACTOR, BACKGROUND, UNSURE, Bytes, Trimap
 from services.segmentation.cleanup import cleanup
 
@@ -106,10 +107,10 @@ class PluginMatte:
     the actor, or a trimap (H, W) of uint8: 0 is background, 128 unsure, 255 actor.
     """
 
-    def __init__(self, name: str, camera: Camera, plate_bgr: Bytes | None, group: str) -> None:
+    def __init__(self, name: str, camera: Camera, plate_bgr: Bytes | None) -> None:
         """Raises UserError if the entry point cannot be loaded or called."""
         self._name, self._shape = name, camera.shape_px
-        (entry,) = list(entry_points(group=group, name=name))[:1]
+        (entry,) = list(entry_points(group=GROUP, name=name))[:1]
         try:
             self._plugin = entry.load()(camera, plate_bgr)
         except UserError:

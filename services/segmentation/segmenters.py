@@ -15,7 +15,7 @@ from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.take.folder import Take
 from services.mocap.take.segmenter_name import AUTO as AUTO
-from services.mocap.take.segmenter_name import GROUP, KINDS, USUAL, Kind, check_segmenter
+from services.mocap.take.segmenter_name import KINDS, USUAL, Kind, check_segmenter
 from services.mocap.take.segmenter_name import READY as READY
 from services.segmentation.background import CameraBackground, spread_pictures, warn_of_guesses
 from services.segmentation.baselines import PaperTest, TrainedModel
@@ -143,7 +143,7 @@ def _group_matte(backgrounds: Sequence[CameraBackground], name: str) -> tuple[Ki
     for background in backgrounds:
         try:
             if row is None:
-                mattes.append(PluginMatte(kind, background.camera, background.mean_picture(), GROUP))
+                mattes.append(PluginMatte(kind, background.camera, background.mean_picture()))
             elif kind == USUAL:
                 plates.append(background.plate())
             else:
