@@ -64,21 +64,16 @@ def copy_actor(path: Path, folder: Path) -> None:
 
 def rounded(actor: Actor) -> Actor:
     """The actor as it is written, with four decimals."""
-    return Actor(
-        height=round(actor.height, _DIGITS),
-        bone_lengths={name: round(length_m, _DIGITS) for name, length_m in actor.bone_lengths.items()},
-        profiles={
-            name: Profile(
-                width=tuple(round(factor, _DIGITS) for factor in profile.width),
-                depth=tuple(round(factor, _DIGITS) for factor in profile.depth),
-            )
-            for name, profile in actor.profiles.items()
-        },
-        hip_depth=round(actor.hip_depth, _DIGITS),
-        mesh=actor.mesh,
-        skirt=actor.skirt,
-        colours=actor.colours,
-    )
+    profiles = {
+        name: Profile(
+            width=tuple(round(factor, _DIGITS) for factor in profile.width),
+            depth=tuple(round(factor, _DIGITS) for factor in profile.depth),
+        )
+        for name, profile in actor.profiles.items()
+    }
+    lengths_m = {name: round(length_m, _DIGITS) for name, length_m in actor.bone_lengths.items()}
+    single = {name: round(getattr(actor, name), _DIGITS) for name in ("height", "hip_depth")}
+    return actor.model_copy(update={**single, "bone_lengths": lengths_m, "profiles": profiles})
 
 
 def write_actor(path: Path, actor: Actor, origin: str) -> None:
