@@ -39,8 +39,7 @@ PIECES: Bytes = np.arange(1, 1 + N_PIECES, dtype=np.uint8).reshape(len(COLOURED)
 
 def classes_of(image_bgr: Bytes, table: Bytes) -> Bytes:
     """(H, W) the class of every pixel of a picture (H, W, 3) by a camera's colour table (COLOUR_BINS)."""
-    classes: Bytes = table.ravel()[_bins_of(image_bgr)]
-    return classes
+    return table.ravel()[_bins_of(image_bgr)]
 
 
 def _bins_of(image_bgr: Bytes) -> NDArray[np.int32]:

@@ -98,8 +98,7 @@ def trunk_widening(segment: str, z_heights: Floats, hips: float, shoulders: floa
         return 1.0
     at_hips = 1.0 + _HIPS_SHARE * (hips - 1.0)
     share = smoothstep((z_heights + _TRUNK_OFFSETS[segment]) / _OVER_HIPS["shoulder"])
-    widening: Floats = at_hips + (shoulders - at_hips) * share
-    return widening
+    return at_hips + (shoulders - at_hips) * share
 
 
 def smoothstep(t: Floats) -> Floats:

@@ -95,8 +95,7 @@ def bezier_weights(positions: Floats, n_controls: int) -> Floats:
     """Weights (N, n_controls) of control values at positions (N,) from 0 to 1; outside, those of the end."""
     t, k = np.clip(positions, 0.0, 1.0)[:, None], np.arange(n_controls)
     counts = np.array([comb(n_controls - 1, i) for i in range(n_controls)])
-    weights: Floats = counts * t**k * (1.0 - t) ** (n_controls - 1 - k)
-    return weights
+    return counts * t**k * (1.0 - t) ** (n_controls - 1 - k)
 
 
 def factors_along(
@@ -128,8 +127,7 @@ def _into_thighs(form: SegmentMesh, profiles: dict[str, Profile]) -> Floats:
     """What to multiply the pelvis' depths by, so that thighs of another depth come out without a step."""
     pelvis, thigh = (profiles.get(segment, _GENERIC).depth[0] for segment in _AT_THE_HIPS)
     share = smoothstep(_positions(form, "pelvis") / _CROTCH_POSITION)
-    depths: Floats = 1.0 + share * (thigh / pelvis - 1.0)
-    return depths
+    return 1.0 + share * (thigh / pelvis - 1.0)
 
 
 @lru_cache(_FORMS_KEPT)
@@ -157,8 +155,7 @@ def _positions(form: SegmentMesh, segment: str) -> Floats:
     """(V,) where along the bone the vertices lie: 0 at its first control point, 1 at its last."""
     section = SECTIONS[segment]
     along = form.vertices_heights[:, "xyz".index(section.axes[0])]
-    positions: Floats = (along - section.start) / (section.end - section.start)
-    return positions
+    return (along - section.start) / (section.end - section.start)
 
 
 @lru_cache(_FORMS_KEPT)

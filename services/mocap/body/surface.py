@@ -27,8 +27,7 @@ class Level:
 
 def moved(vertices: Floats, T: Floats) -> Floats:
     """Vertices (V, 3) where a transform (4, 4) takes them."""
-    there: Floats = vertices @ T[:3, :3].T + T[:3, 3]
-    return there
+    return vertices @ T[:3, :3].T + T[:3, 3]
 
 
 def as_one(meshes: Sequence[tuple[Floats, Ints]]) -> tuple[Floats, Ints]:

@@ -193,5 +193,4 @@ def _in_order(grey: Bytes, grid: Floats) -> Floats:
     level = grey[y.clip(0, grey.shape[0] - 1), x.clip(0, grey.shape[1] - 1)].astype(np.float64)
     row, column = np.indices(level.shape)
     like_first = (row + column) % 2 == 0
-    turned: Floats = grid[::-1, ::-1] if level[like_first].mean() > level[~like_first].mean() else grid
-    return turned
+    return grid[::-1, ::-1] if level[like_first].mean() > level[~like_first].mean() else grid

@@ -42,8 +42,7 @@ class Outline:
     def pixels(self, camera: Camera) -> Floats:
         """(n, 2) the points in the undistorted picture of the camera that sees it."""
         homogeneous = self.rays_world @ camera.R_camera_world.T @ camera.K.T
-        pixels: Floats = homogeneous[:, :2] / homogeneous[:, 2:]
-        return pixels
+        return homogeneous[:, :2] / homogeneous[:, 2:]
 
     def in_camera(
         self, camera: Camera, other: Camera | None = None, flip: tuple[float, float] = (1.0, 1.0)
@@ -83,8 +82,7 @@ class Touches:
         high = np.minimum(low + 1, len(frames) - 1)
         before, after = self.angles_second[low], self.angles_second[high]
         at = np.where(share > 0, (1 - share) * before + share * after, before)
-        off: Floats = np.where(inside[:, None], np.abs(self.angles_first - at), np.nan) * self.px_per_rad
-        return off
+        return np.where(inside[:, None], np.abs(self.angles_first - at), np.nan) * self.px_per_rad
 
 
 def outline_of(trimap: Trimap, camera: Camera) -> Outline | None:
@@ -142,8 +140,7 @@ def _touches(
 
 def _across(rays: Floats, axis: Floats) -> Floats:
     """(n, 3) what of rays is across an axis."""
-    across: Floats = rays - np.outer(rays @ axis, axis)
-    return across
+    return rays - np.outer(rays @ axis, axis)
 
 
 def _extremes(outline: Outline | None, basis: Floats) -> tuple[float, float]:

@@ -155,8 +155,7 @@ def _believable(corners: Corners, off_px: Floats) -> Mask:
     view = np.unique(np.stack([corners.camera, corners.frame]), axis=1, return_inverse=True)[1].ravel()
     n_right, n_all = np.bincount(view, right), np.bincount(view)
     good_view = (2 * n_right > n_all) & (n_right >= ENOUGH_CORNERS)
-    believable: Mask = right & good_view[view]
-    return believable
+    return right & good_view[view]
 
 
 def _solution(

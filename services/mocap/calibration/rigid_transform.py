@@ -39,8 +39,7 @@ class RigidTransform:
 
     def apply(self, points_m: Floats) -> Floats:
         """(…, 3) points, moved."""
-        moved: Floats = points_m @ self.R.T + self.t_m
-        return moved
+        return points_m @ self.R.T + self.t_m
 
 
 IDENTITY = RigidTransform(np.eye(3), np.zeros(3))

@@ -114,8 +114,7 @@ def pack_trimaps(trimaps: Sequence[Trimap] | Trimap) -> TriPlanes:
 def unpack_trimaps(planes: TriPlanes, n_cameras: int) -> Trimap:
     """Unpack planes (P, H, W) into trimaps (C, H, W)."""
     unsure = np.where(unpack(planes.unsure, n_cameras), UNSURE, BACKGROUND)
-    trimaps: Trimap = np.where(unpack(planes.silhouettes, n_cameras), ACTOR, unsure).astype(np.uint8)
-    return trimaps
+    return np.where(unpack(planes.silhouettes, n_cameras), ACTOR, unsure).astype(np.uint8)
 
 
 def joined(sources: Sequence[tuple[TriPlanes, int]]) -> TriPlanes:
@@ -145,8 +144,7 @@ def fit_together(
 
 def trimap_of(silhouette: Mask) -> Trimap:
     """The trimap (H, W) of a silhouette (H, W) without an unsure pixel."""
-    trimap: Trimap = np.multiply(silhouette.view(np.uint8), ACTOR, dtype=np.uint8)
-    return trimap
+    return np.multiply(silhouette.view(np.uint8), ACTOR, dtype=np.uint8)
 
 
 def camera_bit(planes: Bytes, camera: int) -> Mask:

@@ -113,8 +113,7 @@ class Fitting:
             for off_px in (-_OFF_PX, _OFF_PX)
         ]
         shift: Floats = _EDGE_PX * (widened[1] - widened[0]) / (2.0 * _OFF_PX)
-        covariance: Floats = noise + np.outer(shift, shift)
-        return covariance
+        return noise + np.outer(shift, shift)
 
     def _match(self, state: State) -> list[list[Matches]]:
         body = shape_space.body_of(state.x, self._base)

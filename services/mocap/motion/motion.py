@@ -47,8 +47,7 @@ def to_y_up(points_zup: Floats) -> Floats:
 
 def rotations_to_y_up(R_zup: Floats) -> Floats:
     """Rotations (…, 3, 3) of the z-up world in those axes."""
-    R_yup: Floats = R_ZUP_YUP.T @ R_zup @ R_ZUP_YUP
-    return R_yup
+    return R_ZUP_YUP.T @ R_zup @ R_ZUP_YUP
 
 
 def rest_pose(rest: Literal["T", "A", "hanging"]) -> Floats:

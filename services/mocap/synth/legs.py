@@ -33,7 +33,8 @@ class FootTargets:
 
 def _bones_m(offsets_m: Floats, side: Side) -> Floats:
     """(2,) how long thigh and shank are; offsets_m (J, 3)."""
-    return np.linalg.norm(offsets_m[[JOINT_INDEX[f"{side}_{joint}"] for joint in ("knee", "ankle")]], axis=1)
+    below = offsets_m[[JOINT_INDEX[f"{side}_{joint}"] for joint in ("knee", "ankle")]]
+    return np.asarray(np.linalg.norm(below, axis=1), np.float64)
 
 
 def reach_m(offsets_m: Floats, side: Side) -> float:

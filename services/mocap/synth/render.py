@@ -136,8 +136,7 @@ def shadowed(view: RoomView, figure: Figure) -> Singles:
     cells = floor_cells(view.floor_world_m)
     missing = cv2.remap(figure.shadow, cells[..., 0], cells[..., 1], cv2.INTER_LINEAR)
     left = 1.0 - np.float32(1.0 - SHADOW) * missing * view.floor_share
-    picture: Singles = view.picture * left[..., None]
-    return picture
+    return view.picture * left[..., None]
 
 
 def render(camera: Camera, view: RoomView, figure: Figure) -> tuple[Singles, Mask]:

@@ -203,5 +203,4 @@ def _jacobian(pose: Floats, offsets_m: Floats, targets: Targets, n: int) -> Floa
     ends = _residuals(
         np.concatenate([pose + step * np.eye(N_DOF), pose - step * np.eye(N_DOF)]), offsets_m, targets, n
     )
-    slopes: Floats = (ends[:N_DOF] - ends[N_DOF:]).T / (2 * step)
-    return slopes
+    return (ends[:N_DOF] - ends[N_DOF:]).T / (2 * step)

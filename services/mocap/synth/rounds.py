@@ -145,5 +145,4 @@ def _fitted(
         alone = Choreography(body)
         repertoire[i](alone)
         beats.append(alone.now_s)
-    fitted: Floats = tempos * round_s / float(np.dot(tempos, beats))
-    return fitted
+    return tempos * round_s / float(np.dot(tempos, beats))
