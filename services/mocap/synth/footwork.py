@@ -8,7 +8,6 @@ from math import cos, hypot, pi, radians, sin
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.spatial.transform import Rotation
 
 from services.mocap.body.skeleton import Side
 from services.mocap.synth.gait import SoleRoll, bump, min_jerk
@@ -96,12 +95,7 @@ def track_foot(time_s: Floats, foot: Foot, roll: SoleRoll, heel_rise: Floats, ho
             load[(done > 0) & (done < 1)] = 0.0
             pitch += _step_pitch(time_s, move, stride_m)
     yaw = xyw[:, 2]
-    ahead_m, ankle_z_m = roll.ankle_m(pitch)
-    xy_m = xyw[:, :2] + ahead_m[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
-    targets = FootTargets(
-        np.column_stack([xy_m, ankle_z_m + lift_m + hop_m]),
-        Rotation.from_euler("ZY", np.column_stack([yaw, pitch])).as_matrix(),
-    )
+    targets = roll.targets(xyw[:, :2], yaw, pitch, lift_m + hop_m)
     on_ball_m = roll.ball_m * np.clip(heel_rise / _ON_BALL, 0.0, 1.0)
     support_xy_m = xyw[:, :2] + on_ball_m[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
     # The weight goes over before a foot lifts and after it lands, as fast as people shift it.

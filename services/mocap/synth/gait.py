@@ -96,9 +96,12 @@ class SoleRoll:
         level = int(np.abs(self._pitch).argmin())
         self._ankle_x_m = forward_m - forward_m[level]
 
-    def ankle_m(self, pitch: Floats) -> tuple[Floats, Floats]:
-        """How far ahead of its place on a level foot the ankle is, and how high, for (N,) pitches."""
-        return np.interp(pitch, self._pitch, self._ankle_x_m), np.interp(pitch, self._pitch, self._ankle_z_m)
+    def targets(self, xy_m: Floats, yaw: Floats, pitch: Floats, lift_m: Floats) -> FootTargets:
+        """A foot that would have its ankle over (N, 2) if it were level, pitched (N,) and lifted (N,)."""
+        ahead_m, height_m = (np.interp(pitch, self._pitch, m) for m in (self._ankle_x_m, self._ankle_z_m))
+        xy_m = xy_m + ahead_m[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
+        R_world_foot = Rotation.from_euler("ZY", np.column_stack([yaw, pitch])).as_matrix()
+        return FootTargets(np.column_stack([xy_m, height_m + lift_m]), R_world_foot)
 
 
 def foot_targets(
@@ -123,14 +126,8 @@ def foot_targets(
         stand, beside_from_m = next_stand, step.half_width_m
     sign = 1.0 if side == "left" else -1.0
     position_m, heading = path.place(turns)
-    yaw = heading + sign * _TOE_OUT
-    ahead_m, height_m = roll.ankle_m(pitch)
-    position_m += (
-        sign * beside_m * np.stack([-np.sin(heading), np.cos(heading)])
-        + ahead_m * np.stack([np.cos(yaw), np.sin(yaw)])
-    ).T
-    ankle_world_m = np.column_stack([position_m, height_m + lift_m])
-    return FootTargets(ankle_world_m, Rotation.from_euler("ZY", np.stack([yaw, pitch], axis=1)).as_matrix())
+    position_m += sign * beside_m[:, None] * np.column_stack([-np.sin(heading), np.cos(heading)])
+    return roll.targets(position_m, heading + sign * _TOE_OUT, pitch, lift_m)
 
 
 def _step_pitch(time_s: Floats, step: Footstep) -> Floats:
