@@ -26,6 +26,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import contours_of, working_scales
 from services.mocap.fit.jacobian import ShapeSlopes, jacobian
+from services.mocap.fit.least_squares import CONTOUR_POINTS, mean_of_last
 from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State, System
 from services.mocap.fit.priors import Prior
 from services.mocap.fit.quality import FitQuality, quality_of
@@ -37,8 +38,6 @@ HARDLY_PX = 0.7
 """A camera hardly moves if it sees the body's joints move by less, in working pixels: 1 cm in most rooms."""
 _LEAST_GAIN = 0.01
 """Share of the energy in frames that were kept out by which they must get better."""
-_CONTOUR_POINTS = 250
-"""Most contour points of a view that are matched with the model."""
 _STAGES = (
     FitStage((), ALL_DOFS, 15.0, 6, damping=0.003),
     FitStage((), ALL_DOFS, 4.0, 6, damping=0.003),
@@ -48,8 +47,6 @@ _STAGES = (
 """From coarse to fine; the first finds a camera that sees the body a limb's width off."""
 _RIDGE = 1e-6
 """Holds a camera that does not see the actor at all."""
-_AVERAGED = 4
-"""Matches change with every step: the mean of the last states is better than the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +132,7 @@ class _BodyAdjustment:
 
     def __init__(self, rig: Rig, seen: TriPlanes, actor: Actor, poses: Floats) -> None:
         """seen (F, P, H, W), poses (F, D): those begun with."""
-        self._rig, self._contours = rig, contours_of(rig, seen, _CONTOUR_POINTS)
+        self._rig, self._contours = rig, contours_of(rig, seen, CONTOUR_POINTS)
         self._shape, self._poses = vector_of(actor), poses
         self._slopes = ShapeSlopes.at(self._shape, (), actor)
         self._prior = Prior(poses)
@@ -152,9 +149,8 @@ class _BodyAdjustment:
         for n, stage in enumerate(steps):
             trail.append(self._linearised(trail[-1], stage).step(trail[-1], stage, bounds=lambda x: x))
             progress((n + 1) / len(steps))
-        last = trail[-_AVERAGED:]
-        motions: Floats = np.mean([state.x for state in last], axis=0).reshape(-1, TWIST_SIZE)
-        return motions, np.mean([state.poses for state in last], axis=0)
+        mean = mean_of_last(trail)
+        return mean.x.reshape(-1, TWIST_SIZE), mean.poses
 
     def _linearised(self, state: State, stage: FitStage) -> System:
         motions = np.array([_motion_of(of_camera).matrix for of_camera in state.x.reshape(-1, TWIST_SIZE)])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.mocap.camera.camera import Camera
-from services.mocap.export.text import write_text
+from services.mocap.export.text import WHITE_BGR, write_text
 from services.mocap.export.tiles import (
     BEYOND_BGR,
     MISSED_BGR,
@@ -23,7 +23,6 @@ _NARROWEST_PX, _WIDEST_PX = 240, 480
 _HEADER_PX, _GAP_PX = 34, 10
 _MARGIN = 0.08
 """Round the actor, as a share of the actor's height and width in the picture."""
-_WHITE_BGR = (255, 255, 255)
 _TEXT_SCALE = 0.55
 
 
@@ -83,13 +82,13 @@ def _sheet_grid(seen: Sequence[Seen]) -> Grid:
 def _block(seen: Sequence[Seen], state: Shown, cuts: list[tuple[slice, slice]], grid: Grid) -> Bytes:
     width_px, height_px = grid.columns * grid.tile_width_px, grid.rows * grid.tile_height_px
     block: Bytes = np.zeros((_HEADER_PX + height_px + _GAP_PX, width_px, 3), np.uint8)
-    end = write_text(block, state.title, (10, _HEADER_PX - 11), _WHITE_BGR, _TEXT_SCALE)
+    end = write_text(block, state.title, (10, _HEADER_PX - 11), WHITE_BGR, _TEXT_SCALE)
     for text, colour_bgr in (("missed", MISSED_BGR), ("beyond", BEYOND_BGR), ("unsure", UNSURE_BGR)):
         end = write_text(block, text, (end + 20, _HEADER_PX - 11), colour_bgr, _TEXT_SCALE)
     for c, one in enumerate(seen):
         model, cut = state.segment_masks[c], cuts[c]
         tile = draw_difference(one.picture[cut], one.trimap[cut], model[cut], grid)
-        write_text(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), _WHITE_BGR, _TEXT_SCALE)
+        write_text(tile, f"{one.camera.name}  IoU {state.ious[c]:.3f}", (8, 20), WHITE_BGR, _TEXT_SCALE)
         grid.place(block[_HEADER_PX:], c)[:] = tile
     return block
 

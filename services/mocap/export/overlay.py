@@ -16,7 +16,7 @@ from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
 from services.mocap.errors import UserError, nearest
 from services.mocap.export.model_painter import ModelPainter
-from services.mocap.export.text import write_text
+from services.mocap.export.text import WHITE_BGR, write_text
 from services.mocap.export.tiles import (
     CENTRE_BGR,
     DOUBTFUL_TEXT_BGR,
@@ -40,7 +40,6 @@ HEADER_PX, CAUSE_PX = 60, 22
 _LINES_PX = 27, 50, 72
 """Their base lines."""
 _CRF, _PRESET = 20, "veryfast"  # for looking at; takes half as long as x264's usual preset
-_WHITE_BGR = (255, 255, 255)
 _TEXT_SCALE, _TITLE_SCALE = 0.6, 0.5
 
 
@@ -171,7 +170,7 @@ class OverlayWriter:
                         f"{camera.name}: expected a picture of shape {camera.shape_px}, got {given.shape}"
                     )
             tile = draw_tile(picture, mask, self.grid, hatch)
-            write_text(tile, camera.name, (8, 22), _WHITE_BGR, _TEXT_SCALE)
+            write_text(tile, camera.name, (8, 22), WHITE_BGR, _TEXT_SCALE)
             self.grid.place(sheet[self.header_px :], index)[:] = tile
 
         hatched = [None] * len(self.cameras) if doubtful is None else doubtful
@@ -187,17 +186,17 @@ class OverlayWriter:
         Below it the verdict on all frames, and its first cause.
         """
         baseline, below, lowest = _LINES_PX
-        colour_bgr = DOUBTFUL_TEXT_BGR if is_doubtful else _WHITE_BGR
+        colour_bgr = DOUBTFUL_TEXT_BGR if is_doubtful else WHITE_BGR
         if (verdict := self.verdict) is not None:
             if verdict.level == "good" and not is_doubtful:
                 colour_bgr = CENTRE_BGR
             title = " - ".join(filter(None, (verdict.headline, verdict.doubts_in_words)))
-            write_text(sheet, title, (10, below), _WHITE_BGR, _TITLE_SCALE)
+            write_text(sheet, title, (10, below), WHITE_BGR, _TITLE_SCALE)
             for cause in verdict.causes[:1]:
-                write_text(sheet, f"{cause.kind}: {cause}", (10, lowest), _WHITE_BGR, _TITLE_SCALE)
-        end = write_text(sheet, frame, (10, baseline), _WHITE_BGR, _TEXT_SCALE)
+                write_text(sheet, f"{cause.kind}: {cause}", (10, lowest), WHITE_BGR, _TITLE_SCALE)
+        end = write_text(sheet, frame, (10, baseline), WHITE_BGR, _TEXT_SCALE)
         end = write_text(sheet, words, (end + 24, baseline), colour_bgr, _TEXT_SCALE)
-        end = write_text(sheet, f"energy {energy:.0f} px", (end + 24, baseline), _WHITE_BGR, _TEXT_SCALE)
+        end = write_text(sheet, f"energy {energy:.0f} px", (end + 24, baseline), WHITE_BGR, _TEXT_SCALE)
         x = sheet.shape[1] - 110
         if x > end:
             x = write_text(sheet, "left", (x, baseline), LEFT_BGR, _TEXT_SCALE)

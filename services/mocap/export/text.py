@@ -6,6 +6,7 @@ import cv2
 
 from services.mocap.types import Bytes
 
+WHITE_BGR = (255, 255, 255)
 _DOTS, _MARGIN_PX = "...", 4
 """The end of text that is cut off, and the room beside it. OpenCV before 5 draws ASCII letters only."""
 

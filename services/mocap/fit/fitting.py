@@ -13,14 +13,12 @@ from services.mocap.body.skeleton import BODY_DOFS, JOINTS, BodyName, dofs_of, p
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.fit.contours import Contour, contours_of
-from services.mocap.fit.least_squares import Fitting
+from services.mocap.fit.least_squares import CONTOUR_POINTS, Fitting
 from services.mocap.fit.normal_equations import ALL_DOFS, FitStage, State
 from services.mocap.fit.priors import WEIGHT_APART_PX3, WEIGHT_PX3, Prior
 from services.mocap.fit.quality import FitQuality, quality_of
 from services.mocap.types import Floats
 
-_CONTOUR_POINTS = 250
-"""Most contour points of a view that are matched with the model."""
 _MOST_ENERGY = 1.05
 """A result with more than so many times the start's energy is dropped. A likelier body may have a little
 more, because a search found the start's poses for the start's body."""
@@ -83,7 +81,7 @@ def fit_actor(
     if starts.shape != (n_frames, len(ALL_DOFS)):
         raise ValueError(f"poses: expected ({n_frames}, {len(ALL_DOFS)}) or one pose, got {poses.shape}")
     starts = pose_of_body(clip_to_limits(starts), body)
-    contours, shaping = contours_of(rig, seen, _CONTOUR_POINTS), _of_body(_SHAPING, body)
+    contours, shaping = contours_of(rig, seen, CONTOUR_POINTS), _of_body(_SHAPING, body)
     step = _step_counter(progress, n_frames, n_starts=2 if following else 1)
     begun = State(shape_space.vector_of(start), starts)
     state = _place(rig, contours, begun, following, partial(step, 1), body, start)

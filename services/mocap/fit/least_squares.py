@@ -5,7 +5,7 @@ matches of the rim alone, along its normals. A shape needs matches both ways, an
 for both was measured: results of some takes became worse.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,10 @@ _FAR_PX = np.array([100.0])
 leaving pictures."""
 _GAIN = 0.995
 """A step without progress leaves more than this share of the least cost so far."""
+CONTOUR_POINTS = 250
+"""Most contour points of a view that are matched with the model."""
 _AVERAGED = 4
+"""Matches change with every step: the mean of the last states is better than the last one."""
 _USUAL_COST_PX2 = 0.085
 """Cost per length of outline of silhouettes such as WEIGHT_PX3 was measured on; more is more noise."""
 _MISFIT_STAGE = FitStage((), (), cap_px=0.8, steps=0, is_strict=True)
@@ -86,8 +89,7 @@ class Fitting:
             trail.append(current)
             since_best = 0 if current.cost < _GAIN * best.cost else since_best + 1
             best = min(best, current, key=lambda matched: matched.cost)
-        last = [matched.state for matched in trail[-_AVERAGED:]]
-        mean = State(np.mean([s.x for s in last], axis=0), np.mean([s.poses for s in last], axis=0))
+        mean = mean_of_last([matched.state for matched in trail])
         return min(best, self._matched(mean, stage), key=lambda matched: matched.cost).state
 
     def cost(self, state: State, stage: FitStage) -> float:
@@ -154,6 +156,12 @@ class Fitting:
             weights = np.concatenate(lengths_px) * stage.weights(residuals_px)
             system.add_frame(f, rows, residuals_px, weights)
         return system
+
+
+def mean_of_last(trail: Sequence[State]) -> State:
+    """The mean of the last states of a minimisation."""
+    last = trail[-_AVERAGED:]
+    return State(np.mean([s.x for s in last], axis=0), np.mean([s.poses for s in last], axis=0))
 
 
 def _misfit(matched: _Matched) -> float:

@@ -10,14 +10,13 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from services.mocap.body.skeleton import Side
-from services.mocap.synth.gait import SoleRoll, bump, min_jerk
+from services.mocap.synth.gait import ON_BALL, SoleRoll, bump, min_jerk
 from services.mocap.synth.legs import FootTargets
 from services.mocap.types import Floats
 
 _FULL_STRIDE_M = 0.5
 _HEEL_RISE = radians(28)
 _TOE_RISE = radians(10)
-_ON_BALL = radians(30)
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def track_foot(time_s: Floats, foot: Foot, roll: SoleRoll, heel_rise: Floats, ho
             pitch += _step_pitch(time_s, move, stride_m)
     yaw = xyw[:, 2]
     targets = roll.targets(xyw[:, :2], yaw, pitch, lift_m + hop_m)
-    on_ball_m = roll.ball_m * np.clip(heel_rise / _ON_BALL, 0.0, 1.0)
+    on_ball_m = roll.ball_m * np.clip(heel_rise / ON_BALL, 0.0, 1.0)
     support_xy_m = xyw[:, :2] + on_ball_m[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
     # The weight goes over before a foot lifts and after it lands, as fast as people shift it.
     soft = gaussian_filter1d(load, 0.09 / float(time_s[1] - time_s[0]), mode="nearest", truncate=3.0)

@@ -21,7 +21,7 @@ _LIFT_M = 0.04
 # A foot that goes less far, or has less time, rolls and lifts less.
 _FULL_STRIDE_M, _UNHURRIED_S = 0.55, 0.4
 _TOE_OUT = radians(7)
-_ON_BALL = radians(30)
+ON_BALL = radians(30)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class SoleRoll:
         cosine, sine = np.cos(self._pitch), np.sin(self._pitch)
         heights_m = np.outer(cosine, vertices_m[:, 1]) - np.outer(sine, vertices_m[:, 0])
         self._ankle_z_m = -heights_m.min(axis=1)
-        self.ball_m = float(vertices_m[heights_m[np.abs(self._pitch - _ON_BALL).argmin()].argmin(), 0])
+        self.ball_m = float(vertices_m[heights_m[np.abs(self._pitch - ON_BALL).argmin()].argmin(), 0])
         """How far ahead of the ankle's place on a level foot the ball is on which the raised foot stands."""
         # While the foot turns about its contact, the ankle goes ahead by its height over it per radian.
         forward_m = np.concatenate([[0.0], np.cumsum(np.diff(self._pitch) * self._ankle_z_m[1:])])

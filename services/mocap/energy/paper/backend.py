@@ -1,9 +1,6 @@
 """The `paper` backend: at every evaluation one pose is drawn, read back whole and counted on the CPU."""
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from services.mocap.body.actor import Body
 from services.mocap.body.kinematics import surface_transforms
@@ -14,9 +11,8 @@ from services.mocap.energy.cost import Cost
 from services.mocap.energy.gl.device import GlDevice
 from services.mocap.energy.paper.rasteriser import Rasteriser
 from services.mocap.energy.picture import Region
-from services.mocap.types import Bytes, Floats
+from services.mocap.types import Bytes, Floats, Words
 
-Words: TypeAlias = NDArray[np.uint64]
 _WORD_BYTES = 8
 
 
