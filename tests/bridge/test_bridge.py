@@ -11,16 +11,15 @@ import pytest
 from test_humanoid import places_of
 from vmc_tool import Tool
 
+from known_actor import write_take_of_known_actor
 from playback import Playback
 from services.bridge.humanoid import BONES
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.kinematics import joint_positions
 from services.mocap.body.skeleton import JOINT_INDEX
 from services.mocap.motion.smoothing import OneEuro
-from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take, open_take
-from services.mocap.take.layout import ACTOR, SETTINGS
+from services.mocap.take.layout import SETTINGS
 from services.mocap.take.settings import read_take_file
 from services.mocap.types import Floats
 from services.runs.launcher import free_endpoint
@@ -31,8 +30,7 @@ pytestmark = pytest.mark.timeout(120)
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Take:
     folder = tmp_path_factory.mktemp("bridge") / "walk"
-    write_synthetic_take(folder, n_frames=24, n_cameras=3)
-    write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
+    write_take_of_known_actor(folder, n_frames=24, n_cameras=3)
     return open_take(folder)
 
 

@@ -9,11 +9,7 @@ import pytest
 from stack import FEW, IMAGE, SLOWLY, Stack, docker
 
 from first_pose import say_first_pose
-from services.mocap.body.actor import Actor
-from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.actor_file import write_actor
-from services.mocap.take.layout import ACTOR, SETTINGS
-from services.mocap.take.settings import read_take_file
+from known_actor import write_take_of_known_actor
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -38,8 +34,7 @@ def image() -> str:
 def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its actor and first pose are said, so that its first frame takes no longer than another."""
     folder = tmp_path_factory.mktemp("take") / "walk"
-    write_synthetic_take(folder, n_frames=24, n_cameras=4)
-    write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
+    write_take_of_known_actor(folder, n_frames=24, n_cameras=4)
     say_first_pose(folder)
     for path in (*folder.rglob("*"), folder, folder.parent, folder.parent.parent):
         path.chmod(0o755 if path.is_dir() else 0o644)  # services run as another user

@@ -16,13 +16,9 @@ from one_process import tracked_here
 
 from exact_take import in_place_of_videos
 from first_pose import say_first_pose
+from known_actor import write_take_of_known_actor
 from services.cli import main
-from services.mocap.body.actor import Actor
 from services.mocap.search.settings import SearchSettings
-from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.actor_file import write_actor
-from services.mocap.take.layout import ACTOR, SETTINGS
-from services.mocap.take.settings import read_take_file
 from services.runs.fork_server import ForkServer
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -55,8 +51,7 @@ def own_imports(monkeypatch: pytest.MonkeyPatch) -> None:
 def synthetic_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its actor.toml holds the very body that it shows, so that nothing is fitted before it is tracked."""
     folder = tmp_path_factory.mktemp("synthetic") / "walk"
-    write_synthetic_take(folder, n_frames=24, n_cameras=5)
-    write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
+    write_take_of_known_actor(folder, n_frames=24, n_cameras=5)
     return folder
 
 

@@ -15,14 +15,10 @@ from lasting_servers import LastingServers
 from one_process import tracked_here
 
 from first_pose import say_first_pose
-from services.mocap.body.actor import Actor
+from known_actor import write_take_of_known_actor
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import PRESETS, SearchSettings
-from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import open_take
-from services.mocap.take.layout import ACTOR, SETTINGS
-from services.mocap.take.settings import read_take_file
 from services.mocap.take.tables import read_poses_csv
 from services.recorder.store import Store
 from services.runs import Interrupted, ServiceFailedError
@@ -155,8 +151,7 @@ def undisturbed(exact_take: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 def filmed_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A take with as few videos and frames as are needed, its first pose said."""
     folder = tmp_path_factory.mktemp("filmed") / "walk"
-    write_synthetic_take(folder, n_frames=FRAMES, n_cameras=3)
-    write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
+    write_take_of_known_actor(folder, n_frames=FRAMES, n_cameras=3)
     say_first_pose(folder)
     return folder
 

@@ -15,16 +15,13 @@ import pytest
 from playwright.sync_api import Browser
 
 from bench.chromium import chromium_path, open_chromium
+from known_actor import write_take_of_known_actor
 from playback import Playback
-from services.mocap.body.actor import Actor
 from services.mocap.body.kinematics import N_DOF
-from services.mocap.synth.take import write_synthetic_take
-from services.mocap.take.actor_file import write_actor
 from services.mocap.take.folder import Take, open_take
-from services.mocap.take.layout import ACTOR, SETTINGS
+from services.mocap.take.layout import ACTOR
 from services.mocap.take.marks import PARTS
 from services.mocap.take.quantities import STAGES
-from services.mocap.take.settings import read_take_file
 from services.runs import launcher
 from services.viewer.frame_history import ON_PAGE, SolvedFrame
 
@@ -51,8 +48,7 @@ def solved() -> Callable[..., SolvedFrame]:
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Take:
     """A take of eight cameras, its actor and its poses known."""
     folder = tmp_path_factory.mktemp("viewer") / "walk"
-    write_synthetic_take(folder, n_frames=24, n_cameras=8)
-    write_actor(folder / ACTOR, Actor(height=read_take_file(folder / SETTINGS).actor_height), "nothing")
+    write_take_of_known_actor(folder, n_frames=24, n_cameras=8)
     return open_take(folder)
 
 
