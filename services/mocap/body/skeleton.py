@@ -78,13 +78,6 @@ def mirrored(vector: Vector, side: Side | None, *, is_axis: bool = False) -> Vec
     return (-x, y, -z) if is_axis else (x, -y, z)
 
 
-def _segments() -> Iterator[Segment]:
-    for side in (None, *SIDES):
-        for row in ROWS:
-            if row.paired == (side is not None):
-                yield Segment(sided(row.name, side), sided(row.joint, side), sided(row.part, side), side, row)
-
-
 def _joints() -> Iterator[Joint]:
     paired = {row.joint: row.paired for row in ROWS}
     for segment in SEGMENTS:
@@ -95,7 +88,12 @@ def _joints() -> Iterator[Joint]:
             yield Joint(sided(row.tip.joint, side), segment.joint, mirrored(row.tip.offset_heights, side))
 
 
-SEGMENTS: tuple[Segment, ...] = tuple(_segments())
+SEGMENTS: tuple[Segment, ...] = tuple(
+    Segment(sided(row.name, side), sided(row.joint, side), sided(row.part, side), side, row)
+    for side in (None, *SIDES)
+    for row in ROWS
+    if row.paired == (side is not None)
+)
 SEGMENT_JOINT: dict[str, str] = {segment.name: segment.joint for segment in SEGMENTS}
 """Segment -> the joint that carries it, in the order of every (…, S, …) array."""
 SEGMENT_NAMES: tuple[str, ...] = tuple(SEGMENT_JOINT)
