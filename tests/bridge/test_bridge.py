@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from test_humanoid import places_of
 from vmc_tool import Tool
 
 from known_actor import write_take_of_known_actor
+from patience import until
 from playback import Playback
 from services.bridge.humanoid import BONES
 from services.mocap.body.actor import Actor, build_body
@@ -55,13 +55,6 @@ def start_bridge(tool: Tool, tmp_path: Path) -> Iterator[Bridge]:
         process.wait(20)
 
 
-def _until(condition: Callable[[], bool], what: str, timeout_s: float = 60) -> None:
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.05)
-
-
 def _expected(take: Take, pose: Floats) -> Floats:
     """(S, 3) our joints in Unity's axes."""
     height = read_take_file(take.folder / SETTINGS).actor_height
@@ -73,16 +66,16 @@ def _expected(take: Take, pose: Floats) -> Floats:
 def test_a_tool_hears_the_tracked_poses(walk: Take, tool: Tool, start_bridge: Bridge) -> None:
     with Playback(walk, free_endpoint(), period_s=0.05) as playback:
         process = start_bridge(playback, "--cutoff-hz", "0")
-        _until(lambda: len(tool.frames()) > 5, "no frame was heard")
+        until(lambda: len(tool.frames()) > 5, "no frame was heard")
         playback.distrusted = ["left_arm"]
-        _until(lambda: (1, 3, 0, 0) in tool.oks(), "nobody says that a frame is not to be trusted")
+        until(lambda: (1, 3, 0, 0) in tool.oks(), "nobody says that a frame is not to be trusted")
         for time_s, bones in tool.frames().items():
             pose = playback.pose(round(time_s * walk.settings.fps)).pose
             found = np.array(list(places_of(bones).values()))
             np.testing.assert_allclose(found, _expected(walk, pose), atol=1e-3)
     assert (1, 3, 0, 1) in tool.oks()
     n_frames = len(tool.frames())
-    _until(lambda: tool.oks()[-1] == (0, 3, 0, 0), "nobody says that nothing comes any more")
+    until(lambda: tool.oks()[-1] == (0, 3, 0, 0), "nobody says that nothing comes any more")
     assert len(tool.frames()) >= n_frames
     process.terminate()
     assert process.wait(20) == 143
@@ -93,8 +86,8 @@ def test_the_end_of_a_take_is_told_and_poses_are_smoothed(
 ) -> None:
     with Playback(walk, free_endpoint(), frames=48, waits=True) as playback:
         start_bridge(playback, "--cutoff-hz", "1.5")
-        _until(lambda: (1, 3, 0, 1) in tool.oks(), "no frame was heard")
-        _until(lambda: tool.oks()[-1] == (0, 3, 0, 0), "the end is not told")
+        until(lambda: (1, 3, 0, 1) in tool.oks(), "no frame was heard")
+        until(lambda: tool.oks()[-1] == (0, 3, 0, 0), "the end is not told")
         frames, one_euro = tool.frames(), OneEuro(1.5)
         for time_s, bones in frames.items():
             message = playback.pose(round(time_s * walk.settings.fps))
@@ -106,6 +99,6 @@ def test_the_end_of_a_take_is_told_and_poses_are_smoothed(
 def test_another_take_is_left_out(walk: Take, tool: Tool, start_bridge: Bridge) -> None:
     with Playback(walk, free_endpoint(), period_s=0.02) as playback:
         start_bridge(playback, "--take", "another")
-        _until(lambda: len(tool.oks()) > 2, "the bridge says nothing")
+        until(lambda: len(tool.oks()) > 2, "the bridge says nothing")
         assert tool.frames() == {}
         assert set(tool.oks()) == {(0, 3, 0, 0)}

@@ -16,6 +16,7 @@ from one_process import tracked_here
 
 from first_pose import say_first_pose
 from known_actor import write_take_of_known_actor
+from patience import until
 from services.mocap.energy.settings import EngineSettings
 from services.mocap.search.settings import PRESETS, SearchSettings
 from services.mocap.take.folder import open_take
@@ -44,15 +45,6 @@ def _alive(pid: int) -> bool:
 
 def _children(pid: int) -> list[int]:
     return [child.pid for child in psutil.Process(pid).children(recursive=True)]
-
-
-def _wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
-    deadline_s = time.monotonic() + timeout_s
-    while time.monotonic() < deadline_s:
-        if condition():
-            return True
-        time.sleep(0.1)
-    return False
 
 
 class Run:
@@ -318,7 +310,7 @@ def command(exact_take: Path, tmp_path: Path) -> Iterator["subprocess.Popen[str]
         text=True,
     )
     starter = sys.platform == "linux"  # a process of its own, of which services are copies
-    assert _wait_until(lambda: len(_children(process.pid)) == 4 + starter, 60)
+    until(lambda: len(_children(process.pid)) == 4 + starter)
     yield process
     process.kill()
     process.wait()
@@ -338,4 +330,4 @@ def test_no_process_outlives_a_killed_command(command: "subprocess.Popen[str]") 
     children = _children(command.pid)
     command.kill()
     command.wait()
-    assert _wait_until(lambda: not any(_alive(pid) for pid in children), 40)
+    until(lambda: not any(_alive(pid) for pid in children))

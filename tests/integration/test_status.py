@@ -14,6 +14,7 @@ from urllib.request import urlopen
 import pytest
 
 from bench.soak.latency import Stopwatch
+from patience import until
 from services.commands.status import answer_of
 from services.runs.launcher import Launcher, free_endpoint
 
@@ -28,13 +29,6 @@ def told(xormocap: Command, endpoint: str) -> dict[str, Any]:
     return answer
 
 
-def until(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 150
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.05)
-
-
 def test_a_run_from_its_beginning_to_its_end(exact_take: Path, xormocap: Command, tmp_path: Path) -> None:
     take, out, endpoint = ("--take", str(exact_take)), tmp_path / "out", free_endpoint()
     connect, clients = ("--connect", endpoint), ("--workers", "1", "--recorders", "1")
@@ -43,7 +37,7 @@ def test_a_run_from_its_beginning_to_its_end(exact_take: Path, xormocap: Command
         options = ("--search", "paper", *clients, "--metrics", str(port))
         launcher.start("coordinator", *take, "--bind", endpoint, *options)
         launcher.start("limb_worker", *connect)
-        until(lambda: answer_of(endpoint) == "listens")
+        until(lambda: answer_of(endpoint) == "listens", timeout_s=150)
         before = told(xormocap, endpoint)
         assert (before["take"], before["stage"], before["run"]) == ("walk", "waiting for clients", "")
         assert (before["next_frame"], before["end_frame"], before["recorders"]) == (0, 24, {})
@@ -57,7 +51,7 @@ def test_a_run_from_its_beginning_to_its_end(exact_take: Path, xormocap: Command
         launcher.start("recorder", *take, *connect, "--out", str(out), "--no-overlay", "--no-report")
         with Stopwatch(endpoint) as stopwatch:
             launcher.start("segmentation", *take, *connect)
-            until(lambda: stopwatch.frame >= 2)
+            until(lambda: stopwatch.frame >= 2, timeout_s=150)
             os.kill(
                 launcher.pids("segmentation")[0], signal.SIGSTOP
             )  # so that the run does not end meanwhile
@@ -86,7 +80,7 @@ def test_a_run_from_its_beginning_to_its_end(exact_take: Path, xormocap: Command
             assert f"xormocap_{name}" in told_there
 
         os.kill(launcher.pids("segmentation")[0], signal.SIGCONT)
-        until(lambda: launcher.is_done("recorder"))
+        until(lambda: launcher.is_done("recorder"), timeout_s=150)
         said, _ = live.communicate(timeout=60)
         assert live.returncode == 0, said
         assert "24 of 24 frames" in said

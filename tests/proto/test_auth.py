@@ -10,6 +10,7 @@ import pytest
 import zmq
 import zmq.auth
 
+from patience import until
 from proto.auth import Admission
 from proto.keys import ClientKeys, KeysError, allowed_clients, client_keys, server_keys
 from proto.link import Line, Link
@@ -19,7 +20,6 @@ from proto.streams import AddressError
 from services.coordinator.ports import Ports
 from services.runs.launcher import free_endpoint
 
-_PATIENCE_S = 10.0
 _CREDIT = Credit(take="walk", run="0" * 32, next_frame=0, end_frame=8)
 Context = zmq.Context[zmq.Socket[bytes]]
 
@@ -68,7 +68,7 @@ class Coordinator:
     def reread(self) -> None:
         """Have the list read again, and wait until it was."""
         self.admission.ask_again()
-        assert until(lambda: self.admission._asked == self.admission._answered)
+        until(lambda: self.admission._asked == self.admission._answered)
         time.sleep(0.02)
 
 
@@ -82,15 +82,6 @@ def coordinator(folder: Path) -> Iterator[Coordinator]:
     made = Coordinator(folder)
     yield made
     made.ports.close()
-
-
-def until(true: Callable[[], bool], turn: Callable[[], object] = lambda: time.sleep(0.01)) -> bool:
-    deadline = time.monotonic() + _PATIENCE_S
-    while not true():
-        if time.monotonic() > deadline:
-            return False
-        turn()
-    return True
 
 
 def link_of(context: Context, coordinator: Coordinator, keys: ClientKeys | None, name: str = "ann") -> Link:
@@ -120,13 +111,13 @@ def test_who_is_on_the_list_comes_in_on_all_streams(
     link = link_of(context, coordinator, keys)
     poses = Line(context, coordinator.endpoint, "poses", keys)
     silhouettes = Line(context, coordinator.endpoint, "silhouettes", keys)
-    assert until(lambda: bool(names(coordinator)), both(coordinator, link, poses, silhouettes))
-    assert until(lambda: receive(poses.socket) == _CREDIT, both(coordinator, poses))
+    until(lambda: bool(names(coordinator)), turn=both(coordinator, link, poses, silhouettes))
+    until(lambda: receive(poses.socket) == _CREDIT, turn=both(coordinator, poses))
     assert send(silhouettes.socket, _CREDIT)
-    assert until(lambda: (b"", _CREDIT) in coordinator.heard, both(coordinator, silhouettes))
+    until(lambda: (b"", _CREDIT) in coordinator.heard, turn=both(coordinator, silhouettes))
     identity = next(i for i, message in coordinator.heard if isinstance(message, Hello))
     assert coordinator.ports.send(identity, _CREDIT)
-    assert until(lambda: link.receive() == _CREDIT, coordinator.turn)
+    until(lambda: link.receive() == _CREDIT, turn=coordinator.turn)
     assert coordinator.ports.counts() == {"malformed": 0, "unwelcome": 0, "handshakes_failed": 0}
     for line in (link, poses, silhouettes):
         line.close()
@@ -177,9 +168,9 @@ def test_who_has_no_right_key_stays_out_and_is_told(
         return [text for text in caplog.messages if sentence in text]
 
     with caplog.at_level(logging.WARNING):
-        assert until(lambda: bool(told(client_says)) and bool(told(coordinator_says)), turn)
+        until(lambda: bool(told(client_says)) and bool(told(coordinator_says)), turn=turn)
         failed = coordinator.ports.counts()["handshakes_failed"]
-        assert until(lambda: coordinator.ports.counts()["handshakes_failed"] > failed + 2, turn)
+        until(lambda: coordinator.ports.counts()["handshakes_failed"] > failed + 2, turn=turn)
     assert coordinator.heard == []
     assert not any(heard)
     assert len(told(client_says)) == 1
@@ -195,8 +186,8 @@ def test_who_is_revoked_is_out_although_connected(
     links = [link_of(context, coordinator, client_keys(folder, name), name) for name in ("ann", "bob")]
     lines = [Line(context, coordinator.endpoint, "poses", client_keys(folder, n)) for n in ("ann", "bob")]
     turn = both(coordinator, *links, *lines)
-    assert until(lambda: names(coordinator) == {"ann", "bob"}, turn)
-    assert until(lambda: all(bool(line.socket.poll(1)) for line in lines), turn)
+    until(lambda: names(coordinator) == {"ann", "bob"}, turn=turn)
+    until(lambda: all(bool(line.socket.poll(1)) for line in lines), turn=turn)
     ann, bob = (
         {i for i, m in coordinator.heard if isinstance(m, Hello) and m.name == n} for n in ("ann", "bob")
     )
@@ -211,17 +202,17 @@ def test_who_is_revoked_is_out_although_connected(
             pass
     coordinator.heard.clear()
     links[0].send(_CREDIT)
-    assert until(lambda: coordinator.ports.counts()["unwelcome"] > 0, turn)
-    assert until(lambda: bool(lines[1].socket.poll(1)), turn)  # bob is back
+    until(lambda: coordinator.ports.counts()["unwelcome"] > 0, turn=turn)
+    until(lambda: bool(lines[1].socket.poll(1)), turn=turn)  # bob is back
     for _ in range(50):
         turn()
     assert not lines[0].socket.poll(0)
     assert not [message for _, message in coordinator.heard if message == _CREDIT]
     assert "ann" not in names(coordinator)
-    assert until(lambda: "the key of ann was revoked" in caplog.text, turn)
+    until(lambda: "the key of ann was revoked" in caplog.text, turn=turn)
     shutil.copy(folder / "ann" / "client.key", list_file(folder, "ann"))  # and comes in again
     coordinator.reread()
-    assert until(lambda: bool(lines[0].socket.poll(1)), turn)
+    until(lambda: bool(lines[0].socket.poll(1)), turn=turn)
     for link in (*links, *lines):
         link.close()
 
@@ -233,10 +224,10 @@ def test_who_is_added_comes_in_without_a_restart(
     coordinator.reread()
     link = link_of(context, coordinator, client_keys(folder, "ann"))
     turn = both(coordinator, link)
-    assert until(lambda: coordinator.ports.counts()["handshakes_failed"] > 1, turn)
+    until(lambda: coordinator.ports.counts()["handshakes_failed"] > 1, turn=turn)
     shutil.copy(folder / "ann" / "client.key", list_file(folder, "ann"))
     coordinator.reread()
-    assert until(lambda: names(coordinator) == {"ann"}, turn)
+    until(lambda: names(coordinator) == {"ann"}, turn=turn)
     link.close()
 
 
@@ -245,14 +236,14 @@ def test_a_coordinator_without_keys_is_told_by_who_has_some(
 ) -> None:
     ports = Ports(endpoint := free_endpoint())
     line = Line(context, endpoint, "tasks", client_keys(folder, "ann"))
-    assert until(lambda: "the coordinator has no keys: start it with --keys" in caplog.text, line.tick)
+    until(lambda: "the coordinator has no keys: start it with --keys" in caplog.text, turn=line.tick)
     line.close()
     ports.close()
 
 
 def test_nobody_who_answers_is_told(context: Context, caplog: pytest.LogCaptureFixture) -> None:
     line = Line(context, free_endpoint(), "tasks")
-    assert until(lambda: "no answer: is the coordinator running" in caplog.text, line.tick)
+    until(lambda: "no answer: is the coordinator running" in caplog.text, turn=line.tick)
     line.close()
 
 
@@ -265,7 +256,7 @@ def test_junk_at_the_door_changes_nothing(context: Context, folder: Path, coordi
         identity = raw.recv_multipart()[0]
         raw.send_multipart([identity, b"GET / HTTP/1.1\r\n\r\n" * (k + 1)])
     link = link_of(context, coordinator, client_keys(folder, "ann"))
-    assert until(lambda: names(coordinator) == {"ann"}, both(coordinator, link))
+    until(lambda: names(coordinator) == {"ann"}, turn=both(coordinator, link))
     link.close()
 
 

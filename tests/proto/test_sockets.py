@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import zmq
 
+from patience import until
 from proto.framing import MalformedMessage
 from proto.messages import Beat, Credit, Hello, Silhouettes
 from proto.sockets import QUEUE_MESSAGES, bind, connect, make_socket, receive, send, wait
@@ -24,15 +25,6 @@ def make() -> Iterator[Callable[[int], Socket]]:
     context: zmq.Context[Socket] = zmq.Context()
     yield lambda kind: make_socket(context, kind)
     context.destroy(linger=0)
-
-
-def until(true: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + _PATIENCE_S
-    while not true():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.01)
-    return True
 
 
 def acquainted(make: Callable[[int], Socket]) -> tuple[Socket, Socket, bytes]:
@@ -81,7 +73,7 @@ def test_loopback_carries_messages(make: Callable[[int], Socket], endpoint: str,
         pytest.skip(f"this machine has no {endpoint}: {error}")
     assert address.startswith(real)
     connect(push, address)
-    assert until(lambda: send(push, Beat()))
+    until(lambda: send(push, Beat()))
     wait([pull], _PATIENCE_S)
     assert receive(pull) == Beat()
 
@@ -97,7 +89,7 @@ def test_router_knows_a_peer_that_is_gone(make: Callable[[int], Socket]) -> None
     router, dealer, identity = acquainted(make)
     assert send(router, Beat(), identity)
     dealer.close(linger=0)
-    assert until(lambda: not send(router, Beat(), identity))
+    until(lambda: not send(router, Beat(), identity))
     assert not send(router, Beat(), b"stranger")
 
 
@@ -138,7 +130,7 @@ def test_published_to_all_who_listen(make: Callable[[int], Socket]) -> None:
     credit = Credit(take="walk", run="0" * 32, next_frame=0, end_frame=8)
     for sub in subs:
         connect(sub, address)
-        assert until(lambda sub=sub: send(pub, credit) and bool(sub.poll(10)))  # type: ignore[misc]
+        until(lambda sub=sub: send(pub, credit) and bool(sub.poll(10)))  # type: ignore[misc]
         assert receive(sub) == credit
 
 
@@ -146,7 +138,7 @@ def test_arrays_arrive_whole(make: Callable[[int], Socket]) -> None:
     pull, push = make(zmq.PULL), make(zmq.PUSH)
     connect(push, bind(pull, "tcp://127.0.0.1:*"))
     planes = np.random.default_rng(1).integers(0, 256, (2, 480, 640), np.uint8)
-    assert until(
+    until(
         lambda: send(push, Silhouettes(take="t", run="0" * 32, frame=1, cameras=[*range(9)], planes=planes))
     )
     wait([pull], _PATIENCE_S)
@@ -189,4 +181,4 @@ def test_a_peer_that_hangs_is_noticed(make: Callable[[int], Socket], monkeypatch
     ready = b"\x05READY\x0bSocket-Type\x00\x00\x00\x06DEALER\x08Identity\x00\x00\x00\x00"
     raw.send_multipart([identity, greeting])
     raw.send_multipart([identity, b"\x04" + bytes([len(ready)]) + ready])
-    assert until(lambda: bool(events.poll(50)))
+    until(lambda: bool(events.poll(50)))

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from patience import until
 from playback import Playback
 from proto.messages import PoseRequest, SilhouettesRequest
 from services.mocap.result.layout import journal_of
@@ -24,11 +25,8 @@ def shows() -> list[Show]:
     return []
 
 
-def _until(presenter: TakePresenter, condition: Callable[[], bool], timeout_s: float = 15) -> None:
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline_s
-        presenter.listen(0.05)
+def _until(presenter: TakePresenter, condition: Callable[[], bool]) -> None:
+    until(condition, turn=lambda: presenter.listen(0.05))
 
 
 def _newest(shows: list[Show]) -> int:

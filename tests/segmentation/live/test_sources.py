@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from patience import until
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
 from services.mocap.take.live_settings import LiveCamera
@@ -103,12 +104,12 @@ def test_a_file_that_is_taken_away_is_an_unplugged_camera(video: Path, camera: C
         lambda stopped: FileSource(video, begin_s, stopped),
         lambda image, taken_s: came.append((taken_s, _number(image))),
     )
-    _wait_for(lambda: len(came) > 3)
+    until(lambda: len(came) > 3)
     away = video.rename(video.with_suffix(".away"))
     time.sleep(0.5)
     before = len(came)
     away.rename(video)
-    _wait_for(lambda: feed.has_ended)
+    until(lambda: feed.has_ended)
     feed.join()
     assert len(came) > before
     assert feed.problem is None
@@ -186,10 +187,3 @@ def test_what_is_not_there_is_lost_and_passwords_are_not_told(camera: Camera) ->
     assert str(lost.value).startswith("http://127.0.0.1:9/: ")
     with pytest.raises(SourceLostError, match="/dev/video99: "):
         StreamSource(LiveCamera(source=99), camera, 30.0)
-
-
-def _wait_for(condition: Callable[[], bool], patience_s: float = 60.0) -> None:
-    deadline_s = time.monotonic() + patience_s
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
