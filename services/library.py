@@ -78,7 +78,7 @@ def refine(take: Take, result: Path, n_frames: int = DEFAULT_REFINE_FRAMES, segm
     """Fit the actor of a result again, to n frames of the whole take; track again with what is returned.
 
     `xormocap track` does so by itself. Raises UserError if the result belongs to another take or has fewer
-    than two frames without a mark.
+    than two frames in which the body is not lost.
     """
     silhouettes = TakeSilhouettes(take, segmenter)
     return _warned(refine_take(silhouettes, result, n_frames, lambda _stage, _share: None))

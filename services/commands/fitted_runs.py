@@ -164,8 +164,8 @@ def _refined(
     """Fit the actor to frames of the whole take, by the results in job.out, usually of a run forwards, and
     track again.
 
-    Returns run.json. The body stays where that finds no better one, and where the results have too few frames
-    without a mark: then a warning says so, or UserError is raised in the end if it is asked for.
+    Returns run.json. The body stays where that finds no better one, and where the results show it in too few
+    frames: then a warning says so, or UserError is raised in the end if it is asked for.
     """
     varied, before = job.search.body, read_actor(job.out / ACTOR)
     fit = partial(

@@ -60,10 +60,10 @@ def refine_take(
 ) -> TakeFit:
     """Fit the actor of a result again, to n frames evenly spread over its take.
 
-    Frames that the result marks are left out; if furniture hides the actor from a camera and few frames are
-    without a mark, only those in which the whole body is lost. body: whose pose parameters vary.
+    Frames that the result marks are left out, or, where fewer than n are without a mark, those with the most
+    doubtful parts; those in which the whole body is lost always are. body: whose pose parameters vary.
     learns_colours: whether the actor's colour classes are learnt from the pictures as well. Raises
-    UserError if the result belongs to another take or has fewer than two reliable frames; else as fit_take.
+    UserError if the result belongs to another take or the body is lost in all but one frame; else as fit_take.
     """
     take = silhouettes.take
     found = result_of(take, result)
@@ -82,10 +82,12 @@ def refine_take(
             occluded, colours = look_over(
                 take, found, made, lambda share: progress(0.3 + 0.4 * share), learns_colours=learns_colours
             )
-            marked: Mask = np.asarray(found.distrusted.any(axis=1), bool)
-            if occluded and np.count_nonzero(~marked) < n_frames:
-                marked = found.distrusted[:, _TORSO]  # furniture that was not known leaves marks of its own
-            rows = reliable_rows(found, marked, n_frames, LEAST_FRAMES)
+            rows = least_doubtful_rows(found.distrusted, n_frames)
+            if len(rows) < LEAST_FRAMES:
+                raise UserError(
+                    f"--refine {found.folder}: expected at least {LEAST_FRAMES} frames in which the whole body "
+                    "is not lost"
+                )
             frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
             known = made.knowing(occluded)
             cameras, seen = seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
@@ -208,6 +210,15 @@ def reliable_rows(found: Result, marked: Mask, n_frames: int, least_frames: int)
     if np.count_nonzero(~marked) < least_frames:
         raise UserError(f"--refine {found.folder}: expected at least {least_frames} frames without a mark")
     return spread(marked, n_frames)
+
+
+def least_doubtful_rows(distrusted: Mask, n_frames: int) -> Ints:
+    """At most n rows of distrusted parts (N, 6), evenly spread over those without one, or over all with as few
+    as n rows have; rows in which the whole body is lost are left out."""
+    lost = distrusted[:, _TORSO]
+    doubtful = distrusted[~lost].sum(axis=1)
+    most = np.sort(doubtful)[:n_frames].max(initial=0)
+    return spread(lost | (distrusted.sum(axis=1) > most), n_frames)
 
 
 def spread(left_out: Mask, n_frames: int) -> Ints:

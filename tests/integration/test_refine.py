@@ -234,7 +234,7 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr("services.commands.fitted_runs.fit_take", lambda *_, **__: first_fit)
-    nothing_to_trust = Mock(side_effect=UserError("expected at least 2 frames without a mark"))
+    nothing_to_trust = Mock(side_effect=UserError("expected at least 2 frames in which"))
     out = tmp_path / "out"
     monkeypatch.setattr("services.commands.fitted_runs.refine_take", nothing_to_trust)
     track(strange_take, out, workers=1, frames="0:3", changes=[ONE_WAY[1]], check=False)
@@ -248,7 +248,7 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
         frames=range(3), overlay=False,
     )  # fmt: skip
     report, known, silhouettes = {"speed": {}}, load_result(out), TakeSilhouettes(job.take)
-    with pytest.raises(UserError, match="expected at least 2 frames without a mark"):
+    with pytest.raises(UserError, match="expected at least 2 frames in which"):
         track_again(job, silhouettes, report, is_asked_for=True)
     same = SimpleNamespace(actor=known.actor, warnings=[])
     monkeypatch.setattr("services.commands.fitted_runs.fit_with_bar", lambda *_: same)
