@@ -135,7 +135,8 @@ def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
     """Patches of what stands in a plate (H, W, 3) and in no sample (M, H, W, 3).
 
     An actor who never leaves a place differs from the plate there as well, but has an outline there in the
-    take, which a place that a person has left does not have.
+    take, which a place that a person has left does not have. Medians along the outline: the border of a wall
+    that crosses it is no outline.
     """
     gauge = Gauge.on(plate.astype(np.float32))
     evened = np.array([gauge.evened(sample, _FLICKER_LIMIT) for sample in samples])
@@ -146,7 +147,8 @@ def _gone(plate: Bytes, samples: Bytes) -> list[Mask]:
     gone = []
     for patch in _patches(differs):
         rim = cv2.morphologyEx(patch.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
-        if same[patch].mean() >= _SEEN_EMPTY and in_plate[rim].mean() > _EDGE_RATIO * in_take[rim].mean():
+        outline, in_takes = (float(np.median(slopes[rim])) for slopes in (in_plate, in_take))
+        if same[patch].mean() >= _SEEN_EMPTY and outline > _EDGE_RATIO * in_takes:
             gone.append(patch)
     return gone
 
