@@ -1,7 +1,6 @@
 """The command line of the measurements."""
 
 import json
-import os
 import shlex
 import signal
 import sys
@@ -10,7 +9,7 @@ from dataclasses import asdict
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
@@ -34,12 +33,23 @@ from bench import segmentation as silhouettes
 from bench import table2 as frame_times
 from bench.candidates import Candidates, Name
 from bench.machine import Machine, this_machine
+from bench.options import (
+    FramesOption,
+    JsonOption,
+    KeptOption,
+    SeedsOption,
+    StudioOption,
+    TakesArgument,
+    TrackOption,
+    WorkersOption,
+    given_takes,
+    studio_takes,
+    writable,
+)
 from bench.problems import Setup
 from bench.random_bodies import Variety
-from bench.studio_takes import Studio, names_between
 from bench.table1 import Row, as_table, measure
 from bench.takes import take_folder
-from services.mocap.energy.detail.cache import cache_folder
 from services.mocap.errors import UserError
 from services.mocap.search.settings import Preset
 
@@ -68,44 +78,6 @@ _FILE_COLUMNS = 120
 Found = TypeVar("Found")
 _SEQUENCES = tuple(frame_times.SEQUENCES)
 _COUNTS = [int(count) for count in Cameras if count is not Cameras.ALL]
-
-
-def _writable(path: Path | None) -> Path | None:
-    """Minutes of measuring are not to end at a file that cannot be written."""
-    if path is not None and not path.parent.is_dir():
-        raise typer.BadParameter(f"{path.parent} is not a folder: make it first")
-    if path is not None and (path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK)):
-        raise typer.BadParameter(f"{path} cannot be written: name another file")
-    return path
-
-
-def _seeds(text: str) -> str:
-    try:
-        names_between(text)
-    except UserError as error:
-        raise typer.BadParameter(str(error)) from None
-    return text
-
-
-JsonOption: TypeAlias = Annotated[
-    Path | None, typer.Option("--json", callback=_writable, help="Write the figures here as well.")
-]
-TakesArgument: TypeAlias = Annotated[
-    list[str] | None,
-    typer.Argument(
-        metavar="[TAKE]...",
-        help="Take folders, or basic, dance, walk: made once and kept; by default basic and dance.",
-    ),
-]
-FramesOption: TypeAlias = Annotated[
-    str, typer.Option(help="Range of frames A:B, from A up to but not including B.")
-]
-WorkersOption: TypeAlias = Annotated[
-    int, typer.Option(min=0, max=64, help="Number of limb worker processes.")
-]
-TrackOption: TypeAlias = Annotated[
-    str, typer.Option("--track", help="Further options of xormocap track, such as '--set max_passes=5'.")
-]
 
 
 @app.command()
@@ -245,19 +217,12 @@ def people(
             metavar="[TAKE]...", help="Folders with reference/joints.csv and reference/actor.json."
         ),
     ] = None,
-    studio: Annotated[
-        Path | None, typer.Option(help="A folder with make_take.py, which makes the takes of --seeds.")
-    ] = None,
-    seeds: Annotated[
-        str,
-        typer.Option(
-            callback=_seeds, help="The first and the last take that the studio makes: dev-100:dev-124."
-        ),
-    ] = "",
-    kept: Annotated[
-        Path | None,
-        typer.Option("--takes", help="Where the studio's takes are kept; in the cache by default."),
-    ] = None,
+    studio: StudioOption = None,
+    seeds: SeedsOption = "",
+    kept: KeptOption = None,
+    videos: Annotated[
+        bool, typer.Option("--videos", help="The studio renders videos; that takes minutes a take.")
+    ] = False,
     true_silhouettes: Annotated[
         bool, typer.Option("--true-silhouettes", help="Use reference/silhouettes where a take has them.")
     ] = False,
@@ -275,14 +240,12 @@ def people(
     json_path: JsonOption = None,
 ) -> None:
     """People of other bodies than the model's: joint errors, lost limbs, marks, floor, search failures."""
-    if (studio is None) != (not seeds) or not (takes or seeds):
+    named = given_takes(takes) + studio_takes(studio, seeds, kept, with_videos=videos)
+    if not named:
         raise typer.BadParameter("expected takes, or --studio with --seeds")
     (console, machine), rows = _begin(), list[other_people.Row]()
-    made = Studio(studio, kept or cache_folder() / "studio") if studio else None
     trial = other_people.Trial(workers, tuple(shlex.split(options)), true_silhouettes, floor_frames, results)
-    folders = [(take.resolve().name, partial(Path, take)) for take in takes or ()]
-    folders += [(name, partial(made.take, name)) for name in names_between(seeds) if made]
-    for name, folder_of in folders:
+    for name, folder_of in named:
         with console.status(name):
             rows += _going_on(other_people.measure(folder_of, trial), name, console)
     if plot and (outcomes := [row.outcome for row in rows if row.outcome]):
@@ -314,6 +277,9 @@ def confidence(
 @app.command()
 def segmentation(
     takes: TakesArgument = None,
+    studio: StudioOption = None,
+    seeds: SeedsOption = "",
+    kept: KeptOption = None,
     segmenters: Annotated[
         list[str] | None,
         typer.Option("--segmenter", help="One of those to compare; may be repeated; else the usual ones."),
@@ -322,13 +288,15 @@ def segmentation(
     json_path: JsonOption = None,
 ) -> None:
     """How good silhouettes are against exact ones, and what they cost, of takes with clean plates."""
+    named = studio_takes(studio, seeds, kept, with_videos=True)
+    named += [(take, partial(take_folder, take)) for take in takes or (() if named else _SEQUENCES)]
     (console, machine), rows = _begin(), list[silhouettes.Row]()
-    for take in takes or list(_SEQUENCES):
-        with console.status(take) as status:
+    for name, folder_of in named:
+        with console.status(name) as status:
             chosen = segmenters or silhouettes.SEGMENTERS
-            for row in _going_on(silhouettes.measure(take, chosen, every), take, console):
+            for row in _going_on(silhouettes.measure(folder_of, chosen, every), name, console):
                 rows.append(row)
-                status.update(f"{take}: {row.segmenter}: done")
+                status.update(f"{name}: {row.segmenter}: done")
     _finish(console, [silhouettes.as_table(rows)], json_path, machine, rows)
 
 
@@ -348,7 +316,7 @@ def page(
     ] = None,
     rounds: Annotated[int, typer.Option(min=1, help="How often the cost of each way is measured.")] = 5,
     screenshot: Annotated[
-        Path | None, typer.Option(callback=_writable, help="Write the first view here, as PNG.")
+        Path | None, typer.Option(callback=writable, help="Write the first view here, as PNG.")
     ] = None,
     json_path: JsonOption = None,
 ) -> None:

@@ -2,7 +2,7 @@
 
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,6 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from bench.takes import take_folder
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.undistort import resized_trimap
 from services.mocap.errors import UserError
@@ -64,12 +63,14 @@ class Quality:
     edge_px: float
 
 
-def measure(name: str, segmenters: Sequence[str] = SEGMENTERS, every: int = 1) -> Iterator[Row]:
+def measure(
+    folder_of: Callable[[], Path], segmenters: Sequence[str] = SEGMENTERS, every: int = 1
+) -> Iterator[Row]:
     """A row per segmenter and camera of a take; raises UserError for takes without videos.
 
-    every: of how many frames one is looked at.
+    folder_of: finds the take's folder, or makes it. every: of how many frames one is looked at.
     """
-    take = open_take(take_folder(name))
+    take = open_take(folder_of())
     if take.source == "silhouettes":
         raise UserError(f"{take.folder}: has ready silhouettes: expected videos and clean plates")
     for segmenter in segmenters:

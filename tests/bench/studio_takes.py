@@ -17,8 +17,10 @@ from services.mocap.take import layout
 
 TRUE_SILHOUETTES = Path("reference") / layout.SILHOUETTES
 _MAKER = "make_take.py"
-_LIKE = ("--fast", "--boundary-noise", "0.7")
+_SILHOUETTES_ONLY = ("--fast", "--boundary-noise", "0.7")
 """Silhouettes without videos, whose edges are as uneven as those of a good segmentation."""
+_WITH_VIDEOS = ("--silhouettes",)
+"""Videos and clean plates, with the exact silhouettes beside them."""
 _NAME = re.compile(r"([a-z]+)-(\d+)")
 _FROM_VIDEOS = ("videos", "background", layout.SILHOUETTES)
 
@@ -40,6 +42,8 @@ class Studio:
 
     folder: Path
     kept: Path
+    with_videos: bool
+    """Otherwise it makes silhouettes alone."""
 
     def take(self, name: str) -> Path:
         """The folder of a take, made if it is not there yet. Raises UserError where that fails."""
@@ -50,7 +54,8 @@ class Studio:
             raise UserError(f"--studio {self.folder}: has no {_MAKER}")
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
-        words = [str(word) for word in (sys.executable, maker, name, part, part / "reference", *_LIKE)]
+        options = _WITH_VIDEOS if self.with_videos else _SILHOUETTES_ONLY
+        words = [str(word) for word in (sys.executable, maker, name, part, part / "reference", *options)]
         done = subprocess.run(words, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             said = done.stderr.strip().splitlines()

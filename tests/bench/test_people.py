@@ -117,17 +117,20 @@ def test_names_between() -> None:
             names_between(text)
 
 
-def test_a_studio_makes_a_take_once(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("with_videos", "options"), [(False, ["--fast", "--boundary-noise", "0.7"]), (True, ["--silhouettes"])]
+)
+def test_a_studio_makes_a_take_once(tmp_path: Path, options: list[str], *, with_videos: bool) -> None:
     maker = tmp_path / "make_take.py"
     maker.write_text(
         "import sys, pathlib\n"
         "name, take, reference, *rest = sys.argv[1:]\n"
-        "assert rest == ['--fast', '--boundary-noise', '0.7']\n"
+        f"assert rest == {options}\n"
         "if name == 'dev-002': sys.exit('no such motion')\n"
         "(pathlib.Path(take) / 'take.toml').write_text(name)\n"
         "pathlib.Path(reference).mkdir()\n"
     )
-    studio = Studio(tmp_path, tmp_path / "kept")
+    studio = Studio(tmp_path, tmp_path / "kept", with_videos)
     folder = studio.take("dev-001")
     assert (folder / "take.toml").read_text() == "dev-001"
     with pytest.raises(UserError, match=r"make_take.py dev-002: no such motion"):

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from functools import partial
 from io import StringIO
 from pathlib import Path
 
@@ -127,7 +128,7 @@ def with_truth(folder: Path, ball: Ball, frames: int) -> Path:
 
 def test_a_row_per_segmenter_and_camera(small_take: SmallTake, ball_silhouette: Ball) -> None:
     folder = with_truth(small_take(n_cameras=3, frames=5), ball_silhouette, 5)
-    rows = list(measure(str(folder), ["clean-plate", "paper"], every=2))
+    rows = list(measure(lambda: folder, ["clean-plate", "paper"], every=2))
     assert [(row.segmenter, row.camera) for row in rows] == [
         (name, f"cam0{c}") for name in ("clean-plate", "paper") for c in (1, 2, 3)
     ]
@@ -139,7 +140,7 @@ def test_a_row_per_segmenter_and_camera(small_take: SmallTake, ball_silhouette: 
 
 
 def test_without_truth_there_is_only_the_time(small_take: SmallTake) -> None:
-    rows = list(measure(str(small_take()), ["paper"]))
+    rows = list(measure(small_take, ["paper"]))
     assert [row.camera for row in rows] == ["cam01", "cam02"]
     for row in rows:
         assert row.ms > 0
@@ -150,7 +151,7 @@ def test_without_truth_there_is_only_the_time(small_take: SmallTake) -> None:
 
 def test_ready_silhouettes_are_refused(small_take: SmallTake) -> None:
     with pytest.raises(UserError, match="has ready silhouettes: expected videos and clean plates"):
-        list(measure(str(small_take(source="silhouettes"))))
+        list(measure(partial(small_take, source="silhouettes")))
 
 
 def test_the_table_holds_means_and_the_worst() -> None:
@@ -177,3 +178,23 @@ def test_the_command_takes_segmenters_and_a_step(
     rows = json.loads(file.read_text())["rows"]
     assert [(row["segmenter"], row["camera"]) for row in rows] == [("paper", "cam01"), ("paper", "cam02")]
     assert CliRunner().invoke(app, ["segmentation", str(folder), "--every", "0"]).exit_code != 0
+
+
+def test_the_command_compares_takes_that_a_studio_makes(
+    small_take: SmallTake, ball_silhouette: Ball, tmp_path: Path
+) -> None:
+    folder = with_truth(small_take(frames=3), ball_silhouette, 3)
+    (tmp_path / "make_take.py").write_text(
+        "import sys, shutil\n"
+        "name, take, reference, *rest = sys.argv[1:]\n"
+        "assert rest == ['--silhouettes']\n"
+        f"shutil.copytree({str(folder)!r}, take, dirs_exist_ok=True)\n"
+    )
+    kept, file = tmp_path / "kept", tmp_path / "rows.json"
+    studio = ["--studio", str(tmp_path), "--seeds", "dev-7:dev-8", "--takes", str(kept)]
+    arguments = ["segmentation", *studio, "--segmenter", "paper", "--json", str(file)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    assert {row["pictures"] for row in json.loads(file.read_text())["rows"]} == {3}
+    assert sorted(path.name for path in kept.iterdir()) == ["dev-7", "dev-8"]
+    assert CliRunner().invoke(app, [*arguments, "--seeds", ""]).exit_code == 2
