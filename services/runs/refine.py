@@ -63,7 +63,7 @@ def refine_take(
     Frames that the result marks are left out, or, where fewer than n are without a mark, those with the most
     doubtful parts; those in which the whole body is lost always are. body: whose pose parameters vary.
     learns_colours: whether the actor's colour classes are learnt from the pictures as well. Raises
-    UserError if the result belongs to another take or the body is lost in all but one frame; else as fit_take.
+    UserError if the result is of another take or shows the body in fewer than two frames; else as fit_take.
     """
     take = silhouettes.take
     found = result_of(take, result)
@@ -85,8 +85,8 @@ def refine_take(
             rows = least_doubtful_rows(found.distrusted, n_frames)
             if len(rows) < LEAST_FRAMES:
                 raise UserError(
-                    f"--refine {found.folder}: expected at least {LEAST_FRAMES} frames in which the whole body "
-                    "is not lost"
+                    f"--refine {found.folder}: expected at least {LEAST_FRAMES} frames in which the whole "
+                    "body is not lost"
                 )
             frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
             known = made.knowing(occluded)
@@ -213,8 +213,8 @@ def reliable_rows(found: Result, marked: Mask, n_frames: int, least_frames: int)
 
 
 def least_doubtful_rows(distrusted: Mask, n_frames: int) -> Ints:
-    """At most n rows of distrusted parts (N, 6), evenly spread over those without one, or over all with as few
-    as n rows have; rows in which the whole body is lost are left out."""
+    """At most n rows of distrusted parts (N, 6), evenly spread over those without one, or over those with as
+    few as n rows have; rows in which the whole body is lost are left out."""
     lost = distrusted[:, _TORSO]
     doubtful = distrusted[~lost].sum(axis=1)
     most = np.sort(doubtful)[:n_frames].max(initial=0)
