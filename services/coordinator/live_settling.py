@@ -3,9 +3,13 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 
+import numpy as np
+
 from services.coordinator.incoming import Frame
 from services.coordinator.limbs import RemoteLimbs
-from services.coordinator.settling import SWEEPS
+from services.coordinator.settling import SWEEPS, fetch_poses
+from services.coordinator.switchboard import Switchboard
+from services.mocap.body.kinematics import N_DOF
 from services.mocap.search.both_ways import Step
 from services.mocap.search.fixed_lag import FixedLag, Tracked
 from services.mocap.search.found import FrameSolution
@@ -77,3 +81,19 @@ class LiveSettling:
     def _publish_step(self, step: Step) -> None:
         if step.solution is not None:
             self._publish(step.frame, self._frames.popleft(), step.solution)
+
+
+def settle_unchanged(board: Switchboard, end_frame: int, look: Callable[[], bool]) -> bool:
+    """Settle the live frames of an earlier coordinator, those before end_frame, as they are, because their
+    silhouettes are gone; False if a stop was requested meanwhile.
+
+    look: see fetch_poses.
+    """
+    unsettled = range(board.recorders.settled_end, end_frame)
+    first = fetch_poses(board.recorders, unsettled, look)
+    if first is None:
+        return False
+    final = {"settled": True, "memory": {}, "steady": np.zeros((0, N_DOF))}
+    for frame in unsettled:
+        board.publish(first[frame].model_copy(update=final))
+    return True

@@ -6,12 +6,11 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from proto.messages import MAX_TOLD, Blob, CoordinatorStage, Pose, Silhouettes, TakeInfo, Telemetry
-from services.coordinator.incoming import Frame, Incoming
+from proto.messages import MAX_TOLD, Blob, CoordinatorStage, Pose, Silhouettes, TakeEnd, TakeInfo, Telemetry
+from services.coordinator.incoming import Frame
 from services.coordinator.plan import Plan
 from services.coordinator.switchboard import Switchboard
 from services.mocap.body.actor import Actor
-from services.mocap.camera.rig import Rig
 from services.mocap.energy.engine import Engine
 from services.mocap.motion.smoothing import OneEuro
 from services.mocap.search.found import FrameSolution
@@ -24,10 +23,9 @@ _LONGEST_REASON = 1000
 class OutgoingMessages:
     """Makes the messages of one run."""
 
-    def __init__(self, plan: Plan, rig: Rig, engine: Engine, board: Switchboard, incoming: Incoming) -> None:
-        self._plan, self._rig, self._engine = plan, rig, engine
-        self._board, self._incoming = board, incoming
-        self.take, self.run, self.plan_name = plan.take.settings.name, "", plan.name
+    def __init__(self, plan: Plan, engine: Engine, board: Switchboard) -> None:
+        self._plan, self._engine, self._board = plan, engine, board
+        self.take, self.run = plan.take.settings.name, ""
         self._published_s = time.perf_counter()
         self._seconds: dict[str, float] = {}
         self._filter, self._filtered_s = OneEuro(), -1.0
@@ -37,7 +35,7 @@ class OutgoingMessages:
         mesh = [] if actor.mesh is None else [_blob(actor.mesh.content_hash, "mesh", actor.mesh.content)]
         return [
             _blob(actor.content_hash, "actor", actor.to_toml().encode()),
-            _blob(self._rig.content_hash, "rig", self._rig.to_json().encode()),
+            _blob(self._plan.rig.content_hash, "rig", self._plan.rig.to_json().encode()),
             *mesh,
         ]
 
@@ -49,10 +47,10 @@ class OutgoingMessages:
             fps=self._plan.take.settings.fps,
             first_frame=self._plan.frames.start,
             end_frame=self._plan.frames.stop,
-            plan=self.plan_name,
+            plan=self._plan.name,
             shards=shards,
             actor=actor.content_hash,
-            rig=self._rig.content_hash,
+            rig=self._plan.rig.content_hash,
             backend=self._engine.name,
             backend_reason=self._engine.reason[:_LONGEST_REASON],
             threads=self._engine.settings.threads,
@@ -61,7 +59,7 @@ class OutgoingMessages:
 
     def telemetry(self, stage: CoordinatorStage, next_frame: int) -> Telemetry:
         """The state of the take."""
-        board, incoming = self._board, self._incoming
+        board, incoming = self._board, self._board.incoming
         dispatcher, recorders = board.dispatcher, board.recorders
         return Telemetry(
             take=self.take,
@@ -115,7 +113,7 @@ class OutgoingMessages:
             measured=solution.measured | live,
             memory=memory or {},
             shot=frame.shot,
-            latency_s=self._incoming.note_latency(frame, is_settled=is_settled),
+            latency_s=self._board.incoming.note_latency(frame, is_settled=is_settled),
             settled=is_settled,
             absent=list(frame.absent),
             pose=solution.pose,
@@ -128,10 +126,21 @@ class OutgoingMessages:
             take=self.take,
             run=self.run,
             frame=number,
-            cameras=list(range(self._rig.n_cameras)),
+            cameras=list(range(self._plan.rig.n_cameras)),
             planes=frame.seen.silhouettes,
             unsure=frame.seen.sent_unsure,
             classes=frame.seen.sent_classes,
+        )
+
+    def take_end(self, end_frame: int, *, is_settled: bool) -> TakeEnd:
+        """The end of the take; end_frame: one past the last solved frame."""
+        return TakeEnd(
+            take=self.take,
+            run=self.run,
+            first_frame=self._plan.frames.start,
+            end_frame=end_frame,
+            end_shot=self._board.incoming.end_shot,
+            settled=is_settled,
         )
 
     def _steady(self, frame: Frame, pose: Floats) -> Floats:

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.metadata import version
 
 from proto.messages import PROTOCOL_VERSION
@@ -33,7 +34,17 @@ class Plan:
     colour_tables: Mapping[str, Bytes] = field(default_factory=dict)
     """By camera what the actor's colour classes look like there, as the fit learnt it."""
 
+    @cached_property
+    def rig(self) -> Rig:
+        """Of the take's cameras."""
+        return Rig.of(self.take.cameras)
+
     @property
+    def camera_names(self) -> list[str]:
+        """In the order of the rig."""
+        return [camera.name for camera in self.take.cameras]
+
+    @cached_property
     def name(self) -> str:
         """The SHA-256 of everything that poses depend on; files count by their sizes and modification
         times."""
@@ -48,7 +59,7 @@ class Plan:
             "versions": [version("xormocap"), PROTOCOL_VERSION],
             "take": self.take.settings.model_dump(mode="json"),
             "inputs": inputs,
-            "rig": Rig.of(self.take.cameras).content_hash,
+            "rig": self.rig.content_hash,
             "frames": [self.frames.start, self.frames.stop],
             "search": self.settings.model_dump(mode="json"),
             "segmenter": self.segmenter,

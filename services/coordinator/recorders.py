@@ -113,6 +113,11 @@ class Recorders:
         return sum(frame >= self._recorded_end for frame in self._first)
 
     @property
+    def n_lacking(self) -> int:
+        """Poses that an expected recorder does not have on disk yet; 0 if none is expected."""
+        return self.n_unrecorded if self._n_expected else 0
+
+    @property
     def settled_end(self) -> int:
         """One past the last frame up to which all recorders have the settled poses of this run; 0 while some
         have not reported."""

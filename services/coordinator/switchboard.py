@@ -46,7 +46,7 @@ class Switchboard:
 
     def __init__(self, endpoint: str, incoming: Incoming, admission: Admission | None = None) -> None:
         self._ports = Ports(endpoint, admission, is_live=incoming.is_live)
-        self._incoming = incoming
+        self.incoming = incoming
         self.dispatcher = Dispatcher(self._ports.send, time.monotonic)
         self._blobs: dict[str, Blob] = {}
         self.recorders = Recorders(self._ports.send)
@@ -132,10 +132,10 @@ class Switchboard:
         if stream == "tasks":
             self._act(identity, message)
         elif isinstance(message, Silhouettes):
-            if self._incoming.add(message):
+            if self.incoming.add(message):
                 self.keep(message)
         elif isinstance(message, LiveSilhouettes):
-            self._incoming.add(message)
+            self.incoming.add(message)
         else:
             self._ports.drop(message)
         return True
@@ -160,7 +160,7 @@ class Switchboard:
         elif isinstance(message, Recording | PoseRequest | Recorded):
             self.recorders.hear(identity, message)
         elif isinstance(message, LiveSources):
-            answer = self._incoming.answer(message)
+            answer = self.incoming.answer(message)
             if answer is not None:
                 self._ports.send(identity, answer)
         elif not isinstance(message, Pose) or not self.recorders.take_back(identity, message):
