@@ -57,6 +57,16 @@ SettingsOption: TypeAlias = Annotated[
     Path | None,
     typer.Option("--settings", metavar="FILE", help="A TOML file with search settings; --set overrides it."),
 ]
+FramesOption: TypeAlias = Annotated[
+    str, typer.Option(help="Range of frames A:B, from A up to but not including B.")
+]
+WorkersOption: TypeAlias = Annotated[
+    int, typer.Option(min=0, max=64, help="Number of limb worker processes.")
+]
+FittedOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(help="A folder written by xormocap fit, used instead of the take's actor and poses."),
+]
 SmoothOption: TypeAlias = Annotated[
     Smoother,
     typer.Option(

@@ -1,4 +1,4 @@
-"""What commands share: the take as an argument, where they print, and how."""
+"""What commands share: a take or a result as an argument, where they print, and how."""
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -12,6 +12,9 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 TakeFolder: TypeAlias = Annotated[Path, typer.Argument(help="The take folder.", metavar="TAKE")]
+ResultFolder: TypeAlias = Annotated[
+    Path, typer.Argument(help="A results folder of xormocap track.", metavar="RESULT")
+]
 _WHOLE_LINES = 10_000
 """Width of output that is not a terminal: files and pipes get whole lines."""
 

@@ -34,7 +34,7 @@ def live(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; results/<name> by default.")
     ] = None,
-    workers: Annotated[int, typer.Option(min=0, max=64, help="Number of limb worker processes.")] = 1,
+    workers: options.WorkersOption = 1,
     record: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Store the cameras' pictures as a take in this folder."),

@@ -3,14 +3,13 @@
 import time
 from collections.abc import Iterator
 from itertools import count
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from services.bridge.humanoid import bones_of
 from services.bridge.vmc import frame, nobody_tracked, open_sender
-from services.commands.consoles import say
+from services.commands.consoles import ResultFolder, say
 from services.mocap.result.result import Result, load_result
 from services.process import StopRequest
 
@@ -21,7 +20,7 @@ _LATE_S = 0.25
 
 
 def play(
-    result: Annotated[Path, typer.Argument(help="A results folder of xormocap track.", metavar="RESULT")],
+    result: ResultFolder,
     vmc: Annotated[
         str, typer.Option("--vmc", metavar="HOST:PORT", help="Where a tool receives the VMC protocol (UDP).")
     ],

@@ -41,8 +41,8 @@ def track(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; results/<take> by default.")
     ] = None,
-    workers: Annotated[int, typer.Option(min=0, max=64, help="Number of limb worker processes.")] = 4,
-    frames: Annotated[str, typer.Option(help="Range of frames A:B, from A up to but not including B.")] = ":",
+    workers: options.WorkersOption = 4,
+    frames: options.FramesOption = ":",
     overlay: Annotated[bool, typer.Option(help="Write overlay.mp4.")] = True,
     backend: options.BackendOption = options.DEFAULT_ENGINE.backend,
     threads: options.ThreadsOption = options.DEFAULT_ENGINE.threads,
@@ -58,10 +58,7 @@ def track(
             "--no-fit a stored body stays as it is.",
         ),
     ] = True,
-    fitted: Annotated[
-        Path | None,
-        typer.Option(help="A folder written by xormocap fit, used instead of the take's actor and poses."),
-    ] = None,
+    fitted: options.FittedOption = None,
     mesh: MeshOption = None,
     refine: Annotated[
         bool | None,

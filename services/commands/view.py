@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from services.address import LOOPBACK, Address
-from services.commands.consoles import say, stderr, stdout
+from services.commands.consoles import ResultFolder, say, stderr, stdout
 from services.mocap.camera.rig import Rig
 from services.mocap.errors import UserError
 from services.mocap.result.layout import RUN_JSON
@@ -67,7 +67,7 @@ def tell_page(port: int) -> str:
 
 
 def view(
-    result: Annotated[Path, typer.Argument(help="A results folder of xormocap track.", metavar="RESULT")],
+    result: ResultFolder,
     take: Annotated[
         Path | None, typer.Option(help="The take folder, if it has moved since tracking.")
     ] = None,
