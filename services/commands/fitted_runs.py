@@ -2,7 +2,8 @@
 
 import shutil
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -37,8 +38,9 @@ _TURNED = "the actor faces the other way, left was taken for right: tracking aga
 _AS_IT_IS = "a second fit, to frames of the whole take, left the body as it is"
 
 
-def track_with_bar(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
+def track_with_bar(job: TakeJob, warnings: Sequence[str] = ()) -> dict[str, Any]:
     """Track with a progress bar; returns run.json. Prints these warnings and the run's at the end."""
+    said = list(warnings)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -50,16 +52,18 @@ def track_with_bar(job: TakeJob, warnings: list[str]) -> dict[str, Any]:
         task = bar.add_task("starting", total=len(job.frames), energy=0.0)
 
         def show(run: Run) -> None:
-            bar.update(
-                task,
-                completed=run.frames_done,
-                energy=run.energy_px,
-                description=run.stage,
-            )
+            bar.update(task, completed=run.frames_done, energy=run.energy_px, description=run.stage)
 
-        report = track_take(job, show=show, warn=warnings.append)
-    warn(not_told(warnings, job.checks))
+        report = track_take(job, show=show, warn=said.append)
+    warn(not_told(said, job.checks))
     return report
+
+
+@contextmanager
+def _fit_folder() -> Iterator[Path]:
+    """A folder for the files of a fit; a run with them copies them to its results."""
+    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+        yield Path(temporary)
 
 
 def forwards(job: TakeJob) -> TakeJob:
@@ -90,14 +94,14 @@ def fit_and_track(
         fit_take, silhouettes, first, engine, job.search, mesh=own, before=job.frames.stop,
         is_refined_next=goes_on,
     )  # fmt: skip
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+    with _fit_folder() as fitted:
         with blamed_first(job.checks):
-            found = fit_with_bar(take, Path(temporary), work)
+            found = fit_with_bar(take, fitted, work)
         if goes_on and found.frames[0] == first.start:
             job = forwards(job)
         if goes_on and (report := _tracked_before(job, found.actor)):
             return report
-        return track_with_bar(replace(job, fitted=Path(temporary)), [*warnings, *found.warnings])
+        return track_with_bar(replace(job, fitted=fitted), [*warnings, *found.warnings])
 
 
 def track_given(job: TakeJob, *, goes_on: bool) -> dict[str, Any]:
@@ -109,7 +113,7 @@ def track_given(job: TakeJob, *, goes_on: bool) -> dict[str, Any]:
     actor = take_actor(job.take) if goes_on and job.fitted is None else None
     if actor is not None and (report := _tracked_before(job, actor)):
         return report
-    return track_with_bar(job, [])
+    return track_with_bar(job)
 
 
 def _tracked_before(job: TakeJob, actor: Actor) -> dict[str, Any]:
@@ -153,9 +157,9 @@ def _right_way_round(job: TakeJob, silhouettes: TakeSilhouettes, report: dict[st
     if found is None:
         return report
     say(f"{job.out}: {_TURNED}")
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-        write_fit(job.take, found, Path(temporary))
-        return track_with_bar(forwards(replace(job, fitted=Path(temporary), overlay=False)), [])
+    with _fit_folder() as fitted:
+        write_fit(job.take, found, fitted)
+        return track_with_bar(forwards(replace(job, fitted=fitted, overlay=False)))
 
 
 def _refined(
@@ -167,18 +171,14 @@ def _refined(
     Returns run.json. The body stays where that finds no better one, and where the results show it in too few
     frames: then a warning says so, or UserError is raised in the end if it is asked for.
     """
-    varied, before = job.search.body, read_actor(job.out / ACTOR)
-    fit = partial(
-        refine_take,
-        silhouettes,
-        job.out,
-        DEFAULT_REFINE_FRAMES,
-        body=varied,
+    before = read_actor(job.out / ACTOR)
+    work = partial(
+        refine_take, silhouettes, job.out, DEFAULT_REFINE_FRAMES, body=job.search.body,
         learns_colours=job.search.colour > 0,
-    )
-    with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
+    )  # fmt: skip
+    with _fit_folder() as fitted:
         try:
-            found = fit_with_bar(job.take, Path(temporary), fit)
+            found = fit_with_bar(job.take, fitted, work)
         except UserError as error:
             if not is_asked_for:
                 warn([f"the body was not fitted again to the whole take: {error}"])
@@ -189,29 +189,34 @@ def _refined(
         if found.actor == before:
             say(_AS_IT_IS)
             return _completed(job, report, before)
-        report = track_with_bar(replace(job, fitted=Path(temporary)), found.warnings)
-    if found.actor.model_copy(update={"colours": before.colours}) == before:
-        became = "were learnt" if found.actor.colours else "cannot be told apart any more"
+        report = track_with_bar(replace(job, fitted=fitted), found.warnings)
+    _say_what_changed(job, before, found.actor)
+    return report
+
+
+def _say_what_changed(job: TakeJob, before: Actor, after: Actor) -> None:
+    """Say what the second fit made of the body of the first one."""
+    if after.model_copy(update={"colours": before.colours}) == before:
+        became = "were learnt" if after.colours else "cannot be told apart any more"
         say(f"{_AS_IT_IS}; the actor's colours {became}")
-        return report
-    rows = zip(*(measure(build_body(actor.wearing(None))) for actor in (before, found.actor)), strict=True)
+        return
+    rows = zip(*(measure(build_body(actor.wearing(None))) for actor in (before, after)), strict=True)
     was, now = max(rows, key=lambda pair: abs(pair[1].cm - pair[0].cm))
     changed = f"most changed: {was.name}, from {was.cm:.1f} to {now.cm:.1f} cm"
     stored = f"xormocap fit {job.take.folder} --refine {job.out} stores this body in the take"
     say(f"the body was fitted again, to frames of the whole take; {changed}; {stored}")
-    return report
 
 
 def _completed(job: TakeJob, report: dict[str, Any], actor: Actor) -> dict[str, Any]:
     """The report of the job with the actor of its first run, which drew no overlay; if it went forwards only,
     it is repeated both ways."""
     if job.search.goes_both_ways and CORRECTED_FRAMES not in report:
-        with tempfile.TemporaryDirectory(prefix="xormocap-fit-") as temporary:
-            fitted, of_first = Path(temporary) / FIT_FOLDER, job.out / FIT_FOLDER
+        of_first = job.out / FIT_FOLDER
+        with _fit_folder() as fitted:
             if job.fitted is None and of_first.exists() and read_actor(of_first / ACTOR) == actor:
-                shutil.copytree(of_first, fitted)
+                shutil.copytree(of_first, fitted, dirs_exist_ok=True)
                 job = replace(job, fitted=fitted)
-            return track_with_bar(job, [])
+            return track_with_bar(job)
     made: tuple[FormatName, ...] = ("overlay", "report") if job.overlay else ()
     write_defaults(job.out, load_result(job.out), made, lambda sentence: warn([sentence]))
     return report

@@ -255,7 +255,7 @@ def test_results_stay_where_no_second_fit_is_possible_or_better(
     assert track_again(job, silhouettes, report, is_asked_for=True) is report
     assert capfd.readouterr().out.endswith("left the body as it is\n")
 
-    def tracked_both_ways(job: TakeJob, _: object) -> dict[str, Any]:
+    def tracked_both_ways(job: TakeJob) -> dict[str, Any]:
         assert job.search == SearchSettings()
         assert job.fitted is not None
         assert read_actor(job.fitted / ACTOR) == known.actor

@@ -76,7 +76,7 @@ def test_the_run_is_repeated_forwards_with_that_fit(
 ) -> None:
     jobs = list[TakeJob]()
 
-    def tracked(job: TakeJob, _: list[str]) -> dict[str, Any]:
+    def tracked(job: TakeJob) -> dict[str, Any]:
         assert job.fitted is not None
         assert read_actor(job.fitted / ACTOR).height > 0
         jobs.append(job)
