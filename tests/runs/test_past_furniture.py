@@ -1,6 +1,5 @@
 """The actor is fitted past furniture, if that explains more, with the fitting itself replaced."""
 
-from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -9,20 +8,16 @@ import pytest
 
 from exact_take import write_exact_take
 from first_pose import say_first_pose
+from replaced_fit import fit_by
 from services.mocap.body.actor import Actor, build_body
 from services.mocap.body.skeleton import DOF_INDEX
 from services.mocap.camera.rig import Rig
 from services.mocap.energy.bitplanes import TriPlanes
-from services.mocap.energy.settings import EngineSettings
 from services.mocap.fit.fitting import Fit
 from services.mocap.fit.quality import quality_of
-from services.mocap.search.settings import SearchSettings
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.tables import read_poses_csv
 from services.mocap.types import Floats
-from services.runs.fit import fit_take
-from services.runs.take_fit import TakeFit
-from services.runs.take_silhouettes import TakeSilhouettes
 
 _TABLE = np.s_[130:, :]
 """In two of four pictures: it hides the shanks."""
@@ -43,14 +38,6 @@ def behind_table(tmp_path_factory: pytest.TempPathFactory) -> Take:
     return open_take(folder)
 
 
-def _fitted_by(fitter: Callable[..., Fit], take: Take, frames: range) -> TakeFit:
-    """As fit_take, with this in place of the fit."""
-    quick, cpu = SearchSettings(max_passes=1), EngineSettings(backend="cpu")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("services.runs.fit_frames.fit_actor", fitter)
-        return fit_take(TakeSilhouettes(take), frames, cpu, quick, lambda *_: None)
-
-
 @pytest.mark.parametrize("is_better", [True, False])
 def test_legs_are_fitted_past_what_may_hide_them(behind_table: Take, is_better: bool) -> None:
     """The fit bends a leg out of silhouettes that lack it, and not where it may be hidden there."""
@@ -65,7 +52,7 @@ def test_legs_are_fitted_past_what_may_hide_them(behind_table: Take, is_better: 
         quality = quality_of(build_body(actor), poses, rig, seen)
         return Fit(actor, poses, quality, quality)
 
-    found = _fitted_by(fitter, behind_table, range(3))
+    found = fit_by(fitter, behind_table, range(3))
     assert unsure_px[0] == 0
     assert any(unsure_px)
     np.testing.assert_array_equal(found.fit.poses, truth if is_better else bent)
@@ -75,5 +62,5 @@ def test_legs_are_fitted_past_what_may_hide_them(behind_table: Take, is_better: 
     for name, mask in found.occluded.items():
         assert any(name in sentence for sentence in said)
         assert mask[_TABLE].sum() > 0.8 * mask.sum()
-    one = _fitted_by(fitter, behind_table, range(1))
+    one = fit_by(fitter, behind_table, range(1))
     assert one.occluded.keys() == found.occluded.keys(), "one frame tells as much"

@@ -1,18 +1,26 @@
 """Which way round the actor is: how a fit decides between opposite first poses."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from services.mocap.body.actor import Actor
-from services.mocap.body.skeleton import DOFS
+from services.mocap.body.skeleton import DOF_INDEX, DOFS
+from services.mocap.camera.rig import Rig
 from services.mocap.fit.fitting import Fit
 from services.mocap.fit.quality import FitQuality
 from services.mocap.search.first_pose import FirstPose
 from services.mocap.search.found import FrameSolution
+from services.mocap.search.settings import SearchSettings
+from services.mocap.take.folder import open_take
 from services.mocap.types import Floats
-from services.runs.way_round import fit_best_way_round
+from services.runs.take_fit import TakeFit
+from services.runs.take_silhouettes import seen_of
+from services.runs.way_round import fit_best_way_round, tracked_px
+from services.segmentation.segmenters import make_segmenter
 
 
 @pytest.mark.parametrize(
@@ -53,3 +61,16 @@ def test_the_fit_decides_between_opposite_first_poses(
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     assert ("the other way fits nearly as well" in caplog.text) is is_told
+
+
+def test_tracking_on_from_the_truth_costs_less_than_from_the_opposite(walk: Path, walk_fit: TakeFit) -> None:
+    take = open_take(walk)
+    made = make_segmenter(take, take.cameras)
+    cameras, seen = seen_of(take, range(3), made, lambda _: None)
+    turned = walk_fit.fit.poses.copy()
+    turned[:, DOF_INDEX["root_heading"]] += np.pi
+    ways = walk_fit.fit, replace(walk_fit.fit, poses=turned)
+    right_px, wrong_px = (
+        tracked_px(Rig.of(cameras), [seen[f] for f in range(3)], fit, SearchSettings()) for fit in ways
+    )
+    assert right_px < wrong_px
