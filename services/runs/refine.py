@@ -12,14 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
+from services.mocap.body.actor import Actor
 from services.mocap.body.skeleton import BodyName
 from services.mocap.camera.camera import Camera
 from services.mocap.camera.rig import Rig
 from services.mocap.camera.undistort import Undistorter
+from services.mocap.energy.bitplanes import TriPlanes
 from services.mocap.energy.picture import Region
 from services.mocap.errors import UserError
 from services.mocap.fit.contours import evenly
-from services.mocap.fit.fitting import fit_actor
+from services.mocap.fit.fitting import Fit, fit_actor
 from services.mocap.fit.quality import in_best_skirt
 from services.mocap.result.result import Result, load_result
 from services.mocap.search.error_by_part import PART_SEGMENTS
@@ -62,8 +64,8 @@ def refine_take(
 
     Frames that the result marks are left out, or, where fewer than n are without a mark, those with the most
     doubtful parts; those in which the whole body is lost always are. body: whose pose parameters vary.
-    learns_colours: whether the actor's colour classes are learnt from the pictures as well. Raises
-    UserError if the result is of another take or shows the body in fewer than two frames; else as fit_take.
+    learns_colours: whether the actor's colour classes are learnt from the pictures as well. Raises UserError
+    if the result is of another take or shows the body in fewer than two frames; else as fit_take.
     """
     take = silhouettes.take
     found = result_of(take, result)
@@ -91,15 +93,11 @@ def refine_take(
             frames, poses = tuple(found.tracked.frames[rows].tolist()), found.tracked.poses[rows]
             known = made.knowing(occluded)
             cameras, seen = seen_of(take, frames, known, lambda share: progress(0.7 + 0.3 * share))
-        with clock.stage("fitting the actor") as progress:
-            height_m = take.settings.actor_height
-            rig = Rig.of(cameras)
-            coloured = found.actor
-            if learns_colours:
-                seen_colours = dict(colours.colours) if colours else {}
-                coloured = coloured.model_copy(update={"colours": seen_colours})
-            start = in_best_skirt(coloured, poses, rig, seen)
-            fit = fit_actor(rig, seen, start, poses, progress, body, height_m, apart=True)
+        coloured = found.actor
+        if learns_colours:
+            seen_colours = dict(colours.colours) if colours else {}
+            coloured = coloured.model_copy(update={"colours": seen_colours})
+        fit = _fitted(take, Rig.of(cameras), seen, coloured, poses, body, clock)
         started = found.actor, poses[0]
         refined = concluded(frames, cameras, seen, started, fit, clock.seconds, warnings)
         names = [camera.name for camera in take.cameras]
@@ -130,11 +128,18 @@ def fit_other_way_round(
                 return None
             poses = turned_poses(model, seen, poses, search)
         clock = Clock(lambda _stage, _share: None)
-        with clock.stage("fitting the actor") as progress:
-            start = in_best_skirt(actor, poses, rig, seen)
-            height_m = take.settings.actor_height
-            fit = fit_actor(rig, seen, start, poses, progress, search.body, height_m, apart=True)
+        fit = _fitted(take, rig, seen, actor, poses, search.body, clock)
         return concluded(frames, cameras, seen, (actor, poses[0]), fit, clock.seconds, warnings)
+
+
+def _fitted(
+    take: Take, rig: Rig, seen: TriPlanes, actor: Actor, poses: Floats, body: BodyName, clock: Clock
+) -> Fit:
+    """Fit an actor, in a skirt if that suits better, to frames (F, P, H, W) that lie apart, from poses
+    (F, D)."""
+    with clock.stage("fitting the actor") as progress:
+        start = in_best_skirt(actor, poses, rig, seen)
+        return fit_actor(rig, seen, start, poses, progress, body, take.settings.actor_height, apart=True)
 
 
 def look_over(
@@ -202,19 +207,9 @@ def result_of(take: Take, folder: Path) -> Result:
     return found
 
 
-def reliable_rows(found: Result, marked: Mask, n_frames: int, least_frames: int) -> Ints:
-    """At most n rows of a result's frames, evenly spread over those that are not marked (N,).
-
-    Raises UserError if there are fewer than least_frames of them.
-    """
-    if np.count_nonzero(~marked) < least_frames:
-        raise UserError(f"--refine {found.folder}: expected at least {least_frames} frames without a mark")
-    return spread(marked, n_frames)
-
-
 def least_doubtful_rows(distrusted: Mask, n_frames: int) -> Ints:
-    """At most n rows of distrusted parts (N, 6), evenly spread over those without one, or over those with as
-    few as n rows have; rows in which the whole body is lost are left out."""
+    """At most n rows of distrusted parts (N, 6), evenly spread over those without one, or over those with
+    as few as n rows have; rows in which the whole body is lost are left out."""
     lost = distrusted[:, _TORSO]
     doubtful = distrusted[~lost].sum(axis=1)
     most = np.sort(doubtful)[:n_frames].max(initial=0)

@@ -17,7 +17,7 @@ from services.mocap.errors import CalibrationError, TakeError, UserError
 from services.mocap.result.words import IOU_IN_WORDS
 from services.mocap.take.folder import Take, open_take
 from services.mocap.take.layout import CALIBRATION
-from services.runs.refine import reliable_rows, result_of
+from services.runs.refine import result_of, spread
 from services.runs.reporting import Show, kept_warnings
 from services.runs.take_silhouettes import trimaps_of
 from services.segmentation.segmenters import make_segmenter
@@ -81,7 +81,10 @@ def refine_take_cameras(take: Take, result: Path, show: Show) -> tuple[Refined, 
             f"{take.folder}: has only one camera: expected at least two, since one agrees with any motion"
         )
     found = result_of(take, result)
-    rows = reliable_rows(found, np.asarray(found.distrusted.any(axis=1), bool), _N_FRAMES, _LEAST_FRAMES)
+    marked = np.asarray(found.distrusted.any(axis=1), bool)
+    if np.count_nonzero(~marked) < _LEAST_FRAMES:
+        raise UserError(f"--refine {found.folder}: expected at least {_LEAST_FRAMES} frames without a mark")
+    rows = spread(marked, _N_FRAMES)
     frames = tuple(found.tracked.frames[rows].tolist())
     with kept_warnings() as warnings:
         made = make_segmenter(take, take.cameras, found.segmenter)
