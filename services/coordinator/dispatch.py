@@ -252,7 +252,7 @@ class Dispatcher:
                     in_words(opened.task),
                     now - opened.given_s,
                 )
-                self._again(key)
+                self._queue.append(key)
         self._assign()
 
     @property
@@ -268,14 +268,9 @@ class Dispatcher:
 
     def _release(self, worker: _Worker) -> None:
         """Take a worker's task away; if it is not solved, it goes to another worker."""
-        if worker.task in self._open:
-            self._again(worker.task)
+        if worker.task in self._open and worker.task not in self._queue:
+            self._queue.append(worker.task)
         worker.task = None
-
-    def _again(self, key: Key) -> None:
-        """Queue a task again."""
-        if key not in self._queue:
-            self._queue.append(key)
 
     def _assign(self) -> None:
         """Give waiting tasks to idle workers that have not had them yet."""

@@ -46,11 +46,10 @@ def live(
     *,
     show: Callable[[Progress], None],
     warn: Callable[[str], None] = lambda _: None,
-    started: Callable[[Launcher], None] = lambda _: None,
 ) -> dict[str, Any] | None:
     """Track live until a stop is requested or all sources are files that have ended; returns run.json.
 
-    None where no pose was found. show, warn, started, and what is raised: as run_services.
+    None where no pose was found. show, warn, and what is raised: as run_services.
     """
     shutil.rmtree(partial_of(job.out), ignore_errors=True)  # live input cannot be continued
     nice = ("--nice", str(_NICENESS))
@@ -66,7 +65,7 @@ def live(
     )
     before_ns = written_ns(job.out)
     with recording_to(job.record):
-        logs, _, told = run_services(job, plan, show, warn, started)
+        logs, _, told = run_services(job, plan, show, warn)
     if job.record is not None and not part_of(job.record).exists():
         warn(f"{job.record}: no picture came, so nothing was recorded")
     elif job.record is not None:

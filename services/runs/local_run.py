@@ -90,7 +90,7 @@ def run_services(
     plan: Plan,
     show: Callable[[Progress], None],
     warn: Callable[[str], None],
-    started: Callable[[Launcher], None],
+    started: Callable[[Launcher], None] = lambda _: None,
 ) -> tuple[Path, bool, Telemetry | None]:
     """Start all processes, and watch until they have ended or a second stop is asked for.
 

@@ -71,17 +71,15 @@ class Agreement:
         return self.filled >= AGREEING_SHARE
 
 
-def find_agreement(
-    rig: Rig, silhouettes: Mask, cameras: tuple[int, ...], possible: Mask | None = None
-) -> Agreement:
+def find_agreement(rig: Rig, silhouettes: Mask, cameras: tuple[int, ...], possible: Mask) -> Agreement:
     """Look for the fewest cameras without which the silhouettes (C, H, W) of the others meet in space.
 
-    cameras: at least two, those that show a person. possible (C, H, W): possible actor pixels, by default the
-    silhouettes; they enlarge the hull, but only the silhouettes must be covered. A camera is odd only if at
-    least three others agree: if they cover much more without it, or are whole only without it. Raises
-    TakeError if the rays do not meet.
+    cameras: at least two, those that show a person. possible (C, H, W): possible actor pixels; they enlarge
+    the hull, but only the silhouettes must be covered. A camera is odd only if at least three others agree:
+    if they cover much more without it, or are whole only without it. Raises TakeError if the rays do not
+    meet.
     """
-    space = _Space(rig, silhouettes, cameras, silhouettes if possible is None else possible)
+    space = _Space(rig, silhouettes, cameras, possible)
     best, suspects = _choice(space, cameras, ()), tuple[int, ...]()
     all_filled = False
     for n_odd in range(1, (_MORE_LEFT_OUT if len(cameras) in _FOR_MORE else _MOST_LEFT_OUT) + 1):
