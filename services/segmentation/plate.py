@@ -20,8 +20,9 @@ LEAST_RATIO, MOST_RATIO = np.float32(0.35), np.float32(0.97)
 """Brightness in shadow over that in light."""
 MOST_EDGE_RATIO = np.float32(1.02)
 """The same of a single pixel at a shadow's edge, whose noise may hide the shadow."""
-_NOISE_FLOOR_LEVELS = 1.5
-"""Deviation per channel that a plate does not show: rounding, a codec's still scene."""
+_PLATE_NOISE_LEVELS, _NOISE_FLOOR_LEVELS = (0.1, 0.8), (7.0, 1.5)
+"""Deviation per channel that a plate does not show, by that which it shows: errors of a codec, which come
+where something moves. The more it compresses, the less noise of a still scene is left."""
 _ASSUMED_NOISE_LEVELS = 2.5
 """Deviation per channel, assumed where the plate is a single picture."""
 _PRIOR_FRAMES = 10.0
@@ -98,7 +99,7 @@ def _statistics(frames: Iterable[Bytes]) -> tuple[Levels, Levels]:
     """Mean (3, H, W), and the lower triangle (6, H, W) of a new picture's covariance about it.
 
     With S a pixel's scatter matrix over n frames, C the picture's mean covariance and k _PRIOR_FRAMES, the
-    covariance is (1 + 1/n) (S + k C) / (n - 1 + k) + noise floor.
+    covariance is (1 + 1/n) (S + k C) / (n - 1 + k) + noise floor, which follows from C.
     """
     count = 0
     for frame in frames:  # only sums are kept, so that long plates of large pictures fit into memory
@@ -124,7 +125,8 @@ def _statistics(frames: Iterable[Bytes]) -> tuple[Levels, Levels]:
         common = scatter[:, spread <= 4 * np.median(spread)].mean(axis=1, keepdims=True) / extra
     covariance = (scatter + _PRIOR_FRAMES * common) / (extra + _PRIOR_FRAMES)
     covariance *= 1 + 1 / count  # the mean's own noise adds to the new picture's
-    covariance += one * _NOISE_FLOOR_LEVELS**2
+    noise_levels = np.sqrt(max(float((common[BB] + common[GG] + common[RR])[0]), 0.0) / 3)  # sums are rounded
+    covariance += one * np.interp(noise_levels, _PLATE_NOISE_LEVELS, _NOISE_FLOOR_LEVELS) ** 2
     height, width = first.shape[:2]
     mean = np.moveaxis(first, 2, 0) + shift.reshape(3, height, width)
     return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ from rig_scene import (
 
 from services.mocap.camera.camera import Camera
 from services.mocap.errors import UserError
+from services.mocap.take.writer import video_writer
 from services.mocap.types import ACTOR, BACKGROUND, Bytes, Floats, Mask
 from services.segmentation.baselines import PaperTest
 from services.segmentation.joint import JointMatte
@@ -276,3 +279,28 @@ def test_no_camera_is_of_consequence_by_its_place() -> None:
     other = taught(joint_of(shuffled, [known[c] for c in order]), [turned(m.images) for m in pictures])
     for k, trimap in other.trimaps(turned(seen.images)).items():
         np.testing.assert_array_equal(trimap, found[order[k]])
+
+
+def compressed(pictures: Sequence[Bytes], file: Path) -> list[Bytes]:
+    """Pictures as they come out of a video that an encoder made much smaller."""
+    height_px, width_px = pictures[0].shape[:2]
+    with video_writer(file, width_px, height_px, 25.0, crf=30) as video:
+        for picture in pictures:
+            video.write(picture)
+    with av.open(file) as container:
+        return [frame.to_ndarray(format="bgr24") for frame in container.decode(video=0)]
+
+
+def test_errors_of_a_codec_around_the_actor_are_background(tmp_path: Path) -> None:
+    cameras = CAMERAS[:3]
+    seen = [moment(cameras, person(x=0.04 * k - 0.2, y=0.03 * k), 200 + k) for k in range(12)]
+    empty, pictures = (
+        [compressed(of_camera, tmp_path / f"{c}.mp4") for c, of_camera in enumerate(of_cameras)]
+        for of_cameras in (
+            plates(cameras, n=24),
+            [[m.images[c] for m in seen] for c in range(len(cameras))],
+        )
+    )
+    moments = [dict(enumerate(images)) for images in zip(*pictures, strict=True)]
+    found = taught(joint_of(cameras, empty), moments).trimaps(moments[7])
+    assert min(iou(found[c], view.actor) for c, view in enumerate(seen[7].views)) > 0.85
