@@ -62,8 +62,8 @@ def refine_take(
 ) -> TakeFit:
     """Fit the actor of a result again, to n frames evenly spread over its take.
 
-    Frames that the result marks are left out, or, where fewer than n are without a mark, those with the most
-    doubtful parts; those in which the whole body is lost always are. body: whose pose parameters vary.
+    Frames that the result marks are left out, but where few are without a mark, some with the fewest
+    doubtful parts are taken; none in which the whole body is lost. body: whose pose parameters vary.
     learns_colours: whether the actor's colour classes are learnt from the pictures as well. Raises UserError
     if the result is of another take or shows the body in fewer than two frames; else as fit_take.
     """
@@ -208,12 +208,16 @@ def result_of(take: Take, folder: Path) -> Result:
 
 
 def least_doubtful_rows(distrusted: Mask, n_frames: int) -> Ints:
-    """At most n rows of distrusted parts (N, 6), evenly spread over those without one, or over those with
-    as few as n rows have; rows in which the whole body is lost are left out."""
-    lost = distrusted[:, _TORSO]
-    doubtful = distrusted[~lost].sum(axis=1)
-    most = np.sort(doubtful)[:n_frames].max(initial=0)
-    return spread(lost | (distrusted.sum(axis=1) > most), n_frames)
+    """At most n rows of distrusted parts (N, 6): evenly spread over those without one if these are at least
+    half as many; else those with the fewest, evenly spread over rows that have equally many. Rows in which
+    the whole body is lost are left out."""
+    doubtful = distrusted.sum(axis=1) + distrusted[:, _TORSO] * len(PARTS)
+    if 2 * np.count_nonzero(doubtful == 0) >= n_frames:
+        return spread(doubtful > 0, n_frames)
+    rows = np.zeros(0, np.int32)
+    for n_parts in range(len(PARTS)):
+        rows = np.concatenate([rows, spread(doubtful != n_parts, n_frames - len(rows))])
+    return np.sort(rows)
 
 
 def spread(left_out: Mask, n_frames: int) -> Ints:

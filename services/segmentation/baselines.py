@@ -60,7 +60,7 @@ class PaperTest:
     @staticmethod
     def learn(frames: Iterable[Bytes]) -> "PaperTest":
         """From BGR uint8 frames (H, W, 3) of the empty stage; raises UserError as Plate.learn does."""
-        plate = Plate.learn(frames)
+        plate = Plate.learn(frames, of_codec=False)
         return PaperTest(plate, np.empty((3, *plate.shape), np.uint8))
 
     def trimap(self, image_bgr: Bytes) -> Trimap:

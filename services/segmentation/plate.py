@@ -20,9 +20,13 @@ LEAST_RATIO, MOST_RATIO = np.float32(0.35), np.float32(0.97)
 """Brightness in shadow over that in light."""
 MOST_EDGE_RATIO = np.float32(1.02)
 """The same of a single pixel at a shadow's edge, whose noise may hide the shadow."""
-_PLATE_NOISE_LEVELS, _NOISE_FLOOR_LEVELS = (0.1, 0.8), (7.0, 1.5)
-"""Deviation per channel that a plate does not show, by that which it shows: errors of a codec, which come
-where something moves. The more it compresses, the less noise of a still scene is left."""
+_NOISE_FLOOR_LEVELS = 1.5
+"""Deviation per channel that a plate does not show: rounding, a codec's still scene."""
+_PLATE_NOISE_LEVELS, _CODEC_NOISE_LEVELS = (0.1, 0.8), (5.0, _NOISE_FLOOR_LEVELS)
+"""The same, by the deviation that the plate shows, where a codec may have removed some: the more it
+compresses, the less noise of a still scene is left, and the larger are its errors where something moves."""
+_CLIPPED = (1, 254)
+"""Levels from which on noise is cut off."""
 _ASSUMED_NOISE_LEVELS = 2.5
 """Deviation per channel, assumed where the plate is a single picture."""
 _PRIOR_FRAMES = 10.0
@@ -59,16 +63,17 @@ class Plate:
     gauge: Gauge
 
     @staticmethod
-    def learn(frames: Iterable[Bytes], light_uncertainty: float = 0.0) -> "Plate":
+    def learn(frames: Iterable[Bytes], light_uncertainty: float = 0.0, *, of_codec: bool = True) -> "Plate":
         """The plate from BGR uint8 frames (H, W, 3) of the empty stage; a single picture is enough.
 
         light_uncertainty: share of each pixel's brightness by which the light may vary, treated as noise.
+        of_codec: whether pictures may differ from the plate by errors of a codec that it does not show.
 
         Flicker between the frames is removed first, so that it does not count as noise. Each pixel's
         covariance is shrunk towards the picture's mean, more for fewer frames. Raises UserError if there are
         no frames or their sizes differ.
         """
-        mean, covariance = _statistics(frames)
+        mean, covariance = _statistics(frames, of_codec=of_codec)
         for diagonal in (BB, GG, RR):
             covariance[diagonal] += (light_uncertainty * mean.mean(axis=0)) ** 2
         whitening, turn_noise = _whitening(covariance), _turn_noise(mean, covariance)
@@ -95,11 +100,12 @@ class Plate:
         return self.turn_noise.shape[0], self.turn_noise.shape[1]
 
 
-def _statistics(frames: Iterable[Bytes]) -> tuple[Levels, Levels]:
+def _statistics(frames: Iterable[Bytes], *, of_codec: bool) -> tuple[Levels, Levels]:
     """Mean (3, H, W), and the lower triangle (6, H, W) of a new picture's covariance about it.
 
     With S a pixel's scatter matrix over n frames, C the picture's mean covariance and k _PRIOR_FRAMES, the
-    covariance is (1 + 1/n) (S + k C) / (n - 1 + k) + noise floor, which follows from C.
+    covariance is (1 + 1/n) (S + k C) / (n - 1 + k) + f^2, where the noise floor f follows from C if the
+    pictures may be of a codec.
     """
     count = 0
     for frame in frames:  # only sums are kept, so that long plates of large pictures fit into memory
@@ -120,13 +126,17 @@ def _statistics(frames: Iterable[Bytes]) -> tuple[Levels, Levels]:
     scatter = products - count * np.stack([shift[i] * shift[j] for i, j in _PAIRS])
     one = np.array([float(i == j) for i, j in _PAIRS], np.float32)[:, None]
     common = one * _ASSUMED_NOISE_LEVELS**2
-    if extra:  # the mean of all pixels but those where something moved in the plate
-        spread = scatter[BB] + scatter[GG] + scatter[RR]
-        common = scatter[:, spread <= 4 * np.median(spread)].mean(axis=1, keepdims=True) / extra
+    if extra:  # the mean of all pixels but those that are clipped, and those where something moved
+        spread = np.maximum(scatter[BB] + scatter[GG] + scatter[RR], 0)  # rounding can make it negative
+        is_whole = ((first > _CLIPPED[0]) & (first < _CLIPPED[1])).all(axis=2).ravel()
+        counted = is_whole if is_whole.any() else np.ones_like(is_whole)
+        counted = counted & (spread <= 4 * np.median(spread[counted]))
+        common = scatter[:, counted].mean(axis=1, keepdims=True) / extra
     covariance = (scatter + _PRIOR_FRAMES * common) / (extra + _PRIOR_FRAMES)
     covariance *= 1 + 1 / count  # the mean's own noise adds to the new picture's
-    noise_levels = np.sqrt(max(float((common[BB] + common[GG] + common[RR])[0]), 0.0) / 3)  # sums are rounded
-    covariance += one * np.interp(noise_levels, _PLATE_NOISE_LEVELS, _NOISE_FLOOR_LEVELS) ** 2
+    noise_levels = np.sqrt(max(float((common[BB] + common[GG] + common[RR])[0]), 0.0) / 3)
+    floor_levels = np.interp(noise_levels, _PLATE_NOISE_LEVELS, _CODEC_NOISE_LEVELS)
+    covariance += one * (floor_levels if of_codec else _NOISE_FLOOR_LEVELS) ** 2
     height, width = first.shape[:2]
     mean = np.moveaxis(first, 2, 0) + shift.reshape(3, height, width)
     return mean.astype(np.float32), covariance.reshape(6, height, width).astype(np.float32)

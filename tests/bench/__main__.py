@@ -241,7 +241,7 @@ def people(
 ) -> None:
     """People of other bodies than the model's: joint errors, lost limbs, marks, floor, search failures."""
     named = given_takes(takes) + studio_takes(studio, seeds, kept, with_videos=videos)
-    if not named:
+    if not named or (videos and studio is None):
         raise typer.BadParameter("expected takes, or --studio with --seeds")
     (console, machine), rows = _begin(), list[other_people.Row]()
     trial = other_people.Trial(workers, tuple(shlex.split(options)), true_silhouettes, floor_frames, results)

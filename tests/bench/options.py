@@ -73,15 +73,15 @@ KeptOption: TypeAlias = Annotated[
 def studio_takes(studio: Path | None, seeds: str, kept: Path | None, *, with_videos: bool) -> list[NamedTake]:
     """The takes that a studio makes of --seeds.
 
-    with_videos: which it takes minutes to render; else silhouettes alone. Raises typer.BadParameter for a
-    studio without seeds, or seeds without a studio.
+    with_videos: which it takes minutes to render; else silhouettes alone. The two kinds are kept in folders
+    of their own. Raises typer.BadParameter for a studio without seeds, or seeds without a studio.
     """
     if (studio is None) != (not seeds):
         raise typer.BadParameter("expected --studio with --seeds")
     if studio is None:
         return []
-    folder = "studio-videos" if with_videos else "studio"
-    made = Studio(studio, kept or cache_folder() / folder, with_videos)
+    folder = "videos" if with_videos else "silhouettes"
+    made = Studio(studio, (kept or cache_folder() / "studio") / folder, with_videos)
     return [(name, partial(made.take, name)) for name in names_between(seeds)]
 
 

@@ -103,7 +103,9 @@ def test_the_command_measures_and_tells_refusals(take: Path, tmp_path: Path) -> 
     assert "nobody" in left["refusal"]
 
 
-@pytest.mark.parametrize("arguments", [[], ["--seeds", "dev-001"], ["--studio", "."], ["--seeds", "x"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["--seeds", "dev-001"], ["--studio", "."], ["--seeds", "x"], [".", "--videos"]]
+)
 def test_the_command_wants_takes_or_a_studio_with_seeds(arguments: list[str]) -> None:
     assert CliRunner().invoke(app, ["people", *arguments]).exit_code == 2
 

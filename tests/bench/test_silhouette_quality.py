@@ -196,5 +196,5 @@ def test_the_command_compares_takes_that_a_studio_makes(
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     assert {row["pictures"] for row in json.loads(file.read_text())["rows"]} == {3}
-    assert sorted(path.name for path in kept.iterdir()) == ["dev-7", "dev-8"]
+    assert sorted(path.name for path in (kept / "videos").iterdir()) == ["dev-7", "dev-8"]
     assert CliRunner().invoke(app, [*arguments, "--seeds", ""]).exit_code == 2

@@ -21,12 +21,13 @@ def _marks(n_frames: int, *marked: tuple[slice, int]) -> Mask:
     ("distrusted", "rows"),
     [
         (_marks(8, (slice(0, 4), _ARM)), [4, 5, 6, 7]),
-        (_marks(8, (slice(0, 6), _ARM), (slice(2, 4), _LEG)), [0, 4, 5, 7]),
+        (_marks(8, (slice(0, 6), _ARM)), [6, 7]),
+        (_marks(8, (slice(0, 7), _ARM), (slice(2, 4), _LEG)), [0, 4, 6, 7]),
         (_marks(8, (slice(0, 8), _ARM), (slice(0, 8), _LEG)), [0, 2, 5, 7]),
         (_marks(8, (slice(0, 6), _TORSO), (slice(6, 8), _ARM)), [6, 7]),
         (_marks(8, (slice(0, 8), _TORSO)), []),
     ],
-    ids=["unmarked", "one-mark", "all-marked", "lost-but-two", "lost"],
+    ids=["unmarked", "half", "filled-up", "all-marked", "lost-but-two", "lost"],
 )
 def test_frames_with_the_fewest_marks_are_taken_and_none_in_which_the_body_is_lost(
     distrusted: Mask, rows: list[int]

@@ -303,4 +303,4 @@ def test_errors_of_a_codec_around_the_actor_are_background(tmp_path: Path) -> No
     )
     moments = [dict(enumerate(images)) for images in zip(*pictures, strict=True)]
     found = taught(joint_of(cameras, empty), moments).trimaps(moments[7])
-    assert min(iou(found[c], view.actor) for c, view in enumerate(seen[7].views)) > 0.85
+    assert min(iou(found[c], view.actor) for c, view in enumerate(seen[7].views)) > 0.8

@@ -1,5 +1,7 @@
 """The empty stage's statistics and the gauge of exposure, on a made-up wall."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -34,7 +36,7 @@ def correlated(n: int, covariance: Floats, seed: int) -> list[Bytes]:
 
 
 def test_whitened_noise_has_a_deviation_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("services.segmentation.plate._NOISE_FLOOR_LEVELS", (0.1, 0.1))
+    monkeypatch.setattr("services.segmentation.plate._CODEC_NOISE_LEVELS", (0.1, 0.1))
     monkeypatch.setattr("services.segmentation.light.Gauge.gains", lambda *_: np.ones(3, np.float32))
     covariance = np.array([[9.0, 5.0, 2.0], [5.0, 16.0, 6.0], [2.0, 6.0, 12.0]])
     known = Plate.learn(correlated(300, covariance, 0))
@@ -123,3 +125,32 @@ def test_frames_of_unlike_sizes_are_refused_in_one_sentence() -> None:
 def test_an_empty_plate_is_refused() -> None:
     with pytest.raises(UserError, match=r"^clean plate: no frames: expected one picture or more"):
         Plate.learn([])
+
+
+def deviation_of(frames: Sequence[Bytes], *, of_codec: bool = True) -> float:
+    """The blue channel's, in levels, in the middle of the picture."""
+    known = Plate.learn(frames, of_codec=of_codec)
+    return float(1 / whitening_of(known)[HEIGHT // 2, WIDTH // 2, 0, 0])
+
+
+def test_a_plate_without_noise_was_compressed() -> None:
+    still = [np.full((HEIGHT, WIDTH, 3), 120, np.uint8)] * 8
+    noisy = correlated(8, 4 * np.eye(3), 0)
+    assert deviation_of(still) == pytest.approx(5.0, rel=0.01)
+    assert deviation_of(still, of_codec=False) == pytest.approx(1.5, rel=0.01)
+    assert np.array_equal(Plate.learn(noisy).whitening, Plate.learn(noisy, of_codec=False).whitening)
+
+
+@pytest.mark.parametrize("level", [0, 255])
+def test_clipped_pixels_do_not_tell_the_noise(level: int) -> None:
+    """Half of the stage is black or overexposed; the exposure differs a little between frames."""
+    rng = np.random.default_rng(3)
+    frames = []
+    for n in range(12):
+        scene = np.full((HEIGHT, WIDTH, 3), 120.0)
+        scene[: 2 * HEIGHT // 5] = scene[-HEIGHT // 4 :] = -50 if level == 0 else 300
+        lit = scene * (1 - 1e-5 * (n % 2)) + rng.normal(0, 2.5, scene.shape)
+        frames.append(np.clip(np.rint(lit), 0, 255).astype(np.uint8))
+    known = Plate.learn(frames)
+    assert np.isfinite(known.log_peak).all()
+    assert deviation_of(frames) == pytest.approx(np.hypot(2.5, 1.5), rel=0.4)

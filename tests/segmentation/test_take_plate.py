@@ -60,6 +60,19 @@ def test_a_clean_plate_is_clean() -> None:
         assert find_ghost(plate[:1], walk(columns)) is None
 
 
+def test_a_border_behind_somebody_who_stays_is_no_outline() -> None:
+    def pictured(seed: int, actor: Mask | None = None) -> Bytes:
+        scene = np.full((HEIGHT, WIDTH, 3), 200.0)
+        scene[:, 60:] = 55.0  # a wall that ends behind the actor
+        if actor is not None:
+            scene[actor] = 90.0
+        return np.rint(scene + np.random.default_rng(seed).normal(0, NOISE, scene.shape)).astype(np.uint8)
+
+    plate = np.array([pictured(100 + n) for n in range(6)])
+    columns = (60, 63, 66, 57, 54, 60, 64, 56)
+    assert find_ghost(plate, np.array([pictured(n, somebody(c)) for n, c in enumerate(columns)])) is None
+
+
 @pytest.mark.parametrize("n_plates", [1, 6])
 def test_somebody_who_stands_in_the_plate(n_plates: int) -> None:
     ghost = find_ghost(
