@@ -30,10 +30,12 @@ FILES = {"actor.toml", "fit.json", "poses.csv", "measures.csv", "overlay.png", "
 log = logging.getLogger("services.mocap.fit")
 
 
-def write_walk(folder: Path) -> None:
-    """Write a take of three frames and cameras whose first pose is said, so that it is found at once."""
+def write_walk(folder: Path) -> Path:
+    """Write a take of three frames and cameras whose first pose is said, so that it is found at once; returns
+    its folder."""
     write_exact_take(folder, n_frames=3, n_cameras=3)
     say_first_pose(folder)
+    return folder
 
 
 def stretch(

@@ -208,9 +208,11 @@ def result_of(take: Take, folder: Path) -> Result:
 
 
 def least_doubtful_rows(distrusted: Mask, n_frames: int) -> Ints:
-    """At most n rows of distrusted parts (N, 6): evenly spread over those without one if these are at least
-    half as many; else those with the fewest, evenly spread over rows that have equally many. Rows in which
-    the whole body is lost are left out."""
+    """At most n rows of distrusted parts (N, 6), without those in which the whole body is lost.
+
+    If at least n / 2 rows have no distrusted part, they are evenly spread over these. Else they are those
+    with the fewest distrusted parts, evenly spread where more rows have equally many than are needed.
+    """
     doubtful = distrusted.sum(axis=1) + distrusted[:, _TORSO] * len(PARTS)
     if 2 * np.count_nonzero(doubtful == 0) >= n_frames:
         return spread(doubtful > 0, n_frames)

@@ -25,9 +25,7 @@ from services.runs.take_fit import TakeFit, concluded
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("fit") / "walk"
-    write_walk(folder)
-    return folder
+    return write_walk(tmp_path_factory.mktemp("fit") / "walk")
 
 
 @pytest.fixture(scope="module")

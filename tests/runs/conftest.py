@@ -13,9 +13,7 @@ from services.runs.take_fit import TakeFit
 @pytest.fixture(scope="session")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A take whose first pose is said."""
-    folder = tmp_path_factory.mktemp("fit") / "walk"
-    write_walk(folder)
-    return folder
+    return write_walk(tmp_path_factory.mktemp("fit") / "walk")
 
 
 @pytest.fixture(scope="session")
